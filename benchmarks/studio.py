@@ -38,28 +38,25 @@ class TimedStudio:
     def __init__(self, server: Any, worker: SolverProcess, layout: Layout) -> None:
         self.studio = Studio(server, Opened(NEW, layout, search_limits(layout.design)), worker)
         self.shapes: list[LiveShape] = []
-        draw = self.studio.page.show_shape
 
-        def drawn(shape: LiveShape) -> None:
-            draw(shape)
-            self.shapes.append(shape)
-
-        self.studio.page.show_shape = drawn  # type: ignore[method-assign]
-        self._run(lambda: self.studio.session.begin(self.studio.page), layout, exact=True)  # compiles
+        self._run(self.studio.begin, layout, exact=True)  # compiles
 
     def follow(self, layout: Layout) -> float:
         """s from a moment of a drag to its shape."""
-        return self._run(lambda: self.studio.session.drag("drag", layout), layout, exact=False)
+        return self._run(lambda: self.studio.session.document.drag("drag", layout), layout, exact=False)
 
     def let_go(self, layout: Layout) -> float:
         """s from the end of a drag to the exact shape."""
-        return self._run(lambda: self.studio.session.drag("drag", layout, last=True), layout, exact=True)
+        return self._run(lambda: self.studio.session.document.drag("drag", layout, last=True), layout, exact=True)
 
     def _run(self, hand: Callable[[], None], layout: Layout, *, exact: bool) -> float:
         begin, before = time.perf_counter(), len(self.shapes)
         self.studio.post(hand)
         while not any(shape.exact == exact and shape.layout == layout for shape in self.shapes[before:]):
             self.studio.turn()
+            shape = self.studio.session.shapes.shown
+            if shape is not None and shape not in self.shapes[-1:]:
+                self.shapes.append(shape)
         return time.perf_counter() - begin
 
 

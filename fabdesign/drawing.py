@@ -1,6 +1,5 @@
 """A flat drawing in millimetres, x right and y down: what SVG and PDF pages are made of."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from textwrap import wrap
 from typing import Literal
@@ -80,9 +79,3 @@ def cross(centre: Point, size: float, width: float, colour: str) -> list[Shape]:
         Line(((x - half, y), (x + half, y)), width, colour),
         Line(((x, y - half), (x, y + half)), width, colour),
     ]
-
-
-def holding(boxes: Sequence[tuple[float, float, float, float]]) -> tuple[float, float, float, float]:
-    """The least box around boxes."""
-    left, top, right, bottom = zip(*boxes, strict=True)
-    return min(left), min(top), max(right), max(bottom)

@@ -9,6 +9,7 @@ import tomlkit
 from fabdesign.design import Design
 from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
+from fabdesign.json_file import plain
 from fabdesign.output import Inputs, new_folder
 from fabdesign.rig_limits_file import read_rig_limits
 from fabdesign.table import Table, load_toml, nearest
@@ -112,7 +113,7 @@ def write_set(
         rate.comment("Hz")
         document["frame_rate"] = rate
     if accuracy != USUAL:
-        document["accuracy"] = accuracy.as_json()
+        document["accuracy"] = plain(accuracy)
     document["designs"] = {key: f"{file_stem(key)}.toml" for key in designs}
     listed = tomlkit.aot()
     with new_folder(folder, made_by=made_by, force=force, inputs=inputs) as unfinished:

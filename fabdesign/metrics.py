@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, astuple, dataclass, fields
 from functools import partial
 from itertools import islice
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from fabdesign.regions import Weighting
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.sheet import Face
 from fabdesign.surface import CAP, Nearest, Surface, capped_rms, half_of
-from fabdesign.units import in_mm
+from fabdesign.units import InFile, Millimetres, in_mm
 from fabdesign.wishes import Landmarks
 
 Floats = NDArray[np.floating[Any]]
@@ -30,11 +30,12 @@ DRAWS = 20  # of a floor
 class Errors:
     """m. A frame's, or the means over the frames of a trial."""
 
-    chamfer: float
-    chamfer_floor: float
-    surface_rms: float
-    surface_floor: float
-    beyond: float = 0.0  # share of the measured points farther off than the cap, which count as if they were at it
+    chamfer: Millimetres
+    chamfer_floor: Millimetres
+    surface_rms: Millimetres
+    surface_floor: Millimetres
+    # share of the measured points farther off than the cap, which count as if they were at it
+    beyond: Annotated[float, InFile("surface_beyond")] = 0.0
 
     @property
     def excess(self) -> float:

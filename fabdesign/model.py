@@ -3,7 +3,6 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,11 +32,6 @@ class Quantity:
     value: float
     unit: str
     interval90: tuple[float, float] | None = None
-
-    def as_json(self) -> dict[str, Any]:
-        """Its fields."""
-        interval = None if self.interval90 is None else list(self.interval90)
-        return {"value": self.value, "unit": self.unit, "interval90": interval}
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from fabdesign.drawing import (
     Shape,
     Words,
     cross,
-    holding,
     lines_within,
     scale_bar,
     size_within,
@@ -64,8 +63,7 @@ def whole_template(design: Design, side: str, *, seam_allowance: float) -> Drawi
         *face.shapes,
         *scale_bar((left, bottom + _FOOT - 4), _BAR),
     ]
-    inside = holding([face.box, (left, head - 4, left + _BAR, bottom + _FOOT)])
-    box = (inside[0] - _MARGIN, inside[1] - _MARGIN, inside[2] + _MARGIN, inside[3] + _MARGIN)
+    box = (left - _MARGIN, head - 4 - _MARGIN, max(right, left + _BAR) + _MARGIN, bottom + _FOOT + _MARGIN)
     return Drawing(tuple(shapes), box)
 
 

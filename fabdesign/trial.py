@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from fabdesign.pressure import PressureProgram, require_pressures
 from fabdesign.rig_limits_file import USUAL_LIMITS, RigLimits
 from fabdesign.trial_file import TrialData, program_of, read_trial, read_trial_pressures
 from fabdesign.trial_place import require_on_cloth
+from fabdesign.units import InFile
 
 Role = Literal["fit", "test"]
 
@@ -62,14 +63,11 @@ class Accuracy:
     level [degrees]. By default those of a laboratory that says nothing of them."""
 
     pressure: float = 0.01
-    tilt: float = 0.5
+    tilt: Annotated[float, InFile("tilt_deg")] = 0.5
 
     @property
     def is_exact(self) -> bool:
         return not (self.pressure or self.tilt)
-
-    def as_json(self) -> dict[str, float]:
-        return {"pressure": self.pressure, "tilt_deg": self.tilt}
 
     @staticmethod
     def worst(accuracies: "Sequence[Accuracy]") -> "Accuracy":

@@ -31,7 +31,7 @@ class Margins:
     """The margins [m] of a design's muscles, wherever their corners lie; nowhere negative where they may be built.
 
     `names` says which limit each of them is of: `shortest` (fewer than two intervals bend next to nothing),
-    `stock_length`, `min_bend_radius` and, of two muscles on one face, `spacing`.
+    `stock_length`, `min_bend_radius` and, of two muscles on one face, `spacing`; `muscles`, which one or two it is of.
     """
 
     def __init__(self, design: Design, limits: Limits) -> None:
@@ -44,17 +44,15 @@ class Margins:
         self._stock = np.array(
             [(kinds[i].stock_length or 0.0) - 2 * (kinds[i].tail_length or 0.0) for i in self._stocked]
         )
-        self._bent = [
-            (a, b, kind.min_bend_radius)
-            for (a, b), kind in zip(self._corners, kinds, strict=True)
-            if kind.min_bend_radius is not None and b - a > 2
-        ]
+        bent = [i for i, kind in enumerate(kinds) if kind.min_bend_radius is not None and len(muscles[i].path) > 2]
+        self._bent = [(*self._corners[i], kinds[i].min_bend_radius or 0.0) for i in bent]
         self._spacing = limits.spacing
         pairs = [(j, i) for i in range(len(muscles)) for j in range(i) if muscles[i].side == muscles[j].side]
         self._first, self._second, self._groups = self._segments(pairs)
-        counts = len(muscles), len(self._stocked), len(self._bent), len(pairs)
-        kinds_of = ("shortest", "stock_length", "min_bend_radius", "spacing")
-        self.names = tuple(name for name, count in zip(kinds_of, counts, strict=True) for _ in range(count))
+        alone = {"shortest": range(len(muscles)), "stock_length": self._stocked, "min_bend_radius": bent}
+        of: list[tuple[str, tuple[int, ...]]] = [(name, (i,)) for name, whom in alone.items() for i in whom]
+        of += [("spacing", pair) for pair in pairs]
+        self.names, self.muscles = tuple(name for name, _ in of), tuple(whom for _, whom in of)
 
     def _segments(self, pairs: list[tuple[int, int]]) -> tuple[list[int], list[int], list[int]]:
         """Of all pairs of segments, the corners that they start at; and where each pair of muscles begins."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fabdesign.effort import batches
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case, ForwardModel
+from fabdesign.json_file import plain
 from fabdesign.metrics import Closed, Errors, Statistics, closed, statistics, trial_errors
 from fabdesign.model import Model
 from fabdesign.predictor import Predictor
@@ -93,7 +94,7 @@ class SetEvaluation(Tabled):
             result["others"] = {name: _as_json(design) for name, design in self.others.items()}
         if self.unreliable:
             result["unreliable"] = list(self.unreliable)
-        return result | self.used.as_json() | {"metric": "chamfer, surface_rms", "unit": "mm"}
+        return dict(plain(result | self.used.as_json() | {"metric": "chamfer, surface_rms", "unit": "mm"}))
 
     def columns(self) -> Columns:
         """Return a row a trial: design, set, trial, order, role, share of frames used, and errors before and after
@@ -274,11 +275,6 @@ def _as_json(design: DesignResult) -> dict[str, Any]:
         distances = {name: {key: in_mm(x) for key, x in asdict(table[name]).items()} for name in ERRORS}
         return distances | {"surface_beyond": asdict(table["beyond"])}
 
-    def errors(values: Errors) -> Mapping[str, float | None]:
-        if np.isnan(values.chamfer):
-            return dict.fromkeys((*ERRORS, "surface_beyond"))
-        return values.millimetres() | {"surface_beyond": values.beyond}
-
     return {
         "before": millimetres(design.before),
         "after": millimetres(design.after),
@@ -286,24 +282,17 @@ def _as_json(design: DesignResult) -> dict[str, Any]:
         "noise": {"sigma_mm": in_mm(design.noise.sigma), "strays": design.noise.strays},
         "histogram": {error: histogram(design, error) for error in ("chamfer", "surface_rms")},
         "source": design.source,
-        "intervals": _intervals_json(design.intervals),
+        "intervals": _intervals(design.intervals),
         "trials": {
-            result.trial: {
-                "before": errors(result.before),
-                "after": errors(result.after),
-                "intervals": _intervals_json(result.intervals),
-            }
-            for result in design.trials
+            r.trial: {"before": r.before, "after": r.after, "intervals": _intervals(r.intervals)} for r in design.trials
         },
         "diverged": design.diverged,
         "without_judged_frame": design.without_frames,
     }
 
 
-def _intervals_json(score: IntervalScore | None) -> dict[str, float] | None:
-    if score is None:
-        return None
-    return dict(zip(("inside", "width_mm", "crps_mm"), score.shown, strict=True))
+def _intervals(score: IntervalScore | None) -> dict[str, float] | None:
+    return None if score is None else dict(zip(("inside", "width_mm", "crps_mm"), score.shown, strict=True))
 
 
 def _values(design: DesignResult, error: str) -> tuple[np.ndarray, np.ndarray]:

@@ -7,12 +7,14 @@ leave it out. `studies.sensitive_stretches` finds them, once for a trial.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.json_file import plain
 from fabdesign.trial import MeasurementSet, Trial
+from fabdesign.units import InFile
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -25,14 +27,14 @@ class Stretch:
     """A sensitive stretch of a trial, which is left out; both ends included."""
 
     trial: str
-    begin: float  # s after rest
-    end: float  # s
+    begin: Annotated[float, InFile("from_s")]  # s after rest
+    end: Annotated[float, InFile("to_s")]  # s
     why: str = WHY
-    set_name: str = ""  # of the trial's set; empty where there is but one
+    set_name: Annotated[str, InFile("set")] = ""  # of the trial's set; empty where there is but one
 
     def as_json(self) -> dict[str, Any]:
-        own = {"set": self.set_name} if self.set_name else {}
-        return own | {"trial": self.trial, "from_s": self.begin, "to_s": self.end, "why": self.why}
+        """Return it as files have it, with its set only where there are several."""
+        return {key: value for key, value in plain(self).items() if value != ""}
 
     @property
     def named(self) -> str:

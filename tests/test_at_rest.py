@@ -153,6 +153,17 @@ def test_a_known_truth_is_found_and_what_is_nothing_lies_aside(forward, vector, 
     assert begun["muscle_creep.share"] == vector.start[vector.names.index("muscle_creep.share")]
 
 
+def test_a_shape_on_another_side_than_the_measured_one_takes_no_part(forward, vector, standing):
+    """One cloud of many is that of the cloth bent to the other side."""
+    other = standing[0].sample
+    turned = replace(standing[0], sample=replace(other, clouds=tuple(c * [1, 1, -1] for c in other.clouds)))
+    problem = RestProblem([turned, *standing[1:]], forward.faces_jacobian, acting_at_rest(vector))
+    found = problem.evaluate([problem.vector.start])[0].found
+    whole = RestProblem(standing, forward.faces_jacobian, problem.vector).evaluate([problem.vector.start])[0].found
+    assert np.isnan(found.residual[found.sample == 0]).all()
+    assert np.isfinite(found.residual[found.sample != 0]).all() and np.isfinite(whole.residual).all()
+
+
 def test_few_shapes_say_nothing(forward, vector, standing):
     data = MeasuredData((), (), (), SensorNoise(SIGMA, 0.0, 0.0), UsedFrames(None, 0.0), Accuracy(0.0, 0.0), 0)
     assert fit_at_rest(data, forward, vector) is None

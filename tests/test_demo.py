@@ -18,8 +18,9 @@ from fabdesign.model_file import read_model, write_model
 from fabdesign.trial_file import read_trial
 from studies.branches import Branches
 from studies.demo import measured
-from studies.demo.measured import as_html
+from studies.demo.measured import as_blocks
 from studies.evaluate import evaluate_sets
+from studies.report.page import html_of
 from studies.used_frames import UsedFrames
 
 DATA = Path(measured.__file__).parents[2] / "fabdesign" / "data"
@@ -129,7 +130,7 @@ def test_the_page_says_what_was_closed() -> None:
     errors = measured.ShippedErrors(
         replace(found, description="a <synthetic rig>"), shipped, of, 0.0, by_trial, {"078": far}
     )
-    page, text, values = as_html(errors), measured.as_text(errors), errors.as_json()
+    page, text, values = html_of("demo", as_blocks(errors)), measured.as_text(errors), errors.as_json()
     assert [model["closed"] for model in values["models"]] == [None, None, pytest.approx(0.5), pytest.approx(2 / 3)]
     assert "<td>50%</td>" in page and "<td>67%</td>" in page and "&lt;synthetic rig&gt;" in page
     assert "synthetic rig" in text and "Effects in the model: air drag, odd muscle." in text

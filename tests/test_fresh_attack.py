@@ -21,8 +21,9 @@ from fabdesign.errors import InputError, InputNote, why_not_loaded
 from fabdesign.motion_file import write_motion
 from fabdesign.output import new_file, read_mark, sweep, whole_file
 from studies.check.files import inspect
-from studies.report.page import _in_script
-from studies.studio.panels.asking import markdown
+from studies.report.charts import chart, curve
+from studies.report.page import html_of
+from studies.studio.declared import markdown
 from tests.command_line import Run, one_line
 
 ROOT = Path(__file__).parents[1]
@@ -92,8 +93,10 @@ def test_deep_json_is_no_mark(tmp_path: Path) -> None:
 
 
 def test_no_name_ends_a_script() -> None:
-    text = _in_script({"name": "<!--<script></script>"})
-    assert "<" not in text and json.loads(text) == {"name": "<!--<script></script>"}
+    name = "<!--<script></script>"
+    page = html_of("t", [chart("c", [curve(name, [0], [1])], x="x")])
+    text = page[page.rindex('id="figures">') + len('id="figures">') :].partition("</script>")[0]
+    assert "<" not in text and json.loads(text)["c"]["data"][0]["name"] == name
 
 
 # --- what could mean two things, and what can be no cloth -------------------------------------------------------------

@@ -4,40 +4,59 @@ import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import pytest
-from jinja2 import Environment, PackageLoader
 from matplotlib.figure import Figure
 
 from fabdesign.json_file import json_text, write_json
-from studies.report import Gain, chart, gain_in_words, gains_chart, html_of, png_address, scene_layout, svg_of
-from studies.report.page import _environment
+from fabdesign.units import InFile
+from studies.report import page
+from studies.report.charts import Gain, chart, curve, gains
+from studies.report.page import gain_in_words, html_of, kpa, mm, png_address, sentence, svg_of
+from studies.report.scene import cloud, scene
 from tests.conftest import ROOT
-
-BENCH = {"name": "a <b>", "verdict": "effect", "words": "x", "source": "y", "records": ["record-0"]}
 
 
 def test_a_page_holds_its_figures_and_plotly_only_with_one() -> None:
-    figures = {"bars": {"data": [{"name": "</script>"}], "layout": {"title": "t"}}}
-    page = html_of("tracing/bench_report.html.j2", figures=figures, **BENCH)  # type: ignore[arg-type]
-    assert json.loads(re.findall(r'id="figures">(.*?)</script>', page)[0]) == figures
-    assert page.count("Plotly.newPlot(id") == 1 and "<title>a &lt;b&gt;</title>" in page
-    assert "<script" not in html_of("tracing/bench_report.html.j2", **BENCH)
+    text = html_of("a <b>", [chart("bars", [curve("</script>", [0], [1])], x="t"), page.Text("x <b>")])
+    figures = json.loads(re.findall(r'id="figures">(.*?)</script>', text)[0])
+    assert [trace["name"] for trace in figures["bars"]["data"]] == ["</script>"]
+    assert figures["bars"]["layout"]["xaxis"]["title"]["text"] == "t"
+    assert text.count("Plotly.newPlot(id") == 1 and "<title>a &lt;b&gt;</title>" in text
+    assert "<p>x &lt;b&gt;</p>" in text and '<div id="bars"></div>' in text
+    assert "<script" not in html_of("a <b>", [page.Text("x")])
 
 
-def test_filters_show_mm_and_kpa() -> None:
-    template = _environment().from_string("{{ 0.01234 | mm }} {{ 0.01234 | mm(0) }} {{ 123456 | kpa }}")
-    assert template.render() == "12.34 12 123"
+def test_values_are_shown_in_mm_and_kpa() -> None:
+    assert (mm(0.01234), mm(0.01234, 0), kpa(123456)) == ("12.34", "12", "123")
 
 
-def test_every_report_extends_the_one_base() -> None:
-    environment = Environment(loader=PackageLoader("studies", ""))
-    reports = [name for name in environment.list_templates(extensions=["j2"]) if name.endswith("report.html.j2")]
-    assert len(reports) >= 7
-    for name in reports:
-        text = (ROOT / "studies" / name).read_text(encoding="utf-8")
-        assert text.startswith('{% extends "report/base.html.j2" %}') and "1e3" not in text, name
+def test_one_template_draws_every_report() -> None:
+    names = {file.relative_to(ROOT / "studies").as_posix() for file in (ROOT / "studies").rglob("*.j2")}
+    assert names == {"report/page.html.j2", "view/page.html.j2"}
+    assert "1e3" not in (ROOT / "studies/report/page.html.j2").read_text(encoding="utf-8")
+
+
+def test_a_table_says_what_it_is_given() -> None:
+    rows = [("a <b>", 1.0, None), (page.Markup("<b>c</b>"), "no value")]
+    text = html_of("t", [page.TableBlock(("name", "of\nwhat", "mm"), rows, left=(1,), bold=(1,))])
+    assert '<th>name</th><th class="left">of<br>what</th><th>mm</th>' in text
+    assert '<td>a &lt;b&gt;</td><td class="left">1.00</td><td></td>' in text.replace("\n", "")
+    assert '<tr class="bold"><td><b>c</b></td><td class="left" colspan="2">no value</td>' in text.replace("\n", "")
+
+
+@dataclass(frozen=True)
+class Quote(page.Block):
+    text: str
+    who: str
+    html = "<blockquote>{{ block.text }}<br>{{ block.who }}</blockquote>"
+
+
+def test_a_new_block_is_one_declaration() -> None:
+    text = html_of("t", [page.Columns([[Quote("a < b", "me")], [page.Title("h", 3)]])])
+    assert "<blockquote>a &lt; b<br>me</blockquote>" in text and "<h3>h</h3>" in text
 
 
 def test_the_same_figure_gives_the_same_svg() -> None:
@@ -53,11 +72,16 @@ def test_the_same_figure_gives_the_same_svg() -> None:
 class Inner:
     value: float
     points: np.ndarray
+    off: Annotated[float, InFile("off_mm", 1e3)] = 0.002
 
 
 def test_json_of_results_knows_no_nan(tmp_path: Path) -> None:
     content = {"a": Inner(float("nan"), np.array([1.0, np.inf])), "b": (np.float32(0.5), Path("x")), "c": None}
-    assert json.loads(json_text(content)) == {"a": {"value": None, "points": [1.0, None]}, "b": [0.5, "x"], "c": None}
+    assert json.loads(json_text(content)) == {
+        "a": {"value": None, "points": [1.0, None], "off_mm": 2.0},
+        "b": [0.5, "x"],
+        "c": None,
+    }
     write_json(tmp_path / "r.json", content)
     assert json.loads((tmp_path / "r.json").read_text()) == json.loads(json_text(content))
     with pytest.raises(TypeError):
@@ -66,7 +90,7 @@ def test_json_of_results_knows_no_nan(tmp_path: Path) -> None:
 
 def test_axes_have_titles_as_this_plotly_takes_them() -> None:
     """A title that is a bare text is dropped without a word."""
-    layout = chart([], x="time, s", y="force, N", yaxis={"type": "log"})["layout"]
+    layout = chart("curves", [], x="time, s", y="force, N", yaxis={"type": "log"}).figure["layout"]
     assert layout["xaxis"]["title"]["text"] == "time, s" and layout["yaxis"]["type"] == "log"
     assert layout["xaxis"]["automargin"] and layout["yaxis"]["title"]["text"] == "force, N"
     sources = [*(ROOT / "studies").rglob("*.py")]
@@ -74,8 +98,8 @@ def test_axes_have_titles_as_this_plotly_takes_them() -> None:
 
 
 def test_every_candidate_has_its_name_and_a_loss_is_no_gain() -> None:
-    gains = [Gain(f"effect {k}", 1.0 - k, (0.5 - k, 1.5 - k), k == 0) for k in range(20)]
-    figure = gains_chart(gains, "mm", "gain", 0.5)
+    rows = [Gain(f"effect {k}", 1.0 - k, (0.5 - k, 1.5 - k), k == 0) for k in range(20)]
+    figure = gains("candidates", rows, "mm", "gain", 0.5).figure
     (marks,) = figure["data"]
     assert marks["y"][-1] == "<b>effect 0</b>" and len(marks["y"]) == 20
     assert figure["layout"]["yaxis"]["dtick"] == 1 and figure["layout"]["height"] > 20 * 20
@@ -86,14 +110,14 @@ def test_every_candidate_has_its_name_and_a_loss_is_no_gain() -> None:
 
 @pytest.mark.parametrize("size", [(0.2, 0.2), (0.24, 0.15), (0.1, 0.4)])
 def test_a_scene_of_any_proportions_is_as_large_and_true_to_scale(size: tuple[float, float]) -> None:
-    trace = {"x": [0.0, size[0]], "y": [-size[1], 0.0], "z": [0.0, 0.03]}
-    scene = scene_layout([trace])["scene"]
-    ratio = np.array([scene["aspectratio"][axis] for axis in "xyz"])
-    extent = np.array([np.diff(scene[f"{axis}axis"]["range"])[0] for axis in "xyz"])
+    points = np.array([[0.0, -size[1], 0.0], [size[0], 0.0, 0.03]])
+    drawn = scene("shape", [cloud("points", points, "red")]).figure["layout"]["scene"]
+    ratio = np.array([drawn["aspectratio"][axis] for axis in "xyz"])
+    extent = np.array([np.diff(drawn[f"{axis}axis"]["range"])[0] for axis in "xyz"])
     assert np.linalg.norm(ratio) == pytest.approx(1.5)
     np.testing.assert_allclose(ratio / extent, ratio[0] / extent[0])
     assert (extent > [size[0], size[1], 0.03]).all()
 
 
 def test_a_sentence_begins_with_a_capital_and_ends() -> None:
-    assert _environment().from_string("{{ 'a line' | sentence }} {{ 'b.' | sentence }}").render() == "A line. B."
+    assert (sentence("a line"), sentence("b.")) == ("A line.", "B.")

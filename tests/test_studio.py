@@ -16,6 +16,7 @@ from fabdesign.catalogue import build
 from fabdesign.corrector import Trust, with_history
 from fabdesign.design import Design
 from fabdesign.design_file import read_design, write_design
+from fabdesign.effects.registry import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.forward import Case
 from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Quantity
@@ -28,24 +29,21 @@ from fabdesign.surface import Surface, capped_rms
 from optimize.margins import Limits, constraint_margins
 from studies.check.files import inspect
 from studies.studio import layout as edits
-from studies.studio.autosave import Autosave
-from studies.studio.band import Band, models_around
-from studies.studio.document import Document, DrawnLayout
-from studies.studio.layout import Layout
+from studies.studio.design_panels import model
+from studies.studio.files import Autosave, Saving
+from studies.studio.history import DrawingHistory, DrawnLayout
+from studies.studio.layout import Layout, row_distance, rows, snapped
 from studies.studio.limits import broken_limits
 from studies.studio.live import JumpDetector, Live, LiveShape
-from studies.studio.measured import errors_table
-from studies.studio.model_choice import ModelChoice
+from studies.studio.measured import ask_of_trial, errors_table
+from studies.studio.model_choice import Band, ModelChoice, models_around
 from studies.studio.opening import Opened, open_files, search_limits
 from studies.studio.results import Result, one_more_buys
-from studies.studio.saving import Saving
 from studies.studio.scene import Places, laced, on_plane, ribbon
-from studies.studio.searching import Search, SearchResult, study_document
+from studies.studio.search import Search, SearchResult, study_document
 from studies.studio.session import Session
-from studies.studio.snapping import row_distance, rows, snapped
 from studies.studio.solver import Ask, StudioSolver
 from studies.studio.target import ShownTarget, compare
-from studies.studio.trial_errors import ask_of_trial
 from tests.bending import AtOnce, Bending, bow
 from tests.command_line import Run, one_line
 
@@ -53,31 +51,35 @@ BASIC = Layout.of(build("basic"))
 
 
 class Shown:
-    """A page that notes what it is told."""
+    """A page that notes what it is to show."""
 
     def __init__(self) -> None:
+        self.session: Session | None = None
         self.shapes: list[LiveShape] = []
         self.said: list[str] = []
         self.motions = 0
+        self._motion: object = None
 
-    def show_layout(self) -> None: ...
-    def show_comparison(self) -> None: ...
+    def __call__(self) -> None:
+        assert self.session is not None
+        shape, motion, (message, _) = (
+            self.session.shapes.shown, self.session.playing.motion, self.session.document.message
+        )  # fmt: skip
+        if shape is not None and shape not in self.shapes[-1:]:
+            self.shapes.append(shape)
+        if message not in ("", *self.said[-1:]):
+            self.said.append(message)
+        if motion is not None and motion is not self._motion:
+            self.motions += 1
+        self._motion = motion
 
-    def show_motion(self) -> None:
-        self.motions += 1
 
-    def show_search(self, message: str, *, running: bool) -> None:
-        self.said.append(message)
-
-    def show_results(self) -> None: ...
-    def show_band(self) -> None: ...
-    def show_trial_errors(self) -> None: ...
-
-    def show_shape(self, shape: LiveShape) -> None:
-        self.shapes.append(shape)
-
-    def tell(self, text: str, *, bad: bool = False) -> None:
-        self.said.append(text)
+def begun(opened: Opened, clock: "Clock") -> tuple[Session, Shown, AtOnce]:
+    """A session that has begun, with a page and a simulator that cost nothing."""
+    worker, shown = AtOnce(), Shown()
+    shown.session = session = Session(opened, worker, clock=clock)
+    session.begin(shown)
+    return session, shown, worker
 
 
 class Clock:
@@ -100,10 +102,8 @@ def begin(tmp_path: Path) -> Begin:
             write_design(build("basic"), file)
         design = read_design(file)
         opened = replace(Opened(file, Layout.of(design), search_limits(design)), **changes)
-        worker, clock, shown = AtOnce(), Clock(), Shown()
-        session = Session(opened, worker, clock=clock)
-        session.begin(shown)
-        return session, shown, worker, clock
+        clock = Clock()
+        return *begun(opened, clock), clock
 
     return make
 
@@ -164,7 +164,7 @@ def test_every_edit_is_a_design_that_reads_back(tmp_path: Path) -> None:
 
 
 def test_a_gesture_is_one_step() -> None:
-    document = Document(BASIC)
+    document = DrawingHistory(BASIC)
     for k in range(5):
         document.shape("drag", edits.move_muscle(BASIC, 0, (0.001 * k, 0.0)))
     document.end()
@@ -179,7 +179,7 @@ def test_a_gesture_is_one_step() -> None:
 
 
 def test_changed_means_other_than_what_was_kept() -> None:
-    document = Document(BASIC)
+    document = DrawingHistory(BASIC)
     document.do("flip", edits.flip(BASIC, 0))
     assert document.changed
     document.keep()
@@ -308,55 +308,55 @@ def test_a_slider_follows_and_comes_to_rest(begin: Begin) -> None:
     session, shown, _worker, clock = begin()
     settle(session, clock)
     for kilopascals in range(0, 200, 20):
-        session.press(0, 1e3 * kilopascals)
+        session.document.press(0, 1e3 * kilopascals)
         clock.now += 0.02
         session.tick()
-    assert session.document.in_gesture
+    assert session.document.history.in_gesture
     settle(session, clock)
-    assert not session.document.in_gesture
+    assert not session.document.history.in_gesture
     assert shown.shapes[-1].exact
     assert shown.shapes[-1].layout.pressures[0] == 180e3
-    session.undo()
-    assert session.layout.pressures[0] == 0.0  # the whole way of the slider is one step
+    session.document.undo()
+    assert session.document.layout.pressures[0] == 0.0  # the whole way of the slider is one step
 
 
 def test_dragging_snaps_where_it_is_asked(begin: Begin) -> None:
     session, *_ = begin()
-    session.drag_corner(0, 0, (0.0312, 0.0149), last=True)
-    assert session.layout.design.muscles[0].path[0] == (0.0312, 0.0149)
-    session.snap = True
-    session.drag_corner(0, 0, (0.0312, 0.0149), last=True)
-    assert session.layout.design.muscles[0].path[0] == (0.03, 0.01)
-    session.drag_muscle(0, (0.004, 0.0), last=False)
-    session.drag_muscle(0, (0.016, 0.0), last=True)
-    assert session.layout.design.muscles[0].path == ((0.05, 0.01), (0.045, 0.192))
-    session.drag_corner(99, 0, (0.1, 0.1), last=True)  # gone meanwhile in another tab
+    session.document.drag_corner(0, 0, (0.0312, 0.0149), last=True)
+    assert session.document.layout.design.muscles[0].path[0] == (0.0312, 0.0149)
+    session.document.snap = True
+    session.document.drag_corner(0, 0, (0.0312, 0.0149), last=True)
+    assert session.document.layout.design.muscles[0].path[0] == (0.03, 0.01)
+    session.document.drag_muscle(0, (0.004, 0.0), last=False)
+    session.document.drag_muscle(0, (0.016, 0.0), last=True)
+    assert session.document.layout.design.muscles[0].path == ((0.05, 0.01), (0.045, 0.192))
+    session.document.drag_corner(99, 0, (0.1, 0.1), last=True)  # gone meanwhile in another tab
 
 
 def test_unsaved_changes_come_back(begin: Begin) -> None:
     session, _, _, clock = begin()
-    session.edit("flip", lambda layout: edits.flip(layout, 0))
-    session.press(1, 120e3)
+    session.document.edit("flip", lambda layout: edits.flip(layout, 0))
+    session.document.press(1, 120e3)
     settle(session, clock)
-    left = session.layout
+    left = session.document.layout
     again, shown, *_ = begin()
-    assert again.layout == left
+    assert again.document.layout == left
     assert "restored" in shown.said[0]
-    again.undo()
-    assert again.layout == Layout.of(build("basic"))
+    again.document.undo()
+    assert again.document.layout == Layout.of(build("basic"))
 
 
 def test_an_autosave_on_a_file_that_has_changed_is_a_step_away(begin: Begin, tmp_path: Path) -> None:
     session, _, _, clock = begin()
-    session.edit("flip", lambda layout: edits.flip(layout, 0))
+    session.document.edit("flip", lambda layout: edits.flip(layout, 0))
     settle(session, clock)
-    left = session.layout
+    left = session.document.layout
     write_design(edits.remove_muscle(BASIC, 7).design, tmp_path / "basic.toml")
     again, shown, *_ = begin()
-    assert len(again.layout.design.muscles) == 7
+    assert len(again.document.layout.design.muscles) == 7
     assert "has changed" in shown.said[0]
-    again.redo()
-    assert again.layout == left
+    again.document.redo()
+    assert again.document.layout == left
 
 
 @pytest.mark.parametrize("text", ["", "{}", '{"format": "fabdesign.studio-autosave/1", "muscles": [{}]}', "[1]"])
@@ -371,37 +371,37 @@ def test_a_file_changed_meanwhile_is_taken_or_said(begin: Begin, tmp_path: Path)
     settle(session, clock)
     write_design(edits.flip(BASIC, 0).design, tmp_path / "basic.toml")
     settle(session, clock)
-    assert session.layout.design.muscles[0].side == "back"
-    session.edit("flip", lambda layout: edits.flip(layout, 1))
-    mine = session.layout
+    assert session.document.layout.design.muscles[0].side == "back"
+    session.document.edit("flip", lambda layout: edits.flip(layout, 1))
+    mine = session.document.layout
     write_design(edits.remove_muscle(BASIC, 0).design, tmp_path / "basic.toml")
     settle(session, clock)
-    assert session.layout == mine
+    assert session.document.layout == mine
     assert "changed by another program" in shown.said[-1]
     session.files.load_again()
-    assert len(session.layout.design.muscles) == 7
+    assert len(session.document.layout.design.muscles) == 7
 
 
 def test_what_is_saved_passes_check(begin: Begin, tmp_path: Path) -> None:
     session, _shown, *_ = begin()
-    session.edit("move", lambda layout: edits.move_muscle(layout, 0, (0.01, 0.0)))
-    session.press(0, 150e3)
+    session.document.edit("move", lambda layout: edits.move_muscle(layout, 0, (0.01, 0.0)))
+    session.document.press(0, 150e3)
     saved = session.files.save(tmp_path / "mine")
     assert saved is not None
     names = {file.relative_to(tmp_path / "mine").as_posix() for file in saved.files}
     assert {"design.toml", "pressures.csv", "template/design_front.svg", "template/design_cut_list.csv"} <= names
-    assert not session.document.changed
+    assert not session.document.history.changed
     design = read_design(tmp_path / "mine" / "design.toml")
-    assert design.muscles == session.layout.design.muscles
+    assert design.muscles == session.document.layout.design.muscles
     program = read_pressures(tmp_path / "mine" / "pressures.csv", design)
     assert program.pressure[-1].tolist() == [150e3, *[0.0] * 7]
     assert inspect(tmp_path / "mine" / "design.toml").problems == ()
     again = open_files([tmp_path / "mine" / "design.toml"], None)
-    assert again.layout.pressures == session.layout.pressures
+    assert again.layout.pressures == session.document.layout.pressures
 
 
 def test_nothing_is_replaced_unasked(begin: Begin, tmp_path: Path) -> None:
-    saving, opened = Saving(), begin()[0].opened
+    saving, opened = Saving(), begin()[0].document.opened
     folder, given = tmp_path / "mine", {"limits": opened.limits, "model": None}
     bare = Layout.of(replace(BASIC.design, muscles=()))  # no templates to draw
     saving.save(bare, folder, **given)
@@ -420,14 +420,14 @@ def test_nothing_is_replaced_unasked(begin: Begin, tmp_path: Path) -> None:
 
 def test_playing_a_programme_asks_for_a_motion(begin: Begin) -> None:
     session, shown, _worker, clock = begin()
-    session.press(0, 100e3)
+    session.document.press(0, 100e3)
     session.playing.rise()
     settle(session, clock)
     assert shown.motions == 1
     assert session.playing.motion is not None
     assert len(session.playing.motion.points) == len(session.playing.motion.times) == 61
     assert shown.said[-1] == "rise: 61 frames"  # no longer that it is computed
-    session.edit("flip", lambda layout: edits.flip(layout, 0))
+    session.document.edit("flip", lambda layout: edits.flip(layout, 0))
     assert session.playing.motion is None  # it was of another layout
 
 
@@ -435,7 +435,7 @@ def test_a_motion_is_written_for_other_programs(begin: Begin, tmp_path: Path) ->
     session, shown, _worker, clock = begin()
     session.playing.write(tmp_path / "none.csv")
     assert "no motion" in shown.said[-1]
-    session.press(0, 100e3)
+    session.document.press(0, 100e3)
     session.playing.rise()
     settle(session, clock)
     session.playing.write(tmp_path / "motion.docx")
@@ -461,10 +461,9 @@ def test_a_motion_is_written_for_other_programs(begin: Begin, tmp_path: Path) ->
 
 def test_a_set_shows_what_was_measured_beside_its_prediction(folder: Path) -> None:
     opened = open_files([folder / "set"], folder / "model.toml")
-    worker, shown, clock = AtOnce(), Shown(), Clock()
-    session = Session(opened, worker, clock=clock)
-    session.begin(shown)
-    session.playing.trial(session.trials[1])
+    clock = Clock()
+    session, _, worker = begun(opened, clock)
+    session.playing.trial(list(session.document.trials)[1])
     settle(session, clock)
     assert session.playing.motion is not None
     distances = session.playing.motion.distances(1)
@@ -478,22 +477,21 @@ def test_a_set_shows_what_was_measured_beside_its_prediction(folder: Path) -> No
 
 def test_every_trial_has_its_errors_in_a_table(folder: Path) -> None:
     clock = Clock()
-    session = Session(open_files([folder / "set"], None), AtOnce(), clock=clock)
-    session.begin(Shown())
+    session, *_ = begun(open_files([folder / "set"], None), clock)
     session.trial_errors.begin()
     settle(session, clock, 4.0)
-    assert list(session.trial_errors.by_label) == session.trials
-    shown = session.trials[0]
-    measured = ask_of_trial(session.trial(shown), session.choice.model)
+    assert list(session.trial_errors.by_label) == list(session.document.trials)
+    shown = next(iter(session.document.trials))
+    measured = ask_of_trial(session.document.trials[shown], session.document.choice.model)
     motion = StudioSolver(Bending).answer(measured[2]).points
     assert motion is not None
     pairs = zip(motion, measured[1].frames, strict=True)
     expected = np.mean([capped_rms(Surface.of_faces(points).distance(cloud)) for points, cloud in pairs])
     assert session.trial_errors.by_label[shown][0].surface_rms == pytest.approx(expected)
     lines = errors_table(session.trial_errors.by_label).splitlines()
-    assert lines[-1].startswith(f"| **mean of {len(session.trials)}** |")
+    assert lines[-1].startswith(f"| **mean of {len(session.document.trials)}** |")
     assert f"| {shown} | {1e3 * expected:.2f} |" in lines[4]
-    session.choose(session.choice.switched("frame_tilt", True))
+    session.document.choose(session.document.choice.switched("frame_tilt", True))
     assert session.trial_errors.by_label == {}  # they were of another model
     session.end()
 
@@ -604,7 +602,7 @@ def test_a_band_comes_with_the_exact_shape_and_goes_with_an_edit(begin: Begin) -
     settle(session, clock)
     assert session.shapes.band is not None
     assert [ask.kind for ask in worker.asked] == ["follow", "exact", "nearby", "nearby"]
-    session.press(0, 100e3)
+    session.document.press(0, 100e3)
     assert session.shapes.band is None
     settle(session, clock)
     assert session.shapes.band is not None
@@ -631,7 +629,8 @@ def test_the_distance_to_a_target_is_that_of_the_metrics(tmp_path: Path) -> None
 
 
 def test_the_study_of_a_search_reads_back(tmp_path: Path) -> None:
-    target = target_at(BASIC, tmp_path / "flat.xyz")
+    shown = target_at(BASIC, tmp_path / "flat.xyz")
+    target = replace(shown, file=replace(shown.file, face="front", distances="one way"))
     folder = tmp_path / "search"
     folder.mkdir()
     write_design(BASIC.design, folder / "design.toml")
@@ -650,6 +649,7 @@ def test_the_study_of_a_search_reads_back(tmp_path: Path) -> None:
         assert study.start_pressures is not None
         assert study.start_pressures[0] == 125.5e3
         assert study.targets[0].file.resolve() == (tmp_path / "flat.xyz").resolve()
+        assert (study.targets[0].face, study.targets[0].distances) == ("front", "one way")
 
 
 @pytest.mark.parametrize("kept", [True, False])
@@ -667,7 +667,7 @@ signal.signal(signal.SIGINT, signal.SIG_DFL)
 (p.parents[1] / "ready").touch()
 time.sleep(60)
 """
-    monkeypatch.setattr("studies.studio.searching.PROGRAM", (sys.executable, "-c", program))
+    monkeypatch.setattr("studies.studio.search.PROGRAM", (sys.executable, "-c", program))
     target = target_at(BASIC, tmp_path / "flat.xyz")
     search = Search(tmp_path / "s", BASIC, [target], Limits(), vary="pressures", seconds=60)
     while not (tmp_path / "s" / "ready").exists():
@@ -696,81 +696,83 @@ class Searching:
 
 
 def test_a_result_is_a_drawing_of_its_own(begin: Begin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("studies.studio.background.Search", Searching)
+    monkeypatch.setattr("studies.studio.search.Search", Searching)
     monkeypatch.setattr(Searching, "running", True)
     target = target_at(BASIC.with_pressure(0, 200e3), tmp_path / "bowed.xyz", every=4)
     session, _, _, clock = begin(targets=(target,))
-    session.edit("flip", lambda layout: edits.flip(layout, 7))
+    session.document.edit("flip", lambda layout: edits.flip(layout, 7))
     settle(session, clock)
-    own = session.layout
+    own = session.document.layout
     session.search.start("one more muscle", 10)
     better = edits.move_muscle(edits.add_muscle(own.with_pressure(0, 190e3)), 8, (-0.022, 0.0))
     Searching.best_so_far = SearchResult((better,), 3e-3, 12, "searching")
     settle(session, clock, 4.0)
-    assert session.layout == better  # it moves in
-    assert session.document.layout == own
-    mine, found = session.drawings.rows()
+    assert session.document.layout == better  # it moves in
+    assert session.document.history.layout == own
+    mine, found = session.document.rows()
     assert (mine.muscles, found.muscles, found.highest) == (8, 9, 190e3)
-    assert found.chamfer == session.drawings.results[0].comparison.errors.chamfer < mine.chamfer
-    line = one_more_buys(session.drawings.results[0], [], mine)
+    assert found.chamfer == session.document.results[0].comparison.errors.chamfer < mine.chamfer
+    line = one_more_buys(session.document.results[0], [], mine)
     assert f"{1e3 * mine.chamfer - 3:.2f} mm less than {1e3 * mine.chamfer:.2f} mm with 8 (own drawing)" in str(line)
     rival = Result(name="search 2", begun=own, layouts=(own,), objective=3.2e-3)
     assert "0.20 mm less than 3.20 mm with 8 (search 2)" in str(
-        one_more_buys(session.drawings.results[0], [rival], mine)
+        one_more_buys(session.document.results[0], [rival], mine)
     )
     assert one_more_buys(rival, [], mine) is None
     monkeypatch.setattr(Searching, "running", False)
     settle(session, clock, 4.0)
     assert not session.search.running
-    session.drawings.show(None)
+    session.document.show_result(None)
     settle(session, clock)
-    assert session.layout == own
-    assert session.drawings.other()[0] == better
-    session.drawings.show(session.drawings.results[0])
-    session.press(1, 50e3)  # an edit takes it
+    assert session.document.layout == own
+    assert session.document.other()[0] == better
+    session.document.show_result(session.document.results[0])
+    session.document.press(1, 50e3)  # an edit takes it
     settle(session, clock)
-    assert session.drawings.shown is None
-    assert session.layout == better.with_pressure(1, 50e3)
-    session.undo()
-    session.undo()
-    assert session.layout == own
+    assert session.document.shown is None
+    assert session.document.layout == better.with_pressure(1, 50e3)
+    session.document.undo()
+    session.document.undo()
+    assert session.document.layout == own
 
 
 def test_poses_have_their_own_target_and_pressures(begin: Begin, tmp_path: Path) -> None:
     targets = tuple(target_at(BASIC.with_pressure(k, 2e5), tmp_path / f"{k}.xyz", every=4) for k in (0, 4))
     session, _, _, clock = begin(targets=targets)
-    session.press(0, 200e3)
+    session.document.press(0, 200e3)
     settle(session, clock)
-    first = session.drawings.comparison
-    session.targets.show_pose(1)
-    session.press(0, 0.0)
-    session.press(4, 200e3)
+    first = session.document.comparison
+    session.document.show_pose(1)
+    session.document.press(0, 0.0)
+    session.document.press(4, 200e3)
     settle(session, clock)
-    assert session.targets.shown is targets[1]
-    assert session.drawings.comparison.errors.surface_rms == pytest.approx(first.errors.surface_rms, rel=0.5)
-    session.targets.show_pose(0)
+    assert session.document.target is targets[1]
+    assert session.document.comparison.errors.surface_rms == pytest.approx(first.errors.surface_rms, rel=0.5)
+    session.document.show_pose(0)
     settle(session, clock)
-    assert session.layout.pressures[:5] == (200e3, 0, 0, 0, 0)
-    session.targets.show_pose(1)
-    session.undo()
+    assert session.document.layout.pressures[:5] == (200e3, 0, 0, 0, 0)
+    session.document.show_pose(1)
+    session.document.undo()
     settle(session, clock)
-    assert session.targets.pose == 0
-    assert session.drawings.comparison.errors.surface_rms == first.errors.surface_rms  # beside its own target
-    session.redo()
-    assert (session.targets.pose, session.layout.pressures[4]) == (1, 200e3)
-    assert not session.document.drawing.same_content(DrawnLayout(BASIC))
-    assert session.document.drawing.same_content(session.document.drawing.at(0))  # a pose shown is nothing unsaved
+    assert session.document.pose == 0
+    assert session.document.comparison.errors.surface_rms == first.errors.surface_rms  # beside its own target
+    session.document.redo()
+    assert (session.document.pose, session.document.layout.pressures[4]) == (1, 200e3)
+    assert not session.document.history.drawing.same_content(DrawnLayout(BASIC))
+    assert session.document.history.drawing.same_content(
+        session.document.history.drawing.at(0)
+    )  # a pose shown is nothing unsaved
     saved = session.files.save(tmp_path / "mine")
     assert saved is not None
     study = read_study(tmp_path / "mine" / "study.toml")
     assert [target.file.name for target in study.targets] == ["0.xyz", "4.xyz"]
     for pose, (file, channel) in enumerate((("pressures.csv", 0), ("pressures_2.csv", 4))):
-        program = read_pressures(tmp_path / "mine" / file, session.layout.design)
+        program = read_pressures(tmp_path / "mine" / file, session.document.layout.design)
         assert program.pressure[-1].tolist() == [200e3 * (k == channel) for k in range(8)], pose
     assert len(open_files([tmp_path / "mine" / "study.toml"], None).targets) == 2
-    session.targets.open(lambda: None)  # this pose is no more
-    assert (session.targets.all, session.targets.pose) == ([targets[0]], 0)
-    assert session.targets.pressures == [(200e3, *(0.0,) * 7)]
+    session.document.open_target(None)  # this pose is no more
+    assert (session.document.targets, session.document.pose) == ([targets[0]], 0)
+    assert session.document.pressures == [(200e3, *(0.0,) * 7)]
 
 
 def test_a_trials_frame_is_compared_with_the_motion_there(begin: Begin, folder: Path) -> None:
@@ -781,7 +783,7 @@ def test_a_trials_frame_is_compared_with_the_motion_there(begin: Begin, folder: 
     exact = next(ask for ask in worker.asked if ask.kind == "exact")
     assert exact.times == [target.loaded.time]
     assert shown.shapes[-1].time == target.loaded.time
-    assert session.drawings.comparison is not None
+    assert session.document.comparison is not None
 
 
 # the model
@@ -801,6 +803,23 @@ def test_effects_are_switched_with_amounts_that_show() -> None:
     assert any(value != 0 for value in tilted.effect_values["frame_tilt"].values())
     sheet = choice.sheet(False)
     assert (sheet.model.factors, sheet.model.effects) == ({}, ())
+
+
+def test_fields_of_effects_hold_their_values_within_the_declared_limits(begin: Begin) -> None:
+    session, *_ = begin()
+    choice = session.document.choice
+    for name, effect in EFFECTS.items():
+        choice = choice.switched(name, effect.site != "sensing")
+    session.document.choose(choice)
+    folders = {part.name.replace(" ", "_"): part.inside for part in model(session.document)}
+    assert [*folders] == [*choice.effect_values]
+    for name, (switch, *fields) in folders.items():
+        assert switch.value
+        for field, key in zip(fields, sorted(choice.effect_values[name]), strict=True):
+            declared = EFFECTS[name].parameters[key]
+            assert (field.given["min"], field.given["max"]) == declared.bounds
+            assert field.given["min"] <= field.value <= field.given["max"]  # viser refuses others
+            assert (field.value, field.given["hint"]) == (round(choice.effect_values[name][key], 6), declared.what)
 
 
 # scene
@@ -876,7 +895,7 @@ def test_help_loads_nothing_heavy() -> None:
 @pytest.mark.parametrize("size", [(0.2, 0.2), (0.5, 0.2), (0.2, 0.5)])
 @pytest.mark.parametrize("window", [(800, 750), (800, 1000), (1200, 900), (1500, 600)])  # px, what the panel leaves
 def test_all_is_in_the_first_view_and_bending_shows(size: tuple[float, float], window: tuple[int, int]) -> None:
-    from studies.studio.page import VIEW, eye_of
+    from studies.studio.scene import VIEW, eye_of
 
     places = Places(*size)
     width, height = window
@@ -913,58 +932,67 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         studio = Studio(server, open_files([Path("basic.toml"), target.file.file], folder / "model.toml"), AtOnce())
         session, page = studio.session, studio.page
         turns = iter(range(20))
+        points, export = "Ends and corners, mm from the upper left", ("Sewing template, 1:1", "Export template")
         studio.run(lambda: next(turns) == 12)
 
         def run() -> None:
             for _ in range(20):
                 studio.turn()
-                page.advance(0.02)
+                session.playing.advance(0.02)
 
         assert session.shapes.shown is not None
         assert session.shapes.shown.exact
         assert server.scene.get_handle_by_name("/hung/distances") is not None
         faces = [server.scene.get_handle_by_name(f"/hung/{side}") for side in ("front", "back")]
         assert all(face.visible for face in faces)  # a surface is there whether or not a browser has the colours
-        session.edit("add", lambda layout: edits.add_corner(edits.add_muscle(layout, 0), 8))
-        session.edit("move", lambda layout: edits.move_muscle(layout, 8, (-0.022, 0.0)))
-        session.choose(session.choice.switched("frame_tilt", True))
-        page._show_gizmo(True)
-        page._target.place((0.0, 0.0, 5.0), (0.0, 0.001, 0.0))
+        session.document.edit("add", lambda layout: edits.add_corner(edits.add_muscle(layout, 0), 8))
+        session.document.edit("move", lambda layout: edits.move_muscle(layout, 8, (-0.022, 0.0)))
+        session.document.choose(session.document.choice.switched("frame_tilt", True))
+        page.widgets.press("Target", "Placed by hand", "Gizmo")
+        studio.turn()
+        assert server.scene.get_handle_by_name("/hung/gizmo") is not None
+        session.document.place_target((0.0, 0.0, 5.0), (0.0, 0.001, 0.0))
         run()
-        assert session.targets.shown is not None
-        assert session.targets.shown.file.rotation == (0.0, 0.0, 5.0)
+        assert session.document.target is not None
+        assert session.document.target.file.rotation == (0.0, 0.0, 5.0)
         assert server.scene.get_handle_by_name("/flat/corner_8_2") is not None
-        session.select(8)
-        assert [field.label for field in page._muscles._points] == ["End 0", "Corner 1", "End 2"]
-        session.select(1)
-        assert [field.label for field in page._muscles._points] == ["End 0", "End 1"]
-        assert "muscles 1 and 8" in page._status._limits.content
+        session.document.select(8)
+        studio.turn()
+        assert page.widgets.labels("Layout", points) == ["End 0", "Corner 1", "End 2"]
+        session.document.select(1)
+        studio.turn()
+        assert page.widgets.labels("Layout", points) == ["End 0", "End 1"]
+        assert "muscles 1 and 8" in page.widgets.handle("limits").content
         session.playing.rise()
         run()
         assert session.playing.motion is not None
-        assert page._motion.frame > 0
-        session.edit("remove", lambda layout: edits.remove_muscle(layout, 8))
+        assert session.playing.frame > 0
+        session.document.edit("remove", lambda layout: edits.remove_muscle(layout, 8))
+        studio.turn()
         assert server.scene.get_handle_by_name("/flat/corner_8_2") is None
         run()
-        page.show_search("searching", running=True)
-        found = Result(name="search 1", begun=session.layout, layouts=(session.layout.with_pressure(1, 9e4),))
-        session.drawings.results.append(found)
-        session.drawings.show(found)
+        found = Result(
+            name="search 1", begun=session.document.layout, layouts=(session.document.layout.with_pressure(1, 9e4),)
+        )
+        session.document.results.append(found)
+        session.document.show_result(found)
         run()
         assert server.scene.get_handle_by_name("/hung/other") is not None  # the own drawing beside it
         assert server.scene.get_handle_by_name("/flat/other") is not None
-        assert "<td>search 1</td><td>8</td>" in page._results._table.content
-        session.drawings.set_beside(False)
+        assert "<td>search 1</td><td>8</td>" in page.widgets.handle("Results", "table").content
+        session.document.set_option("beside", False)
+        studio.turn()
         assert server.scene.get_handle_by_name("/hung/other") is None
-        assert "<polyline" in page._profile._plot.content
-        page._files._export()
+        assert "<polyline" in page.widgets.handle("Model", "profile").content
+        page.widgets.press("Files", *export)
         template = folder / "basic_template"
         cut_list = (template / "design_cut_list.csv").read_text()
-        export_design(session.layout.design, folder / "exported", stem="design", tail_length=0.03)
+        export_design(session.document.layout.design, folder / "exported", stem="design", tail_length=0.03)
         assert cut_list == (folder / "exported" / "design_cut_list.csv").read_text()
         assert (template / "design_a4.pdf").is_file()
-        assert "sewing template in basic_template: " in page._status._message.content
+        studio.turn()
+        assert "sewing template in basic_template: " in page.widgets.handle("message").content
         (template / "design_a4.pdf").unlink()
-        page._files._export()  # asks first
+        page.widgets.press("Files", *export)  # asks first
         assert not (template / "design_a4.pdf").exists()
         session.end()

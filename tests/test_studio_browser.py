@@ -49,7 +49,7 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Page]:
     """Of a studio that edits `basic.toml` beside a bent sheet as target, in a folder of its own."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    monkeypatch.setattr("studies.studio.searching.PROGRAM", (sys.executable, "-m", "tests.bending"))
+    monkeypatch.setattr("studies.studio.search.PROGRAM", (sys.executable, "-m", "tests.bending"))
     write_design(build("basic"), tmp_path / "basic.toml")
     u, v = np.meshgrid(np.linspace(-0.1, 0.1, 41), np.linspace(0, 0.2, 41))
     np.savetxt(tmp_path / "bent.xyz", np.stack([u, -v, 0.5 * v**2], axis=-1).reshape(-1, 3))
@@ -154,7 +154,7 @@ def drag_end(page: Page, begin: tuple[float, float], end: tuple[float, float]) -
 
 def on_screen(page: Page, point: tuple[float, float]) -> tuple[float, float]:
     """Pixels of a point of the flat front, seen from where the page's camera begins."""
-    from studies.studio.page import VIEW, eye_of
+    from studies.studio.scene import VIEW, eye_of
 
     left, top, width, height = page.run(
         "(box => [box.x, box.y, box.width, box.height])(document.querySelector('canvas').getBoundingClientRect())"

@@ -13,12 +13,14 @@ from fabdesign.jacobian import Floats, Jacobians
 from fabdesign.pressure import PressureProgram
 from fabdesign.sheet import of_faces
 from fabdesign.trial import Accuracy
-from optimize.fit.clouds import Array, Indices, Sample, match
+from optimize.fit.clouds import Array, Indices, Match, Sample, match
 from optimize.fit.inputs import InputErrors
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import Evaluation, Linearisation, Problem, columns
 
 _STEP, _FAR = 0.007, 0.15  # of a prior's deviation, of a column, and of the differences of what sensors add
+
+_OTHER_BRANCH = 4.0  # times the usual residual of a shape; those of one side lie within 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +80,17 @@ class RestProblem(Problem):
 
     def _evaluation(self, x: Array, shapes: Sequence[Floats]) -> Evaluation:
         motions = [np.asarray(points)[None] for points in shapes]
-        return Evaluation(x, [of_faces(points) for points in motions], match(self.samples, motions))
+        found = match(self.samples, motions)
+        return Evaluation(x, [of_faces(points) for points in motions], _without_other_branches(found))
+
+
+def _without_other_branches(found: Match) -> Match:
+    """Return the residuals, NaN for a shape that ends far off where most are near: on another side than the measured
+    one, which no small change of the unknowns mends."""
+    _, shape = np.unique(found.sample, return_inverse=True)
+    squares = np.bincount(shape, np.square(np.nan_to_num(found.residual))) / np.bincount(shape)
+    other = squares > _OTHER_BRANCH**2 * np.median(squares)
+    return replace(found, residual=np.where(other[shape], np.nan, found.residual))
 
 
 def _solved(changes: Floats) -> Floats:

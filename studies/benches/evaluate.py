@@ -1,7 +1,7 @@
 """How far a law that was fitted to a bench is from its records."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from fabdesign.bench import Bench, BenchRecord
 from fabdesign.bench_file import read_bench
 from fabdesign.errors import InputError
+from fabdesign.json_file import plain
 from fabdesign.metrics import Statistics
 from fabdesign.tabled import Columns, Tabled
 from studies.benches.calibrate import LEAST_SHOWN
@@ -36,7 +37,7 @@ class BenchEvaluation(Tabled):
         if self.others:
             result["others"] = {self.bench.name: self._table(self.others)}
         noise = {"noise_floor": self.noise.sigma, "noise_from": self.noise.source}
-        return result | {"metric": METRIC, "unit": self.unit} | noise
+        return dict(plain(result | {"metric": METRIC, "unit": self.unit} | noise))
 
     def columns(self) -> Columns:
         """Return a row a record: its name, role and errors before and after, in `unit`."""
@@ -46,10 +47,10 @@ class BenchEvaluation(Tabled):
 
     def _table(self, records: Mapping[str, RecordErrors]) -> dict[str, Any]:
         return {
-            "before": {METRIC: asdict(_statistics(records, "before"))},
-            "after": {METRIC: asdict(_statistics(records, "after"))},
+            "before": {METRIC: _statistics(records, "before")},
+            "after": {METRIC: _statistics(records, "after")},
             "source": self.bench.source or self.bench.description,
-            "records": {name: asdict(errors) for name, errors in records.items()},
+            "records": records,
         }
 
     def as_markdown(self) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
+from fabdesign.json_file import plain
 from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.predictor import Predictor
 from fabdesign.sensor_noise import SensorNoise
@@ -69,43 +70,35 @@ class Calibration(OfModel):
     def as_json(self) -> dict[str, Any]:
         """What `calibrate --json` prints: factors, mm."""
         parameters = {
-            name: {"factor": p.factor, "interval90": p.interval90 and list(p.interval90), "believable": p.reliable}
+            name: {"factor": p.factor, "interval90": p.interval90, "believable": p.reliable}
             for name, p in self.model.parameters.items()
         }
         names = self.fit.vector.names
-        effects = [
-            {
-                "name": effect.name,
-                "scope": effect.scope,
-                "parameters": {name: q.as_json() for name, q in effect.parameters.items()},
-            }
-            for effect in self.model.effects
-        ]
-        lost = [{"trial": trial, "from_s": time} for trial, time in self.fit.lost]
-        return {
+        content = {
             "parameters": parameters,
-            "effects": effects,
+            "effects": self.model.effects,
             "correlation": {
-                a: {b: float(self.correlation[i, j]) for j, b in enumerate(names)} for i, a in enumerate(names)
+                a: dict(zip(names, row, strict=True)) for a, row in zip(names, self.correlation, strict=True)
             },
-            "statements": list(self.statements),
+            "statements": self.statements,
             "believable": not self.warnings,
-            "doubts": list(self.warnings),
+            "doubts": self.warnings,
             "residual": {"before": in_mm(self.fit.before), "after": in_mm(self.fit.after), "unit": "mm"},
             "excess": {"after": in_mm(excess(self.fit.after, self.noise)), "unit": "mm"},
             "noise": {"sigma": in_mm(self.noise.sigma), "strays": self.noise.strays, "unit": "mm"},
-            "fitted": list(self.model.provenance.fitted),
-            "held_out": list(self.model.provenance.held_out),
+            "fitted": self.model.provenance.fitted,
+            "held_out": self.model.provenance.held_out,
             "outlying": self.fit.outlying,
-            "lost": lost,
-            "skipped": list(self.skipped),
-            "input_accuracy": self.data.accuracy.as_json(),
+            "lost": [{"trial": trial, "from_s": time} for trial, time in self.fit.lost],
+            "skipped": self.skipped,
+            "input_accuracy": self.data.accuracy,
             "spread": spread_json(self.model),
             **self.used.as_json(),
             "iterations": self.fit.iterations,
             "converged": self.fit.converged,
             "interrupted": self.fit.interrupted,
         }
+        return dict(plain(content))
 
 
 def calibrate(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from fabdesign.effects.registry import acting_effects
@@ -23,8 +24,9 @@ from fabdesign.trial import MeasurementSet, Trial
 from fabdesign.units import in_mm
 from studies.branches import CURLS, TILTS, Branches, branches_of
 from studies.forward_model import forward_model
+from studies.layouts.report import ERRORS, error_cells
 from studies.measured_data import noise_of
-from studies.report import html_of
+from studies.report import page
 from studies.sensitive_stretches import GRID, find_used_frames
 
 SET = "demo_set"
@@ -188,13 +190,19 @@ def as_text(shipped: ShippedErrors) -> str:
     return "\n".join([*lines, *shipped.far_off, shipped.effects_in_words])
 
 
-def as_html(shipped: ShippedErrors) -> str:
-    """HTML, for the body of a page with the style of a study's report."""
-    return html_of(
-        "demo/measured.html.j2",
-        shipped=shipped,
-        rows=shipped.rows(),
-        made_by=MADE_BY,
-        model=MODEL,
-        percent=lambda share: "" if share is None else f"{share:.0%}",
+def as_blocks(shipped: ShippedErrors) -> list[page.Block]:
+    """Return what comes below the searches on the demo's page."""
+    rows = [
+        (name, *error_cells(e, wished=False), "" if share is None else f"{share:.0%}")
+        for name, e, share in shipped.rows()
+    ]
+    made = (
+        f"The model is shipped as <code>fabdesign/data/{MODEL}</code>. It was made by <code>{MADE_BY}</code> from other"
     )
+    return [
+        page.Title("What measured trials say about the model"),
+        page.Text(f"{shipped.measured.description}. Nothing was fitted to them or learned from them."),
+        page.TableBlock(("model", *ERRORS, "removed of the\ncalibrated model's excess"), rows),
+        *(page.Text(line) for line in (*shipped.far_off, shipped.effects_in_words)),
+        page.Text(Markup(f"{made} trials of the same synthetic rig."), "quiet"),
+    ]

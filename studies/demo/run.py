@@ -19,7 +19,7 @@ from fabdesign.store import read_kept
 from fabdesign.study_file import MuscleChoice, Study, StudyLimits
 from fabdesign.study_targets import TargetFile
 from optimize.evaluations import Evaluations
-from studies.demo.measured import MODEL, SET, ShippedErrors, as_html, evaluate_shipped
+from studies.demo.measured import MODEL, SET, ShippedErrors, as_blocks, evaluate_shipped
 from studies.demo.measured import as_text as shipped_as_text
 from studies.layouts.kept import VERSIONS
 from studies.layouts.picture import save_picture
@@ -75,7 +75,7 @@ def run_demo(
                 shipped = evaluate_shipped(forward=forward)
             sections = [Section(TITLES[result.study.name], result) for result in results]
             with work.adding() as files:
-                more = "" if shipped is None else as_html(shipped)
+                more = [] if shipped is None else as_blocks(shipped)
                 page = render_report("A measured shape becomes a layout", sections, more=more)
                 write_text(files / "report.html", page)
                 save_picture([(section.title, section.result) for section in sections], files / "demo.png")

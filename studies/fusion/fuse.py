@@ -5,7 +5,7 @@ thinned on a grid, face by face, and sampled. docs/results/fuse.md has the figur
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ import numpy as np
 from fabdesign import working_time
 from fabdesign.design import Design
 from fabdesign.errors import InputError
-from fabdesign.json_file import write_json
+from fabdesign.json_file import plain, write_json
 from fabdesign.measurement_set import NewTrial, write_set
 from fabdesign.output import new_folder
 from fabdesign.recording import Convention, Recording, read_recording
@@ -114,9 +114,8 @@ def fuse_all(
 
 
 def as_json(reports: Sequence[FusionReport], given: int) -> dict[str, Any]:
-    """What fusion.json holds and `fuse --json` prints: a lone recording's report, or {"trials": [...]} of several."""
-    listed = [asdict(report) for report in reports]
-    return listed[0] if given == 1 else {"trials": listed}
+    """Return what fusion.json holds: a lone recording's report, or {"trials": [...]} of several."""
+    return dict(plain(reports[0] if given == 1 else {"trials": reports}))
 
 
 def _require_different(recordings: Sequence[Recording]) -> None:

@@ -1,21 +1,27 @@
 """The folder of a grid: numbers and a page with the front as picture and table."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from fabdesign import __version__
 from fabdesign.json_file import write_json
-from fabdesign.layout_drawing import layout_svg
 from fabdesign.output import write_text
 from fabdesign.units import in_mm
 from studies.layout_grid.result import WORDS, CellResult, GridResult
+from studies.layouts.report import ERRORS, WISHED, error_cells, target_texts
 from studies.layouts.shape_picture import shape_png
 from studies.layouts.wished import is_wished, measure_of
-from studies.report import html_of, svg_of
+from studies.report import page
 
 MARKS = {"front": ">", "back": "<", "both": "D"}
+_HOW = """A cell may use any layout with as many muscles or fewer on its faces. Its mark is the nearest of those. A
+hollow mark shows the result of the cell's own search where that is worse. The line, and bold rows in the table, show
+the cells that no other beats with as many muscles or fewer. Each cell started at the results of the cells with fewer
+muscles. Cells that gained most got more time. Errors, evaluations and seconds are of the cell's own search."""
 
 
 def write_report(result: GridResult, out: Path) -> None:
@@ -25,42 +31,70 @@ def write_report(result: GridResult, out: Path) -> None:
 
 
 def render(result: GridResult) -> str:
-    """HTML; links to the searches' own pages, else self-contained."""
-    search = result.study.search
-    return html_of(
-        "layout_grid/report.html.j2",
-        result=result,
-        name=search.name,
-        targets=next(f.result.targets for f in result.cells if f.result),
-        front=result.front,
-        rows=[(f, result.nearest(f.cell), result.statements(f.cell)) for f in result.cells],
-        words=WORDS,
-        measure=measure_of(search),
-        wished=is_wished(search.targets),
-        points_per_side=search.model.points_per_side if search.model else 41,
-        picture=Markup(front_svg(result)),
-        shapes=[_shapes(f) for f in _shown(result)],
-        shown=_shown(result),
-        layout=lambda f: Markup(layout_svg(f.result.design, f.result.pressures[0], search.limits.pressure[1])),
-    )
+    """Return HTML; links to the searches' own pages, else self-contained."""
+    return page.html_of(result.study.search.name, _blocks(result))
 
 
-def _shown(result: GridResult) -> list[CellResult]:
-    """Cells with a shape, those of the front first."""
-    front = result.front
-    return [*front, *(f for f in result.cells if f.result and f not in front)]
+def _blocks(result: GridResult) -> Iterator[page.Block]:
+    search, front = result.study.search, result.front
+    wished, side = is_wished(search.targets), search.model.points_per_side if search.model else 41
+    yield page.Title(search.name, 1)
+    yield from target_texts(next(f.result.targets for f in result.cells if f.result))
+    done = len(result.cells)
+    if result.interrupted or result.total > done:
+        yield page.Text(f"Not finished: {done} of {result.total} searches. The same command goes on from here.", "note")
+    yield page.Picture(front_figure(result))
+    measure = measure_of(search)
+    what = f"{measure[0].upper()}{measure[1:]}" + ("" if wished else " to the target")
+    yield page.Text(f"{what}, on the full model ({side} points a side). {_HOW}", "quiet")
+    head = ("muscles", "type", "sides", "reached\nmm", "muscles used", *(WISHED if wished else ERRORS))
+    rows = [_row(result, f, wished=wished) for f in result.cells]
+    best = [k for k, f in enumerate(result.cells) if f in front]
+    yield page.TableBlock((*head, "evaluations", "seconds", ""), rows, left=(1, 2, 4, len(head) + 2), bold=best)
+    yield from page.texts("note", [line for f in result.cells for line in result.statements(f.cell)])
+    yield page.Title("Shapes of all cells and the target")
+    others = [f for f in result.cells if f.result and f not in front]
+    explained = "Cells that no other beats with as many muscles or fewer come first."
+    yield page.Text(f"{explained} Blue: the cloth's mid-surface. Red: the target.", "quiet")
+    for f in [*front, *others]:
+        own = "" if f in front else " (own search)"
+        yield page.Title(f"{f.cell.muscles} {f.cell.type}, {WORDS[f.cell.sides]}: {page.mm(f.objective)} mm{own}", 3)
+        yield from _shape(f)
+    yield page.Text(f"Seed {search.seed}, fabdesign {__version__}.", "quiet")
 
 
-def _shapes(own: CellResult) -> list[Markup]:
-    """A picture a pose."""
-    assert own.result is not None
-    poses = zip(own.result.points, own.result.targets, strict=True)
-    return [Markup(shape_png(points, target.points)) for points, target in poses]
+def _row(result: GridResult, own: CellResult, *, wished: bool) -> tuple[object, ...]:
+    """Return the cells of a search: the nearest of its layouts, then what its own search came to."""
+    best, search = result.nearest(own.cell), own.result
+    used: tuple[str, ...] = ("", "")
+    if best:
+        faces = WORDS[best.sides_used] if best.sides_used else ""
+        used = page.mm(best.objective), f"{len(best.pulling)} of {best.cell.muscles} {faces}"
+    first = (own.cell.muscles, own.cell.type, own.cell.sides, *used)
+    if search is None:
+        return (*first, own.why)
+    link = Markup('<a href="cells/{}/report.html">page</a>').format(own.cell.name)
+    return (*first, *error_cells(search.errors, wished=wished), len(search.history), f"{search.wall_s:.0f}", link)
 
 
-def front_svg(result: GridResult) -> str:
-    """Error against muscles: a mark a cell, hollow where a cell with fewer is nearer, the front as a line, the floor
-    dashed."""
+def _shape(own: CellResult) -> Iterator[page.Block]:
+    """Yield the poses beside their targets, and the layout with what there is to say of it."""
+    result = own.result
+    assert result is not None
+    poses = enumerate(zip(result.points, result.targets, strict=True), start=1)
+    alt = f"shape of {own.cell.name} beside the target, pose "
+    pictures = [page.Picture(shape_png(points, target.points), f"{alt}{pose}") for pose, (points, target) in poses]
+    path = result.loading_path
+    motion = path.sentences if path else ["The motion to this shape was not simulated."]
+    layout = page.LayoutBlock(result.design, result.pressures[0], result.study.limits.pressure[1])
+    outputs = page.texts("", [f"{name}: {', '.join(values)}" for name, values in result.outputs.items()])
+    said = page.texts("quiet", [page.sentence(result.stop_reason), *result.reach.sentences, *motion])
+    yield page.Columns([pictures, [layout, *outputs, *said]], "cell")
+
+
+def front_figure(result: GridResult) -> Figure:
+    """Return error against muscles: a mark a cell, hollow where a cell with fewer is nearer, the front as a line, the
+    floor dashed."""
     figure = Figure(figsize=(7.5, 4.2), layout="constrained")
     axes = figure.subplots()
     sound = [f for f in result.cells if f.result]
@@ -79,23 +113,17 @@ def front_svg(result: GridResult) -> str:
     most = max(f.cell.muscles for f in sound)
     steps = [*(f.cell.muscles for f in front), most], [*(in_mm(f.objective) for f in front), in_mm(front[-1].objective)]
     axes.step(*steps, where="post", color="#1c2430", linewidth=1.5, label="best with as many or fewer")
-    if (floor := _floor(front[-1])) > 0:
+    if (floor := front[-1].result.floor if front[-1].result else 0.0) > 0:
         axes.axhline(in_mm(floor), color="#5a6675", linestyle="--", label="noise floor")
     axes.set(xlabel="muscles", ylabel=f"{measure_of(result.study.search)}, mm", ylim=(0, None))
     axes.set_xticks(np.unique([f.cell.muscles for f in sound]))
     axes.legend(fontsize="small", frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, 1))
-    return svg_of(figure)
+    return figure
 
 
 def _nearest(result: GridResult, own: CellResult) -> float:
     best = result.nearest(own.cell)
     return best.objective if best else float("inf")
-
-
-def _floor(own: CellResult) -> float:
-    assert own.result is not None
-    errors = own.result.errors
-    return errors.chamfer_floor if own.result.study.objective == "chamfer" else errors.surface_floor
 
 
 def as_text(result: GridResult) -> str:

@@ -109,13 +109,15 @@ class GridResult:
             entry["why_not"] = one.why
         if best is None or best.result is None:
             return entry
-        result = best.result.as_json()
-        keys = ("objective_mm", "chamfer", "chamfer_floor", "surface_rms", "surface_floor")
-        entry |= {k: result[k] for k in keys} | {"outputs": result["outputs"]}
+        result, own = best.result, one.result
+        entry |= {
+            "objective_mm": in_mm(result.objective),
+            **result.errors.millimetres(),
+            "outputs": result.output_values,
+        }
         entry |= {"of": best.cell.name, "sides_used": best.sides_used, "muscles_used": len(best.pulling)}
-        entry |= {"said": [*self.statements(cell), *best.result.reach.sentences], "front": on_front}
-        if one.result is not None:
-            own = one.result.as_json()
-            entry |= {"searched_mm": own["objective_mm"], "stop_reason": own["stop_reason"]}
-            entry |= {"evaluations": own["evaluations"], "wall_s": own["wall_s"]}
+        entry |= {"said": [*self.statements(cell), *result.reach.sentences], "front": on_front}
+        if own is not None:
+            entry |= {"searched_mm": in_mm(own.objective), "stop_reason": own.stop_reason}
+            entry |= {"evaluations": len(own.history), "wall_s": own.wall_s}
         return entry

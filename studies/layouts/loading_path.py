@@ -2,15 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.design import Design
 from fabdesign.forward import Case, ForwardModel
+from fabdesign.json_file import plain
 from fabdesign.pressure import PressureProgram, rising_program, sequence_program
-from fabdesign.units import in_mm
+from fabdesign.units import InFile, in_mm
 from optimize.objective import Objective, Shape, refined
 
 OFF = 0.02  # that a copy's pressures are off
@@ -28,9 +29,9 @@ class Copy:
     """name: for people. value: m, of the searched measure; NaN where it diverged. on_another_branch: it ends at another
     stable shape than the motion does (of the motion itself: than the shape of the search)."""
 
-    name: str
-    value: float
-    on_another_branch: bool
+    name: Annotated[str, InFile("copy")]
+    value: Annotated[float, InFile("value_mm", 1e3)]
+    on_another_branch: Annotated[bool, InFile("elsewhere")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,22 +91,16 @@ class LoadingPath:
         ]
 
     def as_json(self) -> dict[str, Any]:
-        """What `way` in result.json holds: mm, null where a motion diverged."""
-
-        def millimetres(value: float) -> float | None:
-            return in_mm(value) if np.isfinite(value) else None
-
-        return {
-            "nominal_mm": millimetres(self.motion.value),
-            "worst_mm": millimetres(self.worst),
+        """Return `way` of result.json: mm, null where a motion diverged."""
+        path = {
+            "nominal_mm": in_mm(self.motion.value),
+            "worst_mm": in_mm(self.worst),
             "reached": self.reached,
             "hangs_on_it": self.sensitive,
-            "copies": [
-                {"copy": copy.name, "value_mm": millimetres(copy.value), "elsewhere": copy.on_another_branch}
-                for copy in self.copies
-            ],
+            "copies": self.copies,
             "said": self.sentences,
         }
+        return dict(plain(path))
 
 
 def loading_paths(

@@ -61,7 +61,7 @@ class Helps:
         return [f"What would bring it nearer, by derivatives: {'; '.join(gains)}."]
 
     def as_json(self) -> list[dict[str, Any]]:
-        """A row a change."""
+        """Return a row a change."""
         return [{"what": own.what, "gain_mm": in_mm(self.before - own.value)} for own in self.nearer]
 
 

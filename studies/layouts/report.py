@@ -1,23 +1,33 @@
 """The page that shows what a study found: self-contained, for any browser, without a network."""
 
 import platform
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from fabdesign.layout_drawing import layout_svg
-from fabdesign.metrics import MANY_BEYOND, told_beyond
+from fabdesign.metrics import MANY_BEYOND, Errors, told_beyond
 from fabdesign.model import Model
 from fabdesign.pressure import poses_in_words
-from studies.layouts.figures import convergence_figure, scene_figure
+from fabdesign.units import in_mm
+from studies.layouts.figures import convergence, overlay
 from studies.layouts.result import StudyResult
 from studies.layouts.robustness import said as robust_said
 from studies.layouts.shape_picture import shape_png
+from studies.layouts.target import LoadedTarget
 from studies.layouts.wished import asked_of, is_wished
-from studies.report import PlotlyFigure, html_of, package_versions
+from studies.report import page
 
 PACKAGES = ("taichi", "nlopt", "numpy", "scipy")
+ERRORS = ("Chamfer\nmm", "noise floor\nmm", "surface RMS\nmm", "noise floor\nmm")
+WISHED = ("mean distance from\nwhat was asked for, mm", "root mean\nsquare, mm")
+_RIG = Markup("""The target is from a <b>synthetic rig</b>: an independent simulation with a model of depth sensors, not
+hardware.""")
+_WISHES = """Distance of the places that the wishes name from where they were to come, in the coordinates that they
+give; the mean is by their weights. There is no cloud, and so no noise floor."""
+_ERRORS = """Chamfer: mean nearest distance, unsquared, both directions summed. Its noise floor is the Chamfer distance
+of two samples of one surface. Surface RMS: distance of every {} point to the model's faces, capped at 10 mm. Its noise
+floor is {}."""
 
 
 @dataclass(frozen=True)
@@ -28,58 +38,125 @@ class Section:
     result: StudyResult
 
 
-def render_report(title: str, sections: Sequence[Section], *, more: str = "") -> str:
-    """HTML of one or several studies of the same targets: errors, 3D overlay, layout, convergence, provenance; `more`
-    is HTML that comes before the last."""
-    figures: dict[str, PlotlyFigure] = {}
-    for s, section in enumerate(sections):
-        for pose in range(len(section.result.targets)):
-            figures[f"scene-{s}-{pose}"] = scene_figure(section.result, pose)
-        figures[f"curve-{s}"] = convergence_figure(section.result)
+def render_report(title: str, sections: Sequence[Section], *, more: Sequence[page.Block] = ()) -> str:
+    """Return the HTML of one or several studies of the same targets: errors, 3D overlay, layout, convergence,
+    provenance; `more` comes before the last."""
+    studies = [block for s, section in enumerate(sections) for block in _study(s, section.title, section.result)]
+    last = page.Title("Provenance"), page.TableBlock((), [*_provenance(sections).items()], left=(1,))
+    return page.html_of(title, [*_head(title, sections), *studies, *more, *last])
+
+
+def target_texts(targets: Sequence[LoadedTarget]) -> list[page.Text]:
+    """Return what is aimed at."""
+    asked = [f"{'Asked for' if target.landmarks else 'Target'}: {target.description}." for target in targets]
+    return page.texts("", asked) + page.texts("note", [_RIG] if any(target.synthetic for target in targets) else [])
+
+
+def error_cells(errors: Errors, *, wished: bool) -> list[float]:
+    """Return the cells below ERRORS or WISHED."""
+    return [*errors.millimetres().values()][:: 2 if wished else 1]
+
+
+def _head(title: str, sections: Sequence[Section]) -> Iterator[page.Block]:
+    """Yield what all studies of a page came to."""
     first = sections[0].result
-    return html_of(
-        "layouts/report.html.j2",
-        figures=figures,
-        title=title,
-        sections=sections,
-        more=Markup(more),
-        targets=first.targets,
-        wished=is_wished(first.study.targets),
-        asked=lambda result, pose: asked_of(result.study.targets[pose], result.points[pose], result.design.fabric),
-        measured=any(target.measured for target in first.targets),
-        synthetic=any(target.synthetic for target in first.targets),
-        points_per_side=(first.study.model or Model()).points_per_side,
-        capped=[
-            f"{s.title}: {told_beyond(s.result.errors.beyond)}"
-            for s in sections
-            if s.result.errors.beyond >= MANY_BEYOND
-        ],
-        failed=lambda result: sum(entry.diverged for entry in result.history),
-        layout=_layout,
-        corners=lambda result: any(len(muscle.path) > 2 for muscle in result.design.muscles),
-        poses_in_words=poses_in_words,
-        robust_said=robust_said,
-        robust_picture=_robust_picture,
-        with_unit=_with_unit,
-        provenance=_provenance(sections),
-    )
+    wished = is_wished(first.study.targets)
+    yield page.Title(title, 1)
+    poses = [(s.title, page.sentence(line)) for s in sections for line in poses_in_words([*s.result.pressures])]
+    line = Markup("<b>{}</b>: {}<br>" if len(sections) > 1 else "{1}<br>")
+    yield page.Text(Markup("").join(line.format(*pose) for pose in poses), "verdict")
+    yield from target_texts(first.targets)
+    head = WISHED if wished else (*ERRORS, "points\nbeyond 10 mm")
+
+    def cells(errors: Errors) -> list[object]:
+        return [*error_cells(errors, wished=wished), *([] if wished else [f"{errors.beyond:.1%}"])]
+
+    rest = ["cloth at rest, no pressure", *cells(first.rest_errors), "", "", ""]
+    if not wished:
+        rest[2] = rest[4] = ""  # floors of a single draw
+    rows = [
+        [
+            *(Markup("<b>{}</b>").format(s.title), *cells(s.result.errors)),
+            *(len(s.result.design.muscles), len(s.result.history), f"{s.result.wall_s:.0f}"),
+        ]
+        for s in sections
+    ]
+    yield page.TableBlock(("", *head, "muscles", "evaluations", "seconds"), [rest, *rows])
+    capped = [(s.title, s.result.errors.beyond) for s in sections if s.result.errors.beyond >= MANY_BEYOND]
+    yield from page.texts("note", [page.sentence(f"{name}: {told_beyond(share)}") for name, share in capped])
+    measured = any(target.measured for target in first.targets)
+    noise = "the sensor's noise" if measured else "zero, because the target has no noise"
+    how = _WISHES if wished else _ERRORS.format("measured" if measured else "target", noise)
+    side = (first.study.model or Model()).points_per_side
+    yield page.Text(f"{how} All values are of the full model, with {side} points a side.", "quiet")
+
+
+def _study(number: int, title: str, result: StudyResult) -> Iterator[page.Block]:
+    """Yield what one search came to."""
+    reach, loading, robust = result.reach, result.loading_path, result.robust
+    failed = sum(entry.diverged for entry in result.history)
+    short = " The search had not converged." if reach.lacking and not reach.beyond_noise else ""
+    lost = f" {failed} evaluations diverged." if failed else ""
+    ended = f"{page.sentence(result.stop_reason)}{short} Seed {result.study.seed}.{lost}"
+    tenth = result.after_a_tenth
+    yield page.Title(title)
+    yield page.Text(ended, "note" if reach.lacking else "quiet")
+    early = f"After a tenth of the time the best was at {page.mm(tenth)} mm." if tenth else None
+    yield from page.texts("quiet", [early, result.fewer_in_words])
+    yield from page.texts("", [result.within_said])
+    yield from page.texts("note", reach.sentences)
+    if loading:
+        yield from page.texts("note" if loading.sensitive else "quiet", loading.sentences)
+    for pose in range(len(result.targets)):
+        yield from _pose(number, result, pose)
+    if result.outputs:
+        yield page.Title("Outputs", 3)
+        yield page.TableBlock((), [(name, *values) for name, values in result.outputs.items()])
+    if robust:
+        yield page.Title("Manufacturing tolerances: simulated copies", 3)
+        yield from page.texts("note" if robust.on_another_branch else "quiet", robust_said(robust))
+        copies = shape_png(result.points[0], result.targets[0].points, [shape[0] for shape in robust.shapes])
+        yield page.Picture(copies, "the shape, its copies with scatter and the target")
+    margins = [(name.replace("_", " "), _with_unit(name, margin)) for name, margin in result.constraints.items()]
+    limits = [page.Title("Limits", 3), page.TableBlock(("limit", "margin"), margins)]
+    yield page.Columns([[page.Title("Convergence", 3), convergence(f"curve-{number}", result)], limits], "wide")
+
+
+def _pose(number: int, result: StudyResult, pose: int) -> Iterator[page.Block]:
+    """Yield the shape of one pose beside its target, and the layout with its pressures."""
+    target, muscles, pressures = result.targets[pose], result.design.muscles, result.pressures[pose]
+    if len(result.targets) > 1:
+        weight = "" if target.weight == 1 else f", weight {target.weight:g}"
+        yield page.Title(f"Pose {pose + 1}{weight}", 3)
+    asked = asked_of(result.study.targets[pose], result.points[pose], result.design.fabric)
+    if asked:
+        rows = [(own.said, in_mm(own.mean), in_mm(own.largest), f"{own.weight:g}") for own in asked]
+        yield page.TableBlock(("asked for", "mean distance\nmm", "largest\nmm", "weight"), rows)
+    corners = ["\n".join(map(_place, m.path[1:-1])) for m in muscles]
+    table = {
+        "muscle": range(len(muscles)),
+        "channel": [m.channel for m in muscles],
+        "side": [m.side for m in muscles],
+        "from u, v\nmm": [_place(m.path[0]) for m in muscles],
+        **({"by corners at": corners} if any(corners) else {}),
+        "to u, v\nmm": [_place(m.path[-1]) for m in muscles],
+        "kPa": [page.kpa(pressures[m.channel]) for m in muscles],
+    }
+    layout = page.LayoutBlock(result.design, pressures, result.study.limits.pressure[1])
+    turn = page.Text("Drag: turn. Wheel: zoom. Click a name: hide it.", "quiet")
+    flat = [page.Title("Layout and pressures, kPa", 3), layout, page.columns(table)]
+    yield page.Columns([[overlay(f"scene-{number}-{pose}", result, pose), turn], flat], "wide")
+
+
+def _place(point: tuple[float, float]) -> str:
+    return f"{page.mm(point[0], 0)}, {page.mm(point[1], 0)}"
 
 
 def _with_unit(limit: str, margin: float) -> str:
-    """A margin as people read it; lengths but for what is named here."""
+    """Return a margin as people read it; lengths but for what is named here."""
     units = {"pressure": (1e-3, "kPa"), "contraction": (1e2, "%"), "channels": (1.0, ""), "air": (1e6, "cm^3")}
     factor, unit = units.get(limit, (1e3, "mm"))
     return f"{factor * margin:.0f}" if not unit else f"{factor * margin:.1f} {unit}"
-
-
-def _robust_picture(result: StudyResult) -> Markup:
-    """The result, its copies with scatter and the target."""
-    copies = [shape[0] for shape in result.robust.shapes] if result.robust else []
-    return Markup(shape_png(result.points[0], result.targets[0].points, copies))
-
-
-def _layout(result: StudyResult, pose: int) -> Markup:
-    return Markup(layout_svg(result.design, result.pressures[pose], result.study.limits.pressure[1]))
 
 
 def _provenance(sections: Sequence[Section]) -> dict[str, str]:
@@ -89,6 +166,6 @@ def _provenance(sections: Sequence[Section]) -> dict[str, str]:
         **({} if is_wished(study.targets) else {"target clouds, sha256": hashes}),
         "parameters": "data sheet" if study.model is None else "calibrated model",
         "search": "prox-linear local searches over NLopt (SLSQP), derivatives of shapes or differences in batches",
-        "versions": package_versions(PACKAGES),
+        "versions": page.package_versions(PACKAGES),
         "Python": f"{platform.python_version()} on {platform.system()}",
     }

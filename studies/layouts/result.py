@@ -68,6 +68,11 @@ class StudyResult:
         return self.errors.chamfer if self.study.objective == "chamfer" else self.errors.surface_rms
 
     @property
+    def floor(self) -> float:
+        """Return what noise and sampling allow of that measure, m."""
+        return self.errors.chamfer_floor if self.study.objective == "chamfer" else self.errors.surface_floor
+
+    @property
     def after_a_tenth(self) -> float | None:
         """m, the best after a tenth of the study's seconds; None before the first evaluation."""
         within = 0.1 * self.study.limits.seconds
@@ -78,9 +83,12 @@ class StudyResult:
     @property
     def outputs(self) -> dict[str, list[str]]:
         """What the study asks for of the result's shapes, by name: of each pose, with its unit."""
-        return {name: [f"{value:.1f} {of['unit']}" for value in of["values"]] for name, of in self._outputs().items()}
+        every = self.output_values.items()
+        return {name: [f"{value:.1f} {of['unit']}" for value in of["values"]] for name, of in every}
 
-    def _outputs(self) -> dict[str, Any]:
+    @property
+    def output_values(self) -> dict[str, Any]:
+        """Return them with `unit` and `values`."""
         return {
             output.text: {"unit": output.unit, "values": [output.of(points) for points in self.points]}
             for output in self.study.outputs
@@ -145,7 +153,7 @@ class StudyResult:
             "stop_reason": self.stop_reason,
             "expected_within_mm": None if self.within is None else in_mm(self.within),
             "poses": self._poses(),
-            "outputs": self._outputs(),
+            "outputs": self.output_values,
             "reach": self.reach.as_json(),
             "way": self.loading_path.as_json() if self.loading_path else None,
             "after_a_tenth_mm": self.after_a_tenth and in_mm(self.after_a_tenth),

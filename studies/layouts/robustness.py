@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm, qmc
 
 from fabdesign.design import Design
+from fabdesign.json_file import plain
 from fabdesign.predictor import Predictor
 from fabdesign.search_terms import Robust
 from fabdesign.study_file import Study
@@ -189,30 +190,28 @@ def _most_delicate(
 
 
 def as_json(robustness: Robustness, robust: Robust) -> dict[str, object]:
-    """What `robust` in result.json holds: mm, null where copies diverged."""
-
-    def mm(value: float) -> float | None:
-        return in_mm(value) if np.isfinite(value) else None
-
-    return {
-        "nominal_mm": mm(robustness.nominal),
-        "expected_mm": mm(robustness.expected),
-        "worst_mm": mm(robustness.worst),
+    """Return `robust` of result.json: mm, null where copies diverged."""
+    band, (muscle, value) = robustness.band, robustness.delicate
+    content = {
+        "nominal_mm": in_mm(robustness.nominal),
+        "expected_mm": in_mm(robustness.expected),
+        "worst_mm": in_mm(robustness.worst),
         "yield": robustness.yielded,
-        "tolerance_mm": mm(robustness.tolerance),
+        "tolerance_mm": in_mm(robustness.tolerance),
         "copies": robustness.copies,
         "elsewhere": robustness.on_another_branch,
         "first_order": {
-            "expected_mm": mm(robustness.expected_linear),
+            "expected_mm": in_mm(robustness.expected_linear),
             "yield": robustness.yield_linear,
             "holds": robustness.holds,
         },
-        "band_mm": {"mean": mm(float(robustness.band.mean())), "largest": mm(float(robustness.band.max()))},
-        "delicate": {"muscle": robustness.delicate[0], "off_mm": in_mm(OFF), "value_mm": mm(robustness.delicate[1])},
+        "band_mm": {"mean": in_mm(band.mean()), "largest": in_mm(band.max())},
+        "delicate": {"muscle": muscle, "off_mm": in_mm(OFF), "value_mm": in_mm(value)},
         "doubled": robustness.doubled,
         "chosen_for": robust.choose,
         "said": said(robustness),
     }
+    return dict(plain(content))
 
 
 def said(robustness: Robustness) -> list[str]:

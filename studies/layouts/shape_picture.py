@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from fabdesign.surface import face_triangles
 from fabdesign.units import in_mm
-from studies.report import png_address
 from studies.report.oblique import box_of, draw_points, draw_room, draw_triangles
 
 Array = NDArray[np.float64]
@@ -20,8 +19,8 @@ CLOTH, TARGET = "#8fb3d9", "#b2182b"
 WIDTH, HEIGHT, DPI = 9.0, 4.4, 90  # inches of a picture, and dots an inch
 
 
-def shape_png(points: Array, target: Array, copies: Sequence[Array] = ()) -> str:
-    """A PNG as a data address. points (2 n n, 3) m: front face, then back face; target (n, 3) m. copies: shapes like
+def shape_png(points: Array, target: Array, copies: Sequence[Array] = ()) -> bytes:
+    """Return a PNG. points (2 n n, 3) m: front face, then back face; target (n, 3) m. copies: shapes like
     `points` whose columns are drawn thinly in the side view."""
     middle, others = middle_of(points), [middle_of(copy) for copy in copies]
     some = target[:: max(1, len(target) // SHOWN)]
@@ -33,7 +32,7 @@ def shape_png(points: Array, target: Array, copies: Sequence[Array] = ()) -> str
     _from_the_side(figure.add_subplot(1, 2, 2), middle, others, some, low, high)
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=DPI, metadata={"Software": None})
-    return png_address(data.getvalue())
+    return data.getvalue()
 
 
 def middle_of(points: Array) -> Array:

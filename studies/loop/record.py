@@ -1,13 +1,14 @@
 """What a loop has done so far: its pieces, by which it goes on, and `result.json`."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any, TypedDict
 
 import numpy as np
 
 from fabdesign import SIMULATOR
 from fabdesign.content import content_of, sha256
+from fabdesign.json_file import plain
 from fabdesign.loop_file import LoopStudy, StopRule, VirtualRig
 from fabdesign.units import in_mm
 from studies.layouts.kept import study_content
@@ -74,9 +75,6 @@ class Turn:
     device: DeviceErrors | None = None
     learned: Learned | None = None
 
-    def as_json(self) -> dict[str, Any]:
-        return asdict(self)
-
 
 @dataclass(frozen=True)
 class LoopOutcome:
@@ -99,13 +97,8 @@ class LoopOutcome:
         return min(measured, key=lambda turn: turn.device["excess"] if turn.device else np.inf, default=None)
 
     def as_json(self) -> dict[str, Any]:
-        values = {name.name: getattr(self, name.name) for name in fields(self) if name.name != "turns"}
-        best = self.best
-        return values | {
-            "unit": "mm",
-            "best": None if best is None else best.name,
-            "turns": [turn.as_json() for turn in self.turns],
-        }
+        """Return what result.json holds."""
+        return plain(self) | {"unit": "mm", "best": self.best and self.best.name}
 
 
 def loop_content(study: LoopStudy, targets: Sequence[LoadedTarget]) -> dict[str, str]:

@@ -1,42 +1,99 @@
 """The page that shows a loop: errors on the device turn by turn, beside what each search predicted."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
 
+from fabdesign import __version__
 from fabdesign.design_file import read_design
-from fabdesign.layout_drawing import layout_svg
 from fabdesign.loop_file import LoopStudy
 from fabdesign.output import write_text
 from fabdesign.pressure_file import read_pressures
-from studies.layouts.figures import SHOWN, TARGET, faces_trace, points_trace
 from studies.layouts.target import LoadedTarget
 from studies.loop.record import LoopOutcome, Turn
-from studies.report import PlotlyFigure, html_of, scene_layout
+from studies.report import charts, page, scene
 
 PREDICTED, DEVICE = "#92c5de", "#b2182b"
-_BAR, _GAP, _WIDE = 16, 26, 420  # of a drawing unit
 
 
 def write_report(
     outcome: LoopOutcome, study: LoopStudy, targets: Sequence[LoadedTarget], folder: Path, out: Path
 ) -> None:
     """Write `report.html` into `out`; the turns' folders lie in `folder`."""
-    measured = [turn for turn in outcome.turns if turn.device is not None]
-    figures = {turn.name: _scene(turn, targets, folder) for turn in measured}
-    page = html_of(
-        "loop/report.html.j2",
-        figures=figures,
-        outcome=outcome,
-        sentence=as_sentence(outcome),
-        targets=[target.description for target in targets],
-        bars=Markup(_bars(outcome.turns)),
-        layouts={turn.name: Markup(_layout(turn, study, folder)) for turn in outcome.turns},
-        scenes=[*figures],
-    )
-    write_text(out / "report.html", page)
+    blocks = [*_head(outcome, targets)]
+    for turn in outcome.turns:
+        blocks += _turn(turn, study, targets, folder)
+    last = page.Text(f"fabdesign {__version__}, seed {outcome.seed}, {outcome.wall_s:.0f} s.")
+    write_text(out / "report.html", page.html_of(f"{outcome.name}: loop", [*blocks, last]))
+
+
+def _head(outcome: LoopOutcome, targets: Sequence[LoadedTarget]) -> Iterator[page.Block]:
+    """Yield where the loop stands, and the errors of all turns."""
+    yield page.Title(outcome.name, 1)
+    yield page.Text(as_sentence(outcome))
+    if outcome.synthetic:
+        yield page.Text(Markup("Measured on a <b>synthetic rig</b>, not on hardware."), "note")
+    if outcome.waiting_for:
+        what = "What to sew and to run: <code>{}</code>. The set is expected in <code>{}</code>."
+        yield page.Text(Markup(what).format(outcome.asked, outcome.waiting_for), "note")
+    yield page.Text(f"Target: {'; '.join(target.description for target in targets)}")
+    yield page.Title("Excess over the noise floor, turn by turn")
+    bars = []
+    for turn in reversed(outcome.turns):
+        if turn.device is not None:
+            bars.append((f"{_name(turn)} on the device", turn.device["excess"], DEVICE))
+        bars.append((f"{_name(turn)} predicted", turn.chosen["believed"]["excess"], PREDICTED))
+    yield charts.bars("bars", bars, "mm", "excess over the noise floor")
+    yield page.Text("""Excess of surface RMS between the target's points and the predicted shape, and between the
+        target's points and the measured cloth.""")
+    predicted = "predicted\nexcess, mm", "predicted\nChamfer (floor), mm"
+    device = "excess", "surface RMS (floor)", "Chamfer (floor)", "from predicted"
+    rows = [[_name(turn), *_cells(turn)] for turn in outcome.turns]
+    yield page.TableBlock(("turn", *predicted, *(f"on the device\n{name}, mm" for name in device)), rows)
+
+
+def _name(turn: Turn) -> str:
+    return turn.name.replace("_", " ")
+
+
+def _cells(turn: Turn) -> Iterator[object]:
+    """Yield a turn's row of the table, mm."""
+    believed, device = turn.chosen["believed"], turn.device
+    yield believed["excess"]
+    yield f"{believed['chamfer']:.2f} ({believed['chamfer_floor']:.2f})"
+    if device is None:
+        yield "not measured yet"
+        return
+    yield device["excess"]
+    yield f"{device['surface_rms']:.2f} ({device['surface_floor']:.2f})"
+    yield f"{device['chamfer']:.2f} ({device['chamfer_floor']:.2f})"
+    yield device["from_believed"]
+
+
+def _turn(turn: Turn, study: LoopStudy, targets: Sequence[LoadedTarget], folder: Path) -> Iterator[page.Block]:
+    """Yield what was chosen, the shape that came of it, and what its measurements show."""
+    chosen, learned, search = turn.chosen, turn.learned, folder / turn.name / "search"
+    yield page.Title(_name(turn).capitalize())
+    reach = " ".join(chosen["reach"])
+    yield page.Text(f"Search: {chosen['evaluations']} evaluations, {chosen['stop_reason']}. {reach}")
+    design = read_design(search / "design.toml")
+    pressures = read_pressures(search / "pressures.csv", design).pressure[-1]
+    layout = page.LayoutBlock(design, pressures, study.search.limits.pressure[1])
+    yield page.Columns([*([] if turn.device is None else [[_scene(turn, targets, folder)]]), [layout]], "cell")
+    if not learned:
+        return
+    yield page.Title("What its measurements show", 3)
+    lines = [*learned["said"]]
+    if held_out := learned["held_out"]:
+        before, after = held_out["before"], held_out["after"]
+        lines.append(f"held-out trials: {before:.2f} mm excess over the noise before, {after:.2f} mm after")
+    yield from page.texts("", lines)
+    factors = [(name.replace("_", " "), f"{factor:.3f}") for name, factor in learned["factors"].items()]
+    yield page.TableBlock(("factor", "on the data sheet"), factors)
+    if learned["effects"]:
+        yield page.Text(f"Effects of the model: {', '.join(learned['effects']).replace('_', ' ')}.")
 
 
 def as_sentence(outcome: LoopOutcome) -> str:
@@ -47,7 +104,7 @@ def as_sentence(outcome: LoopOutcome) -> str:
         return f"A design is chosen. Its measurements are expected in {outcome.waiting_for}."
     said = f"The first design is {measured[0]:.2f} mm over the noise floor on the device"
     if len(measured) > 1:
-        said += f"; the nearest, {best.name.replace('_', ' ')}, is {best.device['excess']:.2f} mm over it"
+        said += f"; the nearest, {_name(best)}, is {best.device['excess']:.2f} mm over it"
     if outcome.waiting_for is not None:
         return f"{said}. The next measurements are expected in {outcome.waiting_for}."
     return f"{said}. Ended: {outcome.stop_reason}."
@@ -59,7 +116,7 @@ def as_text(outcome: LoopOutcome) -> str:
     for turn in outcome.turns:
         predicted = f"predicted {turn.chosen['believed']['excess']:.2f} mm"
         on = "not measured yet" if turn.device is None else f"{device} {turn.device['excess']:.2f} mm"
-        lines.append(f"{turn.name.replace('_', ' ')}: {predicted}, {on} over the noise floor")
+        lines.append(f"{_name(turn)}: {predicted}, {on} over the noise floor")
         lines += [f"  {line}" for line in (turn.learned["said"] if turn.learned else ())]
     if outcome.waiting_for is not None:
         lines.append(
@@ -71,40 +128,10 @@ def as_text(outcome: LoopOutcome) -> str:
     return "\n".join(lines)
 
 
-def _bars(turns: Sequence[Turn]) -> str:
-    """Excess of each turn, predicted and measured, as an SVG."""
-    pairs = [(t.name, t.chosen["believed"]["excess"], None if t.device is None else t.device["excess"]) for t in turns]
-    most = max([0.1, *(value for _, *values in pairs for value in values if value is not None)])
-    parts, y = [], 4
-    for name, *values in pairs:
-        parts.append(f'<text x="0" y="{y + _BAR}">{name.replace("_", " ")}</text>')
-        for value, colour, what in zip(values, (PREDICTED, DEVICE), ("predicted", "device"), strict=True):
-            if value is not None:
-                parts.append(
-                    f'<rect x="60" y="{y}" width="{_WIDE * value / most:.1f}" height="{_BAR}" fill="{colour}"/>'
-                )
-                text = f"{what} {value:.2f} mm"
-                parts.append(f'<text x="{66 + _WIDE * value / most:.1f}" y="{y + _BAR - 4}">{text}</text>')
-            y += _BAR + 2
-        y += _GAP - _BAR
-    return f'<svg viewBox="0 0 {_WIDE + 190} {y}" class="bars" role="img" aria-label="excess">{"".join(parts)}</svg>'
-
-
-def _layout(turn: Turn, study: LoopStudy, folder: Path) -> str:
-    search = folder / turn.name / "search"
-    design = read_design(search / "design.toml")
-    pressures = read_pressures(search / "pressures.csv", design).pressure[-1]
-    return layout_svg(design, pressures, study.search.limits.pressure[1])
-
-
-def _scene(turn: Turn, targets: Sequence[LoadedTarget], folder: Path) -> PlotlyFigure:
-    """Of the first pose: the target, the measured cloth, and the shape that the search predicted."""
+def _scene(turn: Turn, targets: Sequence[LoadedTarget], folder: Path) -> page.Chart:
+    """Return of the first pose the target, the measured cloth, and the shape that the search predicted."""
     with np.load(folder / turn.name / "shapes.npz") as arrays:
         shapes = {name: np.asarray(arrays[name][0], dtype=float) for name in ("device", "believed")}
-    target = targets[0].points
-    traces = [
-        points_trace(target[:: max(1, len(target) // SHOWN)], "target", TARGET),
-        faces_trace(shapes["device"]) | {"name": "measured", "color": DEVICE, "opacity": 0.7},
-        faces_trace(shapes["believed"]) | {"name": "predicted", "color": PREDICTED, "opacity": 0.7},
-    ]
-    return {"data": traces, "layout": scene_layout(traces)}
+    named = (("measured", shapes["device"], DEVICE), ("predicted", shapes["believed"], PREDICTED))
+    cloths = [scene.cloth(name, points, color=colour, opacity=0.7) for name, points, colour in named]
+    return scene.scene(turn.name, [scene.target_cloud(targets[0].points), *cloths])

@@ -5,8 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fabdesign.csv_table import write_rows
@@ -14,58 +12,55 @@ from fabdesign.json_file import write_json
 from fabdesign.output import write_text
 from fabdesign.sensitivity_file import SensitivityStudy
 from fabdesign.units import in_kpa
-from studies.report import html_of, package_versions, svg_of
+from studies.report import page
 from studies.sensitivity.result import SensitivityResult
 
 FIRST, TOTAL, SIGMA = "#2166ac", "#92c5de", "#b2182b"
+PACKAGES = ("taichi", "numpy", "scipy")
+_MEANS = {  # in the order in which they are said
+    "sobol": """First order: the share of the output's variance that the parameter causes alone. Total: the share with
+        all its interactions. The difference between the two sums shows how much is interaction. """,
+    "morris": """mu*: mean absolute change of the output over the parameter's whole range. mu: the same with its sign.
+        sigma: how much that change depends on the place in the ranges: 0 where the output is linear and the parameters
+        do not interact. """,
+    "all": "All intervals are bootstrap intervals, 90 %. ",
+    "tip": "tip: the distance of the edge opposite the hung one from its place without pressure. ",
+    "joint": "Parameters of the covariance are correlated. ",
+    "given": """Each bar is the share of one parameter given those before it. The bar of all of them together does not
+        depend on their order.""",
+}
 
 
 def bars_figure(result: SensitivityResult, column: int) -> Figure:
     """Return of one output Sobol indices and Morris' mu* with their 90 % intervals, the largest on top."""
-    panels = [draw for draw, own in ((_sobol, result.indices[column]), (_morris, result.screenings[column])) if own]
-    names = max(len(result.inputs.names), len(result.inputs.groups))
-    figure = Figure(figsize=(5.4 * len(panels), 1.4 + 0.32 * names), layout="constrained")
-    for draw, axes in zip(panels, np.atleast_1d(figure.subplots(1, len(panels))), strict=True):
-        draw(axes, result, column)
+    names, groups = result.inputs.names, result.inputs.groups
+    panels: list[Any] = []  # names, what is shown, by what they are sorted, bars, diamonds
+    if sobol := result.indices[column]:
+        bars = [(0.2, sobol.total, sobol.total90, TOTAL, "total")]
+        bars.append((-0.2, sobol.first, sobol.first90, FIRST, "first order"))
+        panels.append(([*groups], "Sobol index, share of the variance", sobol.total, bars, None))
+    if morris := result.screenings[column]:
+        bars = [(0.0, morris.mu_star, morris.mu_star90, TOTAL, "mu*")]
+        what = f"Morris effect over the whole range, {result.columns[column].unit}"
+        panels.append((names, what, morris.mu_star, bars, morris.sigma))
+    size = 5.4 * len(panels), 1.4 + 0.32 * max(len(names), len(groups))
+    figure = Figure(figsize=size, layout="constrained")
+    for axes, (own, what, by, bars, sigma) in zip(
+        figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True
+    ):
+        order, place = np.argsort(by), np.arange(len(by))
+        for shift, values, ends, colour, label in bars:
+            reach = np.clip([values - ends[:, 0], ends[:, 1] - values], 0, None)[:, order]
+            style = {"height": 0.4 if shift else 0.6, "color": colour, "label": label}
+            axes.barh(place + shift, values[order], xerr=reach, **style)
+        if sigma is not None:
+            axes.plot(sigma[order], place, "D", color=SIGMA, markersize=4, label="sigma")
+        axes.axvline(0, color="#1c2430", linewidth=0.8)
+        axes.set_yticks(place, [own[i] for i in order])
+        axes.set(xlabel=f"{what}, with 90 % intervals", axisbelow=True)
         axes.legend(fontsize="small", frameon=False, ncols=2, loc="lower left", bbox_to_anchor=(0, 1), borderpad=0)
         axes.grid(axis="x", color="#e3e7ec")
-        axes.set_axisbelow(True)
     return figure
-
-
-def _sobol(axes: Axes, result: SensitivityResult, column: int) -> None:
-    indices = result.indices[column]
-    assert indices is not None
-    names, order = [*result.inputs.groups], np.argsort(indices.total)
-    place = np.arange(len(order))
-    for shift, values, interval, colour, label in (
-        (0.2, indices.total, indices.total90, TOTAL, "total"),
-        (-0.2, indices.first, indices.first90, FIRST, "first order"),
-    ):
-        axes.barh(place + shift, values[order], 0.4, xerr=_reach(values, interval)[:, order], color=colour, label=label)
-    axes.set_yticks(place, [names[i] for i in order])
-    axes.axvline(0, color="#1c2430", linewidth=0.8)
-    axes.set(xlabel="Sobol index, share of the variance, with 90 % intervals")
-
-
-def _morris(axes: Axes, result: SensitivityResult, column: int) -> None:
-    screening = result.screenings[column]
-    assert screening is not None
-    order = np.argsort(screening.mu_star)
-    place = np.arange(len(order))
-    reach = _reach(screening.mu_star, screening.mu_star90)[:, order]
-    axes.barh(place, screening.mu_star[order], 0.6, xerr=reach, color=TOTAL, label="mu*")
-    axes.plot(screening.sigma[order], place, "D", color=SIGMA, markersize=4, label="sigma")
-    axes.set_yticks(place, [result.inputs.names[i] for i in order])
-    axes.set(xlabel=f"Morris effect over the whole range, {result.columns[column].unit}, with 90 % intervals")
-
-
-def _reach(values: np.ndarray, interval: np.ndarray) -> np.ndarray:
-    """(2, n) how far the intervals reach to either side of the values."""
-    return np.clip(np.stack([values - interval[:, 0], interval[:, 1] - values]), 0, None)
-
-
-PACKAGES = ("taichi", "numpy", "scipy")
 
 
 def write_report(result: SensitivityResult, out: Path) -> None:
@@ -85,19 +80,57 @@ def _rows(result: SensitivityResult) -> Iterator[list[Any]]:
 
 
 def render(result: SensitivityResult) -> str:
-    """HTML, self-contained."""
-    varies = [k for k in range(len(result.columns)) if result.screenings[k] or result.indices[k]]
-    return html_of(
-        "sensitivity/report.html.j2",
-        result=result,
-        study=result.study,
-        columns=result.columns,
-        varies=varies,
-        bars={k: Markup(svg_of(bars_figure(result, k))) for k in varies},
-        json=result.as_json(),
-        held=_held(result.study),
-        versions=package_versions(PACKAGES),
-    )
+    """Return HTML, self-contained."""
+    return page.html_of(result.study.name, _blocks(result))
+
+
+def _blocks(result: SensitivityResult) -> Iterator[page.Block]:
+    study, outputs = result.study, result.as_json()["outputs"]
+    yield page.Title(study.name, 1)
+    yield page.Text(f"""What the {"motion" if study.at else "shape at rest"} of design {study.design.name} depends on:
+        {result.samples} samples, {study.points_per_side} grid points a side, seed {study.seed}.""")
+    for line in result.sentences:
+        yield page.Text(line, "note" if line in result.warnings else "quiet")
+    rows = [
+        (f"{name}, {x['unit']}", f"{x['mean']:.4g}", f"{x['std']:.3g}", f"{x['low90']:.4g} to {x['high90']:.4g}")
+        for name, x in outputs.items()
+    ]
+    yield page.TableBlock(("output", "mean", "standard deviation", "90 % of samples"), rows)
+    for k, (name, output) in enumerate(outputs.items()):
+        if "sobol" in output or "morris" in output:
+            yield page.Title(name)
+            yield page.Picture(bars_figure(result, k))
+            yield from _tables(output)
+    yield page.Title("How to read it")
+    apply = {"all", *result.computed, *({"tip"} & {*study.outputs})}
+    if study.joint:
+        apply |= {"joint", "given"} if "sobol" in apply else {"joint"}
+    yield page.Text("".join(text for name, text in _MEANS.items() if name in apply))
+    varied = [(v.name, v.what, v.unit or "factor", f"{v.low:g}", f"{v.high:g}") for v in study.varied]
+    yield page.TableBlock(("varied", "what", "unit", "from", "to"), varied, left=(1,))
+    yield from page.texts("", [f"Held, kPa: {held}." if (held := _held(study)) else None])
+    times = f"{result.wall_s:.0f} s by the clock, {result.cpu_s:.0f} s of the processor"
+    yield page.Text(f"{times}. {page.package_versions(PACKAGES)}.", "quiet")
+
+
+def _tables(output: dict[str, Any]) -> Iterator[page.Block]:
+    """Yield the measures of an output, the parameters that matter most first."""
+    unit, ends = output["unit"], "90 %"
+    sobol = {"first": "first order", "first_interval90": ends, "total": "total", "total_interval90": ends}
+    morris = {"mu_star": f"mu*, {unit}", "interval90": ends, "mu": f"mu, {unit}", "sigma": f"sigma, {unit}"}
+    for method, by, number, heads in (("sobol", "total", ".3f", sobol), ("morris", "mu_star", ".4g", morris)):
+        if measures := ranked(output, method, by):
+            rows = [(name, *(_figure(x[key], number) for key in heads)) for name, x in measures]
+            yield page.TableBlock((method.capitalize(), *heads.values()), rows)
+
+
+def _figure(value: Any, number: str) -> str:
+    return page.interval(value, number) if isinstance(value, list) else f"{value:{number}}"
+
+
+def ranked(output: dict[str, Any], method: str, by: str) -> list[tuple[str, dict[str, Any]]]:
+    """Return a method's measures of an output by parameter, the largest first; none where it did not take part."""
+    return sorted(output.get(method, {}).items(), key=lambda item: -item[1][by])
 
 
 def _held(study: SensitivityStudy) -> str:
@@ -114,21 +147,13 @@ def as_text(result: SensitivityResult) -> str:
         lines.append(
             f"{column}: {output['mean']:.4g} {output['unit']} (90 % {output['low90']:.4g} to {output['high90']:.4g})"
         )
-        if "sobol" in output:
-            ranked = sorted(output["sobol"].items(), key=lambda item: -item[1]["total"])
-            lines += [
-                f"  {name:<28} first {x['first']:6.3f} ({_pair(x['first_interval90'])})   "
-                f"total {x['total']:6.3f} ({_pair(x['total_interval90'])})"
-                for name, x in ranked
-            ]
-        if "morris" in output:
-            ranked = sorted(output["morris"].items(), key=lambda item: -item[1]["mu_star"])
-            lines += [
-                f"  {name:<28} mu* {x['mu_star']:8.4g} ({_pair(x['interval90'])})   sigma {x['sigma']:8.4g}"
-                for name, x in ranked
-            ]
+        lines += [
+            f"  {name:<28} first {x['first']:6.3f} ({page.interval(x['first_interval90'], '.3g')})   "
+            f"total {x['total']:6.3f} ({page.interval(x['total_interval90'], '.3g')})"
+            for name, x in ranked(output, "sobol", "total")
+        ]
+        lines += [
+            f"  {name:<28} mu* {x['mu_star']:8.4g} ({page.interval(x['interval90'], '.3g')})   sigma {x['sigma']:8.4g}"
+            for name, x in ranked(output, "morris", "mu_star")
+        ]
     return "\n".join([*lines, *result.sentences])
-
-
-def _pair(interval: list[float]) -> str:
-    return f"{interval[0]:.3g} to {interval[1]:.3g}"

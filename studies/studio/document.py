@@ -1,148 +1,274 @@
-"""What is edited, with what was before and after it."""
+"""The document of a sitting: the drawing under edit, its targets, results of searches, the model, what is selected."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Literal
 
-from studies.studio.layout import Layout
-
-MOST = 500  # steps back
-
-
-@dataclass(frozen=True)
-class DrawnLayout:
-    """A layout with the pressures of the pose that is shown. others: (channels,) Pa of the poses that were shown
-    before, by their numbers."""
-
-    layout: Layout
-    pose: int = 0
-    others: tuple[tuple[int, tuple[float, ...]], ...] = ()
-
-    def pressures(self, pose: int) -> tuple[float, ...]:
-        """(channels,) Pa; of a pose that was never shown those of the one that is."""
-        design = self.layout.design
-        own = self.layout.pressures if pose == self.pose else dict(self.others).get(pose, self.layout.pressures)
-        return Layout.of(design, own).pressures
-
-    def at(self, pose: int) -> "DrawnLayout":
-        """The same, with another pose shown."""
-        others = {**dict(self.others), self.pose: self.layout.pressures}
-        others.pop(pose, None)
-        return DrawnLayout(Layout.of(self.layout.design, self.pressures(pose)), pose, tuple(sorted(others.items())))
-
-    def without(self, pose: int) -> "DrawnLayout":
-        """The same without a pose: those after it move up, and the one before the last is shown in place of it."""
-        kept = self.at(pose - 1 if pose else 1) if pose == self.pose else self
-        others = tuple((k - (k > pose), p) for k, p in kept.others if k != pose)
-        return replace(kept, pose=kept.pose - (kept.pose > pose), others=others)
-
-    def same_content(self, other: "DrawnLayout") -> bool:
-        """Whether design and pressures of every pose are the same, whichever pose is shown."""
-        poses = {self.pose, other.pose, *dict(self.others), *dict(other.others)}
-        return self.layout.design == other.layout.design and all(
-            self.pressures(pose) == other.pressures(pose) for pose in poses
-        )
+from fabdesign.errors import InputError
+from fabdesign.study_targets import TargetFile
+from fabdesign.trial import Trial
+from studies.studio.history import DrawingHistory
+from studies.studio.layout import Layout, Point, move_corner, move_muscle, point_name, row_distance, snapped
+from studies.studio.limits import Broken, broken_limits
+from studies.studio.model_choice import ModelChoice
+from studies.studio.opening import Opened
+from studies.studio.results import Result, Row, Seen
+from studies.studio.target import Comparison, ShownTarget, placed_by_hand
 
 
 class Document:
-    """A drawing under edit, with undo and redo. A gesture (a drag, a slider's way) is one step, however many layouts it
-    passes through."""
+    """What a person edits, and what of it is shown. One thread owns it; the page asks through a queue.
 
-    def __init__(self, layout: Layout) -> None:
-        self._past: list[tuple[str, DrawnLayout]] = []  # what was done, and the drawing before it
-        self._future: list[tuple[str, DrawnLayout]] = []
-        self._gesture: tuple[str, DrawnLayout] | None = None  # what is under way, and where it began
-        self.drawing = DrawnLayout(layout)
-        self._kept = self.drawing
+    history: the own drawing; drawn: its last shape. targets: one for each pose; none where nothing is aimed at. shown:
+    a result of a search; None: the own drawing. beside: whether another drawing is shown beside. message: what was told
+    last, and whether it is bad news. listeners: called when what is shown, its model or its target is another one.
+    show: draws the page."""
+
+    def __init__(self, opened: Opened, clock: Callable[[], float]) -> None:
+        self.opened, self.limits, self._clock = opened, opened.limits, clock
+        self.history, self.choice = DrawingHistory(opened.layout), ModelChoice.of(opened.model)
+        self.targets, self.results = list(opened.targets), list[Result]()
+        self.drawn, self.beside = Seen(), True
+        self.shown: Result | None = None
+        self.snap, self.row_distance = False, row_distance(opened.layout.design)
+        self.selected: int | None = 0 if opened.layout.design.muscles else None
+        self.message = "", False
+        self.listeners: list[Callable[[], None]] = []
+        self.show: Callable[[], None] = lambda: None
+        self._touched = clock()
+        self._dragged: Layout | None = None  # where a drag of a whole muscle began
+        self._broken: tuple[Layout, list[Broken]] | None = None
+
+    # what is shown
 
     @property
     def layout(self) -> Layout:
-        return self.drawing.layout
+        return self.history.layout if self.shown is None else self.shown.layout(self.pose)
 
     @property
     def pose(self) -> int:
-        return self.drawing.pose
+        return self.history.pose
 
     @property
-    def changed(self) -> bool:
-        """Whether design or pressures are others than those last saved or opened."""
-        return not self.drawing.same_content(self._kept)
+    def target(self) -> ShownTarget | None:
+        """Return the target of the pose that is shown."""
+        return self.targets[self.pose] if self.targets else None
 
     @property
-    def in_gesture(self) -> bool:
-        return self._gesture is not None
+    def pressures(self) -> list[tuple[float, ...]]:
+        """Return the pressures (channels,) Pa of every pose."""
+        if self.shown is not None:
+            return [layout.pressures for layout in self.shown.layouts]
+        return [self.history.drawing.pressures(pose) for pose in range(max(len(self.targets), 1))]
 
-    def do(self, what: str, layout: Layout) -> None:
-        """One step."""
-        self.end()
-        self._step(what, self.drawing, replace(self.drawing, layout=layout))
+    @property
+    def layouts(self) -> tuple[Layout, ...]:
+        """Return one layout for each pose."""
+        return tuple(Layout.of(self.layout.design, pressures) for pressures in self.pressures)
+
+    @property
+    def model_file(self) -> Path | None:
+        """Return the model's file where it is the one that holds."""
+        return self.opened.model_file if self.choice.fitted else None
+
+    @property
+    def trials(self) -> dict[str, Trial]:
+        """Return the trials of the set that was opened, by a name for each."""
+        trials = self.opened.measured.trials if self.opened.measured else ()
+        return {f"{trial.name} ({trial.design_name}, {trial.role})": trial for trial in trials}
+
+    @property
+    def moving(self) -> bool:
+        """Return whether a hand is in the middle of a gesture."""
+        return self.history.in_gesture and self.shown is None
+
+    @property
+    def seen(self) -> Seen:
+        """Return what was seen of the drawing that is shown."""
+        return self.drawn if self.shown is None else self.shown
+
+    @property
+    def comparison(self) -> Comparison | None:
+        """Return how far the drawing that is shown is from the target, once it was seen."""
+        return self.seen.comparison
+
+    def other(self) -> tuple[Layout, Seen] | None:
+        """Return the drawing that is shown beside: the own one beside a result, the last result beside the own one."""
+        if not self.beside or (self.shown is None and not self.results):
+            return None
+        if self.shown is not None:
+            return self.history.layout, self.drawn
+        return self.results[-1].layout(self.pose), self.results[-1]
+
+    def rows(self) -> list[Row]:
+        """Return the rows of the table that compares the own drawing with the results."""
+        alone = len(self.targets) == 1  # over several poses a search's objective is a mean
+        drawn = Row.of("own drawing", self.history.layout, self.drawn, shown=self.shown is None)
+        return [drawn] + [
+            Row.of(r.name, r.layout(self.pose), r, shown=self.shown is r, objective=r.objective if alone else None)
+            for r in self.results
+        ]
+
+    def broken(self) -> list[Broken]:
+        """Return the limits that are broken, worked out once for each layout."""
+        if self._broken is None or self._broken[0] is not self.layout:
+            self._broken = self.layout, broken_limits(self.layout, self.limits)
+        return self._broken[1]
+
+    # what is told
+
+    def tell(self, text: str, *, bad: bool = False) -> None:
+        self.message = text, bad
+        self.show()
+
+    @contextmanager
+    def refusals(self) -> Iterator[None]:
+        """Tell bad input in place of raising it."""
+        try:
+            yield
+        except InputError as error:
+            self.tell(str(error), bad=True)
+
+    def changed(self) -> None:
+        """Say that what is shown, its model or its target is another one."""
+        count = len(self.layout.design.muscles)
+        if self.selected is None or self.selected >= count:
+            self.selected = count - 1 if count else None
+        for listener in reversed(self.listeners):  # the simulator was there first, and is asked last
+            listener()
+        self.show()
+
+    # changes of the layout
+
+    def edit(self, what: str, change: Callable[[Layout], Layout]) -> None:
+        """Take one step."""
+        self.take()
+        with self.refusals():
+            self.history.do(what, change(self.layout))
+            self.changed()
+
+    def edit_muscle(self, what: str, change: Callable[..., Layout], *arguments: object) -> None:
+        """Change the muscle that is selected: `change(layout, muscle, *arguments)`."""
+        if (i := self.selected) is not None:
+            self.edit(f"{what} of muscle {i}", lambda layout: change(layout, i, *arguments))
+
+    def drag(self, what: str, layout: Layout, *, last: bool = False) -> None:
+        """Go through a moment of a gesture."""
+        self.take()
+        self.history.shape(what, layout)
+        self._touched = self._clock()
+        if last:
+            self.history.end()
+        self.changed()
+
+    def end_gesture(self, calm: float) -> None:
+        """End a gesture without an end of its own, as of a slider, once nothing came for `calm` s."""
+        if self.moving and self._dragged is None and self._clock() - self._touched > calm:
+            self.history.end()
+            self.changed()
+
+    def select(self, index: int) -> None:
+        self.selected = index
+        self.show()
+
+    def set_option(self, name: Literal["snap", "row_distance", "beside"], value: float | bool) -> None:
+        """Set how the layout is edited and shown."""
+        setattr(self, name, value)
+        self.show()
+
+    def drag_corner(self, index: int, corner: int, to: Point, *, last: bool) -> None:
+        design = self.layout.design
+        if index >= len(design.muscles) or corner >= len(design.muscles[index].path):
+            return  # removed meanwhile, in another tab
+        self._dragged = None if last else self.layout
+        if self.snap:
+            to = snapped(to, (design.fabric.width, design.fabric.height), self.row_distance)
+        name = point_name(design.muscles[index], corner)
+        self.drag(f"move {name} {corner} of muscle {index}", move_corner(self.layout, index, corner, to), last=last)
+
+    def drag_muscle(self, index: int, by: Point, *, last: bool) -> None:
+        """Move a whole muscle `by` m since the drag began."""
+        if index >= len(self.layout.design.muscles):
+            return
+        start = self._dragged or self.layout
+        if self.snap:
+            rows = self.row_distance
+            by = (rows * round(by[0] / rows), rows * round(by[1] / rows))
+        self._dragged = None if last else start
+        self.drag(f"move muscle {index}", move_muscle(start, index, by), last=last)
+
+    def press(self, channel: int, pressure: float) -> None:
+        """Take a slider's value, Pa: a gesture until it is left alone."""
+        if channel < len(self.layout.pressures):
+            self.drag(f"pressure of channel {channel}", self.layout.with_pressure(channel, pressure))
+
+    def undo(self) -> None:
+        self._step("undone", self.history.undo)
+
+    def redo(self) -> None:
+        self._step("done again", self.history.redo)
+
+    def _step(self, how: str, step: Callable[[], str | None]) -> None:
+        if self.shown is not None:
+            self.show_result(None)
+        pose, what = self.pose, step()
+        if what is None:
+            return
+        self._dragged = None
+        if self.pose != pose:
+            self._forget()
+        self.changed()
+        self.tell(f"{how}: {what}")
+
+    # another drawing, model or target
+
+    def show_result(self, result: Result | None) -> None:
+        """Show a result in place of what is shown; None: the own drawing."""
+        self.history.end()
+        self.shown = result if result in self.results else None
+        self.changed()
+
+    def take(self) -> None:
+        """Make the result that is shown the own drawing, as a step that can be undone; an edit does so too."""
+        if self.shown is None:
+            return
+        result, self.shown = self.shown, None
+        self.history.take(f"take {result.name}", result.layouts)
+        self.drawn.shape, self.drawn.comparison = result.shape, result.comparison
+        self.changed()
+
+    def choose(self, choice: ModelChoice) -> None:
+        """Take another model, or other effects."""
+        self.choice = choice
+        self._forget()
+        self.changed()
 
     def show_pose(self, pose: int) -> None:
-        """One step to another pose of the same design."""
-        self.end()
-        self._step(f"pose {pose}", self.drawing, self.drawing.at(pose))
+        """Show another of the study's targets, with its own pressures of the same layout: one step."""
+        if pose != self.pose and 0 <= pose < len(self.targets):
+            self.history.show_pose(pose)
+            self._forget()
+            self.changed()
 
-    def take(self, what: str, layouts: Sequence[Layout]) -> None:
-        """One step to the layouts of another drawing, one for each pose."""
-        self.end()
-        others = tuple((k, layout.pressures) for k, layout in enumerate(layouts) if k != self.pose)
-        shown = layouts[min(self.pose, len(layouts) - 1)]
-        self._step(what, self.drawing, DrawnLayout(shown, self.pose, others))
+    def open_target(self, file: TargetFile | None) -> None:
+        """Put a target in the place of the pose that is shown; None takes it away, and the pose where there are
+        others."""
+        with self.refusals():
+            target = None if file is None else ShownTarget.read(file, self.layout.design)
+            pose = self.pose
+            self.targets[pose : pose + 1] = [] if target is None else [target]
+            if target is None and self.targets:
+                self.history.remove_pose(pose)
+            self._forget()
+            self.changed()
 
-    def remove_pose(self, pose: int) -> None:
-        """A pose is no more: in no step either."""
-        self.end()
-        self._everywhere(lambda drawing: drawing.without(pose))
+    def place_target(self, rotation: tuple[float, ...], translation: tuple[float, ...]) -> None:
+        """Place the target by hand. rotation: degrees about the fixed axes; translation: m."""
+        if self.target is not None:
+            self.open_target(placed_by_hand(self.target.file, rotation, translation))
 
-    def _everywhere(self, change: Callable[[DrawnLayout], DrawnLayout]) -> None:
-        self.drawing, self._kept = change(self.drawing), change(self._kept)
-        self._past = [(what, change(drawing)) for what, drawing in self._past]
-        self._future = [(what, change(drawing)) for what, drawing in self._future]
-
-    def shape(self, what: str, layout: Layout) -> None:
-        """A moment of a gesture; another one's end is the beginning of this."""
-        if self._gesture is None or self._gesture[0] != what:
-            self.end()
-            self._gesture = what, self.drawing
-        self.drawing = replace(self.drawing, layout=layout)
-
-    def end(self) -> None:
-        """Let go: the gesture under way, if any, becomes one step."""
-        if self._gesture is not None:
-            (what, before), self._gesture = self._gesture, None
-            self._step(what, before, self.drawing)
-
-    def _step(self, what: str, before: DrawnLayout, after: DrawnLayout) -> None:
-        self.drawing = after
-        if before != after:
-            self._past = [*self._past[-MOST + 1 :], (what, before)]
-            self._future = []
-
-    def undo(self) -> str | None:
-        """What was undone, if anything was there."""
-        self.end()
-        return self._move(self._past, self._future)
-
-    def redo(self) -> str | None:
-        self.end()
-        return self._move(self._future, self._past)
-
-    def _move(self, source: list[tuple[str, DrawnLayout]], goal: list[tuple[str, DrawnLayout]]) -> str | None:
-        if not source:
-            return None
-        what, drawing = source.pop()
-        goal.append((what, self.drawing))
-        self.drawing = drawing
-        return what
-
-    @property
-    def next_undo(self) -> str | None:
-        return self._past[-1][0] if self._past else None
-
-    def offer(self, what: str, layout: Layout) -> None:
-        """Put a layout where redo finds it, before all else."""
-        self._future.append((what, replace(self.drawing, layout=layout)))
-
-    def keep(self) -> None:
-        """The drawing as it is now has been saved."""
-        self.end()
-        self._kept = self.drawing
+    def _forget(self) -> None:
+        """Drop what was seen: it was under another model, or beside another target."""
+        for seen in (self.drawn, *self.results):
+            seen.forget()

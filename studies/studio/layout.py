@@ -1,7 +1,11 @@
-"""What is edited: a design and the pressures of its channels, and each change that a person can make to it."""
+"""What is edited: a design and the pressures of its channels, each change that a person can make, and lacing rows."""
 
 import itertools
+from collections import Counter
 from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
 
 from fabdesign.design import Design
 from fabdesign.effort import MUSCLES
@@ -11,6 +15,7 @@ from fabdesign.pressure import limits
 
 Point = tuple[float, float]  # (u, v) m
 HIGHEST = 400e3  # Pa, of a slider where no muscle type on the channel says less
+LEAST_SPACING = 1e-3  # m between lacing rows
 _MARGIN = 0.1  # of the cloth's side, that a new muscle leaves free
 _MICRO = 6  # digits of a coordinate in m: a micrometre is finer than any hand sews
 
@@ -24,7 +29,7 @@ class Layout:
 
     @staticmethod
     def of(design: Design, pressures: tuple[float, ...] = ()) -> "Layout":
-        """With a pressure for each of the design's channels: those given, then zero."""
+        """Return a layout with a pressure for each of the design's channels: those given, then zero."""
         count = design.channels
         return Layout(design, (*pressures[:count], *(0.0,) * (count - len(pressures))))
 
@@ -37,12 +42,12 @@ class Layout:
         return self.with_muscles(tuple(muscles))
 
     def with_pressure(self, channel: int, pressure: float) -> "Layout":
-        """pressure: Pa."""
+        """Return the layout with another pressure [Pa] on a channel."""
         return replace(self, pressures=(*self.pressures[:channel], pressure, *self.pressures[channel + 1 :]))
 
 
 def highest(design: Design) -> list[float]:
-    """Pa, the end of each channel's slider: what its muscles bear, and not beyond HIGHEST where none says."""
+    """Return the end [Pa] of each channel's slider: what its muscles bear, HIGHEST at most where none says."""
     return [min(HIGHEST, float(most)) if most >= 1e6 else float(most) for most in limits(design)]
 
 
@@ -73,8 +78,8 @@ def move_muscle(layout: Layout, index: int, by: Point) -> Layout:
 
 
 def add_muscle(layout: Layout, like: int | None = None) -> Layout:
-    """One more, last in the list, down the middle of the front, on a channel of its own; `like` another one in type,
-    face and pitch. Raises InputError where the design has no muscle type, or as many muscles as there may be."""
+    """Add a muscle, last in the list, down the middle of the front, on a channel of its own; `like` another one in
+    type, face and pitch. Raises InputError where the design has no muscle type, or as many muscles as there may be."""
     design, fabric = layout.design, layout.design.fabric
     if not design.muscle_types:
         raise InputError(f"{design.name}: has no muscle types; expected one for a muscle to be of")
@@ -101,19 +106,20 @@ def remove_muscle(layout: Layout, index: int) -> Layout:
 
 
 def flip(layout: Layout, index: int) -> Layout:
-    """To the other face, in the same place of the cloth."""
+    """Put a muscle on the other face, in the same place of the cloth."""
     muscle = layout.design.muscles[index]
     return layout.with_muscle(index, replace(muscle, side="back" if muscle.side == "front" else "front"))
 
 
 def set_type(layout: Layout, index: int, name: str) -> Layout:
+    """Make a muscle of another type. Raises InputError for a type that the design does not have."""
     if name not in layout.design.muscle_types:
         raise InputError(f"muscle type {name}: expected one of {', '.join(layout.design.muscle_types)}")
     return layout.with_muscle(index, replace(layout.design.muscles[index], type=name))
 
 
 def set_channel(layout: Layout, index: int, channel: int) -> Layout:
-    """Raises InputError for a channel that would leave empty ones below it."""
+    """Put a muscle on a channel. Raises InputError for a channel that would leave empty ones below it."""
     if not 0 <= channel <= layout.design.channels:
         raise InputError(f"channel {channel}: expected 0 to {layout.design.channels}, the next free one")
     return layout.with_muscle(index, replace(layout.design.muscles[index], channel=channel))
@@ -132,7 +138,7 @@ def add_corner(layout: Layout, index: int) -> Layout:
 
 
 def remove_corner(layout: Layout, index: int, corner: int) -> Layout:
-    """Raises InputError where a muscle would have one point left, or two in one place."""
+    """Take a point off a muscle. Raises InputError where one point would remain, or two in one place."""
     muscle = layout.design.muscles[index]
     path = (*muscle.path[:corner], *muscle.path[corner + 1 :])
     if len(path) < 2 or any(a == b for a, b in itertools.pairwise(path)):
@@ -144,3 +150,27 @@ def _within(design: Design, point: Point) -> Point:
     fabric = design.fabric
     u, v = min(max(point[0], 0.0), fabric.width), min(max(point[1], 0.0), fabric.height)
     return min(round(u, _MICRO), fabric.width), min(round(v, _MICRO), fabric.height)
+
+
+def row_distance(design: Design) -> float:
+    """Return the distance [m] between lacing rows where nobody says: half the pitch that most muscles have, so that a
+    row runs through every fixed point of a muscle that starts on a row, and between."""
+    pitches = Counter(muscle.fixed_point_pitch for muscle in design.muscles)
+    return max((pitches.most_common(1)[0][0] if pitches else 0.02) / 2, LEAST_SPACING)
+
+
+def rows(length: float, distance: float) -> NDArray[np.float64]:
+    """Return rows (n,) m from an edge, every `distance`; the edges themselves are none."""
+    places = distance * np.arange(1, int(np.ceil(length / distance)))
+    return np.asarray(places[places < length - 1e-9], dtype=np.float64)
+
+
+def snapped(point: Point, size: Point, distance: float) -> Point:
+    """Return the crossing of two rows that lies nearest to `point`, on a cloth of `size` (width, height) m; a cloth
+    narrower than two rows has none, and keeps the coordinate."""
+    u, v = (_nearest(x, rows(length, distance)) for x, length in zip(point, size, strict=True))
+    return u, v
+
+
+def _nearest(x: float, among: NDArray[np.float64]) -> float:
+    return float(round(among[np.argmin(np.abs(among - x))], 9)) if len(among) else x

@@ -1,17 +1,15 @@
 """The limits of a layout in words, where they are broken: the margins of the search, and what `check` finds."""
 
-from dataclasses import dataclass, replace
-from itertools import combinations
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from fabdesign.design import Design
-from fabdesign.muscle import Muscle
 from fabdesign.pressure import LARGEST
 from fabdesign.pressure import limits as pressure_limits
 from fabdesign.units import in_kpa, in_mm
-from optimize.geometry import bend_radius, clearance
-from optimize.margins import Limits, constraint_margins
+from optimize.margins import Limits, Margins
 from studies.studio.layout import Layout
 
 _ROUNDING = 1e-6  # m
@@ -28,73 +26,56 @@ class Broken:
 
 
 def broken_limits(layout: Layout, limits: Limits) -> list[Broken]:
-    """Of every muscle, every two on one face, and every channel. Muscles and channels count from 0, as in files."""
-    design = layout.design
-    broken = [line for i, muscle in enumerate(design.muscles) for line in _of_one(design, i, muscle, limits)]
-    broken += _of_pairs(design, limits)
-    return broken + _of_pressures(layout, limits)
+    """Return those of every muscle, every two on one face, and every channel, which count from 0 as in files."""
+    broken = [*_of_edges(layout.design, limits), *_of_margins(layout.design, limits)]
+    return [*sorted(broken, key=lambda line: (len(line.muscles), line.muscles)), *_of_pressures(layout, limits)]
 
 
-def _of_one(design: Design, index: int, muscle: Muscle, limits: Limits) -> list[Broken]:
-    alone = replace(design, muscles=(muscle,))
-    margins = constraint_margins(alone, np.full(1, limits.pressure[0]), limits)
-    kind, who = design.muscle_types[muscle.type], (index,)
-    length = f"{in_mm(muscle.length):.1f} mm long"
-    broken = []
-    if (free := margins["inside_cloth"]) < limits.edge - _ROUNDING:
-        message = f"lies {in_mm(free):.1f} mm from the edge; expected {in_mm(limits.edge):g} mm"
-        broken.append(Broken("edge", f"muscle {index} {message}", who))
-    if margins["shortest"] < -_ROUNDING:
-        message = (
-            f"is {length}; expected two pitches, {2e3 * muscle.fixed_point_pitch:g} mm, or it hardly bends the cloth"
-        )
-        broken.append(Broken("shortest", f"muscle {index} {message}", who))
-    if margins.get("stock_length", 0.0) < -_ROUNDING:
-        most = (kind.stock_length or 0.0) - 2 * (kind.tail_length or 0.0)
-        message = f"is {length}; expected at most {in_mm(most):.0f} mm, the stock of {kind.name} less its tails"
-        broken.append(Broken("stock_length", f"muscle {index} {message}", who))
-    if margins.get("min_bend_radius", 0.0) < -_ROUNDING and kind.min_bend_radius is not None:
-        radius = in_mm(bend_radius(np.array(muscle.path)))
-        message = f"has a corner of {radius:.1f} mm radius; expected {in_mm(kind.min_bend_radius):g} mm of {kind.name}"
-        broken.append(Broken("min_bend_radius", f"muscle {index} {message}", who))
-    return broken
+def _of_edges(design: Design, limits: Limits) -> Iterator[Broken]:
+    size = np.array([design.fabric.width, design.fabric.height])
+    for i, muscle in enumerate(design.muscles):
+        free = float(np.min([muscle.path, size - muscle.path]))
+        if free < limits.edge - _ROUNDING:
+            message = f"lies {in_mm(free):.1f} mm from the edge; expected {in_mm(limits.edge):g} mm"
+            yield Broken("edge", f"muscle {i} {message}", (i,))
 
 
-def _of_pairs(design: Design, limits: Limits) -> list[Broken]:
-    broken = []
-    paths = [np.array(muscle.path) for muscle in design.muscles]
-    low, high = (np.array([end(path) for path in paths]).reshape(-1, 2) for end in (_lowest, _highest))
-    for i, j in combinations(range(len(paths)), 2):
-        side = design.muscles[i].side
-        far = np.any(low[i] - high[j] >= limits.spacing) or np.any(low[j] - high[i] >= limits.spacing)
-        if side != design.muscles[j].side or far:
-            continue
-        gap = clearance(paths[i], paths[j])
+def _of_margins(design: Design, limits: Limits) -> Iterator[Broken]:
+    if not design.muscles:
+        return
+    margins = Margins(design, limits)
+    values = margins.at(np.concatenate([muscle.path for muscle in design.muscles])).tolist()
+    for name, who, margin in zip(margins.names, margins.muscles, values, strict=True):
+        crossing = name == "spacing" and margin + limits.spacing < 0
+        if crossing or margin < -_ROUNDING:
+            yield Broken("crossing" if crossing else name, _in_words(design, limits, name, who, margin), who)
+
+
+def _in_words(design: Design, limits: Limits, name: str, who: tuple[int, ...], margin: float) -> str:
+    muscle = design.muscles[who[0]]
+    kind = design.muscle_types[muscle.type]
+    if name == "spacing":
+        pair, gap, least = f"muscles {who[0]} and {who[1]}", margin + limits.spacing, in_mm(limits.spacing)
         if gap < 0:
-            broken.append(Broken("crossing", f"muscles {i} and {j} cross on the {side}; expected them apart", (i, j)))
-        elif gap < limits.spacing - _ROUNDING:
-            message = f"lie {in_mm(gap):.1f} mm apart on the {side}; expected {in_mm(limits.spacing):g} mm"
-            broken.append(Broken("spacing", f"muscles {i} and {j} {message}", (i, j)))
-    return broken
+            return f"{pair} cross on the {muscle.side}; expected them apart"
+        return f"{pair} lie {in_mm(gap):.1f} mm apart on the {muscle.side}; expected {least:g} mm"
+    if name == "min_bend_radius":
+        least = kind.min_bend_radius or 0.0
+        corner = f"a corner of {in_mm(margin + least):.1f} mm radius"
+        return f"muscle {who[0]} has {corner}; expected {in_mm(least):g} mm of {kind.name}"
+    length = f"muscle {who[0]} is {in_mm(muscle.length):.1f} mm long"
+    if name == "shortest":
+        pitches = f"two pitches, {in_mm(2 * muscle.fixed_point_pitch):g} mm"
+        return f"{length}; expected {pitches}, or it hardly bends the cloth"
+    stock = in_mm((kind.stock_length or 0.0) - 2 * (kind.tail_length or 0.0))
+    return f"{length}; expected at most {stock:.0f} mm, the stock of {kind.name} less its tails"
 
 
-def _lowest(path: np.ndarray) -> np.ndarray:
-    return np.asarray(path.min(axis=0))
-
-
-def _highest(path: np.ndarray) -> np.ndarray:
-    return np.asarray(path.max(axis=0))
-
-
-def _of_pressures(layout: Layout, limits: Limits) -> list[Broken]:
-    broken = []
-    for channel, most in enumerate(pressure_limits(layout.design)):
-        pressure, why = layout.pressures[channel], "the muscles' maximum"
-        if most >= LARGEST or most > limits.pressure[1]:
-            most, why = limits.pressure[1], "the highest that is searched"
-        if pressure > most + 1e-6 or pressure < limits.pressure[0] - 1e-6:
-            message = (
-                f"{in_kpa(pressure):g} kPa; expected {in_kpa(limits.pressure[0]):g} to {in_kpa(most):g} kPa, {why}"
-            )
-            broken.append(Broken("pressure", f"channel {channel} has {message}", channel=channel))
-    return broken
+def _of_pressures(layout: Layout, limits: Limits) -> Iterator[Broken]:
+    low, searched = limits.pressure
+    for channel, (pressure, most) in enumerate(zip(layout.pressures, pressure_limits(layout.design), strict=True)):
+        by_type = most < LARGEST and most <= searched
+        high, why = (most, "the muscles' maximum") if by_type else (searched, "the highest that is searched")
+        if not low - 1e-6 <= pressure <= high + 1e-6:
+            expected = f"expected {in_kpa(low):g} to {in_kpa(high):g} kPa, {why}"
+            yield Broken("pressure", f"channel {channel} has {in_kpa(pressure):g} kPa; {expected}", channel=channel)

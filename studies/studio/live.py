@@ -17,7 +17,7 @@ _SIZE = 0.02, 50e3  # m and Pa: changes that count as alike
 
 
 class Solves(Protocol):
-    """What `live` asks: a Worker, or in tests a stand-in."""
+    """Answers asks: a SolverProcess, or in tests a stand-in."""
 
     def send(self, ask: Ask) -> None: ...
 
@@ -56,8 +56,8 @@ class Live:
         self._jumps = JumpDetector()
 
     def want(self, layout: Layout, model: Model, *, moving: bool, time: float | None = None) -> None:
-        """The newest layout. moving: in the middle of a gesture. time: s after rest, where the exact shape is to be a
-        motion's frame under these pressures."""
+        """Want the shape of the newest layout. moving: in the middle of a gesture. time: s after rest, where the exact
+        shape is to be a motion's frame under these pressures."""
         if self._wanted is None or self._wanted != (layout, model, time):
             self._stage = "follow"
         elif not moving and self._moving and self._stage == "idle":
@@ -65,7 +65,7 @@ class Live:
         self._wanted, self._moving = (layout, model, time), moving
 
     def also(self, ask: Ask, then: Callable[[Answer], None]) -> None:
-        """Something else, once nothing is dragged."""
+        """Ask something else, once nothing is dragged."""
         self._others.append((ask, then))
 
     def drop(self, then: Callable[[Answer], None]) -> None:
@@ -74,7 +74,7 @@ class Live:
 
     @property
     def at_rest(self) -> bool:
-        """Whether nothing is asked or left to ask."""
+        """Return whether nothing is asked or to be asked."""
         return self._out is None and self._other is None and self._stage == "idle" and not self._others
 
     def turn(self) -> None:
@@ -143,7 +143,7 @@ class JumpDetector:
     def of(
         self, points: NDArray[np.float32], layout: Layout, *, exact: bool
     ) -> tuple[float | None, NDArray[np.float32] | None]:
-        """m RMS of a jump and the shape before it, or neither."""
+        """Return m RMS of a jump and the shape before it, or neither."""
         last, self._last = self._last, (layout, points)
         if last is None or last[1].shape != points.shape:
             return None, None
@@ -160,7 +160,7 @@ class JumpDetector:
 
 
 def size_of_change(a: Layout, b: Layout) -> float:
-    """1 for a corner moved by 20 mm or a pressure by 50 kPa; infinite where muscles are others."""
+    """Return 1 for a corner moved by 20 mm or a pressure by 50 kPa; infinite where muscles are others."""
     if [(m.type, m.side, m.channel, len(m.path)) for m in a.design.muscles] != [
         (m.type, m.side, m.channel, len(m.path)) for m in b.design.muscles
     ]:

@@ -1,5 +1,6 @@
 """A measurement set beside its prediction: one trial at a time, frame by frame, and a table of all of them."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -7,14 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.metrics import Errors
+from fabdesign.model import Model
 from fabdesign.surface import CAP, Surface, capped_rms
 from fabdesign.trial import Trial
 from fabdesign.trial_file import TrialData
 from fabdesign.units import in_mm
-from studies.studio.solver import Correction
+from studies.studio.document import Document
+from studies.studio.solver import Answer, Ask, Correction
 
 APART = 1e-3  # m: surfaces nearer than that, drawn through each other, only flicker
 _SCALED = 8  # frames that the end of a motion's scale is taken from
+UNKNOWN = (Errors(*[float("nan")] * 5),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,22 +34,23 @@ class TrialMotion:
 
     @property
     def simulated(self) -> NDArray[np.float32] | None:
-        """(T, 2 n, 3) m before the corrector; None where none changed it."""
+        """Return (T, 2 n, 3) m before the corrector; None where none changed it."""
         if self.correction is None or not self.correction.moved(self.points).any():
             return None
         return self.correction.simulated
 
     def ghost(self, frame: int) -> NDArray[np.float32] | None:
-        """(2 n, 3) m, the frame before the corrector, where that is far enough off to be seen beside."""
+        """Return a frame (2 n, 3) m before the corrector, where that is far enough off to be seen beside."""
         if self.correction is None or float(self.correction.moved(self.points).max()) < APART:
             return None
         return self.correction.simulated[frame]
 
     def cloud(self, frame: int) -> NDArray[np.float64] | None:
+        """Return what was measured of a frame, (n_t, 3) m."""
         return None if self.trial is None else np.asarray(self.trial.frames[frame], dtype=np.float64)
 
     def distances(self, frame: int) -> NDArray[np.float64] | None:
-        """(n_t,) m from each measured point to the shown surface, capped at 10 mm."""
+        """Return (n_t,) m from each measured point to the shown surface, capped at 10 mm."""
         return self._distances(self.points, frame)
 
     def _distances(self, points: NDArray[np.float32], frame: int) -> NDArray[np.float64] | None:
@@ -56,7 +61,7 @@ class TrialMotion:
 
     @cached_property
     def largest(self) -> float | None:
-        """m, the end of the scale of distances: their 98th percentile over the motion, in frames spread over it."""
+        """Return the end [m] of the scale of distances: their 98th percentile, in frames spread over the motion."""
         if self.trial is None:
             return None
         frames = np.unique(np.linspace(0, len(self.times) - 1, _SCALED).astype(int))
@@ -78,14 +83,65 @@ class TrialMotion:
         )
 
 
-def labels(trials: tuple[Trial, ...]) -> dict[str, Trial]:
-    """A name for each trial in a list of them."""
-    return {f"{trial.name} ({trial.design_name}, {trial.role})": trial for trial in trials}
+class TrialErrors:
+    """How far the chosen model is from every trial of a set: a table that fills itself, one trial after another.
+
+    by_label: errors of the simulated motion, and of the corrected one where a corrector acts.
+    """
+
+    def __init__(self, document: Document, ask: Callable[[Ask, Callable[[Answer], None]], None]) -> None:
+        """Take `ask`, which has the simulator answer once it can."""
+        self._document, self._ask = document, ask
+        self._running, self._choice = False, document.choice
+        self.by_label: dict[str, tuple[Errors, ...]] = {}
+        document.listeners.append(self._stop)
+
+    def begin(self) -> None:
+        """Fill a row for every trial, until something is edited or chosen."""
+        self._running = True
+        self._next()
+
+    def add(self, label: str, answer: Answer) -> None:
+        self.by_label[label] = answer.errors or UNKNOWN
+        self._document.show()
+
+    def _stop(self) -> None:
+        self._running = False
+        if self._choice is not self._document.choice:  # the errors were of another model
+            self._choice, self.by_label = self._document.choice, {}
+
+    def _next(self) -> None:
+        document, choice = self._document, self._document.choice
+        label = next((label for label in document.trials if label not in self.by_label), None)
+        if label is None:
+            self._running = False
+            document.tell(f"errors of all {len(self.by_label)} trials")
+            return
+
+        def arrived(answer: Answer) -> None:
+            if choice is document.choice:
+                self.add(label, answer)
+                if self._running:
+                    self._next()
+
+        with document.refusals():
+            self._ask(ask_of_trial(document.trials[label], choice.model)[2], arrived)
 
 
-def errors_table(by_trial: dict[str, tuple[Errors, ...]]) -> str:
-    """Markdown: a row for each trial, surface RMS in mm, without and with the corrector where one acts, and the noise
-    floor; and the means."""
+def ask_of_trial(trial: Trial, model: Model) -> tuple[Trial, TrialData, Ask]:
+    """Return the trial with what was measured, and the ask for its motion as sensors see it and its errors. Raises
+    InputError."""
+    data = trial.load()
+    ask = Ask(
+        0, "motion", trial.design, trial.program, model, trial.times, trial.order, sensing=True,
+        measured=tuple(data.frames),
+    )  # fmt: skip
+    return trial, data, ask
+
+
+def errors_table(by_trial: Mapping[str, tuple[Errors, ...]]) -> str:
+    """Return in Markdown a row for each trial, surface RMS in mm, without and with the corrector where one acts, and
+    the noise floor; and the means."""
     if not by_trial:
         return ""
     corrected = any(len(errors) > 1 for errors in by_trial.values())

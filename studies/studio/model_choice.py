@@ -1,20 +1,27 @@
-"""Which model the cloth follows: the data sheet or a model file, and effects on switches with their parameters."""
+"""Which model the cloth follows: the data sheet or a model file, effects on switches, and the band of its intervals."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fabdesign.effects.registry import EFFECTS, effect_named
+from fabdesign.errors import InputError
+from fabdesign.mid_surface import mid_surface
 from fabdesign.model import EffectTerm, Model, Quantity
-from studies.studio.band import models_around
+from fabdesign.model_sampling import drawn, joint_root
 
 SHOWN = 2.0  # prior deviations off, for an effect that is switched on to be seen
+NORMAL90 = 1.6449  # standard deviations to either side that hold 90 % of a normal distribution
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class ModelChoice:
-    """given: what `--model` brought, if anything. fitted: whether its factors, effects and corrector hold, or the data
-    sheet. effect_values: of the effects that are on, by name, each parameter in the unit that the effect declares.
-    corrected: whether the corrector acts, where the model has one."""
+    """What was chosen. given: what `--model` brought, if anything. fitted: whether its factors, effects and corrector
+    hold, or the data sheet. effect_values: of the effects that are on, by name, each parameter in the unit that the
+    effect declares. corrected: whether the corrector acts, where the model has one."""
 
     given: Model | None = None
     fitted: bool = True
@@ -25,12 +32,11 @@ class ModelChoice:
     def of(given: Model | None) -> "ModelChoice":
         if given is None:
             return ModelChoice(None, False)
-        on = {effect.name: effect_named(effect.name, "model").values(effect.term.values) for effect in given.effects}
-        return ModelChoice(given, True, on)
+        return ModelChoice(given, True, _effect_values(given))
 
     @property
     def model(self) -> Model:
-        """Of all that is on. The corrector stays only where the effects are those that it was trained beside."""
+        """Return the model of all that is on. The corrector stays only beside the effects that it was trained with."""
         base = self.given if self.given is not None and self.fitted else None
         if base is None:
             base = Model() if self.given is None else Model(points_per_side=self.given.points_per_side)
@@ -41,31 +47,30 @@ class ModelChoice:
             )
             for name, values in self.effect_values.items()
         )
-        own = {effect.name: effect_named(effect.name, "model").values(effect.term.values) for effect in base.effects}
-        if own == self.effect_values:
+        if _effect_values(base) == self.effect_values:
             return base if self.corrected else base.without(["corrector"])
         return replace(base, effects=terms, covariance=None, corrector=None, corrector_hash=None)
 
     @cached_property
     def around(self) -> list[Model]:
-        """Those of which a band is made; none where its intervals are not known."""
+        """Return the models of which a band is made; none where the intervals are not known."""
         return models_around(self.model)
 
     def switched(self, name: str, on: bool) -> "ModelChoice":
-        """An effect on or off; on as the model has it, or by values that show."""
+        """Switch an effect on or off; on as the model has it, or by values that show."""
         effect_values = {k: v for k, v in self.effect_values.items() if k != name}
         if on:
-            fitted = ModelChoice.of(self.given).effect_values if self.given else {}
-            effect_values[name] = fitted.get(name) or visible(name)
+            effect_values[name] = ModelChoice.of(self.given).effect_values.get(name) or visible(name)
         return replace(self, effect_values=effect_values)
 
     def with_value(self, name: str, parameter: str, value: float) -> "ModelChoice":
+        """Give a parameter of an effect that is on another value, within its bounds."""
         low, high = EFFECTS[name].parameters[parameter].bounds
         values = {**self.effect_values[name], parameter: min(max(value, low), high)}
         return replace(self, effect_values={**self.effect_values, name: values})
 
     def sheet(self, fitted: bool) -> "ModelChoice":
-        """The model file (fitted) with its effects, or the data sheet with none."""
+        """Take the model file (fitted) with its effects, or the data sheet with none."""
         choice = ModelChoice.of(self.given) if fitted else ModelChoice(self.given, False)
         return replace(choice, corrected=self.corrected)
 
@@ -75,7 +80,7 @@ class ModelChoice:
 
 
 def visible(name: str) -> dict[str, float]:
-    """An effect's parameters: strengths so far from off as its prior lets one expect, the others typical."""
+    """Return an effect's parameters: strengths as far from off as its prior lets one expect, the others typical."""
     effect = EFFECTS[name]
     values = effect.values({})
     for key in effect.strengths:
@@ -85,3 +90,39 @@ def visible(name: str) -> dict[str, float]:
         value = off * (1 + by) if parameter.transform == "log" and off else off + by
         values[key] = min(max(value, parameter.bounds[0]), parameter.bounds[1])
     return values
+
+
+def _effect_values(model: Model) -> dict[str, dict[str, float]]:
+    return {effect.name: effect_named(effect.name, "model").values(effect.term.values) for effect in model.effects}
+
+
+def lower_edge(points: NDArray[np.float32]) -> Array:
+    """Return the mid-surface's last row (n, 3) m of a shape (2 n^2, 3) m."""
+    return np.asarray(mid_surface(points)[-1], dtype=np.float64)
+
+
+def models_around(model: Model) -> list[Model]:
+    """Return two models for each column of the covariance's root, one standard deviation to either side, without the
+    corrector; none where the model has no joint covariance."""
+    try:
+        root = joint_root(model)
+    except InputError:
+        return []
+    plain = model.without(["corrector"])
+    return [drawn(plain, root, sign * unit) for unit in np.eye(len(root)) for sign in (1.0, -1.0)]
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """What a model's intervals do to the lower edge, to first order. half: (n, 3) m to either side, which holds 90 %,
+    in x, y and z."""
+
+    half: Array
+
+    @staticmethod
+    def of(shapes: list[NDArray[np.float32]]) -> "Band":
+        """Make it of the shapes under `models_around`, in their order: half the difference of two is a column of
+        deviations, and deviations of independent columns add up squared."""
+        edges = np.array([lower_edge(shape) for shape in shapes]).reshape(-1, 2, len(lower_edge(shapes[0])), 3)
+        columns = (edges[:, 0] - edges[:, 1]) / 2
+        return Band(NORMAL90 * np.sqrt(np.square(columns).sum(axis=0)))

@@ -42,8 +42,8 @@ class Opened:
 
 
 def open_files(files: Sequence[Path], model_file: Path | None, how: AsTarget = AS_GIVEN) -> Opened:
-    """A design, study or set, at most one of them (none: the catalogue's *basic*), and beside it at most one target and
-    one table of pressures. how: that target is read. Raises InputError."""
+    """Open a design, study or set, at most one of them (none: the catalogue's *basic*), and beside it at most one
+    target and one table of pressures. how: that target is read. Raises InputError."""
     kinds = {file: _kind(file) for file in files}
     for kind in ("design, study or set", "target", "pressures"):
         several = [str(file) for file, (sort, _) in kinds.items() if sort == kind]
@@ -67,7 +67,7 @@ def open_files(files: Sequence[Path], model_file: Path | None, how: AsTarget = A
 
 
 def _kind(file: Path) -> tuple[str, str]:
-    """What a file is for, and of what format."""
+    """Return what a file is for, and of what format."""
     if file.is_dir() or file.name == "set.toml":
         return "design, study or set", "set"
     suffix = file.suffix.lower()
@@ -95,10 +95,10 @@ def _begun(files: list[tuple[Path, str]]) -> Opened:
     if sort == "set":
         measured = read_set(file)
         design = measured.trials[0].design
-        own = Path(
+        file = Path(
             file_stem(f"{measured.name}_{measured.trials[0].design_name}") + ".toml"
         )  # nothing is written into a set
-        return Opened(own, Layout.of(design), search_limits(design), measured=measured)
+        return Opened(file, Layout.of(design), search_limits(design), measured=measured)
     if sort == "study":
         return _of_study(read_study(file) if read_kind(file) == "optimize" else _refused(file), file)
     design = read_design(file)
@@ -126,7 +126,7 @@ def _of_study(study: Study, file: Path) -> Opened:
 
 
 def _pressures_beside(file: Path, design: Design) -> tuple[float, ...]:
-    """Pa, the last of `pressures.csv` in a folder that the studio or a search wrote; none elsewhere."""
+    """Return the last row [Pa] of `pressures.csv` in a folder that the studio or a search wrote; none elsewhere."""
     beside = file.with_name("pressures.csv")
     if file.name != "design.toml" or not beside.is_file():
         return ()
@@ -137,5 +137,5 @@ def _pressures_beside(file: Path, design: Design) -> tuple[float, ...]:
 
 
 def search_limits(design: Design) -> Limits:
-    """What a search keeps where no study says: pressures up to HIGHEST or the lowest maximum of the muscles."""
+    """Return what a search keeps where no study says: pressures up to HIGHEST or the lowest maximum of the muscles."""
     return Limits(pressure=(0.0, float(min([HIGHEST, *limits(design)]))))

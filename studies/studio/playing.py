@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,115 +13,129 @@ from fabdesign.output import new_files
 from fabdesign.pressure import PressureProgram, require_pressures, rising_program
 from fabdesign.pressure_file import read_pressures
 from studies.predict import frame_times
+from studies.studio.document import Document
 from studies.studio.layout import Layout
-from studies.studio.measured import TrialMotion
+from studies.studio.measured import TrialErrors, TrialMotion, ask_of_trial
+from studies.studio.shapes import Shapes
 from studies.studio.solver import Answer, Ask
-from studies.studio.trial_errors import ask_of_trial
 from studies.view.items import Item
 from studies.view.write import KINDS, writer
 
-if TYPE_CHECKING:
-    from studies.studio.session import Session
-
 FRAME_RATE = 30.0  # Hz, of a motion that is played
 SLOW = (".gif", ".mp4")  # for which the page would stand still; `view` writes them
+_PAUSE = 0.5  # s, before a motion begins again
 
 
 class Playing:
-    """motion: of the layout that is shown; None: its shape at rest is looked at."""
+    """Plays one motion at a time. motion: of the layout that is shown; None: its shape at rest is looked at. frame: the
+    one that is shown. running: whether it plays on by itself."""
 
-    def __init__(self, session: "Session") -> None:
-        self._session = session
+    def __init__(self, document: Document, shapes: Shapes, errors: TrialErrors) -> None:
+        self._document, self._shapes, self._errors = document, shapes, errors
         self.motion: TrialMotion | None = None
+        self.frame, self.running, self._time = 0, False, 0.0  # _time: s since the motion's first frame
         self._played: Ask | None = None  # what `motion` answers
+        document.listeners.append(self._stop)
+
+    def _stop(self) -> None:
+        self.motion, self.running = None, False
 
     def rise(self) -> None:
-        """The motion to the pressures as they are: they rise within 1 s, and hold for 1 s."""
-        self._play("rise", lambda: rising_program(np.array(self._session.layout.pressures), RISE, RISE + 1.0))
+        """Play the motion to the pressures as they are: they rise within 1 s, and hold for 1 s."""
+        self._play("rise", lambda: rising_program(np.array(self._document.layout.pressures), RISE, RISE + 1.0))
 
     def file(self, path: Path) -> None:
-        self._play(path.name, lambda: read_pressures(path, self._session.layout.design))
+        self._play(path.name, lambda: read_pressures(path, self._document.layout.design))
 
     def opened(self) -> None:
-        """The pressures that were given on the command line."""
-        if (program := self._session.opened.program) is not None:
+        """Play the pressures that were given on the command line."""
+        if (program := self._document.opened.program) is not None:
 
             def checked() -> PressureProgram:
-                require_pressures(program, self._session.layout.design, "pressures")
+                require_pressures(program, self._document.layout.design, "pressures")
                 return program
 
             self._play("pressures", checked)
 
     def _play(self, name: str, read: Callable[[], PressureProgram]) -> None:
-        session = self._session
-        try:
+        document = self._document
+        with document.refusals():
             program = read()
-            if not session.layout.pressures:
+            if not document.layout.pressures:
                 raise InputError("no muscles; expected some that move the cloth")
-        except InputError as error:
-            session.view.tell(str(error), bad=True)
-            return
-        times = frame_times(program, frame_rate=FRAME_RATE)
-        session.document.end()
-        ask = Ask(0, "motion", session.layout.design, program, session.choice.model, times)
-        self._ask(ask, lambda answer: TrialMotion(name, times, _points(answer), None, answer.correction))
+            times = frame_times(program, frame_rate=FRAME_RATE)
+            document.history.end()
+            ask = Ask(0, "motion", document.layout.design, program, document.choice.model, times)
+            self._ask(ask, lambda answer: TrialMotion(name, times, _points(answer), None, answer.correction))
 
     def trial(self, label: str) -> None:
-        """A trial of the set, measured, and its prediction under the model that is chosen."""
-        session = self._session
-        try:
-            trial, data, ask = ask_of_trial(session.trial(label), session.choice.model)
-        except InputError as error:
-            session.view.tell(str(error), bad=True)
-            return
-        if trial.design != session.layout.design:
-            session.drawings.shown = None
-            session.document.do(f"design of {trial.name}", Layout.of(trial.design))
-            session.changed()
+        """Play a trial of the set, measured, and its prediction under the model that is chosen."""
+        document = self._document
+        with document.refusals():
+            trial, data, ask = ask_of_trial(document.trials[label], document.choice.model)
+            if trial.design != document.layout.design:
+                document.shown = None
+                document.history.do(f"design of {trial.name}", Layout.of(trial.design))
+                document.changed()
 
-        def motion(answer: Answer) -> TrialMotion:
-            session.trial_errors.add(label, answer)
-            return TrialMotion(label, trial.times, _points(answer), data, answer.correction)
+            def motion(answer: Answer) -> TrialMotion:
+                self._errors.add(label, answer)
+                return TrialMotion(label, trial.times, _points(answer), data, answer.correction)
 
-        self._ask(ask, motion)
+            self._ask(ask, motion)
 
     def _ask(self, ask: Ask, motion: Callable[[Answer], TrialMotion]) -> None:
-        session = self._session
-
         def arrived(answer: Answer) -> None:
             if answer.points is None:
-                session.view.tell(answer.error or "no motion", bad=True)
+                self._document.tell(answer.error or "no motion", bad=True)
                 return
             self.motion, self._played = motion(answer), ask
-            session.view.show_motion()
-            session.view.tell(f"{self.motion.name}: {len(self.motion.times)} frames")
+            self.frame, self.running, self._time = 0, True, 0.0
+            self._shapes.before = None
+            self._document.tell(f"{self.motion.name}: {len(self.motion.times)} frames")
 
-        session.view.tell(f"computing {len(ask.times) if ask.times is not None else 0} frames")
-        session.shapes.also(ask, arrived)
+        self._document.tell(f"computing {len(ask.times) if ask.times is not None else 0} frames")
+        self._shapes.also(ask, arrived)
+
+    def advance(self, seconds: float) -> None:
+        """Play on for so long."""
+        if self.motion is None or not self.running:
+            return
+        at = self.motion.times - self.motion.times[0]
+        self._time = self._time + seconds if self._time + seconds <= at[-1] + _PAUSE else 0.0
+        frame = max(int((at <= self._time + 1e-9).sum()) - 1, 0)
+        if frame != self.frame:
+            self.frame = frame
+            self._document.show()
+
+    def toggle(self) -> None:
+        self.running = not self.running
+        self._document.show()
+
+    def scrub(self, frame: float) -> None:
+        """Stop at a frame."""
+        if self.motion is not None:
+            self.running, self.frame = False, min(int(frame), len(self.motion.times) - 1)
+            self._time = float(self.motion.times[self.frame] - self.motion.times[0])
+            self._document.show()
 
     def write(self, path: Path) -> None:
-        """The motion that is played, for another program."""
-        motion, ask, view = self.motion, self._played, self._session.view
-        try:
+        """Write the motion that is played, for another program."""
+        motion, ask, document = self.motion, self._played, self._document
+
+        def arrived(answer: Answer) -> None:
+            with document.refusals():
+                if answer.laced is None or motion is None:
+                    raise InputError(answer.error or "no motion")
+                _export(path, motion, answer.laced)
+                document.tell(f"wrote {path}")
+
+        with document.refusals():
             if motion is None or ask is None:
                 raise InputError("no motion; expected one that is played")
             _require_kind(path)
-        except InputError as error:
-            view.tell(str(error), bad=True)
-            return
-
-        def arrived(answer: Answer) -> None:
-            try:
-                if answer.laced is None:
-                    raise InputError(answer.error or "no motion")
-                _export(path, motion, answer.laced)
-            except InputError as error:
-                view.tell(str(error), bad=True)
-                return
-            view.tell(f"wrote {path}")
-
-        view.tell(f"writing {path}")
-        self._session.shapes.also(replace(ask, kind="laced", measured=()), arrived)
+            document.tell(f"writing {path}")
+            self._shapes.also(replace(ask, kind="laced", measured=()), arrived)
 
 
 def _points(answer: Answer) -> np.ndarray:
@@ -131,7 +144,7 @@ def _points(answer: Answer) -> np.ndarray:
 
 
 def _require_kind(path: Path) -> str:
-    """The file's ending. Raises InputError."""
+    """Return the file's ending. Raises InputError."""
     kind, kinds = path.suffix.lower(), [kind for kind in KINDS if kind not in SLOW]
     if kind not in kinds:
         raise InputError(f"{path}: expected a name that ends in {', '.join(kinds[:-1])} or {kinds[-1]}")
@@ -139,8 +152,8 @@ def _require_kind(path: Path) -> str:
 
 
 def _export(path: Path, shown: TrialMotion, laced: MotionData) -> None:
-    """laced: the motion that is shown, with its muscles. What was measured stands beside it, but not in a table of
-    markers, which it has not. Raises InputError, also for a file that is there."""
+    """Write the motion that is shown, `laced` with its muscles. What was measured stands beside it, but not in a table
+    of markers, which it has not. Raises InputError, also for a file that is there."""
     kind = _require_kind(path)
     items = [Item.of_motion(shown.name, laced)]
     if shown.trial is not None and kind != ".csv":

@@ -1,4 +1,4 @@
-"""What searches from here found: each a drawing of its own, beside the one that is edited."""
+"""Results of searches from here: each a drawing of its own, beside the one that is edited."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,6 +17,7 @@ class Seen:
     comparison: Comparison | None = None
 
     def forget(self) -> None:
+        """Drop both: they were under another model, or beside another target."""
         self.shape = self.comparison = None
 
 
@@ -31,9 +32,11 @@ class Result(Seen):
     state: str = ""  # in words
 
     def layout(self, pose: int) -> Layout:
+        """Return the layout of a pose, or of the last one."""
         return self.layouts[min(pose, len(self.layouts) - 1)]
 
     def hold(self, layouts: tuple[Layout, ...], objective: float) -> None:
+        """Take a better result in."""
         if layouts != self.layouts:
             self.forget()
         self.layouts, self.objective = layouts, objective
@@ -56,33 +59,30 @@ class Row:
 
     @staticmethod
     def of(name: str, layout: Layout, seen: Seen, *, shown: bool, objective: float | None = None) -> "Row":
-        """objective: m, Chamfer as a search has it, until the shape was seen."""
+        """Make the row of a drawing. objective: m, Chamfer as a search has it, until the shape was seen."""
         errors = None if seen.comparison is None else seen.comparison.errors
         chamfer = objective if errors is None else errors.chamfer
         rms = None if errors is None else errors.surface_rms
         return Row(name, len(layout.design.muscles), chamfer, rms, max(layout.pressures, default=0.0), shown)
 
 
-def one_more_buys(result: Result, others: Sequence[Result], own: Row | None) -> str | None:
-    """What one more muscle buys, in words: against the best with the muscles that the search began with, found or
-    drawn; None where the result has no more of them, or nothing is there to compare it with. own: None where its figure
-    is not the search's, a mean over poses."""
-    if (
-        result.objective is None
-        or result.begun is None
-        or result.muscles <= (count := len(result.begun.design.muscles))
-    ):
+def one_more_buys(result: Result, others: Sequence[Result], drawn: Row | None) -> str | None:
+    """Return in words what one more muscle buys, against the best with the muscles that the search began with, searched
+    or drawn; None where the result has no more of them, or nothing is there to compare it with. drawn: the own drawing;
+    None where its figure is not the search's, a mean over poses."""
+    count = len(result.begun.design.muscles) if result.begun else 0
+    if result.objective is None or result.begun is None or result.muscles <= count:
         return None
     rivals = [(o.objective, o.name) for o in others if o.objective is not None and o.muscles == count]
-    if own is not None and own.chamfer is not None and own.muscles == count:
-        rivals.append((own.chamfer, own.name))
+    if drawn is not None and drawn.chamfer is not None and drawn.muscles == count:
+        rivals.append((drawn.chamfer, drawn.name))
     if not rivals:
         return None
     before, name = min(rivals)
     less = in_mm(before - result.objective)
     change = f"{less:.2f} mm less" if less >= 0 else f"{-less:.2f} mm more"
-    drawn = own is not None and name == own.name
-    searched = "; for a fair comparison search from here without one more as well" if drawn else ""
+    by_hand = drawn is not None and name == drawn.name
+    searched = "; for a fair comparison search from here without one more as well" if by_hand else ""
     return (
         f"One more muscle: Chamfer {in_mm(result.objective):.2f} mm with {result.muscles} muscles, {change} than "
         f"{in_mm(before):.2f} mm with {count} ({name}){searched}."

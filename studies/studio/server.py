@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from fabdesign.errors import InputError
 from studies.studio.gate import Gate
 from studies.studio.opening import Opened
 from studies.studio.page import Page
@@ -53,42 +54,52 @@ class Studio:
         self._worker = worker
         self.session = Session(opened, worker)
         self.page = Page(viser_server, self.session, self.post)
+        self._stale = False  # whether the page shows what no longer holds
 
     def post(self, ask: Callable[[], None]) -> None:
         """Have something done on the session's thread, by the next turn."""
         self._due.put(ask)
 
+    def begin(self) -> None:
+        def changed() -> None:
+            self._stale = True
+
+        self.session.begin(changed)
+
     def run(self, until: Callable[[], bool] = lambda: False) -> None:
-        self.session.begin(self.page)
+        self.begin()
         last, alive = time.monotonic(), True
         while not until():
             self.turn()
             now = time.monotonic()
-            self.page.advance(now - last)
+            self.session.playing.advance(now - last)
             last = now
             if alive and not self._worker.alive:
                 alive = False
-                self.page.tell("The simulator has ended; save, and start the studio again.", bad=True)
+                self.session.document.tell("The simulator has ended; save, and start the studio again.", bad=True)
 
     def turn(self) -> None:
-        """What the page asks, all that has come, or after a beat nothing; then whatever is due."""
-        self._work()
-        self.session.tick()
-
-    def _work(self) -> None:
+        """Do what the page asks, all that has come, or after a beat nothing; then what is due; draw what changed."""
         with contextlib.suppress(queue.Empty):
             ask = self._due.get(timeout=_SHORT if self.session.shapes.waiting else _BEAT)
             while True:
                 self._do(ask)
                 ask = self._due.get_nowait()
+        self.session.tick()
+        if self._stale:
+            self._do(self.page.show)
+            self._stale = False  # also where that failed: it would fail again
 
     def _do(self, ask: Callable[[], None]) -> None:
-        """An error in one thing that was asked must not take the layout along."""
+        """Do one thing; an error in it must not take the layout along."""
+        tell = self.session.document.tell
         try:
             ask()
+        except InputError as error:
+            tell(str(error), bad=True)
         except Exception as error:
             traceback.print_exc()
-            self.page.tell(f"an error of the program: {type(error).__name__}: {error}", bad=True)
+            tell(f"an error of the program: {type(error).__name__}: {error}", bad=True)
 
 
 @contextmanager
@@ -109,13 +120,13 @@ def tab_at(address: str) -> Iterator[None]:
 
 @contextmanager
 def quiet_viser(gate: Gate) -> Iterator[Any]:
-    """viser behind a gate, silent, and without its way out to a public address."""
+    """Run viser behind a gate, silent, and unable to give itself a public address."""
     import rich
     import viser
 
     class Server(viser.ViserServer):
         def request_share_url(self, verbose: bool = True) -> str | None:
-            """Never: a design is the laboratory's own."""
+            """Refuse: a design is the laboratory's."""
             return None
 
     rich.reconfigure(quiet=True)

@@ -7,7 +7,7 @@ import contextlib
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -31,7 +31,6 @@ from fabdesign.sensor_noise import NOISE_FREE, estimate_noise
 from fabdesign.supervisor import uninterrupted
 from studies.forward_model import forward_model
 from studies.laced_motion import laced_motions
-from studies.studio.simulated import KeptSimulator
 
 COARSE = 21  # points a side, while something is dragged
 _NOISE_FRAMES = 8  # of a trial, that a sensor's noise is estimated from
@@ -60,7 +59,7 @@ class Ask:
     def at_rest(
         number: int, kind: Kind, design: Design, pressures: tuple[float, ...], model: Model, time: float | None = None
     ) -> "Ask":
-        """pressures: (channels,) Pa. time: s after rest, where an exact shape is a motion's frame."""
+        """Ask for a shape under pressures (channels,) Pa. time: s after rest, where an exact one is of a motion."""
         if kind == "exact" and time is not None:
             return Ask(number, kind, design, constant_program(list(pressures), time), model, np.array([time]))
         return Ask(number, kind, design, constant_program(list(pressures)), model)
@@ -76,7 +75,7 @@ class Correction:
     simulated: Points  # without it
 
     def moved(self, points: Points) -> NDArray[np.float32]:
-        """m, by how much it moved each of `points` (..., 3)."""
+        """Return the distance [m] by which each of `points` (..., 3) was moved."""
         return np.asarray(np.linalg.norm(points - self.simulated, axis=-1))
 
 
@@ -97,7 +96,7 @@ class Answer:
 
     @property
     def simulated(self) -> Points | None:
-        """The points without the corrector."""
+        """Return the points without the corrector."""
         return self.points if self.correction is None else self.correction.simulated
 
 
@@ -139,7 +138,7 @@ class StudioSolver:
         return Answer(ask.number, ask.kind, motion.points, side, 0.0, laced=motion)
 
     def _nearby(self, ask: Ask, side: int) -> tuple[Points, Correction | None]:
-        """Without the corrector, which acts on exact shapes alone; how far the layout is from what it knows is told."""
+        """Return the shape without the corrector, which acts on exact ones alone, and how far it trusts the layout."""
         simulator = self._simulator(side, ask.kind)
         full = self._predictor(simulator, ask.model if ask.kind == "follow" else ask.model.without(["corrector"]))
         points = self._followed(simulator, full.case(Case(ask.design, ask.program, order=ask.order)), ask.kind)
@@ -149,7 +148,7 @@ class StudioSolver:
 
     def _exact(self, ask: Ask, side: int) -> tuple[Points, Correction | None]:
         case = Case(ask.design, ask.program, order=ask.order)
-        simulator = KeptSimulator(self._simulator(side, ask.kind))
+        simulator = _Remembering(self._simulator(side, ask.kind))
         full = self._predictor(simulator, ask.model, sensing=ask.sensing)
         if full.corrector is None:
             return _shown(full, case, ask.times, ask.kind), None
@@ -159,7 +158,7 @@ class StudioSolver:
         return simulated if corrected is None else corrected, Correction(trust, ordered, simulated)
 
     def _predictor(self, simulator: Any, model: Model, *, sensing: bool = False) -> Predictor:
-        """As `forward_model`, a corrector's file being read once."""
+        """Return what `forward_model` does; a corrector's file is read once."""
         if model.corrector is None:
             return forward_model(simulator, model, sensing=sensing)
         key = model.corrector, central_hash(model)
@@ -186,6 +185,32 @@ class StudioSolver:
         return self._simulators[key]
 
 
+class _Remembering:
+    """A forward model for one case that computes once what a corrector starts from and what is shown without it: asked
+    again for the shape, or for instants of the motion that were there, it gives what it has."""
+
+    def __init__(self, simulator: Any) -> None:
+        self._simulator = simulator
+        self._shapes: list[Points] | None = None
+        self._motion: tuple[NDArray[np.float64], Points] | None = None
+
+    def equilibria(self, cases: Sequence[Case]) -> list[Points]:
+        if self._shapes is None:
+            self._shapes = self._simulator.equilibria(cases)
+        return self._shapes
+
+    def motions(self, cases: Sequence[Case], times: Sequence[NDArray[np.float64]]) -> list[Points]:
+        (wanted,) = times
+        if self._motion is not None:
+            at, points = self._motion
+            frames = np.minimum(np.searchsorted(at, wanted - 1e-6), len(at) - 1)
+            if np.allclose(at[frames], wanted, rtol=0.0, atol=1e-6):
+                return [points[frames]]
+        (points,) = self._simulator.motions(cases, times)
+        self._motion = wanted, points
+        return [points]
+
+
 def _shown(model: Predictor, case: Case, times: NDArray[np.float64] | None, kind: Kind) -> Points:
     if times is None:
         return model.equilibria([case])[0]
@@ -194,8 +219,8 @@ def _shown(model: Predictor, case: Case, times: NDArray[np.float64] | None, kind
 
 
 def _errors(ask: Ask, points: Points, correction: Correction | None) -> tuple[Errors, ...]:
-    """As `evaluate` has them of a trial, all its frames taken, and its own noise. Floors are NaN where the clouds have
-    too few points to show any."""
+    """Return the errors that `evaluate` has of a trial, over all its frames and by its own noise. Floors are NaN where
+    the clouds have too few points to show any."""
     motions = [points] if correction is None else [correction.simulated, points]
     frames = ask.measured[:: -(-len(ask.measured) // _NOISE_FRAMES)]
     try:
@@ -225,7 +250,7 @@ class SolverProcess:
         self.connection.send(ask)
 
     def receive(self) -> Answer | None:
-        """The answer, if it is there."""
+        """Return the answer, if it is there."""
         try:
             return self.connection.recv() if self.connection.poll() else None
         except (EOFError, OSError):

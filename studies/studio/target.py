@@ -1,5 +1,6 @@
 """The target beside the cloth: where it lies, and how far the cloth is from it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,12 +27,12 @@ class ShownTarget:
 
     @staticmethod
     def read(file: TargetFile, design: Design) -> "ShownTarget":
-        """Raises InputError like `optimize`, also for a place where no cloth can be."""
+        """Read a target. Raises InputError like `optimize`, also for a place where no cloth can be."""
         return ShownTarget(file, load_target(file, design))
 
     @property
     def points(self) -> Floats:
-        """(n, 3) m."""
+        """Return its points (n, 3) m."""
         return self.loaded.points
 
 
@@ -45,7 +46,7 @@ class Comparison:
 
     @property
     def sentences(self) -> list[str]:
-        """For people, mm, with the noise floors beside."""
+        """Return the errors in words, mm, with the noise floors beside."""
         e = self.errors
         message = [
             f"Chamfer {in_mm(e.chamfer):.2f} mm (noise floor {in_mm(e.chamfer_floor):.2f})",
@@ -55,15 +56,13 @@ class Comparison:
 
 
 def compare(target: ShownTarget, shape: NDArray[np.float32], design: Design) -> Comparison:
-    """shape: (2 n, 3) m."""
+    """Return how far a shape (2 n, 3) m is from a target."""
     errors = target_errors([target.loaded], shape[None].astype(np.float64), design, draws=DRAWS)
     return Comparison(errors, Surface.of_faces(shape).distance(target.points), nearest_distances(shape, target.points))
 
 
-def placed_by_hand(
-    file: TargetFile, rotation: tuple[float, float, float], translation: tuple[float, float, float]
-) -> TargetFile:
-    """rotation: degrees about the fixed axes x, y, z in this order; translation: m."""
+def placed_by_hand(file: TargetFile, rotation: Sequence[float], translation: Sequence[float]) -> TargetFile:
+    """Place a target. rotation: degrees about the fixed axes x, y, z in this order; translation: m."""
     a, b, c = (round(float(x), 3) for x in rotation)
     x, y, z = (round(float(x), 6) for x in translation)
     return replace(file, rotation=(a, b, c) if any((a, b, c)) else None, translation=(x, y, z), place="given")

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 
 from fabdesign.bench import Bench
-from fabdesign.effects import EFFECTS
+from fabdesign.json_file import plain
 from fabdesign.model import EffectTerm
 from fabdesign.tabled import Columns, Tabled
 from optimize.fit.clouds import Array
 from studies.benches.noise import BenchNoise
 from studies.tracing.bench_fit import BenchCandidate
-from studies.tracing.verdict import STRUCTURE, Evidence, Word, shared_out
+from studies.tracing.verdict import STRUCTURE, Evidence, Word, effect_entry, shared_out
 
 Curve = tuple[str, Array, Array, Array, Array]  # a record: its name, the rows' place, measured, before, after
 
@@ -74,15 +74,15 @@ class BenchOutcome(Tabled):
         held_out = self.test or tuple(float(np.hypot(excess, self.floor)) for excess in crossed)
         none = BenchCandidate("none", 0.0, (0.0, 0.0), float(np.hypot(self.evidence.before, self.floor)), False)
         rows = [
-            {"name": c.effect, "held_out": c.held_out, "gain": c.gain, "interval90": list(c.interval90),
+            {"name": c.effect, "held_out": c.held_out, "gain": c.gain, "interval90": c.interval90,
              "adequate": c.held_out <= float(np.hypot(self.tolerance, self.floor))}
             for c in (none, *self.candidates)
         ]  # fmt: skip
-        return {
+        trace = {
             "format": "fabdesign.trace/1",
             "verdict": self.verdict,
-            "effects": [_effect(e, self.shares.get(e.name)) for e in self.found] if self.verdict == "effect" else [],
-            "indistinguishable": list(self.indistinguishable) if self.verdict == "effect" else [],
+            "effects": [effect_entry(e, self.shares.get(e.name)) for e in self.found if added],
+            "indistinguishable": self.indistinguishable if added else [],
             "candidates": sorted(rows, key=lambda row: float(str(row["held_out"]))),
             "error": {
                 "metric": "rms",
@@ -100,14 +100,4 @@ class BenchOutcome(Tabled):
             "discovered": None,
             "next_experiment": None,
         }
-
-
-def _effect(effect: EffectTerm, explained: float | None) -> dict[str, Any]:
-    declared = EFFECTS[effect.name]
-    return {
-        "name": effect.name,
-        "site": declared.site,
-        "scope": effect.scope or declared.scope,
-        "parameters": {n: q.as_json() for n, q in effect.parameters.items()},
-        "explains": explained,
-    }
+        return dict(plain(trace))

@@ -1,23 +1,15 @@
 """The page and the words of a bench's trace."""
 
+from collections.abc import Iterator
+
+from markupsafe import Markup
+
 from fabdesign.bench import Bench
 from fabdesign.headings import DIMENSIONS
 from fabdesign.units import in_kpa, in_mm
-from studies.report import (
-    BLUE,
-    DARK,
-    GREY,
-    RED,
-    Gain,
-    PlotlyFigure,
-    bars_chart,
-    chart,
-    gain_in_words,
-    gains_chart,
-    html_of,
-    line,
-)
+from studies.report import charts, page
 from studies.tracing.bench_outcome import BenchOutcome
+from studies.tracing.report import error_bars
 from studies.tracing.words import effect_in_words
 
 
@@ -67,7 +59,7 @@ def as_text(outcome: BenchOutcome) -> str:
     lines = [f"{outcome.verdict}: {bench_in_words(outcome)}"]
     for c in outcome.candidates:
         scale, unit = (in_mm(1.0), "mm") if outcome.unit == "m" else (1.0, outcome.unit)
-        gain = gain_in_words(scale * c.gain, [scale * v for v in c.interval90], unit, ".3g")
+        gain = page.gain_in_words(scale * c.gain, [scale * v for v in c.interval90], unit, ".3g")
         sign = ", only with a sign that it cannot have" if c.refused else ""
         lines.append(f"  {c.effect:<18} gains {gain}{sign}")
     lines.append(f"the flexible baseline leaves {_shown(outcome.evidence.box_before, outcome.unit)}")
@@ -80,50 +72,32 @@ def _shown(value: float, unit: str) -> str:
 
 
 def render_bench(outcome: BenchOutcome) -> str:
-    """HTML, self-contained."""
-    error, unit = outcome.as_json()["error"], "mm" if outcome.unit == "m" else outcome.unit
-    scale = in_mm(1.0) if outcome.unit == "m" else 1.0
-    bars = [
-        ("noise", error["noise_floor"], GREY),
-        ("flexible baseline", error["ceiling"], GREY),
-        ("after", error["after"]["held_out"], BLUE),
-        ("before", error["before"]["held_out"], RED),
-    ]
+    """Return HTML, self-contained."""
+    return page.html_of(outcome.bench.name, _blocks(outcome))
+
+
+def _blocks(outcome: BenchOutcome) -> Iterator[page.Block]:
+    scale, unit = (in_mm(1.0), "mm") if outcome.unit == "m" else (1.0, outcome.unit)
+    yield page.Title(f"{outcome.bench.name}: what its quasi-static law lacks", 1)
+    yield page.Text(Markup("<b>{}.</b> {}").format(outcome.verdict.capitalize(), bench_in_words(outcome)), "verdict")
+    yield from page.texts("quiet", [page.sentence(x) for x in (outcome.bench.description, outcome.bench.source) if x])
+    yield error_bars(outcome.as_json()["error"], "noise", unit, "RMS of records left out", scale)
+    yield page.Title("Candidates")
     chosen = {effect.name for effect in outcome.found}
     gains = [
-        Gain(
-            c.effect + (" (wrong sign)" if c.refused else ""),
-            scale * c.gain,
-            (scale * c.interval90[0], scale * c.interval90[1]),
-            c.effect in chosen,
-        )
+        charts.Gain(c.effect + " (wrong sign)" * c.refused, c.gain, c.interval90, c.effect in chosen)
         for c in outcome.candidates
     ]
-    figures: dict[str, PlotlyFigure] = {
-        "bars": bars_chart([(name, scale * v, colour) for name, v, colour in bars], unit, "RMS of records left out"),
-        "candidates": gains_chart(gains, unit, "gain on records left out", scale * outcome.tolerance),
-    }
-    titles = {}
+    yield charts.gains("candidates", gains, unit, "gain on records left out", outcome.tolerance, scale=scale)
+    yield page.Text("Bold: in the model. At 0 there is no gain.", "quiet")
+    yield page.Title("Records: measured, before, after")
     output = "displacement" if outcome.unit == "m" else outcome.bench.output
+    styles = (("measured", charts.DARK), ("before", charts.RED), ("after", charts.BLUE))
     for k, (name, place, *lines) in enumerate(outcome.curves):
         by, x = _axis(outcome.bench, name)
-        styles = (("measured", DARK), ("before", RED), ("after", BLUE))
-        data = [
-            line(title, (by * place).tolist(), (scale * values).tolist(), colour)
-            for (title, colour), values in zip(styles, lines, strict=True)
-        ]
-        figures[f"record-{k}"] = chart(data, x=x, y=f"{output}, {unit}", height=320)
-        titles[f"record-{k}"] = name
-    return html_of(
-        "tracing/bench_report.html.j2",
-        figures=figures,
-        name=outcome.bench.name,
-        verdict=outcome.verdict,
-        words=bench_in_words(outcome),
-        source=[line for line in (outcome.bench.description, outcome.bench.source) if line],
-        records=[*titles],
-        titles=titles,
-    )
+        curves = [charts.curve(title, by * place, scale * y, c) for (title, c), y in zip(styles, lines, strict=True)]
+        yield page.Title(name, 3)
+        yield charts.chart(f"record-{k}", curves, x=x, y=f"{output}, {unit}", height=320)
 
 
 def _axis(bench: Bench, record: str) -> tuple[float, str]:

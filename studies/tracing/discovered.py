@@ -37,7 +37,7 @@ class Discovered:
         """`discovered` of `trace.json`; effect: as the model has it."""
         return {
             "formula": formula(effect.term.values),
-            "parameters": {name: q.as_json() for name, q in effect.parameters.items() if q.value},
+            "parameters": {name: q for name, q in effect.parameters.items() if q.value},
             "excess_mm": {"before": in_mm(self.before), "after": in_mm(self.excess)},
         }
 

@@ -10,6 +10,7 @@ import numpy as np
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import effects_of
 from fabdesign.forward import ForwardModel
+from fabdesign.json_file import plain
 from fabdesign.metrics import over
 from fabdesign.model import EffectTerm, Model
 from fabdesign.summary import Summary
@@ -26,7 +27,7 @@ from studies.tracing.discovered import Discovered
 from studies.tracing.errors import TrialError, mean_of, other_layouts
 from studies.tracing.residual import Remains
 from studies.tracing.selection import Selection
-from studies.tracing.verdict import GROSS, Evidence, Word, shared_out
+from studies.tracing.verdict import GROSS, Evidence, Word, effect_entry, shared_out
 
 FORMAT = "fabdesign.trace/1"
 _LITTLE = 0.1  # of its share, below which a frame's weight is told
@@ -142,12 +143,17 @@ class Outcome(OfModel):
         return Summary([f"Outcome: {self.verdict}"], self.columns())
 
     def as_json(self) -> dict[str, Any]:
-        """`trace.json`; mm."""
-        return {
+        """Return `trace.json`; mm."""
+        excess = self.evidence
+        trace = {
             "format": FORMAT,
             "verdict": self.verdict,
-            "effects": [self._effect(label) for label in self.selection.labels] if self.effects else [],
-            "indistinguishable": list(self.indistinguishable),
+            "effects": [
+                effect_entry(self._by_label[label], self.explained.get(label))
+                for label in self.selection.labels
+                if self.effects
+            ],
+            "indistinguishable": self.indistinguishable,
             "candidates": self._candidates(),
             "error": self._error(),
             "other_layouts": {
@@ -158,40 +164,27 @@ class Outcome(OfModel):
                 for name, own in other_layouts(self.errors).items()
             },
             "residual": {
-                "where": list(self.remains.where),
+                "where": self.remains.where,
                 "when_s": self.remains.when,
                 "follows": self.remains.follows,
             },
             "unjudged": [stretch.as_json() for stretch in self.data.used.stretches or ()],
             "unjudged_share": self.data.used.share_left_out,
-            "weights": {
-                "share_below_tenth": self.share_below_tenth,
-                "input_accuracy": self.data.accuracy.as_json(),
-            },
+            "weights": {"share_below_tenth": self.share_below_tenth, "input_accuracy": self.data.accuracy},
             "decoys": None if self.selection.decoys is None else self.selection.decoys.as_json(self.tolerance),
             "discovered": None if self.discovered is None else self.discovered.as_json(self.model.effects[-1]),
             "next_experiment": self.next_experiment,
             "excess": {
                 "unit": "mm",
-                "before": in_mm(self.evidence.before),
-                "after": in_mm(self.evidence.after),
-                "black_box": in_mm(self.evidence.box_before),
-                "fitted": None if self.evidence.fitted is None else in_mm(self.evidence.fitted),
+                "before": in_mm(excess.before),
+                "after": in_mm(excess.after),
+                "black_box": in_mm(excess.box_before),
+                "fitted": excess.fitted and in_mm(excess.fitted),
             },
             "detectable": {c.name: c.detectable for c in self.candidates if not c.chosen},
             "said": self.said,
         }
-
-    def _effect(self, label: str) -> dict[str, Any]:
-        effect = self._by_label[label]
-        declared = EFFECTS[effect.name]
-        return {
-            "name": effect.name,
-            "site": declared.site,
-            "scope": effect.scope or declared.scope,
-            "parameters": {name: q.as_json() for name, q in effect.parameters.items()},
-            "explains": self.explained.get(label),
-        }
+        return dict(plain(trace))
 
     @cached_property
     def explained(self) -> dict[str, float]:
@@ -208,28 +201,18 @@ class Outcome(OfModel):
         return self.selection.floor
 
     def _candidates(self) -> list[dict[str, Any]]:
-        rows = [
-            {
-                "name": "none",
-                "held_out": self._surface(self.evidence.before),
-                "gain": 0.0,
-                "interval90": [0.0, 0.0],
-                "adequate": bool(self.evidence.before <= self.tolerance),
-                "chosen": False,
-            }
-        ]
-        rows += [
+        none = Candidate("none", 0.0, (0.0, 0.0), self.evidence.before, False, {})
+        return [
             {
                 "name": c.name,
                 "held_out": self._surface(c.excess),
                 "gain": in_mm(c.gain),
-                "interval90": [in_mm(c.interval90[0]), in_mm(c.interval90[1])],
+                "interval90": [in_mm(end) for end in c.interval90],
                 "adequate": bool(c.excess <= self.tolerance),
                 "chosen": c.chosen and self.verdict == "effect",
             }
-            for c in self.candidates
+            for c in (none, *self.candidates)
         ]
-        return rows
 
     def _surface(self, excess: float) -> float:
         """mm of surface RMS."""

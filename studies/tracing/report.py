@@ -1,26 +1,16 @@
 """The page that says what a trace found: self-contained, for any browser, without a network."""
 
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from fabdesign.effects import EFFECTS
-from fabdesign.model import Model
+from fabdesign.model import Parameter
 from fabdesign.motion_file import square_triangles
 from fabdesign.units import in_mm
-from studies.report import (
-    BLUE,
-    GREY,
-    RED,
-    Gain,
-    PlotlyFigure,
-    bars_chart,
-    chart,
-    gain_in_words,
-    gains_chart,
-    html_of,
-    line,
-)
+from studies.report import charts, page
 from studies.tracing.outcome import Outcome
 from studies.tracing.residual import remains
 from studies.tracing.residuals import Residuals
@@ -30,93 +20,128 @@ from studies.view.items import Item
 from studies.view.page import render_page
 
 _FRAMES = 45  # of the motion shown
+_ERROR = """Surface RMS: distance of every measured point to the model's faces, capped at 10 mm, in the frames used of
+trials held out ({}). Before: declared parameters refitted. Baseline: what a flexible, non-parametric regression without
+physics leaves."""
+_GAIN = """All effects are fitted together with the declared parameters, then those dropped that the data do not need.
+Gain: of an effect in the model, the excess of trials held out that its absence costs; of another, what it would take
+beside the model; "none": it would take nothing. Excess is the error less the noise, in quadrature. To first order about
+the fit."""
 
 
 def render_report(outcome: Outcome) -> str:
-    """HTML."""
-    before = remains(Residuals.of(outcome.data, outcome.before), outcome.selection.folds)
-    most = float(np.nanmax([before.cells, outcome.remains.cells]))
-    figures = {
-        "bars": _bars(outcome),
-        "candidates": _candidates(outcome),
-        "cloth-before": _cloth(outcome, before.cells, "before", most),
-        "cloth-after": _cloth(outcome, outcome.remains.cells, "after", most),
-        "time": _over_time(outcome, before.over_time),
-    }
-    if outcome.next_experiment is not None:
-        figures["program"] = _program(outcome)
-    return html_of(
-        "tracing/report.html.j2",
-        figures=figures,
-        outcome=outcome,
-        gain=lambda row: gain_in_words(row["gain"], row["interval90"], ""),
-        result=outcome.as_json(),
-        verdict=verdict_in_words(outcome),
-        experiment=experiment_in_words(outcome),
-        why=WHY,
-        shown=_worst(outcome),
-        has_tests=any(e.role == "test" for e in outcome.errors),
-        motion=_motion(outcome),
-        parameters=_parameter_rows(outcome.model),
-        signature={name: EFFECTS[name].signature for name in EFFECTS},
-        units={e.name: {n: "" if p.unit == "1" else p.unit for n, p in e.parameters.items()} for e in EFFECTS.values()},
-    )
+    """Return HTML."""
+    return page.html_of(f"{outcome.name}: {outcome.verdict}", [*_answer(outcome), *_residual(outcome), *_data(outcome)])
 
 
-def _bars(outcome: Outcome) -> PlotlyFigure:
-    error = outcome.as_json()["error"]
+def _answer(outcome: Outcome) -> Iterator[page.Block]:
+    """Yield the verdict, how far the model is off, and what each effect would take."""
+    result = outcome.as_json()
+    yield page.Title(f"{outcome.name}: what the model lacks", 1)
+    verdict = page.sentence(verdict_in_words(outcome))
+    yield page.Text(Markup("<b>{}.</b> {}").format(outcome.verdict.capitalize(), verdict), "verdict")
+    rig = "an independent simulation with a model of a sensor, not hardware."
+    if outcome.synthetic:
+        yield page.Text(Markup("Measured on a <b>synthetic rig</b>: {}").format(rig), "note")
+    yield from page.texts("note", map(page.sentence, outcome.said))
+    yield error_bars(result["error"], "noise floor", "mm", "surface RMS of trials held out")
+    tested = any(error.role == "test" for error in outcome.errors)
+    held_out = "those of role test, looked at once" if tested else "each trial left out in turn, to first order"
+    yield page.Text(_ERROR.format(held_out), "quiet")
+    for effect in outcome.effects:
+        yield page.Text(Markup("<b>{}</b>: {}.").format(effect.name, EFFECTS[effect.name].signature))
+    yield page.Title("Candidates")
+    gains = [charts.Gain(c.name, c.gain, c.interval90, c.chosen) for c in outcome.candidates]
+    yield charts.gains("candidates", gains, "mm", "gain of held-out excess", outcome.tolerance, scale=in_mm(1.0))
     rows = [
-        ("noise floor", error["noise_floor"], GREY),
-        ("flexible baseline", error["ceiling"], GREY),
-        ("after", error["after"]["held_out"], BLUE),
-        ("before", error["before"]["held_out"], RED),
+        (
+            row["name"],
+            "yes" if row["chosen"] else "",
+            page.gain_in_words(row["gain"], row["interval90"], ""),
+            _detectable(row["name"], result["detectable"].get(row["name"], {})),
+        )
+        for row in result["candidates"]
+        if row["name"] != "none"
     ]
-    return bars_chart(rows, "mm", "surface RMS of trials held out")
+    yield page.TableBlock(
+        ("effect", "in the model", "gain\nmm", "smallest value\nthat would have shown"), rows, left=(3,)
+    )
+    yield page.Text(_GAIN, "quiet")
 
 
-def _candidates(outcome: Outcome) -> PlotlyFigure:
-    gains = [
-        Gain(c.name, in_mm(c.gain), (in_mm(c.interval90[0]), in_mm(c.interval90[1])), c.chosen)
-        for c in outcome.candidates
+def error_bars(error: Mapping[str, Any], noise: str, unit: str, x: str, scale: float = 1.0) -> page.Chart:
+    """Return the errors of a trace, as its file has them. noise: what the floor is called."""
+    rows = [
+        (noise, error["noise_floor"], charts.GREY),
+        ("flexible baseline", error["ceiling"], charts.GREY),
+        ("after", error["after"]["held_out"], charts.BLUE),
+        ("before", error["before"]["held_out"], charts.RED),
     ]
-    return gains_chart(gains, "mm", "gain of held-out excess", in_mm(outcome.tolerance))
+    return charts.bars("bars", [(name, scale * value, colour) for name, value, colour in rows], unit, x)
 
 
-def _cloth(outcome: Outcome, cells: np.ndarray, title: str, most: float) -> PlotlyFigure:
-    """Return the residual's RMS by places. most: m, of the colours, alike before and after so that they compare."""
-    fabric = outcome.data.trials[0].design.fabric
-    n = len(cells)
-    centres = (np.arange(n) + 0.5) / n
-    heat = {
-        "type": "heatmap", "z": [[None if np.isnan(v) else in_mm(v) for v in row] for row in cells.tolist()],
-        "x": (in_mm(fabric.width) * centres).tolist(), "y": (in_mm(fabric.height) * centres).tolist(),
-        "colorscale": "Viridis", "zmin": 0, "zmax": in_mm(most),
-        "colorbar": {"title": {"text": "RMS, mm"}, "thickness": 12},
-    }  # fmt: skip
-    down = {"autorange": "reversed", "scaleanchor": "x", "constrain": "domain"}
-    across = {"constrain": "domain"}
-    above = {"text": title, "x": 0.5, "y": 0.98, "yanchor": "top"}
-    margin = {"l": 10, "r": 10, "t": 45, "b": 10}
-    return chart([heat], x="u, mm", y="v, mm", title=above, xaxis=across, yaxis=down, margin=margin, height=400)
+def _detectable(effect: str, values: Mapping[str, float]) -> str:
+    shown = [(name.replace("_", " "), value, EFFECTS[effect].parameters[name].unit) for name, value in values.items()]
+    return "; ".join(f"{name} {value:.3g} {'' if unit == '1' else unit}" for name, value, unit in shown)
 
 
-def _over_time(outcome: Outcome, before: dict[str, Any]) -> PlotlyFigure:
-    lines = []
-    for which, table, colour in (("before", before, RED), ("after", outcome.remains.over_time, BLUE)):
-        for k, (name, (times, rms)) in enumerate(table.items()):
-            shown = f"{name} {which}: %{{y:.2f}} mm at %{{x:.2f}} s<extra></extra>"
-            group = {"legendgroup": which, "showlegend": k == 0, "hovertemplate": shown, "line": {"width": 1}}
-            lines.append(line(which, times.tolist(), in_mm(rms).tolist(), colour, **group))
-    return chart(lines, x="time, s", y="RMS, mm", yaxis={"rangemode": "tozero"})
+def _residual(outcome: Outcome) -> Iterator[page.Block]:
+    """Yield where on the cloth and when something is left, as a motion too, and what to measure next."""
+    after = outcome.remains
+    before = remains(Residuals.of(outcome.data, outcome.before), outcome.selection.folds)
+    most = float(np.nanmax([before.cells, after.cells]))  # alike before and after so that they compare
+    fabric, stages = outcome.data.trials[0].design.fabric, {"before": before, "after": after}
+    size = fabric.width, fabric.height
+    yield page.Title("The residual on the cloth and over time")
+    maps = {which: charts.cloth(f"cloth-{which}", which, of.cells, size, most) for which, of in stages.items()}
+    yield page.Columns([[maps["before"]], [maps["after"]]])
+    curves = []
+    for (which, of), colour in zip(stages.items(), (charts.RED, charts.BLUE), strict=True):
+        for k, (name, (times, rms)) in enumerate(of.over_time.items()):
+            hover = f"{name} {which}: %{{y:.2f}} mm at %{{x:.2f}} s<extra></extra>"
+            group = {"legendgroup": which, "showlegend": k == 0, "hovertemplate": hover, "line_width": 1}
+            curves.append(charts.curve(which, times, in_mm(rms), colour, **group))
+    yield charts.chart("time", curves, x="time, s", y="RMS, mm", yaxis={"rangemode": "tozero"})
+    u, v = (page.mm(place, 0) for place in after.where)
+    follows = f"; it goes with {after.follows}" if after.follows else ""
+    when = f"about {after.when:.1f} s after rest{follows}"
+    yield page.Text(f"What is left is largest at u, v = {u}, {v} mm, {when}.")
+    yield page.Title(f"Trial {_worst(outcome)}: measured, before, after")
+    yield page.MotionBlock(_motion(outcome))
+    yield page.Title("What to measure next")
+    yield page.Text(experiment_in_words(outcome) or "No program within the limits would tell more.")
+    if outcome.next_experiment is not None:
+        program = outcome.next_experiment["program"]
+        instants, rows = [*program["time_s"], program["duration_s"]], program["pressure_kpa"]
+        channels = enumerate(zip(*rows, rows[-1], strict=True))
+        steps = [charts.curve(f"channel {c}", instants, values, line_shape="hv") for c, values in channels]
+        yield charts.chart("program", steps, x="time, s", y="pressure, kPa")
 
 
-def _program(outcome: Outcome) -> PlotlyFigure:
-    assert outcome.next_experiment is not None
-    program = outcome.next_experiment["program"]
-    times = [*program["time_s"], program["duration_s"]]
-    rows = [*program["pressure_kpa"], program["pressure_kpa"][-1]]
-    lines = [line(f"channel {c}", times, [row[c] for row in rows], line={"shape": "hv"}) for c in range(len(rows[0]))]
-    return chart(lines, x="time, s", y="pressure, kPa")
+def _data(outcome: Outcome) -> Iterator[page.Block]:
+    """Yield the errors of each trial, what was left out, and the factors."""
+    used, model = outcome.data.used, outcome.model
+    yield page.Title("Errors by trial")
+    rows = [
+        (e.trial, e.role, *map(in_mm, (e.before.surface_rms, e.after.surface_rms, e.after.surface_floor)))
+        for e in outcome.errors
+    ]
+    yield page.TableBlock(("trial", "role", "before\nmm", "after\nmm", "noise floor\nmm"), rows)
+    yield page.Title("Frames left out")
+    why = f": {WHY}" if used.stretches else ""
+    yield page.Text(f"{100 * used.share_left_out:.0f} % of the frames are left out{why}.")
+    if used.stretches:
+        yield page.TableBlock(("trial", "from, s", "to, s"), [(s.trial, s.begin, s.end) for s in used.stretches])
+    yield page.Title("Factors on the declared values, with 90 % intervals")
+    plain = model.without_effects or model.parameters
+    factors = [(name, _factor(plain[name]), _factor(parameter)) for name, parameter in model.parameters.items()]
+    yield page.TableBlock(("parameter", "without effects", "in the model"), factors)
+
+
+def _factor(parameter: Parameter) -> str:
+    ends = parameter.interval90
+    known = f" ({page.interval(ends)})" if ends is not None and np.isfinite(ends).all() else ""
+    return f"{parameter.factor:.3f}{known}"
 
 
 def _worst(outcome: Outcome) -> str:
@@ -137,16 +162,3 @@ def _motion(outcome: Outcome) -> str:
         if np.isfinite(motion).all():
             items.append(Item(title, times, motion, square_triangles(motion.shape[1])))
     return render_page(f"{outcome.name}/{name}", items)
-
-
-def _parameter_rows(model: Model) -> list[tuple[str, str, str]]:
-    """Name, before, after."""
-
-    def cell(parameter: Any) -> str:
-        factor = f"{parameter.factor:.3f}"
-        if parameter.interval90 is None or not np.isfinite(parameter.interval90).all():
-            return factor
-        return "{} ({:.2f} to {:.2f})".format(factor, *parameter.interval90)
-
-    plain = model.without_effects or model.parameters
-    return [(name, cell(plain[name]), cell(model.parameters[name])) for name in model.parameters]

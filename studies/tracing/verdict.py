@@ -4,10 +4,11 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import label_effect
+from fabdesign.model import EffectTerm
 
 Word = Literal["adequate", "effect", "unexplained"]
 SHARE_OF_A_CAUSE = 0.6  # of the gap, that effects must close to be its cause
@@ -89,3 +90,11 @@ def so_far(labels: Sequence[str]) -> str:
     named = " and ".join(f"{e.name.replace('_', ' ')} ({_FIRST_CLAUSE.split(e.what)[0]})" for e in effects)
     more = f" and {len(labels) - _NAMED_SO_FAR} more" if len(labels) > _NAMED_SO_FAR else ""
     return f"{SO_FAR} {named}{more}; being confirmed"
+
+
+def effect_entry(effect: EffectTerm, explained: float | None) -> dict[str, Any]:
+    """Return an effect as `trace.json` has it. explained: share of the gap that it closes."""
+    declared = EFFECTS[effect.name]
+    scope = effect.scope or declared.scope
+    own = {"name": effect.name, "site": declared.site, "scope": scope, "parameters": effect.parameters}
+    return own | {"explains": explained}

@@ -3,7 +3,7 @@
 from fabdesign.effects.learned import formula
 from fabdesign.model import EffectTerm, Quantity
 from fabdesign.units import in_mm
-from studies.report import gain_in_words
+from studies.report.page import gain_in_words
 from studies.tracing.outcome import Outcome
 
 

@@ -1,5 +1,6 @@
 """The folder of a study of what is not measured yet: numbers and a page."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -7,41 +8,116 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from fabdesign import __version__
 from fabdesign.json_file import write_json
 from fabdesign.output import write_text
 from fabdesign.toml_file import file_stem
 from fabdesign.units import in_mm
 from studies.evaluate import ERROR_NAMES
-from studies.report import html_of, png_address, svg_of
-from studies.unseen.result import PoseResult, UnseenResult
+from studies.report import page
+from studies.unseen.result import Measurement, PoseResult, UnseenResult
+
+_STATISTICS = ("mean", "max", "min", "std")
+_SNAPS = "Near a bifurcation: the cloth may buckle to either side. Pressures 2 % off lead to another stable shape."
+_MEASURED = Markup("""To first order about the model, the shapes are spread by {:.2f} mm RMS. The table says how much of
+this spread each measurement would leave. It assumes 1 mm a coordinate for noise and model error, and 40 independent
+points of a frame. The set points of the first program are in result.json, <code>measurement.program</code>.""")
 
 
 def write_report(result: UnseenResult, out: Path, *, pictures: Path) -> None:
     """Write `result.json` and `report.html` into `out`; `pictures` holds the overlays."""
     write_json(out / "result.json", without_lines(result))
+    ended = f"seed {result['seed']}, {result.get('wall_s', 0.0):.0f} s. fabdesign {__version__}"
+    last = page.Text(f"{result['points_per_side']} grid points a side, {ended}.", "quiet")
+    blocks = [page.Title(result["name"], 1), *_shapes(result), *_left_out(result, pictures), last]
+    write_text(out / "report.html", page.html_of(result["name"], blocks))
+
+
+def _shapes(result: UnseenResult) -> Iterator[page.Block]:
+    """Yield the shapes of a layout before it is sewn, and what to measure."""
+    if not result.get("design"):
+        return
+    said = page.sentence(result["corrector"]["said"])
+    yield page.Text(f"""Design {result["design"]}, before it is sewn: shapes at rest of models drawn from the model's
+        joint covariance. {said}""")
+    yield from page.texts("note", map(page.sentence, _notes(result)))
+    yield page.Columns([[*_pose(pose)] for pose in result.get("poses") or []], "faces")
+    if measurement := result.get("measurement"):
+        yield from _measurement(measurement)
+
+
+def _pose(pose: PoseResult) -> Iterator[page.Block]:
+    yield page.Title(f"{', '.join(f'{p:g}' for p in pose['pressures_kpa'])} kPa")
+    yield page.Picture(_band_figure(pose))
+    if pose["snaps"]:
+        yield page.Text(_SNAPS, "note")
+    values = {f"lower edge {axis}, mm": pose["tip_mm"][axis] for axis in "xyz"}
+    values |= {f"{name}, {output['unit']}": output["percentiles"] for name, output in pose["outputs"].items()}
+    rows = [(name, *(f"{round(x, 1) + 0:.1f}" for x in row)) for name, row in values.items()]
+    yield page.TableBlock(("", "5 %", "middle", "95 %"), [*rows, ("mean curvature, 1/m", *pose["mean_curvature"])])
+    failed = f" {pose['failed']} models found no shape at rest." if pose["failed"] else ""
+    yield page.Text(f"""A drawn shape lies {pose["band_mm"]:.2f} mm RMS from the mean shape, {pose["widest_mm"]:.2f} mm
+        where the scatter is widest.{failed}""")
+
+
+def _measurement(measurement: Measurement) -> Iterator[page.Block]:
+    yield page.Title("What to measure")
+    yield page.Text(_MEASURED.format(measurement["spread_mm"]))
+    rows = [(name, c["design"], c["left_mm"]) for name, c in measurement["candidates"].items()]
+    yield page.TableBlock(("program", "on", "left, mm"), rows, left=(1,))
+    in_turn = ", ".join(f"{name} (leaves {left:.2f} mm)" for name, left in measurement["in_turn_mm"].items())
+    yield page.Text(f"Measured one after another, each telling most beside those before it: {in_turn}.")
+    head = "unknown, in the covariance's order", "spread by its own part, mm"
+    yield page.TableBlock(head, [*measurement["due_to_mm"].items()])
+
+
+def _left_out(result: UnseenResult, pictures: Path) -> Iterator[page.Block]:
+    """Yield each design as those of the others predict it."""
     left_out = result.get("left_out") or {}
-    left = {name: own for name, own in left_out.items() if own}
-    page = html_of(
-        "unseen/report.html.j2",
-        result=result,
-        left=left,
-        not_begun=[name for name, own in left_out.items() if not own],
-        effects={name: _effect_rows(own["effects"]) for name, own in left.items()},
-        notes=_notes(result),
-        bands=[Markup(_band_svg(pose)) for pose in result.get("poses") or []],
-        histograms={name: Markup(_histogram_svg(own)) for name, own in left.items()},
-        overlays={name: png_address((pictures / f"left_out_{file_stem(name)}.png").read_bytes()) for name in left},
-    )
-    write_text(out / "report.html", page)
+    if not left_out:
+        return
+    done = {name: own for name, own in left_out.items() if own}
+    yield page.Title("Each design left out in turn")
+    free = ", ".join(result.get("free") or [])
+    states = f" Without effects: factors fitted alone. After: factors and effects ({free}) fitted together."
+    yield page.Text(f"""The model is calibrated on the trials of the other designs and evaluated on the design left out.
+        Before: the data sheet.{states if free else ""} Values in mm over trials.""")
+    if waiting := ", ".join(name for name in left_out if name not in done):
+        why = "Not started, because the time was used"
+        yield page.Text(f"{why}: {waiting}. The same command with more seconds goes on.", "note")
+    head = "left out", "error", "", *_STATISTICS, "noise floor", "excess removed"
+    yield page.TableBlock(head, [row for name, own in done.items() for row in _error_rows(name, own)], left=(1, 2))
+    for name, own in done.items():
+        yield page.Title(name)
+        bent = f", without {100 * own['share_unjudged']:.0f} % of their frames, which are near a bifurcation"
+        used = f"{len(own['trials'])} evaluated{bent if own['share_unjudged'] else ''}."
+        doubts = f" The intervals are not reliable: {'; '.join(own['doubts'])}." if own["doubts"] else ""
+        yield page.Text(f"{own['source']}. {own['fitted']} trials of the others fitted, {used}{doubts}", "quiet")
+        if own["effects"]:
+            yield page.TableBlock(("effect", "value", "90 %", ""), _effect_rows(own["effects"]))
+        yield page.Picture(_histogram_figure(own))
+        overlay = (pictures / f"left_out_{file_stem(name)}.png").read_bytes()
+        yield page.Picture(overlay, f"{name}, measured over model")
+
+
+def _error_rows(name: str, own: dict[str, Any]) -> Iterator[tuple[object, ...]]:
+    """Yield a row for each error and state of a design left out, mm."""
+    for kind, error, word in (("chamfer", "chamfer", "Chamfer"), ("surface", "surface_rms", "surface RMS")):
+        share = own["closed"][kind]
+        for state in ("before", "without_effects", "after"):
+            if values := own.get(state):
+                removed = "" if state != "after" or share is None else f"{100 * share:.0f} %"
+                statistics = [values[error][key] for key in _STATISTICS]
+                yield name, word, state.replace("_", " "), *statistics, values[f"{kind}_floor"]["mean"], removed
 
 
 def _effect_rows(effects: list[dict[str, Any]]) -> list[tuple[str, str, str, str]]:
-    """Name, value, interval, unit of every parameter."""
+    """Return name, value, interval, unit of every parameter."""
     return [
         (
             f"{effect['name']}.{name}".replace("_", " "),
             f"{p['value']:.4g}",
-            "held" if p["interval90"] is None else "{:.4g} to {:.4g}".format(*p["interval90"]),
+            "held" if p["interval90"] is None else page.interval(p["interval90"], ".4g"),
             "" if p["unit"] == "1" else p["unit"],
         )
         for effect in effects
@@ -80,8 +156,8 @@ def without_lines(result: UnseenResult) -> UnseenResult:
     return shown
 
 
-def _band_svg(pose: PoseResult) -> str:
-    """The cloth's middle line from the side: of every drawn model, and their mean."""
+def _band_figure(pose: PoseResult) -> Figure:
+    """Return the cloth's middle line from the side: of every drawn model, and their mean."""
     lines = in_mm(np.array(pose["middle"]))
     figure = Figure(figsize=(4.2, 4.2), layout="constrained")
     axes = figure.subplots()
@@ -91,10 +167,10 @@ def _band_svg(pose: PoseResult) -> str:
     axes.plot(*lines.mean(axis=0).T, color="#1c2430", linewidth=1.4, label="their mean")
     axes.legend(fontsize="small", frameon=False, loc="lower left", bbox_to_anchor=(0, 1))
     axes.set(xlabel="z, mm (front)", ylabel="y, mm", aspect="equal")
-    return svg_of(figure)
+    return figure
 
 
-def _histogram_svg(sizes: dict[str, Any]) -> str:
+def _histogram_figure(sizes: dict[str, Any]) -> Figure:
     figure = Figure(figsize=(7, 2.8), layout="constrained")
     for axes, error in zip(figure.subplots(1, 2), ("chamfer", "surface_rms"), strict=True):
         shown = sizes["histogram"][error]
@@ -103,7 +179,7 @@ def _histogram_svg(sizes: dict[str, Any]) -> str:
         axes.set(xlabel=f"{ERROR_NAMES[error]}, mm", ylabel="trials")
         axes.yaxis.get_major_locator().set_params(integer=True)
         axes.legend(fontsize="small", frameon=False, ncols=2, loc="lower left", bbox_to_anchor=(0, 1))
-    return svg_of(figure)
+    return figure
 
 
 def as_text(result: UnseenResult) -> str:

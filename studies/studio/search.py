@@ -1,0 +1,250 @@
+"""A search from the layout as it stands: `optimize` in a process of its own, its best so far read as it comes."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import tomlkit
+
+from fabdesign.design_file import read_design, write_design
+from fabdesign.errors import InputError
+from fabdesign.json_file import read_json
+from fabdesign.output import new_folder
+from fabdesign.pressure_file import pressure_file_of, read_pressures
+from fabdesign.study_targets import TargetFile
+from fabdesign.units import from_mm, in_kpa, in_mm
+from optimize.margins import Limits
+from studies.studio.document import Document
+from studies.studio.layout import Layout
+from studies.studio.opening import search_limits
+from studies.studio.results import Result
+from studies.studio.target import ShownTarget
+
+Vary = Literal["pressures", "pressures and positions", "one more muscle"]
+VARIES: tuple[Vary, ...] = get_args(Vary)
+PROGRAM = (sys.executable, "-m", "fabdesign")
+_STOPPED = 30.0  # s that a search has to end with its best
+_OBJECTS = ("weighting", "wishes")  # of a target, that its file alone can say
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """The best so far, or at the end the result. layouts: one for each pose. objective: m."""
+
+    layouts: tuple[Layout, ...]
+    objective: float
+    evaluations: int
+    stop_reason: str
+
+
+def study_document(
+    layout: Layout,
+    targets: Sequence[ShownTarget],
+    limits: Limits,
+    *,
+    vary: Vary,
+    seconds: float,
+    model: Path | None,
+    beside: Path,
+) -> str:
+    """Return the study as text, whose `design.toml` lies in the folder `beside` with it. targets: poses of one
+    layout."""
+    placed = [_placed(target.file, beside) for target in targets]
+    more = len(layout.design.muscles) + 1
+    variables: dict[str, Any] = {"pressures": True, "positions": vary != "pressures"}
+    if vary == "one more muscle":
+        variables["muscles"] = {"min": more, "max": more}
+    document: dict[str, Any] = {"format": "fabdesign.study/1", "kind": "optimize", "design": "design.toml"}
+    if model is not None:
+        document["model"] = _relative(model, beside)
+    document |= {
+        "start_pressures": [in_kpa(pressure) for pressure in layout.pressures],
+        **({"target": placed[0]} if len(placed) == 1 else {"targets": placed}),
+        "variables": variables,
+        "limits": {
+            "pressure": [in_kpa(pressure) for pressure in limits.pressure],
+            "spacing": limits.spacing,
+            "edge": limits.edge,
+            "seconds": float(seconds),
+        },
+    }
+    return tomlkit.dumps(document)
+
+
+def _placed(target: TargetFile, beside: Path) -> dict[str, Any]:
+    """Return what a study says of a target: what is not so by default."""
+    usual = vars(TargetFile(target.file))
+    said = {
+        name: list(value) if isinstance(value, tuple) else value
+        for name, value in vars(target).items()
+        if name not in _OBJECTS and value != usual[name]
+    }
+    if target.place == "fit":
+        said.pop("translation", None)  # the fit finds it
+    return {"file": _relative(target.file, beside), "frame": target.frame, "unit": target.unit} | said
+
+
+def _relative(path: Path, beside: Path) -> str:
+    return os.path.relpath(path.resolve(), beside.resolve()).replace(os.sep, "/")
+
+
+class Search:
+    """One search in `folder`: `study.toml` and `design.toml`, and `result/` as `optimize` leaves it."""
+
+    def __init__(
+        self,
+        folder: Path,
+        layout: Layout,
+        targets: Sequence[ShownTarget],
+        limits: Limits,
+        *,
+        vary: Vary,
+        seconds: float,
+        model: Path | None = None,
+    ) -> None:
+        """Raises InputError where the folder is there already, or cannot be written."""
+        self.folder, self.result = folder, folder / "result"
+        self._poses, self._stopped = len(targets), False
+        self._seen: dict[str, Any] = {}
+        with new_folder(folder, made_by="studio") as unfinished:
+            write_design(layout.design, unfinished / "design.toml")
+            text = study_document(layout, targets, limits, vary=vary, seconds=seconds, model=model, beside=folder)
+            (unfinished / "study.toml").write_text(text, encoding="utf-8", newline="\n")
+        self._process = subprocess.Popen(
+            [*PROGRAM, "optimize", str(folder / "study.toml"), "-o", str(self.result), "--json"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=os.name != "nt",  # Ctrl-C is for the studio, which then stops the search
+        )
+
+    @property
+    def running(self) -> bool:
+        return self._process.poll() is None
+
+    def best(self) -> SearchResult | None:
+        """Return the best so far, when it is another than the last time; at the end the result."""
+        try:
+            content = read_json(self.result / "result.json")
+            if content == self._seen:
+                return None
+            design = read_design(self.result / "design.toml")
+            files = [self.result / pressure_file_of(pose) for pose in range(1, self._poses + 1)]
+            rows = [read_pressures(file, design).pressure[-1] for file in files]
+        except (OSError, ValueError):  # it is being replaced at this moment
+            return None
+        self._seen = content
+        layouts = tuple(Layout.of(design, tuple(map(float, row))) for row in rows)
+        objective, evaluations = from_mm(float(content["objective_mm"])), int(content["evaluations"])
+        return SearchResult(layouts, objective, evaluations, str(content.get("stop_reason", "")))
+
+    def stop(self) -> None:
+        """Ask it to end with the best so far, which lies in `result` whatever it was about when it was asked."""
+        if self.running:
+            self._stopped = True
+            self._process.send_signal(signal.SIGINT)
+
+    def close(self) -> None:
+        """Have it end now, and leave a result where it had one."""
+        self.stop()
+        try:
+            self._process.wait(_STOPPED)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        if self._process.stderr is not None:
+            self._process.stderr.close()
+
+    @property
+    def problem(self) -> str | None:
+        """Return why it ended without a result; None while it runs, and where it ended well or was stopped."""
+        if self.running or self._process.returncode == 0 or self._process.stderr is None:
+            return None
+        if self._process.stderr.closed or (self._stopped and (self.result / "result.json").is_file()):
+            return None
+        lines = [line for line in self._process.stderr.read().splitlines() if line.strip()]
+        return lines[-1] if lines else f"the search ended with code {self._process.returncode}"
+
+
+class BackgroundSearch:
+    """At most one search at a time, in a folder beside the one that `save_folder` gives. message: how it goes."""
+
+    def __init__(self, document: Document, save_folder: Callable[[], Path]) -> None:
+        self._document, self._save_folder = document, save_folder
+        self._under_way: tuple[Search, Result] | None = None
+        self.message = ""
+
+    @property
+    def running(self) -> bool:
+        return self._under_way is not None
+
+    def start(self, vary: Vary, seconds: float) -> None:
+        """Search; the result is a drawing of its own."""
+        document = self._document
+        with document.refusals():
+            if self.running:
+                raise InputError("a search is running")
+            if not document.targets:
+                raise InputError("no target; expected one to search for")
+            design = document.layout.design
+            if not design.muscles and vary != "one more muscle":
+                raise InputError(f"{design.name}: has no muscles; expected some, or one more muscle to search for")
+            document.history.end()
+            limits = document.limits if document.opened.targets else search_limits(design)
+            number, beside = 1, self._save_folder()
+            while (folder := beside.with_name(f"{beside.name}_search_{number}")).exists():
+                number += 1
+            search = Search(
+                folder, document.layout, document.targets, limits, vary=vary, seconds=seconds, model=document.model_file
+            )
+            layouts = document.layouts
+            result = Result(name=f"search {number}: {vary}", begun=layouts[0], layouts=layouts, state="searching")
+            self._under_way = search, result
+            self.message = f"searching in {folder.name}, the first evaluations"
+            document.results.append(result)
+            document.show_result(result)
+
+    def stop(self) -> None:
+        """Have it end; the best so far stays."""
+        if self._under_way is not None:
+            self._under_way[0].stop()
+            self.message = "stopping, with the best so far"
+            self._document.show()
+
+    def follow(self) -> None:
+        """Read its best so far, and whether it has ended."""
+        if self._under_way is None:
+            return
+        document, (search, result) = self._document, self._under_way
+        running = search.running  # before the result is read: what it wrote last is not missed
+        if (best := search.best()) is not None:
+            result.hold(best.layouts, best.objective)
+            count = len(document.targets)
+            of = "" if count == 1 else f", mean of {count} poses,"
+            figure = f"{in_mm(best.objective):.2f} mm{of} after {best.evaluations} evaluations"
+            self.message = result.state = f"{figure}; {best.stop_reason}"
+            if document.shown is result:
+                document.changed()
+            document.show()
+        if not running:
+            self._end(search, result)
+
+    def _end(self, search: Search, result: Result) -> None:
+        problem = search.problem
+        search.close()
+        self._under_way = None
+        self.message = problem or f"kept in {search.result}"
+        if problem:
+            result.state = problem
+            self._document.tell(problem, bad=True)
+        self._document.show()
+
+    def close(self) -> None:
+        """Have it end with its best."""
+        if self._under_way is not None:
+            self._under_way[0].close()
