@@ -1,7 +1,8 @@
 """Cell lists (Hockney and Eastwood 1981): points or triangles sorted into cubes; a search looks into those near by.
 
 Compiled; the kernels do not hold the interpreter's lock, so that threads search on all cores. Their first use on a
-machine compiles for some seconds.
+machine compiles for some seconds. SciPy's k-d trees in their place made an evaluation of clouds 1.2 times as dear for
+points alone, and 2.6 times with triangles by their centres.
 """
 
 from dataclasses import dataclass

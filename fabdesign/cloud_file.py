@@ -3,7 +3,8 @@
 import io
 import math
 import warnings
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import get_args
 
@@ -13,13 +14,7 @@ from numpy.typing import NDArray
 from fabdesign.bounded_file import read_bytes, require_few
 from fabdesign.errors import InputError
 from fabdesign.mcap_file import read_mcap
-from fabdesign.measured_points import (
-    names_instants,
-    require_cloud,
-    require_one_instant,
-    require_room,
-    sound_points,
-)
+from fabdesign.measured_points import names_instants, require_cloud, require_one_instant, sound_cloud
 from fabdesign.mesh_file import KINDS as MESHES
 from fabdesign.mesh_file import read_mesh
 from fabdesign.npz_file import open_npz, read_npy
@@ -31,49 +26,7 @@ from fabdesign.surface import Surface
 from fabdesign.trial_file import read_trial
 from fabdesign.xyz import read_pts, read_xyz
 
-
-@dataclass(frozen=True, eq=False)
-class Markers:
-    frames: NDArray[np.float64]  # (T, n, 3) in the file's unit and frame; NaN where a marker was not seen
-    rate: float  # Hz
-    unit: Unit | None  # as the file says
-
-
-def read_c3d(path: Path | str) -> Markers:
-    """All markers of a C3D (motion capture), through the package c3d. Raises InputError, also where it is not there.
-
-    Format: The C3D file format, www.c3d.org. A marker that was not seen has a negative residual.
-    """
-    path = Path(path)
-    try:
-        import c3d
-    except ImportError:
-        raise InputError(f"{path}: a C3D needs the package c3d; pip install fabdesign[mocap]") from None
-    content = read_bytes(path, "a C3D")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            reader = c3d.Reader(io.BytesIO(content))
-            frames = [points[:, :4] for _, points, _ in reader.read_frames(copy=True, check_nan=False)]
-            rate, declared = float(reader.point_rate), reader.last_frame - reader.first_frame + 1
-            units = reader.get("POINT:UNITS")
-            name = units.string_value.strip().lower() if units is not None else ""
-    except Exception as error:  # c3d raises whatever its parser meets
-        raise InputError(f"{path}: cannot be read as a C3D ({type(error).__name__})") from None
-    if not frames or not frames[0].size:
-        raise InputError(f"{path}: has no markers; expected a C3D with some")
-    if len(frames) != declared:
-        raise InputError(f"{path}: has {len(frames)} of {declared} frames; expected a whole C3D")
-    table = np.array(frames, dtype=np.float64)
-    points = np.where(table[:, :, 3:] < 0, np.nan, table[:, :, :3])
-    if name and name not in get_args(Unit):
-        raise InputError(f"{path}: its unit is {name[:20]!r}; expected one of {', '.join(get_args(Unit))}, or none")
-    return Markers(points, rate, next((unit for unit in get_args(Unit) if unit == name), None))
-
-
 POINTS = 3362  # drawn on a mesh by default: as many as the simulator's faces have
-TEXTS = (".xyz", ".csv", ".txt", ".tsv", ".asc")  # a point a line
-KINDS = (".ply", ".pcd", ".pts", ".obj", ".npy", ".npz", ".c3d", ".mcap", *TEXTS, *MESHES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +34,7 @@ class Geometry:
     """What a file holds, in the file's own unit and frame."""
 
     points: NDArray[np.float64]  # (n, 3), finite, n > 0; of a mesh its vertices
-    triangles: NDArray[np.intp]  # (t, 3); (0, 3) of a cloud
+    triangles: NDArray[np.intp] = field(default_factory=lambda: np.zeros((0, 3), dtype=np.intp))  # none of a cloud
     trial: bool = False  # a frame of a measured trial, in m
     time: float | None = None  # s after rest, of a frame
     frame: int | None = None  # from 0
@@ -105,47 +58,16 @@ def read_geometry(path: Path | str, *, frame: int = -1) -> Geometry:
     less than half of which is sound, for a mesh with coordinates that are not finite or without area.
     """
     path = Path(path)
-    suffix = path.suffix.lower()
-    none = np.zeros((0, 3), dtype=np.intp)
-    if suffix == ".npz":
-        geometry = _npz(path, frame)
-    elif suffix == ".npy":
-        geometry = Geometry(read_npy(path), none)
-    elif suffix == ".ply":
-        ply = read_ply(path)
-        geometry = Geometry(ply.points, ply.triangles)
-    elif suffix == ".pcd":
-        geometry = Geometry(read_pcd(path), none)
-    elif suffix == ".pts":
-        geometry = Geometry(read_pts(path), none)
-    elif suffix == ".obj":
-        geometry = Geometry(*read_obj(path))
-    elif suffix == ".c3d":
-        markers = read_c3d(path)
-        index = _frame(frame, len(markers.frames), path)
-        geometry = Geometry(markers.frames[index], none, frame=index, unit=markers.unit)
-    elif suffix == ".mcap":
-        topics = read_mcap(path)
-        if len(topics) > 1:
-            raise InputError(f"{path}: has clouds on {', '.join(topics)}; expected one topic, or a recording")
-        (clouds,) = topics.values()
-        index = _frame(frame, len(clouds), path)
-        geometry = Geometry(clouds[index], none, frame=index, unit="m")
-    elif suffix in TEXTS:
-        text = read_xyz(path)
-        geometry = Geometry(text.points, none, unit=text.unit)
-    elif suffix in MESHES:
-        geometry = Geometry(*read_mesh(path))
-    else:
+    read = _READERS.get(path.suffix.lower())
+    if read is None:
         raise InputError(f"{path}: is of no kind that is read; expected a cloud or mesh ({', '.join(KINDS)})")
+    geometry = read(path, frame)
     if geometry.is_mesh:
         require_cloud(geometry.points, str(path), size=np.inf)
         return _with_area(geometry, path)
     if geometry.trial:
         return geometry
-    points, left_out = sound_points(geometry.points, str(path), unit_known=False)
-    left_out.tell(len(geometry.points), str(path))
-    return replace(geometry, points=points)
+    return replace(geometry, points=sound_cloud(geometry.points, str(path), unit_known=False))
 
 
 def read_cloud(
@@ -160,13 +82,10 @@ def read_cloud(
     if geometry.is_mesh:
         require_cloud(cloud, str(path), size=size)
         return cloud
-    kept, left_out = sound_points(cloud, str(path), size=size)
-    left_out.tell(len(cloud), str(path))
-    return kept
+    return sound_cloud(cloud, str(path), size=size)
 
 
 def _npz(path: Path, frame: int) -> Geometry:
-    none = np.zeros((0, 3), dtype=np.intp)
     with open_npz(path, "points (n, 3)") as arrays:
         trial = "offsets" in arrays
         if not trial:
@@ -176,17 +95,76 @@ def _npz(path: Path, frame: int) -> Geometry:
                 )
             require_few(math.prod(arrays.shape("points")) // 3, path, "points")
             points = arrays.get("points")
-            for name in arrays.names:
-                if names_instants(name):
-                    require_one_instant(arrays.get(name), name, str(path))
+            require_one_instant({name: arrays.get(name) for name in filter(names_instants, arrays.names)}, str(path))
     if trial:
         data = read_trial(path, size=np.inf)
         index = _frame(frame, len(data.frames), path)
-        return Geometry(data.frames[index], none, trial=True, time=float(data.time[index]), frame=index)
-    if points.dtype.kind not in "fiu":
+        return Geometry(data.frames[index], trial=True, time=float(data.time[index]), frame=index)
+    if points.dtype.kind not in "fiu" or points.ndim > 2:
         raise InputError(f"{path}: points is {points.shape} {points.dtype}; expected numbers (n, 3)")
-    require_room(points, str(path))
-    return Geometry(points.astype(np.float64), none)
+    return Geometry(points)
+
+
+def _text(path: Path, _: int) -> Geometry:
+    points, unit = read_xyz(path)
+    return Geometry(points, unit=unit)
+
+
+def _mcap(path: Path, frame: int) -> Geometry:
+    topics = read_mcap(path)
+    if len(topics) > 1:
+        raise InputError(f"{path}: has clouds on {', '.join(topics)}; expected one topic, or a recording")
+    (clouds,) = topics.values()
+    index = _frame(frame, len(clouds), path)
+    return Geometry(clouds[index], frame=index, unit="m")
+
+
+def _c3d(path: Path, frame: int) -> Geometry:
+    """Return the markers of a C3D (motion capture), NaN where one was not seen, through the package c3d.
+
+    Format: The C3D file format, www.c3d.org. A marker that was not seen has a negative residual.
+    """
+    try:
+        import c3d
+    except ImportError:
+        raise InputError(f"{path}: a C3D needs the package c3d; pip install fabdesign[mocap]") from None
+    content = read_bytes(path, "a C3D")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            reader = c3d.Reader(io.BytesIO(content))
+            frames = [points[:, :4] for _, points, _ in reader.read_frames(copy=True, check_nan=False)]
+            declared = reader.last_frame - reader.first_frame + 1
+            units = reader.get("POINT:UNITS")
+            name = units.string_value.strip().lower() if units is not None else ""
+    except Exception as error:  # c3d raises whatever its parser meets
+        raise InputError(f"{path}: cannot be read as a C3D ({type(error).__name__})") from None
+    if not frames or not frames[0].size:
+        raise InputError(f"{path}: has no markers; expected a C3D with some")
+    if len(frames) != declared:
+        raise InputError(f"{path}: has {len(frames)} of {declared} frames; expected a whole C3D")
+    if name and name not in get_args(Unit):
+        raise InputError(f"{path}: its unit is {name[:20]!r}; expected one of {', '.join(get_args(Unit))}, or none")
+    index = _frame(frame, len(frames), path)
+    markers = frames[index].astype(np.float64)
+    points = np.where(markers[:, 3:] < 0, np.nan, markers[:, :3])
+    return Geometry(points, frame=index, unit=next((unit for unit in get_args(Unit) if unit == name), None))
+
+
+# by the ending of a file's name, in the order in which a message lists them
+_READERS: Mapping[str, Callable[[Path, int], Geometry]] = {
+    ".ply": lambda path, _: Geometry(*read_ply(path)),
+    ".pcd": lambda path, _: Geometry(read_pcd(path)),
+    ".pts": lambda path, _: Geometry(read_pts(path)),
+    ".obj": lambda path, _: Geometry(*read_obj(path)),
+    ".npy": lambda path, _: Geometry(read_npy(path)),
+    ".npz": _npz,
+    ".c3d": _c3d,
+    ".mcap": _mcap,
+    **dict.fromkeys((".xyz", ".csv", ".txt", ".tsv", ".asc"), _text),
+    **dict.fromkeys(MESHES, lambda path, _: Geometry(*read_mesh(path))),
+}
+KINDS = tuple(_READERS)
 
 
 def _frame(frame: int, count: int, path: Path) -> int:

@@ -82,28 +82,25 @@ def is_number(cell: str) -> bool:
     return cell.isascii() and "_" not in cell
 
 
-def require_decimal_commas(path: Path, rows: Iterable[tuple[int, Sequence[str]]], mark: str | None) -> None:
-    """Raise InputError where commas in numbers may part thousands: all have three digits behind them, and blanks or
-    commas part the columns, or numbers without a comma stand in the same column. Elsewhere semicolons or tabs say that
-    they are decimal; where all have three digits, a note says how they are read."""
-    if (read := _first_thousands(path, rows, _WITH_COMMA)) is None:
+def require_decimals(path: Path, rows: Iterable[tuple[int, Sequence[str]]], mark: str | None, *, commas: bool) -> None:
+    """Raise InputError where the commas, or else the points, in numbers may part thousands: where all have three digits
+    behind them, and numbers without one stand in the same column, or commas stand where blanks or commas part the
+    columns. Elsewhere semicolons or tabs say that they are decimal, and a note says how they are read."""
+    if not commas and mark not in (";", "\t"):
         return
-    where, number, beside_others = read
-    if mark in (None, " ", ",") or beside_others:
-        raise _ambiguous(where, number, ",")
-    note(f"{where} is read as {number.replace(',', '.')}, and so are all commas")
-
-
-def require_decimal_points(path: Path, rows: Iterable[tuple[int, Sequence[str]]], mark: str | None) -> None:
-    """Raise InputError where points in numbers may part thousands: semicolons or tabs part the columns, all numbers
-    with a point have three digits behind it, and numbers without one stand in the same column. Elsewhere a note says
-    that they are decimal."""
-    if mark not in (";", "\t") or (read := _first_thousands(path, rows, _WITH_POINT)) is None:
+    if (first := _first_thousands(path, rows, _WITH_COMMA if commas else _WITH_POINT)) is None:
         return
-    where, number, beside_others = read
-    if beside_others:
-        raise _ambiguous(where, number, ".")
-    note(f"{where} is read with a decimal point, and so are all numbers")
+    where, number, beside_others = first
+    if beside_others or (commas and mark not in (";", "\t")):
+        whole, decimal = (number.replace("," if commas else ".", sign) for sign in ("", "."))
+        raise InputError(
+            f"{where} may be {whole} or {decimal}; expected numbers that part no thousands, and semicolons between the "
+            "columns with as many decimals in every number"
+        )
+    if commas:
+        note(f"{where} is read as {number.replace(',', '.')}, and so are all commas")
+    else:
+        note(f"{where} is read with a decimal point, and so are all numbers")
 
 
 def _first_thousands(
@@ -123,13 +120,6 @@ def _first_thousands(
             elif is_number(cell):
                 plain.add(i)
     return None if first is None else (*first, bool(columns & plain))
-
-
-def _ambiguous(where: str, number: str, sign: str) -> InputError:
-    return InputError(
-        f"{where} may be {number.replace(sign, '')} or {number.replace(sign, '.')}; expected numbers that part no "
-        "thousands, and semicolons between the columns with as many decimals in every number"
-    )
 
 
 def separator(header: str) -> str:
@@ -152,10 +142,10 @@ def _with_points(table: RawTable, path: Path) -> RawTable:
     where commas may part thousands."""
     with_comma = [(line, cell) for line, row in table.rows for cell in row if _WITH_COMMA.fullmatch(cell)]
     if not with_comma:
-        require_decimal_points(path, table.rows, table.mark)
+        require_decimals(path, table.rows, table.mark, commas=False)
         return table
     commas = with_comma[0]
-    require_decimal_commas(path, table.rows, table.mark)
+    require_decimals(path, table.rows, table.mark, commas=True)
     points = next(((line, cell) for line, row in table.rows for cell in row if _WITH_POINT.fullmatch(cell)), None)
     if points is not None:
         raise InputError(

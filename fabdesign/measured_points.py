@@ -5,6 +5,7 @@ frame is left out for that, counted and said; where more would go, the frame is 
 """
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -55,18 +56,29 @@ class RemovedPoints:
             note(f"{where}: {self.count} of {of} points are left out ({self})")
 
 
+def sound_cloud(points: NDArray[Any], where: str, *, size: float | None = None, unit_known: bool = True) -> Points:
+    """Return the points of `sound_points`; say which are left out."""
+    kept, left_out = sound_points(points, where, size=size, unit_known=unit_known)
+    left_out.tell(points.size // 3, where)
+    return kept
+
+
 def sound_points(
-    points: Points, where: str, *, size: float | None = None, unit_known: bool = True
+    points: NDArray[Any], where: str, *, size: float | None = None, unit_known: bool = True
 ) -> tuple[Points, RemovedPoints]:
-    """The points of a cloud (n, 3) m that can be the cloth's, and how many others there were.
+    """Return the points of a cloud (n, 3) m, or of a depth image (rows, columns, 3), that can be the cloth's, and how
+    many others there were.
 
     size: the cloth's longer side [m]; without one, only what is far off by the cloud's own measure goes. unit_known:
-    False of a file that may be in another unit than m. Raises InputError as `require_cloud` does, and where more than
-    half would be left out.
+    False of a file that may be in another unit than m. Raises InputError where integers wrapped, where an image is
+    none, as `require_cloud` does, and where more than half would be left out.
     """
+    if points.ndim == 3:
+        _require_image(points, where)
+        points = points.reshape(-1, 3)
+    require_room(points, where)
+    points = points.astype(np.float64, copy=False)
     _require_points(points, where)
-    if _as_a_rule(points, size):
-        return points, RemovedPoints()
     finite = np.isfinite(points).all(axis=1)
     depth = _have_depth(points) | ~finite
     kept = finite & depth
@@ -92,8 +104,6 @@ def require_cloud(points: Points, where: str, *, size: float | None = None) -> N
     another unit; one with a coordinate of over 1e5 is none, whatever its unit.
     """
     _require_points(points, where)
-    if within_reach(points, size=size):
-        return
     bad = ~np.isfinite(points).all(axis=1)
     if bad.any():
         raise InputError(f"{where}: {int(bad.sum())} of {len(points)} points are not finite; expected metres")
@@ -131,13 +141,14 @@ def names_instants(name: str) -> bool:
     return re.sub(r"[^a-z]+|nr$|no$|number|index|idx|id$", "", parse_heading(name).name) in _INSTANTS
 
 
-def require_one_instant(values: NDArray[Any], name: str, where: str) -> None:
-    """Raise InputError where `values`, of a column that `names_instants`, differ: its points are of several frames."""
-    if values.size and (values != values.flat[0]).any():
-        raise InputError(f"{where}: its points are of several instants ({name}); expected those of one")
+def require_one_instant(columns: Mapping[str, NDArray[Any]], where: str) -> None:
+    """Raise InputError where the values of a column that `names_instants` differ: its points are of several frames."""
+    for name, values in columns.items():
+        if names_instants(name) and values.size and (values != values.flat[0]).any():
+            raise InputError(f"{where}: its points are of several instants ({name}); expected those of one")
 
 
-def require_image(image: NDArray[Any], where: str) -> None:
+def _require_image(image: NDArray[Any], where: str) -> None:
     """Raise InputError unless (rows, columns, 3) can be a depth image, whose rows lie beside each other, as do its
     columns. Frames of a cloud, (frames, points, 3), lie on each other: they would be read as one cloud."""
     points = image.astype(np.float64)
@@ -160,39 +171,11 @@ def require_image(image: NDArray[Any], where: str) -> None:
             )
 
 
-def within_reach(points: Points, *, size: float | None = None) -> bool:
-    """Whether every point (n, 3) m is finite and so near that nothing of `require_cloud` can fail but their number."""
-    largest = max(float(points.max(initial=0.0)), -float(points.min(initial=0.0)))  # NaN where a point has one
-    return largest < min(_FAR * (size or 1.0), _LARGEST) / 2  # of the three coordinates the root of three is the most
-
-
 def _require_points(points: Points, where: str) -> None:
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"{where}: points of shape {points.shape}; expected (n, 3)")
     if len(points) == 0:
         raise InputError(f"{where}: the cloud is empty; expected points")
-
-
-def _as_a_rule(points: Points, size: float | None) -> bool:
-    """Whether nothing needs to be left out, found in a fraction of the time that reading a frame takes."""
-    if size is None or not within_reach(points, size=size):
-        return False
-    if not np.linalg.norm(points.max(axis=0) - points.min(axis=0)) <= _BEYOND * size:
-        return False
-    if _same_x(points, _many(points)):
-        return False
-    return int(np.count_nonzero(~points.any(axis=1))) < 2
-
-
-def _many(points: Points) -> int:
-    return max(_REPEATED, round(_REPEATED_SHARE * len(points)))
-
-
-def _same_x(points: Points, many: int) -> bool:
-    if len(points) < many:
-        return False
-    x = np.sort(points[:, 0])
-    return bool((x[many - 1 :] == x[: len(x) - many + 1]).any())
 
 
 def _have_depth(points: Points) -> NDArray[np.bool_]:
@@ -201,8 +184,9 @@ def _have_depth(points: Points) -> NDArray[np.bool_]:
     without = np.zeros(len(points), dtype=np.bool_)
     if origin.sum() >= 2:
         without[origin] = True
-    many = _many(points)
-    if _same_x(points, many):
+    many = max(_REPEATED, round(_REPEATED_SHARE * len(points)))
+    x = np.sort(points[:, 0])
+    if (x[many - 1 :] == x[: max(len(x) - many + 1, 0)]).any():
         order = np.lexsort(points.T)  # ten times as fast as numpy's unique rows
         rows = points[order]
         begins = np.concatenate([[0], 1 + np.flatnonzero((rows[1:] != rows[:-1]).any(axis=1)), [len(rows)]])

@@ -5,7 +5,6 @@ import io
 import logging
 import re
 import warnings
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from fabdesign.bounded_file import LARGEST, read_bytes
 from fabdesign.errors import InputError
 from fabdesign.gltf_file import require_plain
-from fabdesign.surface import require_fans
+from fabdesign.surface import fans_of
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else it prints the stacks of what it tries
 KINDS = (".stl", ".off", ".glb", ".gltf")
@@ -33,12 +32,12 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """
     kind = path.suffix.lower()
     content = read_bytes(path, "a mesh", largest=LARGEST if kind == ".stl" else LARGEST // 10)  # others are packed
-    number, bare = None, {}
-    fans: list[tuple[int, int, int, int]] = []  # of polygons: their number, and the corners of a triangle
+    number, faces, bare = None, None, {}
     if kind == ".stl":
         content, number = _stl(content, path)
     elif kind == ".off":
-        number, fans = _triangles_of_off(content, path)
+        faces = _faces_of_off(content, path)
+        number = int((faces[1] - 2).sum())
     else:
         require_plain(content, path)
         bare = {"skip_materials": True}  # whose pictures may be any files
@@ -59,9 +58,8 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         raise _bad(path, f"has {number} triangles, of which {len(triangles)} can be read")
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise _bad(path, f"a face names vertex {triangles.max()} of {len(vertices)}")
-    if fans:
-        polygons, *corners = np.array(fans, dtype=np.intp).T
-        require_fans(vertices, np.stack(corners, axis=1), np.unique(polygons, return_inverse=True)[1], str(path))
+    if faces is not None:
+        fans_of(vertices, *faces, path)  # whether they are what trimesh makes of them
     return vertices, triangles
 
 
@@ -85,8 +83,8 @@ def _stl(content: bytes, path: Path) -> tuple[bytes, int]:
     return bare, len(between) - 1
 
 
-def _triangles_of_off(content: bytes, path: Path) -> tuple[int, list[tuple[int, int, int, int]]]:
-    """As many triangles as the faces of an OFF are cut into, and those of the faces with more than three corners."""
+def _faces_of_off(content: bytes, path: Path) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the corners of all faces of an OFF, one face after another, and how many each has."""
     lines = [line for line in re.sub(rb"#[^\r\n]*", b"", content).splitlines() if line.strip()]
     head = re.sub(rb"^\s*C?N?OFF\b", b"", lines[0]).split() if lines else []
     if not head and len(lines) > 1:
@@ -96,14 +94,14 @@ def _triangles_of_off(content: bytes, path: Path) -> tuple[int, list[tuple[int, 
     vertices, faces = int(head[0]), int(head[1])
     if len(lines) - 1 != vertices + faces:
         raise _bad(path, f"has {len(lines) - 1} rows; its header says {vertices} vertices and {faces} faces")
-    corners = [line.split() for line in lines[1 + vertices :]]
-    if any(not row[0].isdigit() or not 3 <= int(row[0][:9]) < len(row) for row in corners):
+    rows = [line.split() for line in lines[1 + vertices :]]
+    if any(not row[0].isdigit() or not 3 <= int(row[0][:9]) < len(row) for row in rows):
         raise _bad(path, "a face is not whole")
-    polygons = [(k, row[1 : 1 + int(row[0])]) for k, row in enumerate(corners) if row[0] != b"3"]
-    if any(not word.isdigit() or len(word) > 9 for _, words in polygons for word in words):
+    lengths = np.array([int(row[0]) for row in rows], dtype=np.intp)
+    words = [word for row in rows for word in row[1 : 1 + int(row[0])]]
+    if not all(word.isdigit() and len(word) < 10 for word in words):
         raise _bad(path, "a face names no vertex")
-    fans = [(k, int(words[0]), int(b), int(c)) for k, words in polygons for b, c in pairwise(words[1:])]
-    return sum(int(row[0]) - 2 for row in corners), fans
+    return np.array([*map(int, words)], dtype=np.intp), lengths
 
 
 def _bad(path: Path, why: str) -> InputError:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fabdesign.bspline import design_matrix, weights
+from fabdesign.bspline import design_matrix
 from fabdesign.errors import InputError
 from fabdesign.least_squares import least_squares_with_inequalities
 from fabdesign.units import in_kpa
@@ -112,13 +112,9 @@ class MuscleLaw:
     def _evaluate(self, pressure_pa: ArrayLike, contraction: ArrayLike, order: int) -> Array:
         p, eps = np.asarray(pressure_pa, dtype=float), np.asarray(contraction, dtype=float)
         m, n = self.coefficients.shape
-        i, wp = weights(np.maximum(p, 0.0) / self.pressure_step, m, 0)
-        j, we = weights((eps - self.contraction_start) / self.contraction_step, n, order)
-        force, kink = np.zeros(np.broadcast_shapes(p.shape, eps.shape)), np.zeros(p.shape)
-        for a in range(4):
-            kink += wp[a] * self.kink[i + a]
-            for b in range(4):
-                force += wp[a] * we[b] * self.coefficients[i + a, j + b]
+        of_p = design_matrix(np.maximum(p, 0.0) / self.pressure_step, m)
+        of_eps = design_matrix((eps - self.contraction_start) / self.contraction_step, n, order)
+        force, kink = np.einsum("...j,...j->...", of_p @ self.coefficients, of_eps), of_p @ self.kink
         if order == 1:
             return np.asarray(force / self.contraction_step - np.where(eps < 0, kink, 0.0))
         return np.asarray(force + kink * np.maximum(-eps, 0.0))

@@ -16,7 +16,6 @@ from numpy.typing import DTypeLike, NDArray
 
 from fabdesign.bounded_file import read_bytes, require_few
 from fabdesign.errors import InputError
-from fabdesign.measured_points import require_image, require_room
 
 _NPY = b"\x93NUMPY"
 LARGEST = 600_000_000  # bytes of all arrays as they lie in the file, unpacked
@@ -97,9 +96,9 @@ def open_npz(path: Path, expected: str) -> Iterator[NpzArrays]:
         yield NpzArrays(archive, path, expected)
 
 
-def read_npy(path: Path) -> NDArray[np.float64]:
-    """(n, 3) points of an npy, also of an image (rows, columns, 3). Raises InputError for damage, another shape and
-    what is no number."""
+def read_npy(path: Path) -> NDArray[Any]:
+    """Return the points (n, 3) of an npy, or its image (rows, columns, 3). Raises InputError for damage, another shape
+    and what is no number."""
     expected = "an npy with points (n, 3)"
     content = read_bytes(path, expected)
     stream = io.BytesIO(content)
@@ -116,12 +115,7 @@ def read_npy(path: Path) -> NDArray[np.float64]:
         )
     require_few(math.prod(shape) // 3, path, "points")
     stream.seek(0)
-    points = np.load(stream, allow_pickle=False)
-    if points.ndim == 3:
-        require_image(points, str(path))
-    points = points.reshape(-1, 3)
-    require_room(points, str(path))
-    return points.astype(np.float64)
+    return np.asarray(np.load(stream, allow_pickle=False))
 
 
 def _header(stream: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:

@@ -3,7 +3,6 @@
 Format: Wavefront Technologies, Advanced Visualizer manual, appendix B1 (1992).
 """
 
-from itertools import pairwise
 from pathlib import Path
 from typing import NoReturn
 
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from fabdesign.bounded_file import MOST_POINTS, decode_any, read_bytes, require_few
 from fabdesign.errors import InputError, note
-from fabdesign.surface import require_fans
+from fabdesign.surface import fans_of
 
 # statements that say nothing about where the surface is
 _OTHER = {"vn", "vt", "vp", "g", "o", "s", "mg", "l", "p", "usemtl", "mtllib", "usemap", "maplib"}
@@ -29,8 +28,8 @@ def read_obj(path: Path | str) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     text = decode_any(read_bytes(path, "an OBJ mesh"), path).replace("\\\r\n", " ").replace("\\\n", " ")
     require_few(text.count("\n"), path, "lines")
     vertices: list[tuple[float, ...]] = []
-    triangles: list[tuple[int, int, int]] = []
-    polygons: list[int] = []  # of each triangle
+    corners: list[int] = []  # of all faces
+    lengths: list[int] = []  # of each face
     lines = weighted = False
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.split("#", 1)[0].split()
@@ -42,9 +41,8 @@ def read_obj(path: Path | str) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
                 vertices.append(tuple(map(float, words[1:4])))
                 weighted |= len(words) == 5 and float(words[4]) != 1
             elif words[0] == "f" and len(words) > 3:
-                corners = [_corner(word, len(vertices)) for word in words[1:]]
-                polygons += [number] * (len(corners) - 2)
-                triangles += [(corners[0], b, c) for b, c in pairwise(corners[1:])]
+                corners += [_corner(word, len(vertices)) for word in words[1:]]
+                lengths.append(len(words) - 1)
             else:
                 _refuse(path, number, line)
         except ValueError:
@@ -53,16 +51,13 @@ def read_obj(path: Path | str) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         raise InputError(f"{path}: has vertices whose weight is not 1: x, y, z may be meant divided by it; expected 1")
     if not vertices:
         raise InputError(f"{path}: has no vertices; expected a sound OBJ")
-    if lines and not triangles:
+    if lines and not lengths:
         note(f"{path}: has lines and no faces; its {len(vertices)} vertices are taken")
-    faces = np.array(triangles, dtype=np.intp).reshape(-1, 3)
-    if faces.size and faces.max() >= len(vertices):
-        raise InputError(f"{path}: a face names vertex {faces.max() + 1} of {len(vertices)}; expected a sound OBJ")
+    points = np.array(vertices)
+    faces = fans_of(points, np.array(corners, dtype=np.intp), np.array(lengths, dtype=np.intp), path, first=1)
     loose = len(vertices) - len(np.unique(faces))
     if len(faces) and loose > _LOOSE * len(vertices):
         raise InputError(f"{path}: {loose} of {len(vertices)} vertices belong to no face; expected a whole mesh")
-    points = np.array(vertices)
-    require_fans(points, faces, np.unique(polygons, return_inverse=True)[1], str(path))
     return points, faces
 
 

@@ -79,42 +79,33 @@ def joints(tiling: Tiling, row: int, column: int) -> tuple[list[Shape], list[Sha
     Neighbours meet on the middle line of what they share. The page to the right or below is cut along it, through
     two registration marks, and laid onto the other one.
     """
-    left, top, right, bottom = tiling.box_of(row, column)
+    box = tiling.box_of(row, column)
     inside: list[Shape] = []
     outside: list[Shape] = []
-    half = OVERLAP / 2
-    for there, x, neighbour, cut in (
-        (column > 0, left + half, (row, column - 1), True),
-        (column < tiling.columns - 1, right - half, (row, column + 1), False),
-    ):
-        if there:
-            marks: list[Point] = [(x, top + share * (bottom - top)) for share in (0.25, 0.75)]
-            words = _joint_words(page_name(*neighbour), cut)
-            place = (x - 1.4 if cut else x + 3.4, top + 0.6 * (bottom - top))
-            inside += _joint(((x, top), (x, bottom)), marks, Words(place, words, 2.4, _GREY, "middle", -90), cut=cut)
-            outside += [Line(((x, top - 5), (x, top - 1)), 0.3), Line(((x, bottom + 1), (x, bottom + 5)), 0.3)]
-    for there, y, neighbour, cut in (
-        (row > 0, top + half, (row - 1, column), True),
-        (row < tiling.rows - 1, bottom - half, (row + 1, column), False),
-    ):
-        if there:
-            marks = [(left + share * (right - left), y) for share in (0.25, 0.75)]
-            words = _joint_words(page_name(*neighbour), cut)
-            place = (left + 0.6 * (right - left), y - 1.4 if cut else y + 3.4)
-            inside += _joint(((left, y), (right, y)), marks, Words(place, words, 2.4, _GREY, "middle"), cut=cut)
-            outside += [Line(((left - 5, y), (left - 1, y)), 0.3), Line(((right + 1, y), (right + 5, y)), 0.3)]
+
+    def at(across: float, along: float, upright: bool) -> Point:
+        return (across, along) if upright else (along, across)
+
+    for upright, place, count in ((True, column, tiling.columns), (False, row, tiling.rows)):
+        low, begin, high, end = box if upright else (box[1], box[0], box[3], box[2])
+        for there, across, step in (
+            (place > 0, low + OVERLAP / 2, -1),
+            (place < count - 1, high - OVERLAP / 2, 1),
+        ):
+            if not there:
+                continue
+            cut = step < 0
+            neighbour = page_name(row, column + step) if upright else page_name(row + step, column)
+            words = f"cut off, and lay onto {neighbour}" if cut else f"{neighbour} lies on this"
+            foot = at(across - 1.4 if cut else across + 3.4, begin + 0.6 * (end - begin), upright)
+            inside.append(Line((at(across, begin, upright), at(across, end, upright)), 0.25, _GREY, dashed=not cut))
+            inside.append(Words(foot, words, 2.4, _GREY, "middle", -90 if upright else 0))
+            for share in (0.25, 0.75):
+                mark = at(across, begin + share * (end - begin), upright)
+                inside += [*cross(mark, _MARK, 0.25, "black"), Circle(mark, _MARK / 4, 0.25, fill="none")]
+            for first, last in ((begin - 5, begin - 1), (end + 1, end + 5)):  # crop marks
+                outside.append(Line((at(across, first, upright), at(across, last, upright)), 0.3))
     return inside, outside
-
-
-def _joint_words(neighbour: str, cut: bool) -> str:
-    return f"cut off, and lay onto {neighbour}" if cut else f"{neighbour} lies on this"
-
-
-def _joint(ends: tuple[Point, Point], marks: list[Point], words: Words, *, cut: bool) -> list[Shape]:
-    shapes: list[Shape] = [Line(ends, 0.25, _GREY, dashed=not cut), words]
-    for mark in marks:
-        shapes += [*cross(mark, _MARK, 0.25, "black"), Circle(mark, _MARK / 4, 0.25, fill="none")]
-    return shapes
 
 
 def grid_drawing(face: Drawing, tiling: Tiling) -> Drawing:

@@ -5,14 +5,14 @@ Format: Point Cloud Library, The PCD file format, versions .5 to .7.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.bounded_file import LARGEST, read_bytes, require_few
 from fabdesign.errors import InputError
-from fabdesign.measured_points import names_instants, require_one_instant
+from fabdesign.measured_points import require_one_instant
 
 _KINDS = {"F4": "f4", "F8": "f8", **{f"{t}{n}": f"{t.lower()}{n}" for t in "IU" for n in (1, 2, 4, 8)}}
 _KEYS = {"VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"}
@@ -45,17 +45,10 @@ def read_pcd(path: Path | str) -> NDArray[np.float64]:
     content = read_bytes(path, "a PCD")
     header = _header(content, path)
     body = content[header.start :]
-    if header.data == "ascii":
-        columns = _ascii(body, header, path)
-    elif header.data == "binary":
-        columns = _binary(body, header, path)
-    else:
-        columns = _compressed(body, header, path)
-    for name, column in zip(header.names, columns, strict=True):
-        if names_instants(name):
-            require_one_instant(column, name, str(path))
-    places = [header.names.index(axis) for axis in "xyz"]
-    return np.stack([np.asarray(columns[i], dtype=np.float64) for i in places], axis=1)
+    read = {"ascii": _ascii, "binary": _binary, "binary_compressed": _compressed}[header.data]
+    columns = {name: column[:, :1] for name, column in zip(header.names, read(body, header, path), strict=True)}
+    require_one_instant(columns, str(path))
+    return np.concatenate([columns[axis] for axis in "xyz"], axis=1, dtype=np.float64)
 
 
 def _refuse(path: Path, why: str) -> NoReturn:
@@ -113,33 +106,29 @@ def _header(content: bytes, path: Path) -> _Header:
     return _Header(names, [str(kind) for kind in kinds], [int(count) for count in counts], points, data, at)
 
 
-def _ascii(body: bytes, header: _Header, path: Path) -> list[NDArray[np.float64]]:
+def _ascii(body: bytes, header: _Header, path: Path) -> list[NDArray[Any]]:
+    """Return (points, count) values of each field, as `_binary` and `_compressed` do."""
     lines = [line for line in body.decode("latin-1").splitlines() if line.strip()]
     if len(lines) != header.points:
         _refuse(path, f"has {len(lines)} rows; its header says {header.points} points")
-    if not lines:
-        return [np.zeros(0)] * len(header.names)
     try:
-        table = np.loadtxt(lines, comments=None, ndmin=2)
+        table = np.loadtxt(lines, comments=None, ndmin=2) if lines else np.zeros((0, sum(header.counts)))
     except ValueError:
         _refuse(path, "a row is no row of numbers, or not as long as the others")
     if table.shape[1] != sum(header.counts):
         _refuse(path, f"has {table.shape[1]} values a row; its header says {sum(header.counts)}")
-    first = np.cumsum([0, *header.counts[:-1]])
-    return [table[:, i] for i in first]
+    return np.split(table, np.cumsum(header.counts[:-1]), axis=1)
 
 
-def _binary(body: bytes, header: _Header, path: Path) -> list[NDArray[np.float64]]:
+def _binary(body: bytes, header: _Header, path: Path) -> list[NDArray[Any]]:
     size = header.row.itemsize * header.points
     if len(body) != size:
         _refuse(path, f"has {len(body)} bytes of points; its header says {size}")
     rows = np.frombuffer(body, header.row, header.points)
-    return [
-        rows[name][:, 0] if rows[name].shape[1:] != (0,) else np.zeros(len(rows)) for name in header.row.names or ()
-    ]
+    return [rows[name] for name in header.row.names or ()]
 
 
-def _compressed(body: bytes, header: _Header, path: Path) -> list[NDArray[np.float64]]:
+def _compressed(body: bytes, header: _Header, path: Path) -> list[NDArray[Any]]:
     """Columns one after another, compressed together."""
     size = header.row.itemsize * header.points
     packed, unpacked = (int.from_bytes(body[i : i + 4], "little") for i in (0, 4))
@@ -148,12 +137,11 @@ def _compressed(body: bytes, header: _Header, path: Path) -> list[NDArray[np.flo
     content = _unpacked(body[8:], size)
     if content is None:
         _refuse(path, "its compressed points are damaged")
-    columns, at = [], 0
+    columns: list[NDArray[Any]] = []
+    at = 0
     for kind, count in zip(header.kinds, header.counts, strict=True):
-        dtype = np.dtype("<" + kind)
-        values = np.frombuffer(content, dtype, header.points * count, at).reshape(header.points, count)
-        columns.append(values[:, 0] if count else np.zeros(header.points))
-        at += values.nbytes
+        columns.append(np.frombuffer(content, "<" + kind, header.points * count, at).reshape(header.points, count))
+        at += columns[-1].nbytes
     return columns
 
 

@@ -4,17 +4,17 @@ Format: Greg Turk, The PLY Polygon File Format (1994).
 """
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.bounded_file import read_bytes, require_few
-from fabdesign.measured_points import names_instants, require_one_instant
+from fabdesign.measured_points import require_one_instant
 from fabdesign.output import whole_file
-from fabdesign.ply_body import AsciiBody, BinaryBody, Block, Element, Property, refuse
-from fabdesign.surface import require_fans
+from fabdesign.ply_body import Body, Element, PlyColumn, Property, refuse
+from fabdesign.surface import fans_of
 
 _TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
 _TYPES |= {"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"}
@@ -25,8 +25,7 @@ _END = re.compile(rb"^end_header[ \t]*\r?\n", re.MULTILINE)  # a line of its own
 _CORNERS = ("vertex_indices", "vertex_index")
 
 
-@dataclass(frozen=True, eq=False)
-class Ply:
+class Ply(NamedTuple):
     points: NDArray[np.float64]  # (n, 3), in the file's unit
     triangles: NDArray[np.intp]  # (t, 3); polygons are cut into fans; (0, 3) for a cloud
 
@@ -36,23 +35,21 @@ def read_ply(path: Path | str) -> Ply:
     path = Path(path)
     content = read_bytes(path, "a PLY")
     order, elements, start = _header(content, path)
-    body: AsciiBody | BinaryBody
-    body = AsciiBody(content[start:], path) if order == "" else BinaryBody(content[start:], order, path)
-    points, triangles, polygons = None, np.zeros((0, 3), dtype=np.intp), np.zeros(0, dtype=np.intp)
+    body = Body(content[start:], order, path)
+    points, corners = None, PlyColumn(np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp))
     for element in elements:
         require_few(element.count, path, f"{element.name} rows")
-        blocks = body.read(element)
+        columns = body.read(element)
         if element.name == "vertex":
-            points = _points(element, blocks, path)
-        elif element.name == "face":
-            triangles, polygons = _triangles(element, blocks, path)
+            points = _points(columns, element, path)
+        elif element.name == "face" and element.count:
+            corners = next(columns[name] for name in _CORNERS if name in columns)
     body.finish()
     if points is None:
         refuse(path, "it has no vertices")
-    if triangles.size and (triangles.min() < 0 or triangles.max() >= len(points)):
-        refuse(path, f"a face names vertex {triangles.max()} of {len(points)}")
-    require_fans(points, triangles, polygons, str(path))
-    return Ply(points, triangles)
+    if not np.all((np.abs(corners.values) < 2**31) & (corners.values == np.rint(corners.values))):
+        refuse(path, "its faces are no lists of whole numbers")
+    return Ply(points, fans_of(points, corners.values, corners.lengths, path))
 
 
 def write_ply(path: Path | str, points: NDArray[np.floating], triangles: NDArray[np.integer] | None = None) -> None:
@@ -118,35 +115,11 @@ def _with(element: Element, new: Property) -> Element:
     return Element(element.name, element.count, (*element.properties, new))
 
 
-def _points(element: Element, blocks: list[Block], path: Path) -> NDArray[np.float64]:
-    kinds = {p.name: p.count_kind for p in element.properties}
-    if not {"x", "y", "z"} <= kinds.keys():
+def _points(columns: dict[str, PlyColumn], element: Element, path: Path) -> NDArray[np.float64]:
+    if not {"x", "y", "z"} <= columns.keys():
         refuse(path, "its vertices have no x, y, z")
-    if any(kinds[axis] is not None for axis in "xyz"):
+    scalars = {p.name: columns[p.name].values for p in element.properties if p.count_kind is None}
+    if not {"x", "y", "z"} <= scalars.keys():
         refuse(path, "its vertices have lists for x, y, z")
-    points = np.empty((element.count, 3))
-    for name in (name for name, count in kinds.items() if count is None and names_instants(name)):
-        values = [np.ravel(columns[name]) for _, columns in blocks]
-        require_one_instant(np.concatenate(values) if values else np.zeros(0), name, str(path))
-    for rows, columns in blocks:
-        for k, axis in enumerate("xyz"):
-            points[rows, k] = columns[axis]
-    return points
-
-
-def _triangles(element: Element, blocks: list[Block], path: Path) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """(t, 3) in the order of the faces, polygons cut into fans; and of each triangle the face's number."""
-    name = next((p.name for p in element.properties if p.name in _CORNERS), "")
-    faces = [(rows, columns[name]) for rows, columns in blocks]
-    require_few(sum(corners.shape[0] * max(corners.shape[1] - 2, 0) for _, corners in faces), path, "triangles")
-    fans, order = [np.zeros((0, 3), dtype=np.intp)], [np.zeros(0, dtype=np.intp)]
-    for rows, corners in faces:
-        if not np.all((np.abs(corners) < 2**31) & (corners == np.rint(corners))):
-            refuse(path, "its faces are no lists of whole numbers")
-        if (count := corners.shape[1]) >= 3:
-            c = corners.astype(np.intp)
-            fans.append(np.stack([c[:, [0] * (count - 2)], c[:, 1:-1], c[:, 2:]], axis=2).reshape(-1, 3))
-            order.append(np.repeat(rows, count - 2))
-    faces_of = np.concatenate(order)
-    ranks = np.argsort(faces_of, kind="stable")
-    return np.concatenate(fans)[ranks], np.unique(faces_of[ranks], return_inverse=True)[1]
+    require_one_instant(scalars, str(path))
+    return np.stack([scalars[axis].astype(np.float64) for axis in "xyz"], axis=1)

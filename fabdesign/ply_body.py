@@ -1,9 +1,12 @@
-"""The rows of a PLY, below its header, as arrays: ascii and binary, lists of one length or of several."""
+"""The rows of a PLY, below its header, as columns: ascii and binary, lists of one length or of several.
 
-import struct
-from dataclasses import dataclass
+An ascii element is taken as a binary one of float64, so that both are bytes in which rows follow one another.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import accumulate, chain
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +15,8 @@ from fabdesign.bounded_file import require_few
 from fabdesign.csv_table import is_number
 from fabdesign.errors import InputError
 
-_TOGETHER = 65536  # rows that are gathered at once
+_TOGETHER = 65536  # lines that become numbers at once
+_LONGEST_LIST = 10**9
 
 
 @dataclass(frozen=True)
@@ -29,144 +33,118 @@ class Element:
     properties: tuple[Property, ...]
 
 
+class PlyColumn(NamedTuple):
+    """A property of all rows: the values one after another, and how many a row has."""
+
+    values: NDArray[Any]
+    lengths: NDArray[np.intp]
+
+
 def refuse(path: Path, why: str) -> NoReturn:
     raise InputError(f"{path}: {why}; expected a sound PLY")
 
 
-# rows whose lists have the same lengths: their numbers, and by property (n,), or (n, length) of a list
-Block = tuple[NDArray[np.intp], dict[str, NDArray[Any]]]
+class Body:
+    """What follows the header. order: of bytes, "<" or ">"; "" for ascii."""
 
+    def __init__(self, body: bytes, order: str, path: Path) -> None:
+        self._body, self._order, self._path = body, order, path
+        self._at = 0  # byte or, of an ascii body, line
+        self._lines: list[str] = []
+        if not order:
+            require_few(body.count(b"\n"), path, "lines")
+            text = body.decode("latin-1").replace("_", "?")  # Python takes 1_000 for a number
+            self._lines = [line for line in text.splitlines() if line.strip()]
 
-class AsciiBody:
-    def __init__(self, body: bytes, path: Path) -> None:
-        require_few(body.count(b"\n"), path, "lines")
-        self._lines = [line for line in body.decode("latin-1").splitlines() if line.strip()]
-        self._next = 0
-        self._path = path
+    def read(self, element: Element) -> dict[str, PlyColumn]:
+        """Return the columns of the next element by their names. Raises InputError."""
+        if self._order:
+            starts = _starts(element, self._body, self._order, self._at)
+            if len(starts) <= element.count:
+                refuse(self._path, f"ends after {len(starts) - 1} of {element.count} {element.name} rows")
+            self._at = int(starts[-1])
+            return _columns(element, self._body, self._order, starts[:-1])
+        body, widths = self._numbers(element)
+        element = replace(
+            element, properties=tuple(Property(p.name, "f8", p.count_kind and "f8") for p in element.properties)
+        )
+        starts, lines = _starts(element, body, "<", 0), 8 * np.array([0, *accumulate(widths)])
+        if not np.array_equal(starts, lines):
+            same = starts == lines[: len(starts)]
+            row = int(np.argmin(same)) - 1 if not same.all() else len(starts) - 1
+            refuse(self._path, f"{element.name} row {row} has {widths[row]} values; the header says others")
+        return _columns(element, body, "<", starts[:-1])
 
-    def read(self, element: Element) -> list[Block]:
-        lines = self._lines[self._next : self._next + element.count]
+    def _numbers(self, element: Element) -> tuple[bytes, list[int]]:
+        """The next lines as float64, and how many each has."""
+        lines = self._lines[self._at : self._at + element.count]
         if len(lines) < element.count:
             refuse(self._path, f"ends after {len(lines)} of {element.count} {element.name} rows")
-        self._next += element.count
-        alike: dict[tuple[int, ...], list[int]] = {}
-        for row, line in enumerate(lines):
-            alike.setdefault(self._lengths(element, line.split(), row), []).append(row)
-        return [self._block(element, lengths, rows, lines) for lengths, rows in alike.items()]
+        self._at += element.count
+        parts, widths = bytearray(), list[int]()
+        for first in range(0, len(lines), _TOGETHER):
+            rows = [line.split() for line in lines[first : first + _TOGETHER]]
+            widths += map(len, rows)
+            try:
+                parts += np.array([*map(float, chain.from_iterable(rows))], dtype="<f8").tobytes()
+            except ValueError:
+                row = next(i for i, row in enumerate(rows) if not all(map(is_number, row)))
+                refuse(self._path, f"{element.name} row {first + row} is no row of numbers")
+        return bytes(parts), widths
 
-    def _lengths(self, element: Element, words: list[str], row: int) -> tuple[int, ...]:
-        """How long the row's lists are."""
-        lengths: tuple[int, ...] = ()
-        at = 0
-        for p in element.properties:
-            if p.count_kind is None:
-                at += 1
-                continue
-            if at >= len(words) or not words[at].isdecimal() or len(words[at]) > 9:
-                break
-            lengths += (int(words[at]),)
-            at += 1 + lengths[-1]
+    def finish(self) -> None:
+        """Raise InputError where something is left."""
+        unread = (len(self._body) if self._order else len(self._lines)) - self._at
+        if unread:
+            refuse(self._path, f"has {unread} {'bytes' if self._order else 'rows'} more than its header says")
+
+
+def _at_every_byte(body: bytes, kind: str) -> NDArray[Any]:
+    """Return the value that would begin at each byte."""
+    return np.ndarray(max(len(body) - np.dtype(kind).itemsize + 1, 0), kind, body, strides=(1,))
+
+
+def _starts(element: Element, body: bytes, order: str, at: int) -> NDArray[np.intp]:
+    """Return where the rows begin, with the end of the last; fewer where the body ends, or a list's length is none."""
+    steps: list[
+        tuple[int, NDArray[Any], int, int]
+    ] = []  # bytes before a list's length, lengths, their bytes, a value's
+    fixed = 0
+    for p in element.properties:
+        size = np.dtype(p.kind).itemsize
+        if p.count_kind is None:
+            fixed += size
         else:
-            if at == len(words):
-                return lengths
-        refuse(self._path, f"{element.name} row {row} has {len(words)} values; the header says others")
-
-    def _block(self, element: Element, lengths: tuple[int, ...], rows: list[int], lines: list[str]) -> Block:
-        try:
-            values = np.loadtxt([lines[i] for i in rows], comments=None, ndmin=2)
-        except ValueError:
-            odd = next((i for i in rows if not all(map(is_number, lines[i].split()))), rows[0])
-            refuse(self._path, f"{element.name} row {odd} is no row of numbers")
-        columns, at, sizes = {}, 0, iter(lengths)
-        for p in element.properties:
-            if p.count_kind is None:
-                columns[p.name], at = values[:, at], at + 1
-            else:
-                size = next(sizes)
-                columns[p.name], at = values[:, at + 1 : at + 1 + size], at + 1 + size
-        return np.array(rows, dtype=np.intp), columns
-
-    def finish(self) -> None:
-        if self._next != len(self._lines):
-            refuse(self._path, f"has {len(self._lines) - self._next} rows more than its header says")
+            steps.append((fixed, _at_every_byte(body, order + p.count_kind), np.dtype(p.count_kind).itemsize, size))
+            fixed = 0
+    if not steps:
+        rows = min(element.count, (len(body) - at) // fixed)
+        return at + fixed * np.arange(rows + 1)
+    starts = [at]
+    for _ in range(element.count):
+        for before, lengths, bytes_of_length, size in steps:
+            at += before
+            if at >= len(lengths) or not 0 <= (number := lengths[at].item()) < _LONGEST_LIST or number % 1:
+                return np.array(starts)
+            at += bytes_of_length + int(number) * size
+        at += fixed
+        if at > len(body):
+            break
+        starts.append(at)
+    return np.array(starts)
 
 
-class BinaryBody:
-    def __init__(self, body: bytes, order: str, path: Path) -> None:
-        self._body = body
-        self._order = order
-        self._at = 0
-        self._path = path
-
-    def read(self, element: Element) -> list[Block]:
-        if not element.count:
-            return []
-        starts, lengths = self._walk(element, 1)  # as a rule all rows are as the first
-        row = self._row(element, lengths[0])
-        counts = [name for name in row.names or () if name.startswith("n ")]
-        if self._at + row.itemsize * element.count <= len(self._body):
-            rows = np.frombuffer(self._body, row, element.count, self._at)
-            if all((rows[name] == rows[name][0]).all() for name in counts):
-                self._at += rows.nbytes
-                return [(np.arange(len(rows)), {p.name: rows[p.name] for p in element.properties})]
-        starts, lengths = self._walk(element, element.count)
-        alike: dict[tuple[int, ...], list[int]] = {}
-        for number, key in enumerate(lengths):
-            alike.setdefault(key, []).append(number)
-        self._at = starts[-1]
-        return [self._block(element, key, np.array(numbers), np.array(starts)) for key, numbers in alike.items()]
-
-    def _walk(self, element: Element, count: int) -> tuple[list[int], list[tuple[int, ...]]]:
-        """Where so many rows begin, with the end of the last, and how long their lists are."""
-        steps: list[tuple[int, Any, int]] = []  # bytes before a list's length, what unpacks it, bytes of a value
-        fixed = 0
-        for p in element.properties:
-            size = np.dtype(p.kind).itemsize
-            if p.count_kind is None:
-                fixed += size
-            else:
-                steps.append((fixed, struct.Struct((self._order or "<") + np.dtype(p.count_kind).char), size))
-                fixed = 0
-        body, at, end = self._body, self._at, len(self._body)
-        starts, lengths = [], []
-        for row in range(count):
-            starts.append(at)
-            key: tuple[int, ...] = ()
-            for before, length, size in steps:
-                at += before
-                if at + length.size > end or (number := length.unpack_from(body, at)[0]) < 0:
-                    at = end + 1
-                    break
-                key += (number,)
-                at += length.size + number * size
-            at += fixed
-            if at > end:
-                refuse(self._path, f"ends after {row} of {element.count} {element.name} rows")
-            lengths.append(key)
-        return [*starts, at], lengths
-
-    def _row(self, element: Element, lengths: tuple[int, ...]) -> np.dtype[Any]:
-        fields: list[tuple[Any, ...]] = []
-        sizes = iter(lengths)
-        for p in element.properties:
-            if p.count_kind is None:
-                fields.append((p.name, self._order + p.kind))
-            else:
-                fields += [("n " + p.name, self._order + p.count_kind), (p.name, self._order + p.kind, (next(sizes),))]
-        return np.dtype(fields)
-
-    def _block(
-        self, element: Element, lengths: tuple[int, ...], numbers: NDArray[np.intp], starts: NDArray[np.intp]
-    ) -> Block:
-        row = self._row(element, lengths)
-        content, within = np.frombuffer(self._body, np.uint8), np.arange(row.itemsize)
-        packed = np.empty((len(numbers), row.itemsize), np.uint8)
-        for first in range(0, len(numbers), _TOGETHER):
-            part = numbers[first : first + _TOGETHER]
-            packed[first : first + len(part)] = content[starts[part][:, None] + within]
-        rows = packed.reshape(-1).view(row)
-        return numbers, {p.name: rows[p.name] for p in element.properties}
-
-    def finish(self) -> None:
-        if self._at != len(self._body):
-            refuse(self._path, f"has {len(self._body) - self._at} bytes more than its header says")
+def _columns(element: Element, body: bytes, order: str, starts: NDArray[np.intp]) -> dict[str, PlyColumn]:
+    columns, at = {}, starts.astype(np.intp)
+    for p in element.properties:
+        lengths = np.ones(len(at), dtype=np.intp)
+        if p.count_kind is not None:
+            lengths = _at_every_byte(body, order + p.count_kind)[at].astype(np.intp)
+            at = at + np.dtype(p.count_kind).itemsize
+        size = np.dtype(p.kind).itemsize
+        places = at if p.count_kind is None else np.repeat(at - size * (np.cumsum(lengths) - lengths), lengths)
+        if p.count_kind is not None:
+            places = places + size * np.arange(len(places))
+        columns[p.name] = PlyColumn(_at_every_byte(body, order + p.kind)[places], lengths)
+        at = at + size * lengths
+    return columns

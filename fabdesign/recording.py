@@ -18,7 +18,7 @@ from fabdesign.effort import LONGEST
 from fabdesign.errors import InputError, note
 from fabdesign.frame_pairs import left_out_line, pair_frames
 from fabdesign.mcap_file import read_mcap, read_stamps
-from fabdesign.measured_points import sound_points
+from fabdesign.measured_points import sound_cloud
 from fabdesign.measured_units import require_measured_pressures, require_seconds
 from fabdesign.ply import write_ply
 from fabdesign.pressure import PressureProgram, require_pressures
@@ -85,9 +85,7 @@ class Recording:
         """(n, 3) m, in the camera's own frame, z forward and y down. Raises InputError."""
         if self.mcap is not None and sensor.topic is not None:
             what = f"{self.mcap}: {sensor.topic}, frame {index}"
-            cloud, left_out = sound_points(self.topics[sensor.topic][index], what, size=_SIZE)
-            left_out.tell(len(self.topics[sensor.topic][index]), what)
-            return self._ahead(cloud, what)
+            return self._ahead(sound_cloud(self.topics[sensor.topic][index], what, size=_SIZE), what)
         file = _cloud_file(self._stems(index, sensor), f"frame {index}", sensor)
         before = self.sensors[: self.sensors.index(sensor)] if sensor in self.sensors else ()
         for other, k in ([(sensor, index - 1)] if index else []) + [(other, index) for other in before]:

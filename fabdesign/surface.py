@@ -3,11 +3,13 @@
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from math import isqrt
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.bounded_file import require_few
 from fabdesign.cells import Cells
 from fabdesign.errors import InputError
 from fabdesign.sheet import Face
@@ -27,20 +29,36 @@ class Nearest(NamedTuple):
     weights: Array  # (n, 3) barycentric
 
 
-def require_fans(vertices: Array, triangles: Indices, polygons: Indices, where: str) -> None:
-    """Raise InputError where a polygon that was cut into a fan of triangles is not what they cover: where one of them
-    is turned over, as at a corner that points inwards. polygons: (t,) the number of each triangle's polygon."""
-    if len(triangles) == 0 or len(triangles) == polygons.max() + 1:
-        return  # none has more than three corners
+def fans_of(vertices: Array, corners: NDArray[Any], lengths: Indices, path: Path, *, first: int = 0) -> Indices:
+    """Return the triangles (t, 3) of polygons that are cut into fans. corners: of all polygons, one after another.
+    lengths: of each polygon. first: what the file calls the first vertex.
+
+    Raises InputError for a corner that is no vertex, for too many triangles, and where a polygon is not what its fan
+    covers: where a triangle is turned over, as at a corner that points inwards.
+    """
+    count = np.maximum(lengths - 2, 0)  # triangles of a polygon
+    require_few(int(count.sum()), path, "triangles")
+    start = np.repeat(np.cumsum(lengths) - lengths, count)
+    second = start + np.arange(len(start)) - np.repeat(np.cumsum(count) - count, count) + 1
+    triangles = corners.astype(np.intp)[np.stack([start, second, second + 1], axis=1)]
+    if triangles.size and (triangles.min() < 0 or triangles.max() >= len(vertices)):
+        kind = path.suffix[1:].upper()
+        raise InputError(
+            f"{path}: a face names vertex {triangles.max() + first} of {len(vertices)}; expected a sound {kind}"
+        )
+    if (count <= 1).all():
+        return triangles
+    polygons = np.repeat(np.arange(len(count)), count)
     with np.errstate(over="ignore", invalid="ignore"):
         normals = Surface(vertices, triangles)._normals
         sums = np.stack([np.bincount(polygons, normals[:, axis]) for axis in range(3)], axis=1)
         turned = np.einsum("ti,ti->t", normals, sums[polygons]) < -_TURNED * np.square(sums).sum(axis=1)[polygons]
     if turned.any():
-        count = np.count_nonzero(polygons == polygons[turned][0]) + 2
         raise InputError(
-            f"{where}: a face of {count} corners has one that points inwards; expected triangles, or convex faces"
+            f"{path}: a face of {lengths[polygons[turned][0]]} corners has one that points inwards; expected "
+            "triangles, or convex faces"
         )
+    return triangles
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from fabdesign.cloud_file import POINTS, Geometry, read_geometry
 from fabdesign.errors import InputError, note
 from fabdesign.fabric import Fabric
 from fabdesign.hung_cloth import misplaced
-from fabdesign.measured_points import sound_points
+from fabdesign.measured_points import sound_cloud
 from fabdesign.placement import MARKERS, UNITS, Placement, PlacementFit, Unit, fit_markers, fit_placement
 from fabdesign.study_targets import TargetFile
 
@@ -131,9 +131,7 @@ def _without_far(geometry: Geometry, factor: float, fabric: Fabric, target: Targ
         return geometry
     size = max(fabric.width, fabric.height)
     where = f"{target.file} frame {geometry.frame}" if geometry.trial else f"{target.file}"
-    kept, left_out = sound_points(geometry.points, where, size=size / factor, unit_known=geometry.trial)
-    left_out.tell(len(geometry.points), where)
-    return replace(geometry, points=kept)
+    return replace(geometry, points=sound_cloud(geometry.points, where, size=size / factor, unit_known=geometry.trial))
 
 
 def _fit(geometry: Geometry, raw: Array, fabric: Fabric, factor: float, target: TargetFile) -> PlacementFit:

@@ -1,21 +1,14 @@
 """Clouds as text, a point a line: XYZ (blanks), CSV (commas, with or without a header) and PTS (with a count)."""
 
 import io
-from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn, get_args
+from typing import NamedTuple, NoReturn, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.bounded_file import LARGEST, decode_any, read_bytes, require_few
-from fabdesign.csv_table import (
-    is_number,
-    require_decimal_commas,
-    require_decimal_points,
-    separator,
-    without_separator_line,
-)
+from fabdesign.csv_table import is_number, require_decimals, separator, without_separator_line
 from fabdesign.errors import InputError, note
 from fabdesign.headings import parse_heading, parse_units_row
 from fabdesign.measured_points import names_instants, require_one_instant
@@ -27,8 +20,7 @@ _PTS_WIDTHS = (3, 4, 6, 7)  # x y z, then an intensity, a colour, or both
 Lines = list[tuple[int, str]]  # with their numbers in the file
 
 
-@dataclass(frozen=True, eq=False)
-class TextCloud:
+class TextCloud(NamedTuple):
     points: NDArray[np.float64]  # (n, 3) in the file's unit; NaN where a cell is empty; n may be 0
     unit: Unit | None = None  # that the header names
 
@@ -175,9 +167,9 @@ def _named(path: Path, lines: Lines, mark: str | None) -> tuple[list[int], Unit 
             _refuse(path, rest[0], "names other units than the header")
         symbols = [row[i] or symbol for i, symbol in zip(columns, symbols, strict=True)]
         rest = rest[1:]
-    for i in (i for i, name in enumerate(names) if names_instants(name) and rest):
+    for i in (i for i, name in enumerate(names) if names_instants(name)):
         cells = np.array([",".join(_split(line, mark)[i : i + 1]) for _, line in rest])
-        require_one_instant(cells, headings[i].text, str(path))
+        require_one_instant({headings[i].text: cells}, str(path))
     return columns, _unit(path, lines[0], symbols), rest
 
 
@@ -191,25 +183,17 @@ def _unit(path: Path, header: tuple[int, str], symbols: list[str | None]) -> Uni
 
 
 def _numbers(path: Path, lines: Lines, mark: str | None, width: int, columns: list[int]) -> NDArray[np.float64]:
-    if mark != "," and any("," in line for _, line in lines):  # else they part the cells
-        require_decimal_commas(path, ((number, _split(line, mark)) for number, line in lines), mark)
+    commas = mark != "," and any("," in line for _, line in lines)  # else they part the cells
+    require_decimals(path, ((number, _split(line, mark)) for number, line in lines), mark, commas=commas)
+    if commas:
         lines = [(number, line.replace(",", ".")) for number, line in lines]
-    elif mark in (";", "\t"):
-        require_decimal_points(path, ((number, _split(line, mark)) for number, line in lines), mark)
-    counted = mark is not None and all(line.count(mark) == width - 1 for _, line in lines)
+    if any(len(line.split(mark)) != width for _, line in lines):
+        return _slowly(path, lines, mark, width, columns)
+    text = io.StringIO("\n".join(line for _, line in lines))
     try:
-        table = np.loadtxt(
-            io.StringIO("\n".join(line for _, line in lines)),
-            delimiter=mark,
-            comments=None,
-            ndmin=2,
-            usecols=columns if counted else None,  # others may be no numbers
-        )
+        return np.loadtxt(text, delimiter=mark, comments=None, ndmin=2, usecols=columns)  # others may be no numbers
     except ValueError:
         return _slowly(path, lines, mark, width, columns)
-    if table.shape != (len(lines), 3 if counted else width):
-        return _slowly(path, lines, mark, width, columns)
-    return table if counted else table[:, columns]
 
 
 def _slowly(path: Path, lines: Lines, mark: str | None, width: int, columns: list[int]) -> NDArray[np.float64]:

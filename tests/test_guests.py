@@ -119,10 +119,9 @@ print(three())
 @pytest.mark.parametrize("given", [{}, {"TI_OFFLINE_CACHE": "0"}, {"TI_OFFLINE_CACHE_FILE_PATH": "kernels"}])
 def test_a_home_that_cannot_be_written(given: dict[str, str], tmp_path: Path) -> None:
     (tmp_path / "kernel.py").write_text(KERNEL)
-    for folder in ("kernels", "kernels_wide"):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "ticache.lock").touch()  # a killed process has left it
-        os.utime(tmp_path / folder / "ticache.lock", (0, 0))
+    (tmp_path / "kernels").mkdir()
+    (tmp_path / "kernels/ticache.lock").touch()  # a killed process has left it
+    os.utime(tmp_path / "kernels/ticache.lock", (0, 0))
     done = homeless(tmp_path, ["kernel.py"], **given)
     instead = tmp_path / f"fabdesign-cache-{os.getuid()}"
     note = f"/proc/.cache: cannot be written; {instead} takes its place (XDG_CACHE_HOME sets another)"
@@ -130,7 +129,7 @@ def test_a_home_that_cannot_be_written(given: dict[str, str], tmp_path: Path) ->
     assert done.stderr.count("cannot be written") == 2 and note in done.stderr  # a warning, and its line of code
     assert "Lock" not in done.stderr
     assert instead.stat().st_mode & 0o777 == 0o700
-    kept = {path.relative_to(tmp_path).parts[0].removesuffix("_wide") for path in tmp_path.rglob("*.tic")}
+    kept = {path.relative_to(tmp_path).parts[0] for path in tmp_path.rglob("*.tic")}
     assert kept == {instead.name if not given else given.get("TI_OFFLINE_CACHE_FILE_PATH")} - {None}
 
 

@@ -343,6 +343,12 @@ def test_compressed_pcd(tmp_path: Path) -> None:
             read_geometry(tmp_path / "a.pcd")
 
 
+def test_an_ascii_pcd_may_have_a_field_without_values(tmp_path: Path) -> None:
+    head = "FIELDS time x y z w\nSIZE 4 4 4 4 4\nTYPE F F F F F\nCOUNT 0 1 1 1 0\nWIDTH 2\nHEIGHT 1\nDATA ascii\n"
+    (tmp_path / "a.pcd").write_text(head + "1 2 3\n4 5 6\n")
+    np.testing.assert_array_equal(read_geometry(tmp_path / "a.pcd").points, [[1, 2, 3], [4, 5, 6]])
+
+
 PCD = ascii_pcd(TUBE[:3])
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from fabdesign.errors import InputError
-from sim.kernels.devices import HIDDEN_STEPS, SHORT_FRONTEND, WIDE_VECTORS, wanted
+from sim.kernels.frontend import HIDDEN_STEPS, SHORT_FRONTEND, wanted
 
 ROOT = Path(__file__).parents[1]
 
@@ -28,7 +28,7 @@ def forces(folder: Path, *off: str) -> tuple[np.ndarray, set[str]]:
         cwd=ROOT, env=os.environ | dict.fromkeys(off, "0") | {"TI_OFFLINE_CACHE_FILE_PATH": str(kept)},
         check=True, capture_output=True, timeout=300,
     )  # fmt: skip
-    return np.load(out), {file.name for file in kept.parent.glob("kernels*/*.tic")}
+    return np.load(out), {file.name for file in kept.glob("*.tic")}
 
 
 @pytest.fixture(scope="module")
@@ -44,14 +44,14 @@ def test_taichis_own_frontend_asks_for_the_same_kernels(folder, with_all):
 
 def test_all_off_gives_the_same_forces(folder, with_all):
     # another kernel for each loop whose step is no longer hidden; 1e-6 of the largest force is rounding
-    found, kernels = forces(folder, WIDE_VECTORS, SHORT_FRONTEND, HIDDEN_STEPS)
+    found, kernels = forces(folder, SHORT_FRONTEND, HIDDEN_STEPS)
     assert np.abs(found).max() > 1
     assert np.abs(found - with_all[0]).max() < 1e-6 * np.abs(found).max()
     assert not kernels <= with_all[1]
 
 
 def test_a_device_is_on_or_off(monkeypatch):
-    for name in WIDE_VECTORS, SHORT_FRONTEND, HIDDEN_STEPS:
+    for name in SHORT_FRONTEND, HIDDEN_STEPS:
         monkeypatch.delenv(name, raising=False)
         assert wanted(name)
         monkeypatch.setenv(name, "0")

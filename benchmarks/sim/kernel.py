@@ -21,7 +21,6 @@ from sim.forces.cloth import fabric_force
 from sim.kernels import fields
 from sim.kernels.fields import SPREAD, F, Timed
 from sim.kernels.transfer import load
-from sim.kernels.vector_width import has_avx2
 from sim.materials import M
 from sim.solver.flat_cloth import factorise
 from sim.solver.muscles import solve
@@ -31,6 +30,7 @@ from sim.time.scheme import Integrator, Scheme
 Array = NDArray[np.float32]
 SCHEME = Scheme(1 / 480, Integrator.GENERALISED_ALPHA)
 FREE = int(Support.NONE)
+PROCESSOR = Path("/proc/cpuinfo")
 REPEATS = 50  # evaluations in one call
 PLANES3 = ("q", "x0", "v", "hv", "ha", "f", "carried", "tu", "tv", "n", "na", "nb", "ca", "cb", "cd", "pu", "pv")
 PLANES = ("eu", "ev", "su", "sv", "s1", "s2", "mass")
@@ -76,7 +76,7 @@ def missing() -> str | None:
         return "no gcc"
     if fields.LANES != 8:
         return f"lanes of {fields.LANES}; kernel.c is for 8"
-    if not has_avx2():
+    if not PROCESSOR.exists() or "avx2" not in PROCESSOR.read_text().split():
         return "no AVX2"
     return None
 

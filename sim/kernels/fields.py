@@ -39,11 +39,9 @@ except ImportError as error:
     raise InputError(f"cannot load taichi ({error}){why_not_loaded(error)}") from error
 
 from sim import state  # after the error above
-from sim.kernels.devices import HIDDEN_STEPS, wanted
 from sim.kernels.first_calls import first_call
-from sim.kernels.frontend import brief
+from sim.kernels.frontend import HIDDEN_STEPS, brief, wanted
 from sim.kernels.ownership import mark, require_no_fork, require_unshared, runtime, watch_forks
-from sim.kernels.vector_width import widen
 from sim.materials import CONSTANTS
 from sim.time.scheme import ENTRIES
 
@@ -91,10 +89,10 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     blocks = max(blocks, had.get("blocks", 0))
     require_unshared()
     _require_address_space()
-    kept: dict[str, Any] = {} if "TI_OFFLINE_CACHE" in os.environ else {"offline_cache": True}  # the user's goes first
-    if widen():
-        kept["offline_cache_file_path"] = _wide_folder()
-    remove_stale_lock(Path(kept.get("offline_cache_file_path") or _folder()))
+    kept = {} if "TI_OFFLINE_CACHE" in os.environ else {"offline_cache": True}  # the user's goes first
+    remove_stale_lock(
+        Path(os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or ti.lang.impl.default_cfg().offline_cache_file_path)
+    )
     with not_counted(), contextlib.redirect_stdout(io.StringIO()):
         ti.init(arch=ti.cpu, default_fp=ti.f32, advanced_optimization=False, log_level=ti.CRITICAL, **kept)
     F.__dict__.update(sizes.__dict__, blocks=blocks, declared=declared)
@@ -115,16 +113,6 @@ def _require_address_space() -> None:
             mmap.mmap(-1, _POOL, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | mmap.MAP_NORESERVE).close()
         except OSError:
             raise MemoryError(f"the simulator reserves {_POOL / 1e9:.2g} GB of addresses") from None
-
-
-def _wide_folder() -> str:
-    """Where kernels of 8 floats an operation are kept: Taichi, which does not tell them from those of 4, would take one
-    for the other. A second start finds the folder of the first."""
-    return _folder().removesuffix("_wide") + "_wide"
-
-
-def _folder() -> str:
-    return os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or ti.lang.impl.default_cfg().offline_cache_file_path
 
 
 class Following:

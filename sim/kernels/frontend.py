@@ -13,24 +13,37 @@ import copy
 import functools
 import gc
 import linecache
+import os
 import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import taichi
 from taichi.lang import impl, kernel_impl
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext, Builder
 from taichi.lang.exception import TaichiCompilationError
 
-from sim.kernels.devices import SHORT_FRONTEND, tested, wanted
+from fabdesign.errors import InputError
 
+TESTED = (1, 7, 4)  # the version of Taichi whose frontend this is
+SHORT_FRONTEND = "FABDESIGN_SHORT_FRONTEND"  # environment variables: 0 turns the device off (docs/compiler.md)
+HIDDEN_STEPS = "FABDESIGN_HIDDEN_STEPS"  # sim/kernels/fields.py
 _swapping = threading.RLock()  # one thread at a time, so that Taichi's own frontend is back after the last
+
+
+def wanted(device: str) -> bool:
+    """Return whether the environment variable of that name leaves the device on. Raises InputError."""
+    given = os.environ.get(device, "1")
+    if given not in {"0", "1"}:
+        raise InputError(f"{device} is {given!r}; expected 0 or 1")
+    return given == "1"
 
 
 @contextlib.contextmanager
 def brief() -> Iterator[None]:
     """The short frontend, without the garbage collector, which would look through all that a kernel is made of."""
-    if not wanted(SHORT_FRONTEND) or not tested():
+    if not wanted(SHORT_FRONTEND) or taichi.__version__ != TESTED:
         yield
         return
     with _swapping:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.kernels.devices import HIDDEN_STEPS, SHORT_FRONTEND, WIDE_VECTORS
+from sim.kernels.frontend import HIDDEN_STEPS, SHORT_FRONTEND
 
 ROOT = Path(__file__).parents[2]
 MOTIONS = """
@@ -27,7 +27,7 @@ def motions(out: Path, *off: str) -> np.ndarray:
 
 def test_the_same_motions(tmp_path, record):
     # m: rounding that 0.3 s of motion, with jumps of up to 400 kPa, lets grow; the cloth moves by 30 mm
-    on, off = motions(tmp_path / "on.npy"), motions(tmp_path / "off.npy", WIDE_VECTORS, SHORT_FRONTEND, HIDDEN_STEPS)
+    on, off = motions(tmp_path / "on.npy"), motions(tmp_path / "off.npy", SHORT_FRONTEND, HIDDEN_STEPS)
     assert np.abs(on - on[:, :1]).max() > 0.01
     apart = np.abs(on - off).max()
     record("motions without the devices of docs/compiler.md", "5e-5 m", f"{apart:.1e} m")
