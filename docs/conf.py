@@ -49,8 +49,18 @@ def excerpts_on_search(app, pagename, templatename, context, doctree):
         app.add_js_file("excerpts.js", priority=100)
 
 
+def parameters_as_fields(app, what, name, obj, options, lines):
+    """Show the sentences on parameters of a verb (`NAME: ...` at the beginning of a line) as a list."""
+    names = [*getattr(obj, "__code__", parameters_as_fields.__code__).co_varnames]
+    for k, line in enumerate(lines):
+        word, colon, sentence = line.partition(": ")
+        if what == "function" and colon and word in names and (not lines[k - 1] or lines[k - 1].startswith((":", " "))):
+            lines[k] = f":param {word}: {sentence}"
+
+
 def setup(app):
     """Called by Sphinx."""
+    app.connect("autodoc-process-docstring", parameters_as_fields)
     app.connect("build-finished", write_excerpts)
     app.connect("html-page-context", excerpts_on_search)
 

@@ -10,8 +10,9 @@ objects or paths. Everything here is loaded when it is asked for, so that this i
     (1, 2, 41, 41, 3)
 
 Nouns: Design, Fabric, Muscle, MuscleType, Model; `build` makes a catalogue layout; `read_design`, `read_set` and
-`read_model` read files. Verbs: `simulate` `equilibrium` `sweep` `sensitivity` `optimize` `layouts` `unseen` `calibrate`
-`train` `predict` `evaluate` `trace`. What they raise: InputError, SimulationError.
+`read_model` read files. Verbs: `simulate` `equilibrium` `sweep` `sensitivity` `optimize` `layouts` `unseen` `loop`
+`study` `calibrate` `train` `predict` `evaluate` `trace` `fuse` `rig` `new` `check` `export` `view` `studio` `demo`
+`prepare`, and `studies`. Each is the command of its name. What they raise: InputError, SimulationError.
 """
 
 TYPE_CHECKING = False  # of `typing`, which would take longer to load than all of this
@@ -25,17 +26,30 @@ if TYPE_CHECKING:
     from fabdesign.fabric import Fabric
     from fabdesign.interface import (
         calibrate,
+        check,
+        demo,
         equilibrium,
         evaluate,
+        export,
+        fuse,
         layouts,
+        loop,
+        new,
         optimize,
         predict,
+        prepare,
+        rig,
+        schema,
         sensitivity,
         simulate,
+        studies,
+        studio,
+        study,
         sweep,
         trace,
         train,
         unseen,
+        view,
     )
     from fabdesign.measurement_set import read_set
     from fabdesign.model import Model
@@ -45,9 +59,11 @@ if TYPE_CHECKING:
 __version__ = "0.2.0"
 SIMULATOR = "2"  # counts changes of the simulator that move motions: factors fitted with another one may not fit
 __all__ = [
-    "Design", "Fabric", "InputError", "Model", "Muscle", "MuscleType", "SimulationError",
-    "build", "calibrate", "equilibrium", "evaluate", "layouts", "optimize", "predict", "read_design", "read_model",
-    "read_set", "sensitivity", "simulate", "sweep", "trace", "train", "unseen",
+    "Design", "Fabric", "InputError", "Model", "Muscle", "MuscleType", "SimulationError", "build", "calibrate",
+    "check", "demo", "equilibrium", "evaluate", "export", "fuse", "layouts", "loop", "new", "optimize", "predict",
+    "prepare", "read_design", "read_model", "read_set", "rig", "schema", "sensitivity", "simulate", "studies",
+    "studio",
+    "study", "sweep", "trace", "train", "unseen", "view",
 ]  # fmt: skip
 _WHERE = {
     "Design": "design", "Fabric": "fabric", "InputError": "errors", "Model": "model", "Muscle": "muscle",
@@ -56,11 +72,22 @@ _WHERE = {
 }  # fmt: skip
 
 
+def one_blas_thread() -> None:
+    """Have NumPy's matrices take one thread, unless NumPy is loaded or the environment says otherwise: they are small
+    here, and on a busy machine threads that wait for each other cost ten times them."""
+    import os
+    import sys
+
+    if "numpy" not in sys.modules:
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
 def __getattr__(name: str) -> "Any":
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
 
+    one_blas_thread()
     return getattr(import_module(f"fabdesign.{_WHERE.get(name, 'interface')}"), name)
 
 

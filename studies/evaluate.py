@@ -19,6 +19,7 @@ from fabdesign.metrics import Closed, Errors, Statistics, closed, statistics, tr
 from fabdesign.model import Model
 from fabdesign.predictor import Predictor
 from fabdesign.sensor_noise import SensorNoise, estimate_noise
+from fabdesign.tabled import Columns, Tabled
 from fabdesign.trial import MeasurementSet, Trial
 from fabdesign.units import in_mm
 from studies.forward_model import forward_model
@@ -76,13 +77,15 @@ class DesignResult:
 
 
 @dataclass(frozen=True)
-class SetEvaluation:
-    """designs: trials of role `test`; others: the rest, where they were asked for."""
+class SetEvaluation(Tabled):
+    """designs: trials of role `test`; others: the rest, where they were asked for. skipped: bad trials left out, a line
+    each."""
 
     designs: Mapping[str, DesignResult]
     others: Mapping[str, DesignResult]
     used: UsedFrames
     unreliable: tuple[str, ...] = ()  # parameters of the model whose intervals its fit calls not reliable
+    skipped: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """What `evaluate --json` prints: mm."""
@@ -92,6 +95,24 @@ class SetEvaluation:
         if self.unreliable:
             result["unreliable"] = list(self.unreliable)
         return dict(plain(result | self.used.as_json() | {"metric": "chamfer, surface_rms", "unit": "mm"}))
+
+    def columns(self) -> Columns:
+        """Return a row a trial: design, set, trial, order, role, share of frames used, and errors before and after
+        [mm]."""
+        tables = (*self.designs.items(), *self.others.items())
+        rows = [(name, trial) for name, table in tables for trial in table.trials]
+        columns: Columns = {"design": [name for name, _ in rows]}
+        for key, field in (("set", "set_name"), ("trial", "trial"), ("order", "order"), ("role", "role")):
+            columns[key] = [getattr(trial, field) for _, trial in rows]
+        columns["judged"] = [trial.used for _, trial in rows]
+        for when in ("before", "after"):
+            for error in ERRORS:
+                columns[f"{error}_{when}"] = [in_mm(getattr(getattr(trial, when), error)) for _, trial in rows]
+        scores = [trial.intervals for _, trial in rows]
+        if any(scores):
+            for k, name in enumerate(("interval_inside", "interval_width", "interval_crps")):
+                columns[name] = [np.nan if score is None else score.shown[k] for score in scores]
+        return columns
 
 
 def evaluate_sets(

@@ -1,5 +1,6 @@
 """Python's functions and the commands of their names: the same calls, the same figures; results as tables."""
 
+import inspect
 import json
 import pydoc
 import re
@@ -10,14 +11,19 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 import pytest
 
 import fabdesign
 from fabdesign.cli import commands
+from fabdesign.cli.command import add_commands
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import HOLD, RISE, Case
 from fabdesign.interface import Motion
+from fabdesign.interface.verb import VERBS as VERBS_OF_COMMANDS
+from fabdesign.interface.verb import Shown
+from fabdesign.interface.verb import verb as declare_verb
 from fabdesign.measurement_set import NewTrial, write_set
 from fabdesign.model import Covariance, Model, Parameter, Provenance
 from fabdesign.model_file import write_model
@@ -101,16 +107,16 @@ def test_predict_and_evaluate(run: Run, asked: Callable[[], list[str]], monkeypa
     monkeypatch.setattr("studies.evaluation_report._write_histogram", lambda _, path: path.touch())  # is slow
     assert run("predict", "set", "--model", "model.toml", "-o", "out")[0] == 0
     before = asked()
-    motions = fabdesign.predict("model.toml", fabdesign.read_set("set"))
+    motions = fabdesign.predict(fabdesign.read_set("set"), "model.toml")
     assert asked() == before and [*motions] == ["000", "001", "002"]
     for name, motion in motions.items():
         assert np.array_equal(motion.points, read_motion(Path(f"out/trials/{name}.npz")).points)
     _, out, _ = run("evaluate", "set", "--model", "model.toml", "--all", "--json")
     asked()
-    found = fabdesign.evaluate(fabdesign.read_model("model.toml"), "set", all_trials=True)
-    assert found.found.as_json() | {"skipped": []} == json.loads(out)
+    found = fabdesign.evaluate("set", fabdesign.read_model("model.toml"), all_trials=True)
+    assert found.to_json() | {"skipped": []} == json.loads(out)
     assert found.to_table()["chamfer_after"].to_numpy() == pytest.approx(
-        [1e3 * t.after.chamfer for table in found.found.others.values() for t in table.trials]
+        [1e3 * t.after.chamfer for table in found.others.values() for t in table.trials]
     )
 
 
@@ -140,6 +146,23 @@ BELOW = {
         "calibrate set -o m.toml",
         lambda: fabdesign.calibrate("set", "m.toml"),
     ),
+    "rig": (
+        "studies.rig.run_rig",
+        "rig cross.toml p.csv --test-trials 1 --key key.toml -o measured",
+        lambda: fabdesign.rig(Path("cross.toml"), ["p.csv"], Path("measured"), test_trials=1, key=Path("key.toml")),
+    ),
+    "fuse": (
+        "studies.fusion.fuse.fuse_all",
+        "fuse recording --points 500 --convention backward --per-frame --seed 3 -o fused",
+        lambda: fabdesign.fuse(
+            [Path("recording")], Path("fused"), points=500, convention="backward", per_frame=True, seed=3
+        ),
+    ),
+    "loop": (
+        "studies.loop.run.run_loop",
+        "loop loop.toml -o looped --seconds 50",
+        lambda: fabdesign.loop("loop.toml", Path("looped"), seconds=50.0),
+    ),
     "defaults of trace": ("studies.tracing.run.trace_set", "trace set -o t", lambda: fabdesign.trace("set", "t")),
 }
 
@@ -149,6 +172,7 @@ def test_the_command_and_the_function_ask_the_same(
     name: str, run: Run, asked: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     below, line, function = BELOW[name]
+    Path("loop.toml").write_text('kind = "loop"\n')
     calls: list[dict[str, Any]] = []
 
     def note(*arguments: Any, **options: Any) -> None:
@@ -174,6 +198,104 @@ def _plain(value: Any) -> Any:
         "path"
         if isinstance(value, Path) and value.suffix in (".toml", "") and "fabdesign" in str(value)
         else repr(value)
+    )
+
+
+def test_files_are_written_checked_and_shown_as_by_the_commands(run: Run, asked: Callable[[], list[str]]) -> None:
+    assert run("new", "vertical", "--width", "0.3", "--muscles", 4, "-o", "a.toml")[0] == 0
+    assert fabdesign.new("vertical", "b.toml", width=0.3, muscles=4) == fabdesign.read_design("a.toml")
+    assert Path("a.toml").read_bytes() == Path("b.toml").read_bytes()
+    with pytest.raises(InputError, match=r"^b.toml: exists; --force replaces it"):
+        fabdesign.new("vertical", "b.toml")
+    Path("cut.npz").write_bytes(b"PK")
+    code, out, _ = run("check", "a.toml", "cut.npz", "--json")
+    findings = fabdesign.check(["a.toml", "cut.npz"])
+    assert code == 2
+    assert {name: [*of.problems] for name, of in findings.items()} == {
+        name: of["problems"] for name, of in json.loads(out)["files"].items()
+    }
+    made = fabdesign.export("a.toml", "templates", tail_length=0.03, paper="none")
+    _, out, _ = run("export", "a.toml", "--tail-length", 0.03, "--paper", "none", "-o", "again", "--json")
+    assert [file.name for file in made.files] == [Path(file).name for file in json.loads(out)["files"]]
+    fabdesign.simulate("cross.toml", [100, 0], "m.npz", duration=0.05)
+    panels = fabdesign.view(["m.npz"], "tip.csv", markers=["tip=0.1,0.2"])
+    _, out, _ = run("view", "m.npz", "--marker", "tip=0.1,0.2", "-o", "again.csv", "--json")
+    assert panels == json.loads(out)["panels"] and Path("tip.csv").read_bytes() == Path("again.csv").read_bytes()
+
+
+def test_benches(run: Run, asked: Callable[[], list[str]]) -> None:
+    Path("strip").mkdir()
+    records = ""
+    for k in range(4):
+        rows = [f"{1 + 0.004 * i},{520 * 0.05 * 0.004 * i}" for i in range(26)]
+        Path(f"strip/r{k}.csv").write_text("\n".join(["stretch,force_n", *rows]) + "\n")
+        records += f'[[records]]\nfile = "r{k}.csv"\n' + 'role = "test"\n' * (k == 3)
+    head = 'format = "fabdesign.bench/1"\nspecimen = "strip"\nwidth = 0.05\ninput = ["stretch"]\noutput = "force_n"\n'
+    Path("strip/bench.toml").write_text(head + records)
+    _, out, _ = run("calibrate", "strip", "-o", "a.toml", "--json")
+    (fitted,) = fabdesign.calibrate("strip", "b.toml")
+    assert fitted.to_json() | {"files": ["a.toml", "a_law.csv"]} == json.loads(out)
+    assert fitted.files == ("b.toml", "b_law.csv")
+    assert Path("a_law.csv").read_bytes() == Path("b_law.csv").read_bytes()
+    assert fitted.to_table()["name"].tolist() == [*fitted.constants]
+    _, out, _ = run("evaluate", "strip", "--model", "a.toml", "--json")
+    assert fabdesign.evaluate("strip", "b.toml").to_json() == json.loads(out)
+    _, out, _ = run("trace", "strip", "-o", "traced", "--tolerance", 3, "--json")
+    assert fabdesign.trace("strip", tolerance=0.03).to_json() == json.loads(out)
+
+
+def test_results_are_listed_shown_and_compared(run: Run, asked: Callable[[], list[str]]) -> None:
+    for name in ("a", "b"):
+        fabdesign.new("vertical", f"{name}.toml", name=name)
+        fabdesign.export(f"{name}.toml", f"out/{name}", tail_length=0.03, paper="none")
+    _, out, _ = run("studies", "list", "out", "--json")
+    assert [str(one.path) for one in fabdesign.studies.list("out")] == [
+        one["folder"] for one in json.loads(out)["results"]
+    ]
+    assert fabdesign.studies.show("out/a").made_by == "export"
+    assert fabdesign.studies.compare(["out/a", "out/b"]) == {}
+    with pytest.raises(InputError, match=r"^out/a: one folder; expected two or more to compare"):
+        fabdesign.studies.compare(["out/a"])
+
+
+def test_a_command_has_what_its_function_has() -> None:
+    for words, verb in VERBS_OF_COMMANDS.items():
+        command: Any = commands
+        for word in words.split():
+            command = command.commands[word]
+        own = inspect.signature(verb.function).parameters
+        shared = {"force", "effects", "cluster", "unit", "place", "rotation"}
+        for parameter in command.params:
+            name = parameter.name
+            assert name in {*own, *shared, "as_json"}, f"{words}: {name}"
+            assert name == "as_json" or isinstance(parameter, click.Argument) or parameter.help, f"{words}: {name}"
+
+
+def test_a_new_verb_takes_one_declaration(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    verbs: dict[str, Any] = {}
+    monkeypatch.setattr("fabdesign.cli.command.VERBS", verbs)
+    monkeypatch.setattr("fabdesign.interface.verb.VERBS", verbs)
+    monkeypatch.setattr(commands, "commands", {})
+
+    @declare_verb(lambda area, given: Shown({"area_m2": area}, f"{area:.4f} m^2 at {given['pitch']:g} m"), "DESIGN")
+    def area(design: "File", *, pitch: "float" = 0.02, sides: "Sequence[str]" = ()) -> float:  # noqa: F821
+        """Say how large the cloth of a DESIGN is.
+
+        pitch: Distance between fixed points, m.
+        sides: Faces that count, separated by commas.
+        """
+        assert [*sides] in ([], ["front", "back"])
+        return fabdesign.build("cross").fabric.width ** 2
+
+    add_commands()
+    with pytest.raises(SystemExit):
+        commands.commands["area"].main(["cross.toml", "--pitch", "0.01", "--sides", "front,back"])
+    assert capsys.readouterr().out == "0.0400 m^2 at 0.01 m\n"
+    with pytest.raises(SystemExit):
+        commands.commands["area"].main(["--help"])
+    text = " ".join(capsys.readouterr().out.split())
+    assert (
+        "Usage: " in text and "DESIGN Say how large the cloth of a DESIGN is. Options: --pitch NUMBER Distance" in text
     )
 
 
@@ -226,7 +348,7 @@ def test_optimize_ends_with_a_design_and_its_table(asked: Callable[[], list[str]
     goal = AnalyticCloth().equilibria([Case(vertical, constant_program([2e5]))])[0]
     found = fabdesign.optimize(vertical, goal[::4], evaluations=40, progress=lambda line, share: told.append(share))
     assert found.pressures == pytest.approx(np.array([[200.0]]), abs=5)
-    assert len(found.to_table()) == found.found.as_json()["evaluations"] and told[-1] > 0
+    assert len(found.to_table()) == found.to_json()["evaluations"] and told[-1] > 0
     assert found.shapes[0].points.shape[0] == 1 and found.objective < 5e-3
 
 
@@ -330,7 +452,7 @@ def test_sensitivity(run: Run, asked: Callable[[], list[str]]) -> None:
     found = fabdesign.sensitivity("cross.toml", parameters, method="sobol", samples=8)
     assert asked() == before
     whole = json.loads(Path("out/result.json").read_text())
-    assert found.found.as_json()["outputs"] == whole["outputs"]
+    assert found.to_json()["outputs"] == whole["outputs"]
     assert found.indices("tip_z")["pressure.0"]["total"] > 0.2
     assert set(found.to_table()["parameter"]) == set(parameters)
     with pytest.raises(InputError, match=r"low = 300, high = 50; expected low < high, from 0 to "):
@@ -360,7 +482,7 @@ def test_ctrl_c_keeps_what_is_done(asked: Callable[[], list[str]], monkeypatch: 
         fabdesign.equilibrium("cross.toml", rows)
     calls.clear()
     swept = fabdesign.sensitivity("cross.toml", {"pressure.0": (0, 300)}, method="sobol", samples=64)
-    assert not swept.complete and "Interrupted, with " in swept.found.sentences[0]
+    assert not swept.complete and "Interrupted, with " in swept.sentences[0]
 
 
 def test_ctrl_c_keeps_the_trials_that_are_done(asked: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -376,10 +498,10 @@ def test_ctrl_c_keeps_the_trials_that_are_done(asked: Callable[[], list[str]], m
 
     monkeypatch.setattr(Cloth, "motions", some)
     with pytest.warns(UserWarning, match="interrupted, with the first 2 of 3 trials"):
-        assert [*fabdesign.predict("model.toml", "set", grid=31)] == ["000", "001"]
+        assert [*fabdesign.predict("set", "model.toml", grid=31)] == ["000", "001"]
     batches.clear()
     with pytest.warns(UserWarning, match="interrupted, with the first 1 of 3 trials"):  # the second is being compared
-        found = fabdesign.evaluate("model.toml", "set", all_trials=True, grid=31).found
+        found = fabdesign.evaluate("set", "model.toml", all_trials=True, grid=31)
     assert [trial.trial for table in found.others.values() for trial in table.trials] == ["000"]
 
 

@@ -18,12 +18,12 @@ from tests.conftest import ROOT
 
 COUNT = """
 import time
-from fabdesign.cli.progress import counted, described
+from fabdesign.cli.progress import described
 from fabdesign.working_time import not_counted
-with counted("predicted") as shown:
+with described("predicted") as shown:
     for done in range(1, 4):
         time.sleep(0.15)
-        shown(done, 4)
+        shown(f"predicted {done} of 4 trials", done / 4)
 with described("calibrating") as told:
     told("to 0.5 s, iteration 1: 2.000 mm RMS", 0.25)
     with not_counted():

@@ -14,8 +14,7 @@ from fabdesign.bench_table_file import read_bench_table
 from fabdesign.catalogue import build, standard
 from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
-from fabdesign.interface.results import Motion
-from fabdesign.interface.study_results import Optimized
+from fabdesign.interface.results import Motion, Optimized
 from fabdesign.model import Model, Parameter
 from fabdesign.study_file import read_kind, read_study
 from studies.benches.write import _origin

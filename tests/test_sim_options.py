@@ -10,8 +10,10 @@ import fabdesign
 import sim.simulator
 from fabdesign import design, model, muscle
 from fabdesign.errors import InputError
+from fabdesign.forward import Case
 from fabdesign.interface import motions as interface_motions
 from fabdesign.interface import results as interface_results
+from fabdesign.pressure_file import constant_program
 from sim import Simulator
 
 
@@ -44,6 +46,15 @@ def test_extreme_options_can_be_tried_again_finer():
 
 def test_numpy_numbers_are_numbers():
     assert Simulator(np.int64(21), time_step=np.float64(1 / 960)).points_per_side == 21
+
+
+def test_a_motion_has_tensions_and_contractions():
+    cloth = fabdesign.build("vertical", muscles=2)
+    shape = fabdesign.equilibrium(cloth, [300, 100], grid=21)
+    (simulated,) = Simulator(21).rest([Case(cloth, constant_program([3e5, 1e5]))])
+    assert np.array_equal(shape.tension, simulated.tension) and np.array_equal(shape.contraction, simulated.contraction)
+    strong, weak = (shape.contraction[0, shape.muscles.owners == muscle].mean() for muscle in (0, 1))
+    assert shape.tension.shape == (1, len(shape.muscles.owners)) and strong > weak > 0
 
 
 @pytest.mark.parametrize(

@@ -18,11 +18,11 @@ from fabdesign.design import Design
 from fabdesign.design_file import read_design, write_design
 from fabdesign.effects.registry import EFFECTS
 from fabdesign.errors import InputError
-from fabdesign.export import export_design
 from fabdesign.forward import Case
 from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Quantity
 from fabdesign.predictor import Predictor
 from fabdesign.pressure_file import constant_program, read_pressures
+from fabdesign.sewing import export_design
 from fabdesign.study_file import read_study
 from fabdesign.study_targets import TargetFile
 from fabdesign.surface import Surface, capped_rms

@@ -11,7 +11,7 @@ from fabdesign.catalogue import build
 from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
 from fabdesign.forward import Case
-from fabdesign.interface.study_results import Optimized
+from fabdesign.interface.results import Optimized
 from fabdesign.pressure_file import constant_program
 from fabdesign.study_file import read_study
 from fabdesign.wishes import Landmarks

@@ -1,4 +1,4 @@
-"""The command line. Each command parses, calls one function and prints; heavy imports stay inside the commands."""
+"""The command line: `fabdesign.interface` in the shell. Its commands are made from the functions (`command.py`)."""
 
 import atexit
 import errno
@@ -13,21 +13,13 @@ from typing import Any
 
 import click
 
-from fabdesign.cli import (  # noqa: F401 their commands join the group
-    files,
-    measurements,
-    models,
-    motions,
-    result_folders,
-    studies,
-    tracing,
-    training,
-    viewing,
-)
+from fabdesign.cli.command import add_commands
 from fabdesign.cli.console import commands, notes_told, tell
 from fabdesign.errors import EXTRAS, InputError, SimulationError, needs
 from fabdesign.shortage import line_of
 from fabdesign.supervisor import SIGNALS, ended_by, is_supervised, record
+
+add_commands()
 
 
 class Terminated(BaseException):
@@ -41,8 +33,6 @@ class Terminated(BaseException):
 def main() -> None:
     """Run the command line: exit 0 on success, 2 on bad input 1 on other failures, 130 and 143 where it was stopped
     by Ctrl-C and by SIGTERM, each with one line."""
-    # before numpy: matrices are small here, and on a busy machine threads that wait for each other cost ten times them
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     printed = _lasting_streams()
     try:
         with _ended_by_signals(), notes_told():

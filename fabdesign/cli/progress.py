@@ -14,26 +14,8 @@ from fabdesign.errors import printable
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-Counter = Callable[[int, int], None]  # done, of
-SEARCH = 10.0  # s between the lines of a search, which has a step a second
 _SETTLED = 5.0  # s, before which a share does not tell the time left
 _PERIOD = 600.0  # s of steps that the time left is taken from: a step of a fit may last a minute
-
-
-@contextmanager
-def counted(verb: str, what: str = "trials") -> Iterator[Counter]:
-    """A context in which things are counted, as in "predicted 3 of 8 trials"."""
-    if not _on_terminal():
-        lines = _Lines(0.0)
-        yield lambda done, total: lines.show(f"{verb} {done} of {total} {what}", done / total)
-        return
-    with bar() as shown:
-        task = shown.add_task(verb, total=None)
-
-        def show(done: int, total: int) -> None:
-            shown.update(task, description=printable(f"{verb} {done} of {total} {what}"), completed=done, total=total)
-
-        yield show
 
 
 @contextmanager

@@ -1,230 +1,224 @@
-"""What measured sets teach: the factors of a model, the effects that it lacks, a corrector for the rest."""
+"""What measured sets and benches teach: the factors of a model, the effects that it lacks."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Unpack
 
-from fabdesign.effort import CALIBRATION, TRACE, Pace, fit_in_words, fit_seconds, in_words, on_cores, training_seconds
 from fabdesign.errors import InputError
-from fabdesign.interface.arguments import (
-    ModelLike,
-    Progress,
-    Say,
-    SetLike,
-    all_sets,
-    computing,
-    one_model,
-    paths_of,
-    simulator,
-    unheard,
-    warn,
-    work_folder,
-)
-from fabdesign.interface.results import Calibrated, Traced, Trained
-from fabdesign.model import POINTS_PER_SIDE, Model
-from fabdesign.model_file import write_model
-from fabdesign.output import new_file, new_files
-from fabdesign.trial import MeasurementSet
+from fabdesign.interface.run import Run, all_sets, benches_of, paths_of, simulator, work_folder
+from fabdesign.interface.verb import Computing, Shown, verb
 
 if TYPE_CHECKING:
+    from fabdesign.interface.verb import Folder, ModelLike, SetLike, Toml
+    from fabdesign.model import Model
+    from fabdesign.trial import MeasurementSet
     from optimize.fit.parameters import FitVector
+    from studies.benches.calibrate import BenchCalibration
 
 
+def _calibrated(result: Any, given: Mapping[str, Any]) -> Shown:
+    out, sources = given["out"], given["measured"]
+    if isinstance(result, list):
+        return _calibrated_benches(result, Path(out))
+    from studies.calibration.report import as_text
+    from studies.tracing.run import LEAST_TRIALS
+
+    named, trials = " ".join(map(str, sources)), [t for s in result.data.sets for t in s.trials if t.role == "fit"]
+    then, why = f"fabdesign evaluate {named} --model {out} --all", "the errors before and after"
+    if len(sources) == 1 and len(trials) >= LEAST_TRIALS:
+        then, why = f"fabdesign trace {named} --model {out} -o traced", "which effect the model lacks, if any"
+    text = f"{out}: {as_text(result)}\nnext: {then} ({why})"
+    return Shown(result.to_json() | {"model": str(out), "next": then}, text)
+
+
+def _calibrated_benches(fitted: Sequence[BenchCalibration], out: Path) -> Shown:
+    from studies.benches.calibrate import effects_in_words, errors_in_words, next_step, noise_in_words
+
+    results = [one.to_json() for one in fitted]
+    files = [str(out.with_name(name)) for name in fitted[0].files]
+    lines = []
+    for one in fitted:
+        lines += [f"{files[0]}: {one.bench.name}, {errors_in_words(one)}", *noise_in_words(one), *effects_in_words(one)]
+    content = results[0] if len(results) == 1 else {"benches": results}
+    return Shown(content | {"files": files}, "\n".join([*lines, f"next: {next_step(fitted[0], out)}"]))
+
+
+@verb(_calibrated, "SET...", title="calibrating")
 def calibrate(
     measured: SetLike | Sequence[SetLike],
-    out: Path | str | None = None,
+    out: Toml | None = None,
     *,
-    fit: Sequence[int] | None = None,
+    fit: Sequence[str | int] | None = None,
     free: Sequence[str] = (),
     fix: Sequence[str] = (),
     model: ModelLike | None = None,
     skip_bad: bool = False,
-    grid: int = POINTS_PER_SIDE,
     seed: int = 0,
-    force: bool = False,
-    progress: Progress = unheard,
-    say: Say = warn,
-    cluster: str | None = None,
-) -> Calibrated:
-    """Declared parameters, and what `free` adds, fitted to measurement sets together; `.model` is what came out.
+    grid: int = 41,
+    **given: Unpack[Computing],
+) -> Any:
+    """Fit a model to measurement sets, or a bench's law.
 
-    out: a model file to write. fit: orders of the trials to fit in each set, by default all of role `fit`. free:
-    effects to fit besides, as `calibrate --free` names them; fix: declared parameters that are held. model: what holds
-    besides, and where the others begin. skip_bad: leave out unsound trials. grid: points a side. After Ctrl-C the
-    values reached so far, with a warning. Raises InputError for an unsound set, SimulationError where all motions
-    diverge.
+    The model's parameters are factors on the values of the data sheet. They are fitted to all sets together. --fit
+    applies to each SET. A bench is a folder with bench.toml; two strips, cut across and down, become one cloth.
+
+    out: The model, or for a bench the muscle type or cloth, to write (TOML).
+    fit: What to fit, separated by commas: trials by their order in the session, or records of a bench by name; by
+        default all of role fit.
+    free: Effects to fit too, separated by commas: NAME, NAME.PARAMETER, NAME:PARAMETER=VALUE (not fitted); all: the
+        strengths of every effect.
+    fix: Declared parameters to hold, separated by commas.
+    model: A model file. Its effects are kept. The fit starts at its factors; --fix holds them.
+    seed: Seed of the points and frames drawn.
+    grid: Grid points per side of the last step and of the model; the steps before take 21.
+
+    Returns a `Calibration`, whose `.model` is what came out; of benches a list of `BenchCalibration`. After Ctrl-C its
+    values are those reached so far, with a warning. Raises InputError for an unsound set, SimulationError where all
+    motions diverge.
     """
-    from studies.bad_data import sound_trials
-    from studies.calibration.calibrate import DRAWN
+    run = Run(**given)
+    if benches := benches_of(measured):
+        if fix or model is not None:
+            raise InputError("--fix and --model: of a measurement set; expected --free or --fit of a bench")
+        return _calibrate_benches(run, benches, out, fit, free)
+    from fabdesign.effort import CALIBRATION, fit_in_words, fit_seconds
+    from fabdesign.model import Model
+    from fabdesign.model_file import write_model
+    from studies.calibration.calibrate import DRAWN, orders_of
     from studies.calibration.calibrate import calibrate as calibrate_sets
     from studies.sensitive_stretches import GRID as COARSE
 
-    checked = [sound_trials(read, skip_bad=skip_bad) for read in all_sets(measured)]
-    base = one_model(model, say=say) or Model()
-    vector = _unknowns(free, fix, base, [sound for sound, _ in checked])
-    taken = [t for sound, _ in checked for t in sound.trials if (t.role == "fit" if fit is None else t.order in fit)]
+    orders = None if fit is None else orders_of(",".join(map(str, fit)))
+    sets, skipped = run.sound(all_sets(measured), skip_bad)
+    base = run.model(model) or Model()
+    vector = unknowns_of(free, fix, base, sets)
+    taken = [t for one in sets for t in one.trials if (t.role == "fit" if orders is None else t.order in orders)]
     motion = [min(t.times[-1], DRAWN.until) for t in taken]
     seconds = fit_seconds(CALIBRATION, motion, len(vector.parameters), grid)
-    with _file(out, force, paths_of(measured, model)) as unfinished, computing(cluster):
-        progress(fit_in_words(len(motion), len(vector.parameters), seconds), None)
+    with run.file(out, paths_of(measured, model)) as unfinished, run.computing():
+        run.progress(fit_in_words(len(motion), len(vector.parameters), seconds), None)
         calibration = calibrate_sets(
-            [sound for sound, _ in checked],
+            sets,
             simulator(grid),
             slopes=simulator(min(grid, COARSE)),
             coarse=simulator(COARSE),
             vector=vector,
             points_per_side=grid,
-            orders=fit,
-            skipped=[line for _, lines in checked for line in lines],
+            orders=orders,
+            skipped=skipped,
             skip_bad=skip_bad,
             seed=seed,
             intervals=True,
             interruptible=True,
-            progress=progress,
+            progress=run.progress,
         )
         if base.learned_range is not None and calibration.model.learned_range is None:  # what was learned is held
             calibration = replace(calibration, model=replace(calibration.model, learned_range=base.learned_range))
         if unfinished is not None:
             write_model(calibration.model, unfinished)
     if calibration.fit.interrupted:
-        say(f"interrupted after {calibration.fit.iterations} iterations; the values are those reached so far")
-    return Calibrated(calibration)
+        run.say(f"interrupted after {calibration.fit.iterations} iterations; the values are those reached so far")
+    return calibration
 
 
+def _calibrate_benches(
+    run: Run, benches: Sequence[Path], out: Toml | None, fit: Sequence[str | int] | None, free: Sequence[str]
+) -> list[BenchCalibration]:
+    """Fit each bench; write one file, of several strips a cloth."""
+    from fabdesign.bench_file import read_bench
+    from studies.benches.calibrate import calibrate_bench
+    from studies.benches.write import require_one_cloth, write_bench_type, write_cloth
+
+    if len(benches) > 1:
+        require_one_cloth([read_bench(bench) for bench in benches])
+    with run.file(out, benches) as unfinished:
+        names = None if fit is None else [*map(str, fit)]
+        fitted = [calibrate_bench(bench, fit=names, free=free, progress=run.progress) for bench in benches]
+        if unfinished is None:
+            return fitted
+        written = write_cloth(fitted, unfinished) if len(fitted) > 1 else write_bench_type(fitted[0], unfinished)
+        return [replace(one, files=tuple(file.name for file in written)) for one in fitted]
+
+
+def _traced(result: Any, given: Mapping[str, Any]) -> Shown:
+    from studies.tracing import bench_report, words
+
+    as_text = words.as_text if hasattr(result, "model") else bench_report.as_text
+    return Shown(result.to_json(), f"{given['out']}: {as_text(result)}")
+
+
+def _share_or_metres(given: dict[str, Any]) -> None:
+    """Read a tolerance in % of a bench, in mm of a set."""
+    from fabdesign.units import from_mm
+
+    if (tolerance := given.get("tolerance")) is not None:
+        given["tolerance"] = tolerance / 100 if benches_of(given["measured"]) else from_mm(tolerance)
+
+
+@verb(_traced, "SET|BENCH", from_shell=_share_or_metres, title="tracing")
 def trace(
     measured: SetLike,
-    out: Path | str | None = None,
+    out: Folder | None = None,
     *,
     model: ModelLike | None = None,
     tolerance: float | None = None,
     grid: int | None = None,
     seed: int = 0,
-    force: bool = False,
-    progress: Progress = unheard,
-    say: Say = warn,
-    cluster: str | None = None,
-) -> Traced:
-    """Which effect the model of a measured set lacks, or that none is missing: `.verdict`, `.model`.
+    **given: Unpack[Computing],
+) -> Any:
+    """Find which effect the model of measured data lacks.
 
-    out: the folder to write to, or to go on in after Ctrl-C; without it nothing is kept. model: where the fit starts,
-    and effects that are known already. tolerance: m of held-out excess, by default 0.0005. grid: points a side, by
-    default 21, or 41 where 21 are too coarse.
+    The data are a measurement SET or a BENCH. The effects are chosen by model selection. The answer can be that no
+    effect is missing, or that none of the known effects explains the data.
+
+    out: Folder to write to, or to continue in.
+    model: A model file: start of the fit, and effects that are already known.
+    tolerance: Excess error on held-out trials that is accepted: in mm, by default 0.5; for a bench in % of its output,
+        by default 2.
+    grid: Grid points per side; by default 21, or 41 where 21 are too coarse.
+    seed: Seed of the points drawn.
+
+    In Python the tolerance is in m, of a bench a share. Returns an `Outcome`: `.verdict`, `.model`; of a bench a
+    `BenchOutcome`. Without `out` nothing is kept; with it the same call goes on after Ctrl-C.
     """
-    from studies.bad_data import sound_trials
+    run = Run(**given)
+    if benches := benches_of(measured):
+        from studies.tracing import bench as of_bench
+
+        share = of_bench.TOLERANCE if tolerance is None else tolerance
+        with work_folder(out) as folder:
+            return of_bench.trace_bench(benches[0], folder, tolerance=share, force=run.force, progress=run.progress)
+    from fabdesign.effort import TRACE, Pace, fit_in_words, fit_seconds
+    from fabdesign.model import Model
     from studies.tracing.run import DRAWN, GRID, TOLERANCE, TRIALS, Options, trace_set
     from studies.tracing.verdict import SO_FAR
 
-    fitted = one_model(model, say=say)
-    sets = all_sets(measured)
+    fitted, sets = run.model(model), all_sets(measured)
     if len(sets) != 1:
         raise InputError(f"{len(sets)} measurement sets; expected one")
-    sound, _ = sound_trials(sets[0], skip_bad=False)
-    options = Options(TOLERANCE if tolerance is None else tolerance, grid, seed)
+    (sound,), _ = run.sound(sets, skip_bad=False)
     motion = [min(t.times[-1], DRAWN.until) for t in sound.trials if t.role == "fit"][:TRIALS]
-    unknowns = len(_unknowns(["all"], (), fitted or Model(), [sound]).parameters)
+    unknowns = len(unknowns_of(["all"], (), fitted or Model(), [sound]).parameters)
     seconds = fit_seconds(TRACE, motion, unknowns, grid or GRID)
-    pace, opening = Pace(seconds), [fit_in_words(len(motion), unknowns, seconds)]
-
-    def announce(line: str) -> None:
-        while opening:  # once the folder is known to be free
-            progress(opening.pop(), None)
-        progress(line, None if line.startswith(SO_FAR) else pace.share())
-
-    with work_folder(out) as folder, computing(cluster):
-        outcome = trace_set(
+    pace, show = Pace(seconds), run.opened(lambda: fit_in_words(len(motion), unknowns, seconds))
+    with work_folder(out) as folder, run.computing():
+        return trace_set(
             sound,
             folder,
             inputs=paths_of(measured, model),
             model=fitted,
-            options=options,
-            force=force,
-            say=announce,
+            options=Options(TOLERANCE if tolerance is None else tolerance, grid, seed),
+            force=run.force,
+            say=lambda line: show(line, None if line.startswith(SO_FAR) else pace.share()),
         )
-    return Traced(outcome)
 
 
-def train(
-    measured: SetLike | Sequence[SetLike],
-    out: Path | str,
-    *,
-    network: Literal["field", "paper"] = "field",
-    hold_out: Sequence[str] = (),
-    model: ModelLike | None = None,
-    free: Sequence[str] = (),
-    skip_bad: bool = False,
-    seed: int = 0,
-    grid: int | None = None,
-    force: bool = False,
-    progress: Progress = unheard,
-    say: Say = warn,
-    cluster: str | None = None,
-) -> Trained:
-    """A corrector that learns from measured sets what the simulator leaves out; the model `out`, its weights beside it.
-
-    network: `field` moves the simulator's points; `paper`, the seed paper's, gives an unordered cloud (the extra
-    `corrector`). hold_out: designs whose trials are not learned from. model: whose parameters the motions have. free:
-    effects, as `calibrate` takes them, that are fitted with the declared parameters to the trials learned from, first.
-    After Ctrl-C the same call goes on.
-    """
-    if network == "paper":
-        import corrector.paper_training  # noqa: F401 loads PyTorch: without it nothing is begun
-    from studies.bad_data import sound_trials
-    from studies.sensitive_stretches import GRID as COARSE
-    from studies.training.train import train as train_on
-
-    base, out = one_model(model, say=say) or Model(), Path(out)
-    checked = [sound_trials(read, skip_bad=skip_bad) for read in all_sets(measured)]
-    base = replace(base, points_per_side=grid or base.points_per_side)
-    vector = _unknowns(free, (), base, [sound for sound, _ in checked]) if free else None
-    beside = out.with_suffix(".safetensors").name
-    places = new_files(out, companions=[beside], force=force, inputs=paths_of(measured, model))
-    motion = [float(t.times[-1]) for sound, _ in checked for t in sound.trials if t.role == "fit"]
-    seconds = training_seconds(motion)
-    if vector is not None:
-        seconds += fit_seconds(CALIBRATION, motion, len(vector.parameters), base.points_per_side)
-    # how long the paper's takes is its plan's
-    opening = [in_words(seconds, f"{len(motion)} trials", on_cores())] if motion and network == "field" else []
-
-    def announce(what: str, done: int, of: int) -> None:
-        while opening:  # once it is known that there is something to learn from
-            progress(opening.pop(), None)
-        progress(f"{what} {done} of {of}", done / of)
-
-    with places as unfinished, computing(cluster):
-        result = train_on(
-            [sound for sound, _ in checked],
-            simulator(base.points_per_side),
-            unfinished,
-            goes_to=out,
-            base=base,
-            vector=vector,
-            slopes=simulator(min(base.points_per_side, COARSE)),
-            network=network,
-            hold_out=hold_out,
-            seed=seed,
-            force=force,
-            coarse=simulator(COARSE),
-            progress=announce,
-        )
-    return Trained(out, result, tuple(line for _, lines in checked for line in lines))
-
-
-def _unknowns(free: Sequence[str], fix: Sequence[str], base: Model, sets: Sequence[MeasurementSet]) -> FitVector:
-    """What a fit of these sets moves. Raises InputError."""
+def unknowns_of(free: Sequence[str], fix: Sequence[str], base: Model, sets: Sequence[MeasurementSet]) -> FitVector:
+    """Return what a fit of these sets moves. Raises InputError."""
     from optimize.fit.free import fit_vector
 
     designs = [design for one in sets for design in one.designs.values()]
     return fit_vector(free, fix, factors=base.factors, terms=base.terms, designs=designs)
-
-
-@contextmanager
-def _file(out: Path | str | None, force: bool, inputs: Sequence[Path]) -> Iterator[Path | None]:
-    if out is None:
-        yield None
-        return
-    with new_file(Path(out), force=force, inputs=inputs) as unfinished:
-        yield unfinished

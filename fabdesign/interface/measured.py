@@ -1,84 +1,86 @@
-"""What a model says of measured sets: the motions that it predicts, and how far they are off."""
+"""What a model says of measured data: the motions that it predicts, and how far they are off."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack
 
-from fabdesign.effort import evaluation_seconds, in_words, on_cores
 from fabdesign.errors import InputError
-from fabdesign.interface.arguments import (
-    DesignLike,
-    ModelLike,
-    Progress,
-    Say,
-    SetLike,
-    all_sets,
-    computing,
-    one_design,
-    one_model,
-    paths_of,
-    simulator,
-    unheard,
-    warn,
-)
-from fabdesign.interface.results import Evaluated, Motion
-from fabdesign.model import Model
-from fabdesign.output import new_folder
-from fabdesign.trial import MeasurementSet, Role, Trial
+from fabdesign.interface.run import Run, all_sets, benches_of, paths_of, several, simulator
+from fabdesign.interface.verb import Computing, Shown, verb
+
+if TYPE_CHECKING:
+    from fabdesign.interface.results import Motion
+    from fabdesign.interface.verb import DesignLike, Folder, ModelLike, SetLike
+    from fabdesign.trial import Role
+    from studies.benches.evaluate import BenchEvaluation
 
 
+def _evaluated(result: Any, given: Mapping[str, Any]) -> Shown:
+    if hasattr(result, "as_markdown"):  # of a bench
+        return Shown(result.to_json(), result.as_markdown())
+    from studies.evaluation_report import tables_markdown
+
+    text = "\n".join([tables_markdown(result), *(f"skipped: {line}" for line in result.skipped)])
+    return Shown(result.to_json() | {"skipped": [*result.skipped]}, text)
+
+
+@verb(_evaluated, "SETS...", optional=True, title="evaluating")
 def evaluate(
-    model: ModelLike,
     measured: SetLike | Sequence[SetLike],
-    out: Path | str | None = None,
+    model: ModelLike,
+    out: Folder | None = None,
     *,
     without: Sequence[str] = (),
     all_trials: bool = False,
     skip_bad: bool = False,
     grid: int | None = None,
-    force: bool = False,
-    progress: Progress = unheard,
-    say: Say = warn,
-    cluster: str | None = None,
-) -> Evaluated:
-    """How far a model's motions are from the measured ones, before and after, on the trials of role `test`.
+    **given: Unpack[Computing],
+) -> Any:
+    """Print the error of a model on measured SETS, in mm.
 
-    out: a folder for tables, a picture and the whole result. without: parts of the model that are left out. all_trials:
-    those of role `fit` too, in a table of their own. grid: points a side, by default the model's, or 41 where they are
-    enough. After Ctrl-C the trials that are done, with a warning. Raises InputError where no trial is left.
+    "Before" is the model without effects and corrector, or the data sheet. "After" is the whole model. Trials of role
+    test are evaluated: nothing was fitted to them. SETS can also be one bench (a folder with bench.toml); its model is
+    the file that calibrate wrote.
+
+    model: A model file; for a bench the file that calibrate wrote.
+    out: A folder for tables, a picture and the whole result.
+    all_trials: Evaluate trials of role fit too, in a second table.
+
+    Returns a `SetEvaluation`, of a bench a `BenchEvaluation`. After Ctrl-C the trials that are done, with a warning.
+    Raises InputError where no trial is left.
     """
-    from studies.bad_data import sound_trials
+    run = Run(**given)
+    if benches := benches_of(measured):
+        if len(benches) > 1:
+            raise InputError(f"{benches[0]}: a bench among {len(benches)} sources; expected a bench alone, or sets")
+        return _evaluate_bench(run, benches[0], model, out, all_trials)
+    from fabdesign.effort import evaluation_seconds, in_words, on_cores
     from studies.coarser_grid import enough_points
     from studies.evaluate import evaluate_sets
     from studies.evaluation_report import write_evaluation
-    from studies.forward_model import extrapolated, not_corrected
     from studies.sensitive_stretches import GRID as COARSE
 
-    fitted = _model(model, without, say)
+    fitted = run.known_model(model, without)
     roles: tuple[Role, ...] = ("test", "fit") if all_trials else ("test",)
-    checked = [sound_trials(read, skip_bad=skip_bad, roles=roles) for read in all_sets(measured)]
-    sets = [sound for sound, _ in checked]
+    sets, skipped = run.sound(all_sets(measured), skip_bad, roles)
     done, of = 0, 0
 
     def count(now: int, of_all: int) -> None:
         nonlocal done, of
         done, of = now, of_all
-        progress(f"evaluated {done} of {of} trials", done / of)
+        run.progress(f"evaluated {done} of {of} trials", done / of)
 
-    with _folder(out, "evaluate", force, paths_of(measured, model)) as unfinished, computing(cluster):
-        trials = [trial for read in sets for trial in read.trials]
+    with run.folder(out, "evaluate", paths_of(measured, model)) as unfinished, run.computing():
+        trials = [trial for one in sets for trial in one.trials]
         asked = [trial for trial in trials if trial.role in roles]
-        for line in not_corrected(fitted, (trial.design for trial in asked)):
-            say(line)
-        for line in extrapolated(fitted, [trial.program for trial in asked]):
-            say(line)
-        motion = [float(trial.times[-1]) for trial in asked]
-        seconds = evaluation_seconds(motion)
+        run.warn_beyond(fitted, [trial.program for trial in asked], asked)
+        seconds = evaluation_seconds([float(trial.times[-1]) for trial in asked])
         if asked:  # else it is an error, in one line
-            progress(in_words(seconds, f"{len(asked)} trials", on_cores()), None)
-        forward = simulator(grid) if grid else enough_points(fitted, trials, simulator, tell=say)
+            run.progress(in_words(seconds, f"{len(asked)} trials", on_cores()), None)
+        forward = simulator(grid) if grid else enough_points(fitted, trials, simulator, tell=run.say)
         evaluation = evaluate_sets(
             fitted,
             sets,
@@ -89,43 +91,73 @@ def evaluate(
             progress=count,
         )
         if done < of:
-            say(f"interrupted, with the first {done} of {of} trials")
+            run.say(f"interrupted, with the first {done} of {of} trials")
         if unfinished is not None:
             write_evaluation(evaluation, unfinished)
-    return Evaluated(evaluation, tuple(line for _, lines in checked for line in lines))
+    return replace(evaluation, skipped=tuple(skipped))
 
 
+def _evaluate_bench(run: Run, bench: Path, law: Any, out: Folder | None, all_records: bool) -> BenchEvaluation:
+    from fabdesign.json_file import write_json
+    from fabdesign.output import write_text
+    from studies.benches.evaluate import evaluate_bench
+
+    if not isinstance(law, Path | str):
+        raise InputError("model: a model of a bench; expected the file that calibrate wrote")
+    evaluation = evaluate_bench(bench, Path(law), all_records=all_records)
+    with run.folder(out, "evaluate", [bench, Path(law)]) as unfinished:
+        if unfinished is not None:
+            write_json(unfinished / "evaluation.json", evaluation.as_json())
+            write_text(unfinished / "evaluation.md", evaluation.as_markdown() + "\n")
+    return evaluation
+
+
+def _predicted(result: Sequence[Path], given: Mapping[str, Any]) -> Shown:
+    from fabdesign.motion_file import read_band
+    from fabdesign.units import in_mm
+    from studies.intervals.band import mean_width, width_in_words
+
+    bands = [band for file in result if (band := read_band(file)) is not None]
+    width = in_mm(mean_width(bands)) if bands else None
+    lines = [f"{given['out']}: {len(result)} motions", *([width_in_words(bands)] if bands else [])]
+    return Shown({"motions": [str(file) for file in result], "interval_width_mm": width}, "\n".join(lines))
+
+
+@verb(_predicted, "SET...", title="predicting")
 def predict(
-    model: ModelLike,
     measured: SetLike | Sequence[SetLike],
-    out: Path | str | None = None,
+    model: ModelLike,
+    out: Folder | None = None,
     *,
     without: Sequence[str] = (),
     design: DesignLike | None = None,
     grid: int | None = None,
-    force: bool = False,
-    progress: Progress = unheard,
-    say: Say = warn,
-    cluster: str | None = None,
+    **given: Unpack[Computing],
 ) -> dict[str, Motion] | list[Path]:
-    """The motion of every trial of measured sets, or of a lone trial's file with its `design`, at its own times, by
-    name (of several sets SET/NAME), sensing effects included.
+    """Predict the motion of every trial of a SET.
 
-    out: a folder to which they are written, as OUT/trials/NAME.npz; then their files are what is returned. Of a model
-    that has intervals a motion has its band, the file as `band90`.
-    without: parts of the model that are left out. grid: as in `evaluate`. After Ctrl-C, without `out`, the motions that
-    are done, with a warning.
+    SET can also be a single TRIAL.npz. Each motion has the times of its trial. The command writes
+    OUTPUT/trials/NAME.npz, for several sets OUTPUT/SET/trials/NAME.npz.
+
+    model: A model file.
+    design: Design of a single trial file.
+
+    With `out` the files are what is returned; else motions by name, of several sets SET/NAME, sensing effects included,
+    each with its band where the model has intervals. After Ctrl-C, without `out`, those that are done, with a warning.
     """
+    from fabdesign.interface.arguments import one_design
+    from fabdesign.interface.results import Motion
+    from fabdesign.trial import MeasurementSet
     from studies.coarser_grid import enough_points
-    from studies.forward_model import extrapolated, not_corrected
     from studies.predict import folders_of, predicted, trials_of
     from studies.predict import predict as predict_trials
     from studies.sensitive_stretches import GRID as COARSE
 
-    fitted = _model(model, without, say)
-    own = None if design is None else one_design(design)
-    many = [measured] if isinstance(measured, MeasurementSet | Path | str) else measured
-    sets = folders_of([trials_of(one if isinstance(one, MeasurementSet) else Path(one), own) for one in many])
+    run = Run(**given)
+    fitted = run.known_model(model, without)
+    loaded = None if design is None else one_design(design)
+    many = several("measurement sets", measured, MeasurementSet)
+    sets = folders_of([trials_of(one if isinstance(one, MeasurementSet) else Path(one), loaded) for one in many])
     trials = [trial for some in sets.values() for trial in some]
     motions: dict[str, Motion] = {}
     done = 0
@@ -133,14 +165,11 @@ def predict(
     def count() -> None:
         nonlocal done
         done += 1
-        progress(f"predicted {done} of {len(trials)} trials", done / len(trials))
+        run.progress(f"predicted {done} of {len(trials)} trials", done / len(trials))
 
-    with _folder(out, "predict", force, paths_of(measured, model, design)) as unfinished, computing(cluster):
-        for line in not_corrected(fitted, (trial.design for trial in trials)):
-            say(line)
-        for line in extrapolated(fitted, [trial.program for trial in trials]):
-            say(line)
-        forward = simulator(grid) if grid else enough_points(fitted, trials, simulator, tell=say)
+    with run.folder(out, "predict", paths_of(measured, model, design)) as unfinished, run.computing():
+        run.warn_beyond(fitted, [trial.program for trial in trials], trials)
+        forward = simulator(grid) if grid else enough_points(fitted, trials, simulator, tell=run.say)
         coarse = simulator(COARSE) if fitted.spread is not None else None
         try:
             for folder, some in sets.items():
@@ -149,32 +178,13 @@ def predict(
                     predict_trials(forward, fitted, some, place, coarse=coarse, progress=lambda *_: count())
                     continue
                 for trial, motion in predicted(forward, fitted, some, coarse=coarse):
-                    motions[_name(folder, trial)] = Motion(motion.time, motion.points, motion.band)
+                    name = trial.name if folder == "." else f"{folder}/{trial.name}"
+                    motions[name] = Motion(**vars(motion))
                     count()
         except KeyboardInterrupt:
             if not motions:
                 raise
-            say(f"interrupted, with the first {len(motions)} of {len(trials)} trials")
+            run.say(f"interrupted, with the first {len(motions)} of {len(trials)} trials")
     if out is None:
         return motions
     return [Path(out) / folder / "trials" / t.file.name for folder, some in sets.items() for t in some]
-
-
-def _model(model: ModelLike, without: Sequence[str], say: Say) -> Model:
-    fitted = one_model(model, without, say)
-    if fitted is None:
-        raise InputError("model: None; expected a model or its file")
-    return fitted
-
-
-def _name(folder: str, trial: Trial) -> str:
-    return trial.name if folder == "." else f"{folder}/{trial.name}"
-
-
-@contextmanager
-def _folder(out: Path | str | None, made_by: str, force: bool, inputs: Sequence[Path]) -> Iterator[Path | None]:
-    if out is None:
-        yield None
-        return
-    with new_folder(Path(out), made_by=made_by, force=force, inputs=inputs) as unfinished:
-        yield unfinished

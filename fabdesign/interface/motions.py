@@ -2,82 +2,151 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack
 
-import numpy as np
+from fabdesign.errors import InputError, note
+from fabdesign.interface.run import Run, paths_of, simulator
+from fabdesign.interface.verb import Computing, Shown, verb
 
-from fabdesign.cluster import at_once
-from fabdesign.design import Design
-from fabdesign.forward import HOLD, RISE, Case, ForwardModel
-from fabdesign.interface.arguments import (
-    DesignLike,
-    ModelLike,
-    Pressures,
-    Progress,
-    computing,
-    functions_of,
-    one_model,
-    pairs,
-    simulator,
-    unheard,
-    warn,
-)
-from fabdesign.interface.results import Motion, Sweep
-from fabdesign.model import Model
-from fabdesign.pressure import PressureProgram, rising_program
-from fabdesign.units import in_kpa
+if TYPE_CHECKING:
+    from fabdesign.design import Design
+    from fabdesign.interface.results import Motion, Sweep
+    from fabdesign.interface.verb import DesignLike, File, ModelLike, Npz, Pressures
+    from fabdesign.motion_file import MotionData
+    from fabdesign.pressure import PressureProgram
 
-FRAME_RATE = 60.0  # Hz, as `fabdesign simulate` has it
+FRAME_RATE = 60.0  # Hz, of the paper's cameras
 _AT_ONCE = 64  # what the simulator takes side by side
+_LANES = "2"  # of kernels for a lone design: its motion takes a third less time
 
 
+def _simulated(motion: Motion, given: Mapping[str, Any]) -> Shown:
+    from fabdesign.motion_file import mesh_paths
+
+    frames, (out, mesh) = len(motion.time), (given["out"], given["mesh"])
+    meshes = {} if mesh is None else {"meshes": [str(file) for file in mesh_paths(mesh, frames)]}
+    what = "the shape at rest," if given["equilibrium"] else f"{frames} frames of"
+    content = {"motion": str(out), **motion.to_json(), **meshes}
+    return Shown(content, f"{out}: {what} {motion.points.shape[1]} points")
+
+
+_OF_ONE = (
+    "pressures", "model", "without", "order", "duration", "frame_rate", "equilibrium", "rise", "hold", "mesh",
+    "self_contact", "grid", "effects", "out", "force",
+)  # fmt: skip
+
+
+@verb(_simulated, options=_OF_ONE, title="simulating")
 def simulate(
     design: DesignLike | Sequence[DesignLike],
     pressures: Pressures = None,
+    out: Npz | None = None,
     *,
     model: ModelLike | None = None,
     without: Sequence[str] = (),
+    order: int = 0,
     duration: float | None = None,
     frame_rate: float = FRAME_RATE,
-    order: int = 0,
-    grid: int | None = None,
+    equilibrium: bool = False,
+    rise: float | None = None,
+    hold: float | None = None,
+    mesh: File | None = None,
     self_contact: bool = False,
-    progress: Progress = unheard,
-    cluster: str | None = None,
+    grid: int | None = None,
+    **given: Unpack[Computing],
 ) -> Any:
-    """The motion of a design under pressures, from rest; of several designs or pressures a list of them, in one batch.
+    """Simulate the motion of a DESIGN under pressures.
 
-    pressures: kPa of every channel, held for 1.5 s; or a program, or a file of one; for several, one for each, or one
-    for all. without: parts of the model that are left out. duration: s; by default the pressures'. frame_rate: Hz.
-    order: the motion's place in the specimen's session. grid: points a side, by default the model's or 41. Ctrl-C ends
-    a batch with the motions that are done, the first ones, and a warning; it is raised where there are none. Raises
-    InputError for what does not fit together, SimulationError where a motion diverges.
+    pressures: Pressures: a CSV, a trial's npz, or one constant row such as "400,0,200", in kPa, or "4bar,0,29psi".
+    out: The npz to write: time, points.
+    order: Place of the motion in the session; 0 is a rested specimen.
+    duration: Duration of the motion, s; by default that of the pressures.
+    frame_rate: Frames a second, Hz.
+    equilibrium: One frame: the shape at rest under the last pressures.
+    mesh: Write meshes too: NAME.ply or NAME.obj gives NAME_0000.ply, ..., a file per frame.
+    self_contact: Layers of the cloth do not pass through each other; 5 to 8 times slower.
+
+    A row of kPa, one for each channel, is held for 1.5 s. Several designs or pressures (one for each, or one for all)
+    are a batch, and give a list of motions; after Ctrl-C those that are done, with a warning. Raises InputError for
+    what does not fit together, SimulationError where a motion diverges. With `out`, of one design.
 
     >>> import fabdesign
     >>> motion = fabdesign.simulate(fabdesign.build("cross", muscles=2), [200, 0], duration=0.1, grid=21)
     >>> motion.time.shape, motion.faces.shape
     ((7,), (7, 2, 41, 41, 3))
     """
-    from studies.forward_model import extrapolated
-    from studies.predict import frame_times, require_motions
+    from fabdesign.forward import HOLD, RISE, Case
+    from fabdesign.interface.arguments import pairs
+    from fabdesign.motion_file import mesh_paths
+    from fabdesign.pressure import rising_program
+    from fabdesign.pressure_file import told_slight
+    from studies.predict import frame_times, require_motions, require_shapes
 
-    given, lone = pairs(design, pressures)
-    fitted = one_model(model, without)
-    side = grid or (fitted or Model()).points_per_side
-    times = [frame_times(p, duration=duration, frame_rate=frame_rate, points_per_side=side) for _, p in given]
-    for line in extrapolated(fitted, [program for _, program in given]):
-        warn(line)
-    with computing(cluster):
-        forward = simulator(side, self_contact=self_contact)
+    run, (asked, lone) = Run(**given), pairs(design, pressures)
+    if equilibrium and duration is not None:
+        raise InputError(f"--duration {duration:g}: a shape at rest has none; expected it without --equilibrium")
+    if not equilibrium and (rise is not None or hold is not None):
+        raise InputError("--rise and --hold: of a shape at rest; expected them with --equilibrium")
+    if not lone and (out is not None or mesh is not None):
+        raise InputError(f"{out or mesh}: one output for {len(asked)} motions; expected one design and one program")
+    fitted = run.model(model, without)
+    side = run.side(grid, fitted)
+    times = [
+        frame_times(p, duration=duration, frame_rate=frame_rate, points_per_side=side)
+        for _, p in ([] if equilibrium else asked)
+    ]
+    meshes = [] if mesh is None else mesh_paths(Path(mesh), 1 if equilibrium else len(times[0]))
+    rise, hold = RISE if rise is None else rise, HOLD if hold is None else hold
+    acting = [rising_program(p.pressure[-1], rise, rise) if equilibrium else p for _, p in asked]
+    with _written(run, out, meshes, paths_of(design, model, pressures)) as write, run.computing():
+        if out is not None:
+            os.environ.setdefault("FABDESIGN_LANES", _LANES)  # read where the simulator is loaded for the first time
+        run.warn_beyond(fitted, acting)
+        forward = simulator(side, self_contact=self_contact, rise=rise, hold=hold)
 
         def moved(part: slice) -> list[Motion]:
-            cases = [Case(*pair, order=order) for pair in given[part]]
-            motions = require_motions(forward, cases, times[part], model=fitted)
-            return [Motion(each.time, each.points) for each in motions]
+            from fabdesign.interface.results import Motion
 
-        results = _until_stopped(given, moved, progress)
-    return results[0] if lone else results
+            cases = [Case(*pair, order=order) for pair in asked[part]]
+            if equilibrium:
+                motions = require_shapes(forward, cases, model=fitted)
+            else:
+                motions = require_motions(forward, cases, times[part], model=fitted)
+            return [Motion(**vars(motion)) for motion in motions]
+
+        motions = _until_stopped(run, asked, moved)
+        write(motions[0])
+    if lone and isinstance(pressures, Path | str) and (slight := told_slight(asked[0][1], asked[0][0], pressures)):
+        note(slight)
+    return motions[0] if lone else motions
+
+
+@contextmanager
+def _written(
+    run: Run, out: Npz | None, meshes: Sequence[Path], inputs: Sequence[Path]
+) -> Iterator[Callable[[MotionData], None]]:
+    """A context with what writes a motion, and a mesh a frame, where that is asked for."""
+    from fabdesign.motion_file import square_triangles, write_mesh, write_motion
+    from fabdesign.output import new_files
+
+    with ExitStack() as stack:
+        file = stack.enter_context(run.file(out, inputs))
+        names = [mesh.name for mesh in meshes]
+        if names:
+            first = new_files(meshes[0], companions=names[1:], force=run.force, inputs=inputs)
+            folder = stack.enter_context(first).parent
+
+        def write(motion: MotionData) -> None:
+            if file is not None:
+                write_motion(file, motion.time, motion.points, size=motion.size, muscles=motion.muscles)
+            for name, frame in zip(names, motion.points, strict=bool(names)):
+                write_mesh(folder / name, frame, square_triangles(len(frame)))
+
+        yield write
 
 
 def equilibrium(
@@ -87,42 +156,27 @@ def equilibrium(
     model: ModelLike | None = None,
     without: Sequence[str] = (),
     order: int = 0,
-    grid: int | None = None,
+    rise: float | None = None,
+    hold: float | None = None,
     self_contact: bool = False,
-    rise: float = RISE,
-    hold: float = HOLD,
-    progress: Progress = unheard,
-    cluster: str | None = None,
+    grid: int | None = None,
+    **given: Unpack[Computing],
 ) -> Any:
-    """The shape at rest after pressures [kPa of every channel] rose linearly: a motion of one frame; of several designs
-    or pressures a list of them, in one batch.
+    """Return the shape at rest after pressures [kPa of every channel] rose linearly: a motion of one frame; of several
+    designs or pressures a list of them, in one batch.
 
-    rise: s, in which pressures rise; hold: s, for which they then hold, where effects remember. Other arguments and
-    errors are those of `simulate`.
+    They rise in `rise` s, by default 1, and then hold for `hold` s, by default 10, where effects remember. Other
+    arguments and errors are those of `simulate`.
 
     >>> import fabdesign
     >>> shape = fabdesign.equilibrium(fabdesign.build("vertical", muscles=2), [300, 300], grid=21)
     >>> bool(shape.faces[0, 0, -1, :, 2].mean() > 0.01)  # m: muscles in front pull the lower edge towards the viewer
     True
     """
-    from studies.forward_model import extrapolated
-    from studies.predict import require_shapes
-
-    given, lone = pairs(design, pressures)
-    fitted = one_model(model, without)
-    for line in extrapolated(fitted, [rising_program(p.pressure[-1], rise, rise) for _, p in given]):
-        warn(line)
-    with computing(cluster):
-        forward = simulator(
-            grid or (fitted or Model()).points_per_side, self_contact=self_contact, rise=rise, hold=hold
-        )
-
-        def rested(part: slice) -> list[Motion]:
-            cases = [Case(*pair, order=order) for pair in given[part]]
-            return [Motion(each.time, each.points) for each in require_shapes(forward, cases, model=fitted)]
-
-        results = _until_stopped(given, rested, progress)
-    return results[0] if lone else results
+    return simulate(
+        design, pressures, model=model, without=without, order=order, equilibrium=True, rise=rise, hold=hold,
+        self_contact=self_contact, grid=grid, **given,
+    )  # fmt: skip
 
 
 def sweep(
@@ -134,17 +188,16 @@ def sweep(
     model: ModelLike | None = None,
     without: Sequence[str] = (),
     order: int = 0,
+    rise: float | None = None,
+    hold: float | None = None,
     grid: int | None = None,
-    rise: float = RISE,
-    hold: float = HOLD,
-    progress: Progress = unheard,
-    cluster: str | None = None,
+    **given: Unpack[Computing],
 ) -> Sweep:
-    """Numbers of many shapes, a row for each design with its pressures: as `equilibrium` gives them, or as `simulate`
-    does at the instants `at` [s].
+    """Return numbers of many shapes, a row for each design with its pressures: of shapes at rest, or of motions at the
+    instants `at` [s].
 
-    outputs: functions of a motion, by name. Motions are not kept. One that cannot be computed gives NaN. Ctrl-C ends
-    with the rows that are done. Other arguments and errors are those of `simulate`.
+    The outputs are functions of a motion, by name. Motions are not kept. One that cannot be computed gives NaN. Ctrl-C
+    ends with the rows that are done. Other arguments and errors are those of `equilibrium`.
 
     >>> import fabdesign
     >>> cloth = fabdesign.build("vertical", muscles=2)
@@ -153,61 +206,68 @@ def sweep(
     >>> bool(outputs["forward"][0] < outputs["forward"][1])
     True
     """
-    from studies.forward_model import forward_model
+    import numpy as np
 
-    functions = functions_of(outputs)
-    given, _ = pairs(designs, pressures)
-    fitted = one_model(model, without)
+    from fabdesign.forward import HOLD, RISE, Case
+    from fabdesign.interface.arguments import functions_of, pairs
+    from fabdesign.interface.results import Sweep
+    from fabdesign.units import in_kpa
+    from studies.laced_motion import laced_motions, laced_rests
+
+    run, functions = Run(**given), functions_of(outputs)
+    asked, _ = pairs(designs, pressures)
+    fitted = run.model(model, without)
     rows: list[list[float]] = []
-    with computing(cluster):
-        bare = simulator(grid or (fitted or Model()).points_per_side, rise=rise, hold=hold)
-        forward = forward_model(bare, fitted)
+    with run.computing():
+        rise, hold = RISE if rise is None else rise, HOLD if hold is None else hold
+        forward = simulator(run.side(grid, fitted), rise=rise, hold=hold)
         try:
-            for part in _parts(given, progress, "swept"):
-                shapes = _shapes(forward, [Case(*pair, order=order) for pair in given[part]], at)
+            for part in _parts(run, asked, "swept"):
+                cases, time = [Case(*pair, order=order) for pair in asked[part]], np.asarray(at, dtype=float)
+                shapes = (
+                    laced_motions(forward, fitted, cases, [time] * len(cases))
+                    if len(time)
+                    else laced_rests(forward, fitted, cases)
+                )
                 rows += [[_value(function, motion) for function in functions.values()] for motion in shapes]
         except KeyboardInterrupt:
-            progress(f"interrupted, with {len(rows)} of {len(given)} rows", len(rows) / len(given))
+            run.progress(f"interrupted, with {len(rows)} of {len(asked)} rows", len(rows) / len(asked))
     values = dict(zip(functions, np.array(rows).reshape(-1, len(functions)).T, strict=True))
-    done = given[: len(rows)]
+    done = asked[: len(rows)]
     last = [in_kpa(program.pressure[-1]) for _, program in done]
-    return Sweep(tuple(design for design, _ in done), tuple(last), values, len(rows) == len(given))
+    return Sweep(tuple(design for design, _ in done), tuple(last), values, len(rows) == len(asked))
+
+
+def _value(function: Callable[[Motion], float], motion: MotionData) -> float:
+    import numpy as np
+
+    from fabdesign.interface.results import Motion
+
+    return float(function(Motion(**vars(motion)))) if np.isfinite(motion.points).all() else float("nan")
 
 
 def _until_stopped(
-    given: Sequence[tuple[Design, PressureProgram]], compute: Callable[[slice], list[Motion]], progress: Progress
+    run: Run, asked: Sequence[tuple[Design, PressureProgram]], compute: Callable[[slice], list[Motion]]
 ) -> list[Motion]:
-    """Motions of batch after batch, up to the end or Ctrl-C; it is raised where nothing is done yet."""
+    """Return the motions of batch after batch, up to the end or Ctrl-C; it is raised where nothing is done yet."""
     motions: list[Motion] = []
     try:
-        for part in _parts(given, progress, "simulated"):
+        for part in _parts(run, asked, "simulated"):
             motions += compute(part)
     except KeyboardInterrupt:
         if not motions:
             raise
-        warn(f"interrupted, with the first {len(motions)} of {len(given)} motions")
+        run.say(f"interrupted, with the first {len(motions)} of {len(asked)} motions")
     return motions
 
 
-def _shapes(forward: ForwardModel, cases: Sequence[Case], at: Sequence[float]) -> list[Motion]:
-    if not len(at):
-        return [Motion(np.array([case.program.duration]), shape[None]) for case, shape in _at_rest(forward, cases)]
-    time = np.asarray(at, dtype=float)
-    return [Motion(time, points) for points in forward.motions(cases, [time] * len(cases))]
+def _parts(run: Run, asked: Sequence[tuple[Design, PressureProgram]], done: str) -> Iterator[slice]:
+    """Give batches of what is asked for, each told once it is done; a lone one is told by its result."""
+    from fabdesign.cluster import at_once
 
-
-def _at_rest(forward: ForwardModel, cases: Sequence[Case]) -> Iterator[tuple[Case, np.ndarray]]:
-    return zip(cases, forward.equilibria(cases), strict=True)
-
-
-def _value(function: Callable[[Motion], float], motion: Motion) -> float:
-    return float(function(motion)) if np.isfinite(motion.points).all() else float("nan")
-
-
-def _parts(given: Sequence[tuple[Design, PressureProgram]], progress: Progress, verb: str) -> Iterator[slice]:
-    """Batches of what is asked for, each told once it is done."""
-    size, total = at_once(_AT_ONCE), len(given)
+    size, total = at_once(_AT_ONCE), len(asked)
     for begin in range(0, total, size):
         yield slice(begin, begin + size)
-        done = min(begin + size, total)
-        progress(f"{verb} {done} of {total} motions", done / total)
+        end = min(begin + size, total)
+        if total > 1:
+            run.progress(f"{done} {end} of {total} motions", end / total)

@@ -1,8 +1,9 @@
-"""Results: arrays, and the same as tables, files and arrays with named axes where the extra `tables` is there."""
+"""Results that are Python's alone: motions, sweeps, and what studies found in the units that a person types."""
 
-from collections.abc import Mapping
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,62 +11,24 @@ from numpy.typing import NDArray
 
 from fabdesign.design import Design
 from fabdesign.errors import InputError, needs
-from fabdesign.model import Model
-from fabdesign.summary import Summary
-from fabdesign.units import in_mm
+from fabdesign.motion_file import MotionData
+from fabdesign.pressure import poses_in_words
+from fabdesign.summary import Summary, muscle_columns
+from fabdesign.tabled import Columns, Tabled
+from fabdesign.units import in_kpa, in_mm
 
 if TYPE_CHECKING:
-    import pandas
     import xarray
-
-    from studies.calibration.calibrate import Calibration
-    from studies.evaluate import SetEvaluation
-    from studies.tracing.outcome import Outcome
-    from studies.training.train import TrainingResult
-
-
-Columns = dict[str, "list[Any] | NDArray[Any]"]  # by name, all of one length
-
-
-class Tabled:
-    """A result that can be a table, and shows itself in some lines."""
-
-    def summary(self) -> Summary:
-        """Return what `print` and a notebook show."""
-        return Summary([f"{type(self).__name__}:"], self.columns())
-
-    def __str__(self) -> str:
-        return self.summary().text()
-
-    def _repr_html_(self) -> str:
-        return self.summary().html()
-
-    def columns(self) -> Columns:
-        """Of the table, by name: sequences of the same length. Units are those of the command's output."""
-        raise NotImplementedError
-
-    def to_table(self) -> "pandas.DataFrame":
-        """Needs the extra `tables`."""
-        try:
-            import pandas
-        except ModuleNotFoundError as error:
-            raise _extra(error) from None
-        return pandas.DataFrame(dict(self.columns()))
-
-    def to_parquet(self, path: Path | str) -> None:
-        """The table as a Parquet file."""
-        self.to_table().to_parquet(path, index=False)
 
 
 @dataclass(frozen=True, eq=False)
-class Motion(Tabled):
+class Motion(MotionData, Tabled):
     """A motion: time (T,) s after rest, points (T, 3362, 3) m (front face, then back face). A shape at rest has one
-    frame, at the end of its pressures. band: (T, 3, 3) m, how far 90 % of motions lie at most from it along its normal,
-    in the mean of each of nine regions; None where the model has no intervals, or was not asked for them."""
+    frame, at the end of its pressures. muscles: on the cloth. band: (T, 3, 3) m, how far 90 % of motions lie at most
+    from it along its normal, in the mean of each of nine regions; None where the model has no intervals, or was not
+    asked for them."""
 
-    time: NDArray[np.float64]
-    points: NDArray[np.float32]
-    band: NDArray[np.float64] | None = None
+    triangles: NDArray[np.intp] | None = None
 
     @property
     def faces(self) -> NDArray[np.float32]:
@@ -78,12 +41,23 @@ class Motion(Tabled):
         side = round(float(np.sqrt(self.points.shape[1] / 2)))
         return self.points.reshape(len(self.points), 2, side, side, 3)
 
-    def to_array(self) -> "xarray.DataArray":
-        """`faces` with named axes: time [s], face, row, column, axis. Needs the extra `tables`."""
+    @property
+    def tension(self) -> NDArray[np.float32] | None:
+        """(T, intervals) N, between the muscles' fixed points; `muscles.owners` says of which muscle each is. None
+        where it is not known."""
+        return None if self.muscles is None else self.muscles.tension
+
+    @property
+    def contraction(self) -> NDArray[np.float32] | None:
+        """(T, intervals), 1 - l / l0 of the same intervals."""
+        return None if self.muscles is None else self.muscles.contraction
+
+    def to_array(self) -> xarray.DataArray:
+        """Return `faces` with named axes: time [s], face, row, column, axis. Needs the extra `tables`."""
         try:
             import xarray
         except ModuleNotFoundError as error:
-            raise _extra(error) from None
+            raise InputError(needs(error)) from None
         names = ("time", "face", "row", "column", "axis")
         places = {"time": self.time, "face": ["front", "back"], "axis": ["x", "y", "z"]}
         return xarray.DataArray(self.faces, dims=names, coords=places, name="points", attrs={"units": "m"})
@@ -97,12 +71,16 @@ class Motion(Tabled):
         return Summary([head], {"axis": ["x", "y", "z"], "lowest m": low, "highest m": high})
 
     def columns(self) -> Columns:
-        """A row for every point of every frame: time [s], face, row, column, x, y, z [m]."""
+        """Return a row for every point of every frame: time [s], face, row, column, x, y, z [m]."""
         frames, faces, rows, columns, _ = self.faces.shape
         at = np.indices((frames, faces, rows, columns)).reshape(4, -1)
         x, y, z = self.points.reshape(-1, 3).T
         names = np.array(["front", "back"])
         return {"time": self.time[at[0]], "face": names[at[1]], "row": at[2], "column": at[3], "x": x, "y": y, "z": z}
+
+    def to_json(self) -> dict[str, Any]:
+        """Return how much there is of it."""
+        return {"frames": len(self.time), "points": self.points.shape[1]}
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,123 +101,156 @@ class Sweep(Tabled):
         return len(self.designs)
 
     def columns(self) -> Columns:
-        """design, muscles, the pressure of each channel [kPa], and the outputs."""
+        """Return design, muscles, the pressure of each channel [kPa], and the outputs."""
         channels = max((len(row) for row in self.pressures), default=0)
         padded = np.full((len(self), channels), np.nan)
         for row, kpa in zip(padded, self.pressures, strict=True):
             row[: len(kpa)] = kpa
-        own = {f"channel_{k}_kpa": padded[:, k] for k in range(channels)}
         return {
             "design": [design.name for design in self.designs],
             "muscles": [len(design.muscles) for design in self.designs],
-            **own,
+            **{f"channel_{k}_kpa": padded[:, k] for k in range(channels)},
             **self.values,
         }
 
-
-@dataclass(frozen=True, eq=False)
-class Calibrated(Tabled):
-    """found: all that the fit says. skipped: bad trials left out, a line each."""
-
-    found: "Calibration"
-
-    @property
-    def model(self) -> Model:
-        return self.found.model
-
-    @property
-    def skipped(self) -> tuple[str, ...]:
-        return self.found.skipped
-
-    def columns(self) -> Columns:
-        """name, value, unit, low90, high90, scope of every parameter."""
-        return _of_model(self.model)
+    def to_json(self) -> dict[str, Any]:
+        """Return the columns."""
+        return {**self.columns(), "complete": self.complete}
 
 
-@dataclass(frozen=True, eq=False)
-class Traced(Tabled):
-    """found: all that the trace says."""
+class _View(Tabled):
+    """A study's result; what is not said otherwise here is the study's own, SI."""
 
-    found: "Outcome"
+    def __init__(self, result: Any) -> None:
+        self.result = result
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "result":  # while it is copied
+            raise AttributeError(name)
+        return getattr(self.result, name)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what result.json holds."""
+        content: dict[str, Any] = self.result.as_json()
+        return content
+
+
+class Optimized(_View):
+    """What a search came to: `studies.layouts.result.StudyResult` with pressures in kPa, and shapes as motions."""
 
     def summary(self) -> Summary:
-        """Return the verdict, and the model's parameters."""
-        return Summary([f"Traced: {self.verdict}"], self.columns())
+        """Return error, pressures, muscles and the layout."""
+        from fabdesign.layout_drawing import layout_svg
+
+        head = f"Optimized: {in_mm(self.objective):.3f} mm after {len(self.history)} evaluations"
+        poses, highest = self.result.pressures, self.study.limits.pressure[1]
+        lines = [head, f"{self.search_time}; {self.stop_reason}", *self.reach.sentences, *poses_in_words(list(poses))]
+        return Summary(lines, muscle_columns(self.design), [layout_svg(self.design, row, highest) for row in poses])
 
     @property
-    def verdict(self) -> str:
-        """ "effect", "adequate" or "unexplained"."""
-        return str(self.found.verdict)
+    def pressures(self) -> NDArray[np.float64]:
+        """(poses, channels) kPa."""
+        return in_kpa(self.result.pressures)
 
     @property
-    def model(self) -> Model:
-        return self.found.model
+    def shapes(self) -> list[Motion]:
+        """Of each pose, at rest or at its target's instant."""
+        points = np.asarray(self.result.points, np.float32)
+        return [Motion(np.array([t.time or 0.0]), p[None]) for t, p in zip(self.targets, points, strict=True)]
 
     def columns(self) -> Columns:
-        """name, value, unit, low90, high90, scope of every parameter of the model."""
-        return _of_model(self.model)
+        """Return a row an evaluation of the search: its number, objective [mm], whether it diverged."""
+        return {
+            "evaluation": [*range(1, len(self.history) + 1)],
+            "objective_mm": [in_mm(entry.objective) for entry in self.history],
+            "diverged": [entry.diverged for entry in self.history],
+        }
 
 
-@dataclass(frozen=True, eq=False)
-class Trained(Tabled):
-    """model: the file that was written, its weights beside it. found: all that training says."""
+class Sensitivity(_View):
+    """What a sweep came to: `studies.sensitivity.result.SensitivityResult` with indices by name."""
 
-    model: Path
-    found: "TrainingResult"
-    skipped: tuple[str, ...]
-
-    def columns(self) -> Columns:
-        """Errors in mm of each design that was held out: design, trials, then each error before and after."""
-        held = self.found.as_json()["held_out"]
-        columns: Columns = {"design": [*held], "trials": [of["trials"] for of in held.values()]}
-        for when in ("before", "after"):
-            for name in sorted({name for of in held.values() for name in of[when]}):
-                columns[f"{name}_{when}"] = [of[when].get(name, np.nan) for of in held.values()]
-        return columns
-
-
-@dataclass(frozen=True, eq=False)
-class Evaluated(Tabled):
-    """found: errors before and after, by design. skipped: bad trials left out, a line each."""
-
-    found: "SetEvaluation"
-    skipped: tuple[str, ...]
+    def indices(self, output: str) -> dict[str, dict[str, Any]]:
+        """Return first, total and their intervals of an output, by parameter. Raises InputError where there are
+        none."""
+        entry = self.to_json()["outputs"].get(output)
+        if entry is None or "sobol" not in entry:
+            known = ", ".join(column.name for column in self.result.columns)
+            raise InputError(f"{output}: no indices; expected an output that varies, of {known}")
+        indices: dict[str, dict[str, Any]] = entry["sobol"]
+        return indices
 
     def columns(self) -> Columns:
-        """A row a trial: design, set, trial, order, role, share of frames used, and errors before and after [mm]."""
-        tables = (*self.found.designs.items(), *self.found.others.items())
-        rows = [(name, trial) for name, table in tables for trial in table.trials]
-        columns: Columns = {"design": [name for name, _ in rows]}
-        for key, field in (("set", "set_name"), ("trial", "trial"), ("order", "order"), ("role", "role")):
-            columns[key] = [getattr(trial, field) for _, trial in rows]
-        columns["judged"] = [trial.used for _, trial in rows]
-        for when in ("before", "after"):
-            for error in ("chamfer", "chamfer_floor", "surface_rms", "surface_floor"):
-                columns[f"{error}_{when}"] = [in_mm(getattr(getattr(trial, when), error)) for _, trial in rows]
-        judged = [trial.intervals for _, trial in rows]
-        if any(judged):
-            for k, name in enumerate(("interval_inside", "interval_width", "interval_crps")):
-                columns[name] = [np.nan if score is None else score.shown[k] for score in judged]
-        return columns
+        """Return a row an output and parameter: method, and each of its numbers."""
+        return by_name(
+            [
+                {"output": output, "unit": entry["unit"], "parameter": name, "method": method} | _flat(numbers)
+                for output, entry in self.to_json()["outputs"].items()
+                for method in ("morris", "sobol")
+                for name, numbers in entry.get(method, {}).items()
+            ]
+        )
 
 
-def _of_model(model: Model) -> Columns:
-    rows = [(name, p.factor, "", p.interval90, p.scope) for name, p in model.parameters.items()]
-    rows += [
-        (f"{effect.name}.{name}", q.value, q.unit, q.interval90, effect.scope)
-        for effect in model.effects
-        for name, q in effect.parameters.items()
-    ]
-    low, high = ([np.nan if row[3] is None else row[3][k] for row in rows] for k in (0, 1))
-    return {
-        "name": [row[0] for row in rows],
-        "value": [row[1] for row in rows],
-        "unit": [row[2] for row in rows],
-        "low90": low,
-        "high90": high,
-        "scope": [row[4] for row in rows],
-    }
+class Layouts(_View):
+    """What searches side by side came to: `studies.layout_grid.result.GridResult`."""
+
+    @property
+    def front(self) -> list[Optimized]:
+        """Of the cells that no other beats with as many muscles or fewer, by rising number of muscles."""
+        return [Optimized(cell.result) for cell in self.result.front if cell.result is not None]
+
+    def columns(self) -> Columns:
+        """Return a row a cell: name, muscles, type, sides, the errors [mm] of the nearest layout that it may have, of
+        which cell that is, muscles_used, front; and the study's outputs, a column for each pose."""
+        rows = []
+        for cell in self.to_json()["cells"]:
+            poses = {
+                name if len(output["values"]) == 1 else f"{name}, pose {pose}": value
+                for name, output in cell.get("outputs", {}).items()
+                for pose, value in enumerate(output["values"])
+            }
+            rows.append({name: value for name, value in cell.items() if not isinstance(value, list | dict)} | poses)
+        return by_name(rows)
 
 
-def _extra(error: ModuleNotFoundError) -> InputError:
-    return InputError(needs(error))
+class Unseen(dict[str, Any], Tabled):
+    """What `result.json` of a study of kind `unseen` holds."""
+
+    __str__, __repr__ = Tabled.__str__, dict.__repr__
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it without the middle lines, which are for the picture."""
+        from studies.unseen.report import without_lines
+
+        return {**without_lines(self)}  # type: ignore[arg-type]
+
+    def columns(self) -> Columns:
+        """Return a row a pose and output: pose, output, unit, and its 5, 50 and 95 % over the drawn models."""
+        rows: list[dict[str, Any]] = []
+        for number, pose in enumerate(self.get("poses") or []):
+            values = [(f"tip_{axis}", "mm", ends) for axis, ends in pose["tip_mm"].items()]
+            values.append(("mean_curvature", "1/m", pose["mean_curvature"]))
+            values += [(name, output["unit"], output["percentiles"]) for name, output in pose["outputs"].items()]
+            rows += [
+                {"pose": number, "output": name, "unit": unit, "low90": low, "middle": middle, "high90": high}
+                for name, unit, (low, middle, high) in values
+            ]
+        return by_name(rows)
+
+
+def by_name(rows: Sequence[Mapping[str, Any]]) -> Columns:
+    """Return columns of rows that may lack some."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    return {name: [row.get(name, np.nan) for row in rows] for name in names}
+
+
+def _flat(numbers: Mapping[str, Any]) -> dict[str, float]:
+    flat: dict[str, float] = {}
+    for name, value in numbers.items():
+        if isinstance(value, Sequence):
+            stem = name.removesuffix("interval90").removesuffix("_")
+            flat |= {f"{stem}{'_' * bool(stem)}{side}90": x for side, x in zip(("low", "high"), value, strict=True)}
+        else:
+            flat[name] = value
+    return flat

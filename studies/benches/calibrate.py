@@ -14,6 +14,7 @@ from fabdesign.effort import bench_fit_seconds, in_words
 from fabdesign.encoder import plain
 from fabdesign.errors import InputError
 from fabdesign.model import EffectTerm, Quantity
+from fabdesign.tabled import Columns, Tabled
 from fabdesign.units import in_mm
 from optimize.fit.parameters import FitVector
 from studies.benches.actuator import StaticCurve
@@ -32,7 +33,7 @@ Progress = Callable[[str, float | None], None]
 
 
 @dataclass(frozen=True, eq=False)
-class BenchCalibration:
+class BenchCalibration(Tabled):
     """A specimen's quasi-static law and how well it holds: means over records of root mean squares, in `unit`, of what
     the file says, as `evaluate` gives them."""
 
@@ -47,22 +48,27 @@ class BenchCalibration:
     constants: Mapping[str, Quantity]
     effects: tuple[EffectTerm, ...] = ()  # fitted with the law
     speed: float | None = None  # 1/s, of a muscle's contraction in all records, where there is only one
+    files: tuple[str, ...] = ()  # names of those that were written
 
     def as_json(self) -> dict[str, Any]:
         """What `calibrate BENCH --json` prints."""
         return {
             "bench": self.bench.name,
-            "specimen": self.bench.specimen,
-            "source": self.bench.source,
-            "metric": "rms",
             "unit": self.unit,
-            "error": {"fit": self.error_fit, "left_out": self.error_left_out, "test": self.error_test},
+            "error_fit": self.error_fit,
+            "error_left_out": self.error_left_out,
+            "error_test": self.error_test,
             "error_as_fitted": self.error_as_fitted,
             "noise_floor": self.noise.sigma,
             "noise_from": self.noise.source,
             "constants": {name: {"value": q.value, "unit": q.unit} for name, q in self.constants.items()},
             "effects": [plain(effect) for effect in self.effects],
         }
+
+    def columns(self) -> Columns:
+        """Return name, value and unit of every constant."""
+        names = {"name": [*self.constants], "value": [q.value for q in self.constants.values()]}
+        return {**names, "unit": [q.unit for q in self.constants.values()]}
 
 
 def calibrate_bench(

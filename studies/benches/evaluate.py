@@ -12,6 +12,7 @@ from fabdesign.bench_file import read_bench
 from fabdesign.errors import InputError
 from fabdesign.json_file import plain
 from fabdesign.metrics import Statistics
+from fabdesign.tabled import Columns, Tabled
 from studies.benches.calibrate import LEAST_SHOWN
 from studies.benches.noise import BenchNoise, noise_of
 from studies.benches.predictions import RecordErrors, errors_of, prediction
@@ -21,7 +22,7 @@ METRIC = "rms"
 
 
 @dataclass(frozen=True, eq=False)
-class BenchEvaluation:
+class BenchEvaluation(Tabled):
     """tests, others: by record, of role test and of role fit."""
 
     bench: Bench
@@ -37,6 +38,12 @@ class BenchEvaluation:
             result["others"] = {self.bench.name: self._table(self.others)}
         noise = {"noise_floor": self.noise.sigma, "noise_from": self.noise.source}
         return dict(plain(result | {"metric": METRIC, "unit": self.unit} | noise))
+
+    def columns(self) -> Columns:
+        """Return a row a record: its name, role and errors before and after, in `unit`."""
+        rows = [("test", *one) for one in self.tests.items()] + [("fit", *one) for one in self.others.items()]
+        names = {"record": [name for _, name, _ in rows], "role": [role for role, _, _ in rows]}
+        return {**names, **{when: [getattr(of, when) for *_, of in rows] for when in ("before", "after")}}
 
     def _table(self, records: Mapping[str, RecordErrors]) -> dict[str, Any]:
         return {

@@ -16,6 +16,7 @@ from fabdesign.predictor import Predictor
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.splits import fit_trials
 from fabdesign.store import Checkpoint
+from fabdesign.tabled import OfModel
 from fabdesign.trial import MeasurementSet
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Array, Sample, evenly
@@ -45,7 +46,9 @@ _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class Calibration(OfModel):
+    """What a fit to measurement sets came to."""
+
     model: Model
     fit: Fit
     correlation: np.ndarray  # (p, p), of the unknowns in the order of fit.vector

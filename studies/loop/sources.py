@@ -10,12 +10,12 @@ import numpy as np
 from fabdesign.design import Design
 from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
-from fabdesign.export import export_design
 from fabdesign.loop_file import Laboratory, LoopStudy, VirtualRig
 from fabdesign.measurement_set import NewTrial, read_set, write_set
 from fabdesign.output import WorkFolder, write_text
 from fabdesign.pressure import PressureProgram
 from fabdesign.pressure_file import write_pressures
+from fabdesign.sewing import export_design
 from fabdesign.trial import MeasurementSet, Trial
 from fabdesign.units import in_kpa
 from studies.loop.programs import Asked

@@ -11,13 +11,13 @@ from fabdesign.content import sha256
 from fabdesign.design import Design
 from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
-from fabdesign.export import export_design
 from fabdesign.forward import RISE
 from fabdesign.json_file import read_json, write_json
 from fabdesign.muscle import Muscle
 from fabdesign.output import new_folder, read_mark
 from fabdesign.pressure import rising_program
 from fabdesign.pressure_file import pressure_file_of, write_pressures
+from fabdesign.sewing import export_design
 from optimize.margins import Limits
 from studies.studio.document import Document
 from studies.studio.layout import Layout

@@ -9,6 +9,7 @@ import numpy as np
 from fabdesign.bench import Bench
 from fabdesign.json_file import plain
 from fabdesign.model import EffectTerm
+from fabdesign.tabled import Columns, Tabled
 from optimize.fit.clouds import Array
 from studies.benches.noise import BenchNoise
 from studies.tracing.bench_fit import BenchCandidate
@@ -18,7 +19,7 @@ Curve = tuple[str, Array, Array, Array, Array]  # a record: its name, the rows' 
 
 
 @dataclass(frozen=True, eq=False)
-class BenchOutcome:
+class BenchOutcome(Tabled):
     """Of a trace of a bench. Errors in the output's SI unit, RMS of records left out."""
 
     bench: Bench
@@ -60,6 +61,11 @@ class BenchOutcome:
     def shares(self) -> dict[str, float]:
         """Of the gap, what each effect closes; of several, by what its absence costs."""
         return shared_out(self.evidence, self.gains)
+
+    def columns(self) -> Columns:
+        """Return a row a candidate: its name, error of records left out and gain."""
+        names = {"name": [c.effect for c in self.candidates], "held_out": [c.held_out for c in self.candidates]}
+        return {**names, "gain": [c.gain for c in self.candidates]}
 
     def as_json(self) -> dict[str, Any]:
         """`trace.json`."""

@@ -13,6 +13,8 @@ from fabdesign.forward import ForwardModel
 from fabdesign.json_file import plain
 from fabdesign.metrics import over
 from fabdesign.model import EffectTerm, Model
+from fabdesign.summary import Summary
+from fabdesign.tabled import OfModel
 from fabdesign.units import in_mm
 from optimize.fit.clouds import frames_of
 from optimize.fit.fitted import Fit
@@ -32,7 +34,7 @@ _LITTLE = 0.1  # of its share, below which a frame's weight is told
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class Outcome(OfModel):
     """Of a trace of a set. Distances in m."""
 
     verdict: Word
@@ -135,6 +137,10 @@ class Outcome:
                 "level) move them most"
             )
         return lines
+
+    def summary(self) -> Summary:
+        """Return the verdict, and the model's parameters."""
+        return Summary([f"Outcome: {self.verdict}"], self.columns())
 
     def as_json(self) -> dict[str, Any]:
         """Return `trace.json`; mm."""

@@ -23,6 +23,7 @@ from fabdesign.model_file import write_model
 from fabdesign.output import others_in, work_folder
 from fabdesign.predictor import Predictor
 from fabdesign.store import Checkpoint
+from fabdesign.tabled import Columns, Tabled
 from fabdesign.trial import MeasurementSet
 from fabdesign.units import in_mm
 from optimize.fit.parameters import FitVector
@@ -50,7 +51,9 @@ class HeldOutErrors:
 
 
 @dataclass(frozen=True)
-class TrainingResult:
+class TrainingResult(Tabled):
+    """What a training came to. skipped: bad trials left out, a line each."""
+
     model: Model
     about: Mapping[str, Any]  # as the weights' file says it
     held_out: Mapping[str, HeldOutErrors]  # by design
@@ -58,6 +61,7 @@ class TrainingResult:
     base: str  # what the motions were simulated with
     used: UsedFrames
     intervals: str  # how good they are, or why there are none
+    skipped: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """What `train --json` prints: mm."""
@@ -86,6 +90,15 @@ class TrainingResult:
             "spread": spread_json(self.model),
             **self.used.as_json(),
         }
+
+    def columns(self) -> Columns:
+        """Return errors in mm of each design that was held out: design, trials, then each error before and after."""
+        held = self.as_json()["held_out"]
+        columns: Columns = {"design": [*held], "trials": [of["trials"] for of in held.values()]}
+        for when in ("before", "after"):
+            for name in sorted({name for of in held.values() for name in of[when]}):
+                columns[f"{name}_{when}"] = [of[when].get(name, np.nan) for of in held.values()]
+        return columns
 
 
 def train(

@@ -154,8 +154,8 @@ def test_a_search_with_a_worker_killed(address: str, tmp_path: Path) -> None:
     there = fabdesign.optimize(vertical, goal, tmp_path / "there", cluster=address, progress=killing, **options)
     assert len(killing.shares) > 2
     assert np.array_equal(here.pressures, there.pressures)
-    assert np.array_equal(here.found.points, there.found.points)
-    for one, other in zip(here.found.history, there.found.history, strict=True):
+    assert np.array_equal(here.points, there.points)
+    for one, other in zip(here.history, there.history, strict=True):
         assert replace(one, seconds=0.0) == replace(other, seconds=0.0)
 
 

@@ -1,0 +1,174 @@
+"""A verb becomes a command: its options from the function's signature, their help from the docstring and WORDS."""
+
+import ast
+import inspect
+import re
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+
+from fabdesign.cli import kinds
+from fabdesign.cli.console import commands, print_result, tell
+from fabdesign.cli.progress import described
+from fabdesign.interface import verb as declared
+from fabdesign.interface.verb import VERBS, WORDS, Verb, Word
+
+# click's types, by how a parameter is annotated
+_TYPES: Mapping[str, click.ParamType[Any]] = {
+    "bool": click.BOOL,
+    "float": kinds.FINITE,
+    "int": click.INT,
+    "str": click.STRING,
+    "Pressures": click.STRING,
+    "Folder": kinds.FOLDER,
+    "Npz": kinds.OutputPath(".npz"),
+    "Toml": kinds.OutputPath(".toml"),
+    **dict.fromkeys(("File", "DesignLike", "ModelLike", "SetLike"), kinds.FILE),
+}
+_BY_NAME = {"rotation": kinds.TURN, "seconds": kinds.SECONDS, "tolerance": kinds.SECONDS}
+_LAST = {"effects": 1, "cluster": 2, "out": 3, "force": 4}  # options that many share
+_GROUPS = {"studies": "List, show and compare results."}
+_NONE = inspect.Parameter.empty
+
+
+class _Parameter(NamedTuple):
+    """kind: its annotation, without None and without what Python takes besides. many: whether it is a sequence."""
+
+    name: str
+    kind: str
+    many: bool
+    default: Any
+    sentence: str
+    word: Word
+
+    @property
+    def type(self) -> click.ParamType[Any]:
+        ranges: dict[str, Any] = {"int": kinds.IntegerRange, "float": kinds.NumberRange}
+        if self.name in _BY_NAME:
+            return _BY_NAME[self.name]
+        if self.kind.startswith("Literal"):
+            return click.Choice([*ast.literal_eval(self.kind.removeprefix("Literal"))])
+        return _TYPES[self.kind] if self.word.ends is None else ranges[self.kind](*self.word.ends)
+
+    @property
+    def by_comma(self) -> bool:
+        """Return whether several are typed as one text."""
+        return self.many and not self.word.repeated and self.name not in _BY_NAME
+
+
+def parse(docstring: str) -> tuple[str, dict[str, str]]:
+    """Return what a docstring says of the command, and of each parameter."""
+    text: list[str] = []
+    for block in inspect.cleandoc(docstring).split("\n\n"):
+        if sentences := re.findall(r"^(\w+): (.*(?:\n +.*)*)", block, re.MULTILINE):
+            return "\n\n".join(text), {name: " ".join(sentence.split()) for name, sentence in sentences}
+        text.append(block)
+    return "\n\n".join(text), {}
+
+
+def _signature(verb: Verb) -> list[tuple[str, str, Any]]:
+    """Return name, annotation and default of what the function takes, what it shares with others too."""
+    given: list[tuple[str, str, Any]] = []
+    for name, one in inspect.signature(verb.function).parameters.items():
+        if one.kind is one.VAR_KEYWORD:
+            shared = re.sub(r"Unpack\[(\w+)\]", r"\1", one.annotation).replace("Any", "Computing")
+            fields = getattr(declared, shared).__annotations__
+            given += [(key, kind.__forward_arg__, None) for key, kind in fields.items()]
+        else:
+            given.append((name, one.annotation, one.default))
+    return given
+
+
+def _parameters(verb: Verb, sentences: Mapping[str, str]) -> list[_Parameter]:
+    """Return those that the command can have, those that many share last."""
+    parameters = []
+    for name, annotation, default in sorted(_signature(verb), key=lambda one: _LAST.get(one[0], 0)):
+        word, several = WORDS.get(name, Word()), re.search(r"Sequence\[([\w| ]+)\]", annotation)
+        kind = re.split(r" \| ", several[1] if several else annotation)[0]
+        asked = verb.options is None or name in (*verb.options, *verb.arguments)
+        if asked and (kind in _TYPES or kind.startswith("Literal")):
+            sentence = sentences.get(name, word.sentence)
+            parameters.append(_Parameter(name, kind, several is not None, default, sentence, word))
+    return parameters
+
+
+def _option(one: _Parameter, optional: bool) -> click.Option:
+    names = ["-o", "--output"] if one.name == "out" else [one.word.option or f"--{one.name.replace('_', '-')}"]
+    required = one.default is _NONE or (one.name == "out" and one.default is None and not optional)
+    more: dict[str, Any] = {"is_flag": True} if one.kind == "bool" else {"type": one.type}
+    if one.by_comma:
+        more["type"] = click.STRING
+    elif one.many and one.name not in _BY_NAME:
+        more["multiple"] = True
+    elif not any(one.default is none for none in (_NONE, None, False)):
+        more |= {"default": one.default, "show_default": True}
+    if one.name == "cluster":
+        more |= {"envvar": "FABDESIGN_CLUSTER", "show_envvar": True}
+    return click.Option([*names, one.name], required=required, help=one.sentence, metavar=one.word.metavar, **more)
+
+
+def _command(name: str, verb: Verb) -> click.Command:
+    text, sentences = parse(verb.function.__doc__ or "")
+    parameters = _parameters(verb, sentences)
+    arguments: list[click.Parameter] = [
+        click.Argument(
+            [one.name],
+            type=one.type,
+            required=not verb.arguments[one.name].startswith("["),
+            nargs=-1 if verb.arguments[one.name].endswith("...") else 1,
+            metavar=verb.arguments[one.name] or None,
+        )
+        for one in parameters
+        if one.name in verb.arguments
+    ]
+    options = [_option(one, verb.optional) for one in parameters if one.name not in verb.arguments]
+    as_json = click.Option(["--json", "as_json"], is_flag=True, help="Print a machine-readable result.")
+    by_comma = [one.name for one in parameters if one.by_comma and one.name not in verb.arguments]
+    callback = partial(_call, verb, by_comma)
+    return click.Command(name, callback=callback, params=[*arguments, *options, as_json], help=text)
+
+
+def _call(verb: Verb, by_comma: list[str], *, as_json: bool, **typed: Any) -> None:
+    """Call the function with what was typed, show how far it is, and print what it gave."""
+    given = {name: value for name, value in typed.items() if value is not None}
+    given |= {name: given[name].split(",") if given[name] else [] for name in by_comma if name in given}
+    verb = verb.from_shell(given) or verb
+    own = inspect.signature(verb.function).parameters
+    first = next(iter(own))
+    if "announce" in own:
+        given["announce"] = lambda address: print_result({"address": address}, address, as_json)
+    if any(name == "progress" for name, *_ in _signature(verb)):
+        with _progress(verb, Path(str(given.get(first))).stem) as shown:
+            result = verb.function(**given, progress=shown, say=tell)
+    else:
+        result = verb.function(**given)
+    if verb.shown is not None:
+        shows = verb.shown(result, {name: one.default for name, one in own.items()} | given)
+        for line in shows.lines:
+            tell(line)
+        print_result(shows.content, shows.text, as_json)
+        if shows.code:
+            raise SystemExit(shows.code)
+
+
+def _progress(verb: Verb, title: str) -> AbstractContextManager[Any]:
+    if not verb.search:
+        return described(verb.title or title, interval=verb.interval)
+    from studies.layouts.progress import LiveLine
+
+    return LiveLine(verb.title or title)
+
+
+def add_commands() -> None:
+    """Add the command of every verb to the group; "GROUP NAME" becomes one of a group."""
+    for words, verb in VERBS.items():
+        *above, name = words.split()
+        group: click.Group = commands
+        for part in above:
+            group = group.commands.get(part) or click.Group(part, help=_GROUPS[part])  # type: ignore[assignment]
+            commands.add_command(group)
+        group.add_command(_command(name, verb))

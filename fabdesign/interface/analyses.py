@@ -1,0 +1,221 @@
+"""Studies of other kinds than searches: what a shape depends on, what is not measured yet, the closed loop, and any."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack
+
+from fabdesign.errors import InputError
+from fabdesign.interface.run import Run, all_sets
+from fabdesign.interface.searches import INTERVAL, OF_STUDY, reported
+from fabdesign.interface.verb import VERBS, Computing, Shown, Verb, verb
+
+if TYPE_CHECKING:
+    from fabdesign.interface.results import Motion, Sensitivity, Unseen
+    from fabdesign.interface.verb import DesignLike, File, Folder, ModelLike, SetLike
+    from studies.loop.record import LoopOutcome
+
+
+def _depending(result: Sensitivity, given: Mapping[str, Any]) -> Shown:
+    from studies.sensitivity.report import as_text
+
+    return Shown(result.to_json(), reported(as_text(result.result), given))
+
+
+@verb(_depending, "STUDY", options=OF_STUDY, interval=INTERVAL)
+def sensitivity(
+    design: DesignLike,
+    parameters: Mapping[str, tuple[float, float] | None] | None = None,
+    out: Folder | None = None,
+    *,
+    outputs: Mapping[str, Callable[[Motion], float]] | Sequence[str] | None = None,
+    covariance: bool = False,
+    pressures: Sequence[float] | None = None,
+    method: str | Sequence[str] = ("morris", "sobol"),
+    samples: int | None = None,
+    trajectories: int | None = None,
+    at: Sequence[float] = (),
+    model: ModelLike | None = None,
+    seconds: float | None = None,
+    seed: int = 1,
+    grid: int | None = None,
+    **keys: Any,
+) -> Sensitivity:
+    """Say what a shape depends on (Morris, Sobol).
+
+    A STUDY is a TOML file. The same command continues after a stop.
+
+    out: Folder to write to, or to continue in.
+    seconds: Time limit, s; by default the study's, or none.
+
+    In Python `design` is the design; without parameters it is the study. parameters: the lowest and highest value of
+    each, by names as `[parameters]` of a study has them (docs/sensitivity.md): "pressure.0" in kPa, "position.1.u" in
+    m, "membrane" as a factor, "effects.NAME.PARAMETER"; None: the model's 90 % interval. outputs: functions of a motion
+    by name, or names of the command's. at: instants of motions, s; none: shapes at rest. covariance: the model's
+    parameters vary together besides. pressures: kPa of channels that do not vary. samples: a power of two. grid: points
+    a side, by default 21. keys: as of `optimize`. Ctrl-C ends with what is done.
+    """
+    from fabdesign.interface.arguments import ends_of, functions_of, one_design, study_file
+    from fabdesign.interface.results import Sensitivity
+    from fabdesign.sensitivity_file import read_sensitivity
+    from studies.sensitivity.run import run_sensitivity
+
+    run = Run.of(keys)
+    if parameters is None and not covariance:
+        study: Any = study_file(design)
+    else:
+        functions = functions_of(outputs) if isinstance(outputs, Mapping) else {}
+        ends = {
+            name: {} if pair is None else dict(zip(("low", "high"), ends_of(f"parameters: {name}", pair), strict=True))
+            for name, pair in (parameters or {}).items()
+        }
+        keys |= {
+            "parameters": {**ends, "covariance": covariance},
+            "method": _texts(method),
+            "seed": seed,
+            "outputs": None if outputs is None or functions else _texts(outputs),
+            "start_pressures": None if pressures is None else [*pressures],
+            "samples": samples,
+            "trajectories": trajectories,
+            "points_per_side": grid,
+            "at": [*at] or None,
+            "functions": {name: _of_motion(function) for name, function in functions.items()} or None,
+            "design": one_design(design),
+            "model": run.model(model),
+        }
+        study = read_sensitivity(keys)
+
+    def show(now: Any) -> None:
+        run.progress(str(now), now.done / now.total)
+
+    return Sensitivity(run.study(run_sensitivity, study, out, seconds, progress=show, interruptible=True))
+
+
+def _texts(names: str | Sequence[str] | Mapping[str, Any]) -> list[str]:
+    return [names] if isinstance(names, str) else [*names]
+
+
+def _of_motion(function: Callable[[Motion], float]) -> Callable[[Any, Any], float]:
+    from fabdesign.interface.results import Motion
+
+    @wraps(function)
+    def output(time: Any, points: Any) -> float:
+        return function(Motion(time, points))
+
+    return output
+
+
+def _unsewn(result: Unseen, given: Mapping[str, Any]) -> Shown:
+    from studies.unseen.report import as_text
+
+    return Shown(result.to_json(), reported(as_text(result), given))  # type: ignore[arg-type]
+
+
+@verb(_unsewn, "STUDY", options=OF_STUDY, interval=INTERVAL)
+def unseen(
+    design: DesignLike | None = None,
+    model: ModelLike | None = None,
+    out: Folder | None = None,
+    *,
+    pressures: Sequence[Sequence[float]] | None = None,
+    outputs: Sequence[str] = (),
+    measured: SetLike | None = None,
+    trials: int = 12,
+    free: Sequence[str] = (),
+    samples: int = 32,
+    seconds: float | None = None,
+    seed: int = 1,
+    grid: int | None = None,
+    **keys: Any,
+) -> Unseen:
+    """Predict a layout before it is sewn, with intervals.
+
+    A STUDY is a TOML file. The command says which measurement would narrow the intervals; designs of a measured set are
+    left out in turn. The same command continues after a stop.
+
+    out: Folder to write to, or to continue in.
+
+    In Python `design` goes with a `model` that has a covariance; with neither model nor set it is the study. pressures:
+    kPa, a row a pose. outputs: of each shape, in words (docs/sensitivity.md). measured: a set of two designs or more,
+    of which at most so many `trials` of each are evaluated; free: effects fitted to the others, as `calibrate --free`
+    takes them. samples: models drawn. grid: points a side, by default the model's. keys: as of `optimize`, such as
+    `candidates`, `rig_limits`, `rise`, `hold`.
+    """
+    from fabdesign.interface.arguments import one_design, study_file
+    from fabdesign.interface.results import Unseen
+    from fabdesign.unseen_file import read_unseen
+    from studies.unseen.run import run_unseen, unseen_in_words
+
+    run = Run.of(keys)
+    if model is None and measured is None:
+        study: Any = study_file(design)
+    else:
+        if (design is None) != (model is None):
+            raise InputError("unseen: a design or a model alone; expected both, or neither beside measured")
+        one_set = None if measured is None else all_sets(measured)[0]
+        keys |= {
+            "samples": samples,
+            "seed": seed,
+            "outputs": [*outputs],
+            "pressures": pressures,
+            "points_per_side": grid,
+            "measured": one_set and {"set": one_set, "trials": trials, "free": [*free]},
+            "design": None if design is None else one_design(design),
+            "model": run.model(model),
+        }
+        study = read_unseen(keys)
+    show = run.opened(lambda: unseen_in_words(read_unseen(study) if isinstance(study, Path) else study))
+    return Unseen(run.study(run_unseen, study, out, seconds, progress=show))
+
+
+def _looped(outcome: LoopOutcome, given: Mapping[str, Any]) -> Shown:
+    from studies.loop.report import as_text
+
+    return Shown(outcome.as_json(), reported(as_text(outcome), given))
+
+
+@verb(_looped)
+def loop(study: File, out: Folder, *, seconds: float | None = None, **given: Unpack[Computing]) -> LoopOutcome:
+    """Choose a design, measure it, improve the model, repeat.
+
+    A STUDY is a TOML file with a target. Measurements come from a virtual rig or from a laboratory. With a laboratory
+    the command ends where it needs a measurement set. Run it again when the set is there.
+
+    out: Folder to write to, or to continue in.
+    seconds: Time limit of each search, s; by default the study's.
+    """
+    from fabdesign.loop_file import read_loop
+    from studies.loop.run import loop_in_words, run_loop
+
+    run, file = Run(**given), Path(study)
+    show = run.opened(lambda: loop_in_words(read_loop(file), seconds))
+    outcome: LoopOutcome = run.study(run_loop, file, out, seconds, progress=show)
+    return outcome
+
+
+def _kind(study: File) -> Verb:
+    from fabdesign.study_file import read_kind
+
+    return VERBS[read_kind(study)]
+
+
+def _of_its_kind(given: dict[str, Any]) -> Verb:
+    """Return the verb of a study's kind, with the study as its argument."""
+    verb = _kind(given["study"])
+    given[next(iter(verb.arguments))] = given.pop("study")
+    return verb
+
+
+@verb(None, from_shell=_of_its_kind)
+def study(study: File, out: Folder, *, seconds: float | None = None, **given: Unpack[Computing]) -> Any:
+    """Run a STUDY of any kind.
+
+    A STUDY is a TOML file; its kind is optimize, sensitivity, layouts, unseen or loop.
+
+    out: Folder to write to, or to continue in.
+
+    Returns what the function of that kind does.
+    """
+    return _kind(study).function(study, out=out, seconds=seconds, **given)
