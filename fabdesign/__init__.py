@@ -62,8 +62,7 @@ __all__ = [
     "Design", "Fabric", "InputError", "Model", "Muscle", "MuscleType", "SimulationError", "build", "calibrate",
     "check", "demo", "equilibrium", "evaluate", "export", "fuse", "layouts", "loop", "new", "optimize", "predict",
     "prepare", "read_design", "read_model", "read_set", "rig", "schema", "sensitivity", "simulate", "studies",
-    "studio",
-    "study", "sweep", "trace", "train", "unseen", "view",
+    "studio", "study", "sweep", "trace", "train", "unseen", "view",
 ]  # fmt: skip
 _WHERE = {
     "Design": "design", "Fabric": "fabric", "InputError": "errors", "Model": "model", "Muscle": "muscle",
