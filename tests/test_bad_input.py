@@ -77,7 +77,10 @@ BAD = [
     ("export none.toml -o OUT", "no such file"),
     ("export cross.toml -o OUT", "EM20 has no tail_length"),
     ("export cross.toml --tail-length 30 -o OUT", "tail length = 30 m; expected 0 to 1 m"),
-    ("export cross.toml --tail-length 0.03 --seam-allowance nan -o OUT", "seam allowance = nan m"),
+    (
+        "export cross.toml --tail-length 0.03 --seam-allowance nan -o OUT",
+        "seam-allowance': 'nan' is not a finite",
+    ),
     ("export cross.toml --tail-length 0.03 --paper a3 -o OUT", "'a4', 'letter', 'none'"),
     ("export cross.toml --tail-length 0.03 -o file", "expected a folder"),
     ("export cross.toml --tail-length 0.03 -o file/OUT", "cannot be written"),

@@ -514,7 +514,7 @@ def test_a_batch_is_what_each_is_alone(asked: Callable[[], list[str]]) -> None:
     assert len(fabdesign.equilibrium(designs[0], np.zeros((3, 2)))) == 3
     with pytest.raises(InputError, match=r"2 designs with 3 pressures; expected as many, or one of either"):
         fabdesign.simulate(designs, np.zeros((3, 2)))
-    with pytest.raises(InputError, match=r"cross: has 2 channels; expected pressures for them"):
+    with pytest.raises(InputError, match=r"cross: has 2 channels; expected --pressures for them"):
         fabdesign.simulate(designs)
 
 

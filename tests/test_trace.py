@@ -40,10 +40,7 @@ from studies.joint_fit import joint_fit, negligible
 from studies.measured_data import MeasuredData
 from studies.tracing.backwards import (
     CAUSE,
-    Most,
-    _alone,
     _enough,
-    _label_in,
     backwards,
     gains_of,
     parts_of,
@@ -57,6 +54,7 @@ from studies.tracing.decoys import decoy_columns, decoys_beside, turned
 from studies.tracing.errors import TrialError, other_layouts
 from studies.tracing.experiment import programs
 from studies.tracing.reduction import begin_without, reduced
+from studies.tracing.refits import Most, _label_in, fit_alone
 from studies.tracing.residual import remains
 from studies.tracing.residuals import Residuals
 from studies.tracing.run import DRAWN, trace_set
@@ -537,7 +535,7 @@ def test_the_declared_parameters_begin_beside_the_effects_too(late, unhurried, t
             say=lambda line: None,
         )  # fmt: skip
         assert task.nearest(away.vector, [away.minimum])[0] > 2 * unhurried.after
-        found = _alone(task, joint, away)
+        found = fit_alone(task, joint, away)
     assert not found.vector.terms
     assert found.after < 1.02 * unhurried.after
 

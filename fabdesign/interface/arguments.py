@@ -37,7 +37,7 @@ def one_program(pressures: Pressures, design: Design) -> PressureProgram:
     """Return the pressures of a design; None: of one without channels. Raises InputError."""
     if pressures is None:
         if design.channels:
-            raise InputError(f"{design.name}: has {design.channels} channels; expected pressures for them")
+            raise InputError(f"{design.name}: has {design.channels} channels; expected --pressures for them")
         return constant_program([])
     if isinstance(pressures, Path | str):
         return read_pressures(pressures, design)

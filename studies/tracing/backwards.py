@@ -1,28 +1,24 @@
 """Backwards from the joint fit: what the data do not need, or what trials left out gain too little by, is dropped."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import label_effect
-from fabdesign.forward import Term
 from fabdesign.metrics import over
 from fabdesign.units import in_mm
-from optimize.fit.clouds import Array, Indices
+from optimize.fit.clouds import Indices
 from optimize.fit.fitted import Fit
-from optimize.fit.left_out import Gain, LeftOut, Scored
+from optimize.fit.left_out import Gain, LeftOut
 from optimize.fit.needed import NEEDED, cheapest_first, conditioned, cost, needed
-from optimize.fit.normal import loss
-from optimize.fit.parameters import FitParameter, FitVector
-from optimize.fit.problem import Evaluation, widened
+from optimize.fit.parameters import FitVector
 from studies.tracing.decoys import Decoys, decoys_beside
 from studies.tracing.reduction import promised, reduced
+from studies.tracing.refits import Most, fit_alone, fit_of, fit_without, is_certain, needed_elsewhere
 from studies.tracing.task import Place, Task
 
-CLOSE = 2.0  # of log likelihood, a quarter of what makes an effect needed: a step that promises less is the last
 CAUSE = 0.3  # of its prior's deviation, at its strongest: an effect that is less is in any careful build
 _MUCH = 1.2  # times what a fit may lose of trials left out, in quadrature: what loses more even of those fitted ends
 _NONE = np.zeros(0, dtype=np.intp)
@@ -34,9 +30,9 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
     by the weights of `everything`."""
     labels, small = worth(task, everything)
     if not labels:
-        alone = _alone(task, everything, plain)
+        alone = fit_alone(task, everything, plain)
         return alone, alone, small, None
-    known = _enough(task, everything, labels) or _fit_of(task, *reduced(task, everything, labels), sure=True)
+    known = _enough(task, everything, labels) or fit_of(task, *reduced(task, everything, labels), sure=True)
     most, exact = Most(task, known), True  # exact: whether the fit's Jacobian was made where it ends
     left_of_all = LeftOut.of(everything, task.data.folds).scored().excess(task.floor)
     held: list[str] = []  # what a fit without it loses; with fewer others beside it, that loses all the more
@@ -44,7 +40,7 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
     decoys: Decoys | None = None
     while True:
         if len(gains) == 1:
-            plain = _alone(task, known, plain)
+            plain = fit_alone(task, known, plain)
         # beside a stronger one an effect must gain more than is left, by those that stay or by all: where its law is
         # not quite right, small ones take up what it lacks
         least = max(task.tolerance, min(left_of_all, left_of_known)) if len(gains) > 1 else task.tolerance
@@ -62,7 +58,7 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
             if len(gains) == 1:
                 return plain, plain, [*small, *weak], None
         elif not exact:
-            simpler, weak = _fit_of(task, known, known.vector.labels, sure=True), []
+            simpler, weak = fit_of(task, known, known.vector.labels, sure=True), []
         elif decoys is None:
             decoys = decoys_beside(task, known, everything.vector)
             held = [] if decoys.chance > least else held
@@ -74,7 +70,7 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
             task.say(f"{weak[0]} is {strength(known, weak[0]):.2f} of what is usual: no cause")
             if len(gains) == 1:
                 return plain, plain, [*small, *weak], None
-            simpler = _fit_without(task, known, weak)
+            simpler = fit_without(task, known, weak)
             most, held = Most(task, simpler), []
         if simpler is not None:
             small += weak
@@ -96,13 +92,11 @@ def _below(task: Task, known: Fit, least: float, held: Sequence[str]) -> list[st
     return below
 
 
-def _without_most_of(
-    task: Task, known: Fit, most: "Most", weak: list[str], least: float
-) -> tuple[Fit | None, list[str]]:
+def _without_most_of(task: Task, known: Fit, most: Most, weak: list[str], least: float) -> tuple[Fit | None, list[str]]:
     """Return a fit without as many of the effects `weak`, the first of them, as it loses nothing by, and these; None
     and the first where even that is needed."""
     while True:
-        simpler = _fit_without(task, known, weak)
+        simpler = fit_without(task, known, weak)
         if not most.loses(simpler, least, any(is_cause(known, label) for label in weak)):
             return simpler, weak
         if len(weak) == 1:
@@ -119,9 +113,9 @@ def _enough(task: Task, everything: Fit, labels: Sequence[str]) -> Fit | None:
     *_, (strongest, _, _) = cheapest_first(*there, {label: vector.part(label) for label in labels})
     least = promised(everything, everything.minimum)
     hopeless = float(np.hypot(least, task.tolerance))
-    one = _fit_of(task, everything, [strongest], hopeless=hopeless, sure=True, named=f"{strongest} alone")
+    one = fit_of(task, everything, [strongest], hopeless=hopeless, sure=True, named=f"{strongest} alone")
     fits = over(one.after, least) <= 0.5 * task.tolerance
-    return one if fits and not _needed_elsewhere(task, everything, vector.inside(there[0]), one) else None
+    return one if fits and not needed_elsewhere(task, everything, vector.inside(there[0]), one) else None
 
 
 def strength(known: Fit, label: str) -> float:
@@ -164,66 +158,6 @@ def sparse(everything: Fit, labels: Sequence[str]) -> list[str]:
     return [label for label in labels if label in best.values()]
 
 
-def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
-    """The factors and these terms with all of their parameters that are no choice of a whole number, and (2, p) where
-    a joint fit says they are with the others off: to first order, and as they are with the others there, which is
-    nearer where these are far from small."""
-    gone = joint.vector.parts(label for label in joint.vector.labels if label not in labels)
-    places = [joint.minimum]
-    if len(gone):
-        places.insert(0, conditioned(joint.minimum, joint.covariance, gone)[0])
-    vector, index = joint.vector.only(labels)
-    known = [dict(zip(vector.names, vector.inside(x[index]), strict=True)) for x in places]
-    parameters = [p for p in vector.parameters if p.is_factor]
-    for label, term in zip(vector.labels, vector.terms, strict=True):
-        effect = EFFECTS[term.name]
-        for key, p in effect.parameters.items():
-            if not p.whole:
-                name = f"{label}.{key}"
-                unknown = FitParameter(name, p.deviation, p.centre, p.transform, p.unit, p.bounds)
-                begin = known[0].get(name, unknown.unknown(term.values.get(key, p.typical)))
-                parameters.append(replace(unknown, start=begin))
-    terms = tuple(_chosen_only(term) for term in vector.terms)
-    whole = FitVector(tuple(parameters), vector.factors, terms)
-    return whole, np.array([[of.get(p.name, p.start) for p in parameters] for of in known])
-
-
-def _fit_of(
-    task: Task,
-    known: Fit,
-    labels: Sequence[str],
-    *,
-    hopeless: float = np.inf,
-    sure: bool = False,
-    named: str | None = None,
-) -> Fit:
-    """From where a fit with more effects is, and with its Jacobian but for shapes that it has not. hopeless: m RMS, of
-    a fit that need not be refined. sure: whether its Jacobian is made where it ends."""
-    vector, starts = with_shapes(known, labels)
-    fewer, index = known.vector.only(labels)
-    at = [vector.names.index(name) for name in fewer.names]
-    jacobian = widened(known.state.jacobian[:, index], at, len(vector.names))
-    named = named or f"{' '.join(vector.labels)}{' at last' if sure else ''}"
-    return task.fit(named, vector, known.inputs, starts, close=CLOSE, hopeless=hopeless, sure=sure, jacobian=jacobian)
-
-
-def _fit_without(task: Task, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf) -> Fit:
-    """Return a fit of the effects of another but `labels`, as `_fit_of` has it."""
-    return _fit_of(task, known, [other for other in known.vector.labels if other not in labels], hopeless=hopeless)
-
-
-def _alone(task: Task, known: Fit, plain: Fit) -> Fit:
-    """The declared parameters, from where they are by themselves or beside the effects of a fit, whichever is nearer:
-    what one of their false minima leaves is nothing that an effect explains."""
-    vector, starts = with_shapes(known, [])
-    return task.fit("plain to its end", vector, known.inputs, np.array([plain.minimum, *starts]))
-
-
-def _chosen_only(term: Term) -> Term:
-    """What a fit of all parameters does not move."""
-    return replace(term, values={k: v for k, v in term.values.items() if EFFECTS[term.name].parameters[k].whole})
-
-
 def worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
     """The terms that the joint fit says the data need, and of those the ones that trials left out gain too little by,
     to first order. Shapes are not fitted yet, so what is left says nothing."""
@@ -251,7 +185,7 @@ def _with_channels(
     one, all_of_them = (
         trials.scored(vector.parts([label for label in vector.labels if label not in own])) for own in (few, kept)
     )
-    several = len(kept) > len(few) and _certain(trials.gain(one, all_of_them, task.floor), task.tolerance)
+    several = len(kept) > len(few) and is_certain(trials.gain(one, all_of_them, task.floor), task.tolerance)
     return kept if several else [*few]
 
 
@@ -264,12 +198,7 @@ def weakest(gains: Mapping[str, Gain], least: float, stays: Callable[[str], bool
     """The effect that trials left out gain least by, of those for which that is not certain or under `least` [m], and
     that does not stay for another reason."""
     rising = sorted(gains, key=lambda label: gains[label][0])
-    return next((k for k in rising if not _certain(gains[k], least) and not stays(k)), None)
-
-
-def _certain(gain: Gain, least: float) -> bool:
-    """least: m."""
-    return gain[0] >= least and gain[1][0] > 0
+    return next((k for k in rising if not is_certain(gains[k], least) and not stays(k)), None)
 
 
 def _matters_elsewhere(task: Task, joint: Fit, gone: Sequence[str], label: str) -> bool:
@@ -286,7 +215,7 @@ def _cause_elsewhere(task: Task, known: Fit, label: str) -> bool:
 
 
 def _simpler(
-    known: Fit, most: "Most", plain: Fit, gains: Mapping[str, Gain], least: float, held: list[str]
+    known: Fit, most: Most, plain: Fit, gains: Mapping[str, Gain], least: float, held: list[str]
 ) -> tuple[Fit, str] | None:
     """A fit without one of the effects that does as well as that with `most`, and which: what is not linear may take
     its place, and which of two gains more to first order may be wrong. plain: that of the declared parameters alone.
@@ -295,70 +224,8 @@ def _simpler(
         fitted = plain
         if len(gains) > 1:
             hopeless = float(np.hypot(most.fit.after, _MUCH * least))
-            fitted = _fit_without(most.task, known, [label], hopeless=hopeless)
+            fitted = fit_without(most.task, known, [label], hopeless=hopeless)
         if not most.loses(fitted, least, is_cause(known, label)):
             return fitted, label
         held.append(label)
     return None
-
-
-@dataclass(frozen=True, eq=False)
-class Most:
-    """The fit with most effects, which those with fewer are compared with: what goes one after another must not add
-    up."""
-
-    task: Task
-    fit: Fit
-
-    @cached_property
-    def trials(self) -> LeftOut:
-        return LeftOut.of(self.fit, self.task.data.folds)
-
-    @cached_property
-    def scored(self) -> Scored:
-        """Of trials left out."""
-        return self.trials.scored()
-
-    def loses(self, simpler: Fit, least: float, cause: bool) -> bool:
-        """Whether a fit with fewer effects does not do as well. As well: trials left out lose under `least` [m], or not
-        for certain, and, where what it lacks may be a `cause`, either the data lose too little, or other layouts differ
-        by less than the tolerance."""
-        if self.predicts_better(simpler, least):
-            return True
-        return cause and _needed_elsewhere(self.task, self.fit, self.fit.x, simpler)
-
-    def predicts_better(self, other: Fit, least: float) -> bool:
-        """Whether trials left out lose `least` [m] by another fit, and that for certain."""
-        without, own = LeftOut.of(other, self.task.data.folds).scored(), self.scored
-        alike = replace(own, squares=own.squares * without.weights / np.maximum(own.weights, 1e-12))
-        return _certain(self.trials.gain(without, alike, self.task.floor), least)
-
-
-def _needed_elsewhere(task: Task, known: Fit, x: Array, simpler: Fit) -> bool:
-    """Whether the data lose by a simpler fit, and other layouts move otherwise than where `known` has its unknowns x
-    (p,)."""
-    return _lost(task, known, simpler) >= NEEDED and task.matters_elsewhere(
-        Place(known.vector, x), Place(simpler.vector, simpler.x)
-    )
-
-
-def _lost(task: Task, known: Fit, other: Fit) -> float:
-    """Of log likelihood and prior, what a fit with fewer effects loses; shapes that `known` has not cost nothing."""
-    x = np.zeros(len(known.x))
-    places = {name: k for k, name in enumerate(known.vector.names)}
-    labels = {
-        label: _label_in(known.vector, t) for label, t in zip(other.vector.labels, other.vector.terms, strict=True)
-    }
-    for name, value in zip(other.vector.names, other.x, strict=True):
-        label, dot, key = name.rpartition(".")
-        if (place := places.get(f"{labels.get(label, label)}{dot}{key}")) is not None:
-            x[place] = value
-    there = Evaluation(x, other.state.sheets, other.state.found)
-    return loss(task.data.samples, known.state, there, known.normal, np.diag(1 / known.vector.prior**2), known.inputs)
-
-
-def _label_in(vector: FitVector, term: Term) -> str:
-    """Of a term in a vector: that of the same effect, of several in the same channel."""
-    own = [(label, other) for label, other in zip(vector.labels, vector.terms, strict=True) if other.name == term.name]
-    whole = _chosen_only(term).values
-    return own[0][0] if len(own) == 1 else next(label for label, other in own if _chosen_only(other).values == whole)

@@ -11,8 +11,8 @@ from optimize.fit.free import fit_vector
 from optimize.fit.left_out import LeftOut, Scored
 from optimize.fit.needed import NEEDED, alike, does
 from optimize.fit.parameters import FitVector
-from studies.tracing.backwards import CLOSE, Most
 from studies.tracing.experiment import Explanation
+from studies.tracing.refits import CLOSE, Most
 from studies.tracing.selection import Selection
 from studies.tracing.task import Task
 
