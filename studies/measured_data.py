@@ -5,6 +5,7 @@ import platform
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ from optimize.fit.at_rest import Standing
 from optimize.fit.clouds import Sample, cut, sample_trial
 from studies.used_frames import UsedFrames
 
+STROKE = 100e3  # Pa by which a channel's pressure rises in one stroke
+_RATE = 0.01  # s, at which pressures are looked at for what a specimen has behind it
 NOISE_FRAMES = 40  # clouds that the sensor's noise is estimated from: strays are few
 
 
@@ -109,6 +112,16 @@ class MeasuredData:
         fold = {id(trial): k for k, group in enumerate(by_program(self.trials)) for trial in group}
         return tuple(fold[id(trial)] for trial in self.trials)
 
+    @cached_property
+    def session(self) -> NDArray[np.float64]:
+        """Return (samples, 3): place in the session, and what the specimen has behind it then, Pa s of all channels and
+        strokes."""
+        behind: dict[Path, NDArray[np.float64]] = {}
+        for measured in self.sets:
+            behind |= use_before(measured.trials)
+        rows = [[s.trial.order, *behind.get(s.trial.file, np.zeros(2))] for s in self.samples]
+        return np.array(rows, dtype=float)
+
     def provenance(self) -> Provenance:
         """Every trial that was not fitted counts as held out. Hashes are of the files fitted, before anything else."""
         named = [(measured.name, trial) for measured in self.sets for trial in measured.trials]
@@ -122,6 +135,18 @@ class MeasuredData:
             hashes={f"{name}/{trial.file.name}": sha256(trial.file) for name, trial in named if trial.file in files},
             seed=self.seed,
         )
+
+
+def use_before(trials: Sequence[Trial]) -> dict[Path, NDArray[np.float64]]:
+    """Return what a session's specimen has behind it when each trial begins, (2,): Pa s of all channels, and strokes
+    of STROKE; by the trial's file."""
+    behind, so_far = {}, np.zeros(2)
+    for trial in sorted(trials, key=lambda trial: trial.order):
+        behind[trial.file] = so_far
+        pressure = trial.program.at(np.arange(0.0, trial.times[-1] + _RATE, _RATE))
+        strokes = np.maximum(np.diff(pressure, axis=0, prepend=0.0), 0.0).sum() / STROKE
+        so_far = so_far + [_RATE * pressure.sum(), strokes]
+    return behind
 
 
 def noise_of(trials: Sequence[Trial]) -> SensorNoise:

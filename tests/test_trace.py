@@ -54,7 +54,7 @@ from studies.tracing.decoys import decoy_columns, decoys_beside, turned
 from studies.tracing.errors import TrialError, other_layouts
 from studies.tracing.experiment import programs
 from studies.tracing.reduction import begin_without, reduced
-from studies.tracing.refits import Most, _label_in, fit_alone
+from studies.tracing.refits import Judged, _label_in, fit_alone
 from studies.tracing.residual import remains
 from studies.tracing.residuals import Residuals
 from studies.tracing.run import DRAWN, trace_set
@@ -395,20 +395,20 @@ def test_a_step_ends_where_the_quadratic_model_is_least_within_the_bounds(seed):
 @pytest.mark.parametrize(
     ("evidence", "verdict"),
     [
-        (Evidence(0.4e-3, 0.1e-3, 0, 0.1e-3, 0.1e-3, True), "adequate"),  # within the tolerance
-        (Evidence(0.4e-3, 0.4e-3, 0, 0.4e-3, 0.4e-3, True, typical=0.6e-3), "unexplained"),  # in the median it is not
-        (Evidence(0.6e-3, 0.6e-3, 0, 0.6e-3, 0.6e-3, False), "unexplained"),  # though nobody gains
-        (Evidence(2e-3, 2e-3, 0, 2.1e-3, 2.1e-3, False, fitted=0.4e-3, typical=0.4e-3), "unexplained"),  # of one trial
-        (Evidence(2e-3, 2e-3, 0, 0.8e-3, 0.8e-3, True), "unexplained"),
-        (Evidence(2e-3, 0.4e-3, 1, 0.8e-3, 0.4e-3, True), "effect"),
-        (Evidence(2e-3, 0.7e-3, 1, 0.8e-3, 0.6e-3, True), "effect"),  # beyond the tolerance, but most of it
-        (Evidence(1.62e-3, 0.83e-3, 2, 1.55e-3, 0.83e-3, True), "unexplained"),  # less than half of the gap
-        (Evidence(1.62e-3, 0.75e-3, 2, 1.2e-3, 0.75e-3, True), "effect"),  # more than half, and than the black box
-        (Evidence(3e-3, 2.2e-3, 1, 0.8e-3, 0.6e-3, True), "unexplained"),  # the best leaves structure
-        (Evidence(6e-3, 2e-3, 1, 2.4e-3, 1.6e-3, True, 0.5), "unexplained"),  # that goes with the cloth's pose
-        (Evidence(6e-3, 0.4e-3, 1, 2.4e-3, 0.3e-3, True, 0.5), "effect"),  # within the tolerance, whatever is left
-        (Evidence(2e-3, 1.6e-3, 1, 2e-3, 1.6e-3, False, fitted_after=0.3e-3), "effect"),  # of the trials fitted too
-        (Evidence(2e-3, 1.6e-3, 1, 2e-3, 1.6e-3, False, 0.5, fitted_after=0.3e-3), "unexplained"),
+        (Evidence(0.4e-3, 0.1e-3, 0, 0.1e-3, 0.1e-3), "adequate"),  # within the tolerance
+        (Evidence(0.4e-3, 0.4e-3, 0, 0.4e-3, 0.4e-3, typical=0.6e-3), "unexplained"),  # in the median it is not
+        (Evidence(0.6e-3, 0.6e-3, 0, 0.6e-3, 0.6e-3), "unexplained"),  # though nobody gains
+        (Evidence(2e-3, 2e-3, 0, 2.1e-3, 2.1e-3, fitted=0.4e-3, typical=0.4e-3), "unexplained"),  # of one trial
+        (Evidence(2e-3, 2e-3, 0, 0.8e-3, 0.8e-3), "unexplained"),
+        (Evidence(2e-3, 0.4e-3, 1, 0.8e-3, 0.4e-3), "effect"),
+        (Evidence(2e-3, 0.7e-3, 1, 0.8e-3, 0.6e-3), "effect"),  # beyond the tolerance, but most of it
+        (Evidence(1.62e-3, 0.83e-3, 2, 1.55e-3, 0.83e-3), "unexplained"),  # less than half of the gap
+        (Evidence(1.62e-3, 0.75e-3, 2, 1.2e-3, 0.75e-3), "effect"),  # more than half, and than the black box
+        (Evidence(3e-3, 2.2e-3, 1, 0.8e-3, 0.6e-3), "unexplained"),  # the best leaves structure
+        (Evidence(6e-3, 2e-3, 1, 2.4e-3, 1.6e-3, 0.5), "unexplained"),  # that goes with the cloth's pose
+        (Evidence(6e-3, 0.4e-3, 1, 2.4e-3, 0.3e-3, 0.5), "effect"),  # within the tolerance, whatever is left
+        (Evidence(2e-3, 1.6e-3, 1, 2e-3, 1.6e-3, fitted_after=0.3e-3), "effect"),  # of the trials fitted too
+        (Evidence(2e-3, 1.6e-3, 1, 2e-3, 1.6e-3, 0.5, fitted_after=0.3e-3), "unexplained"),
     ],
 )
 def test_the_verdict_is_that_of_the_rules(evidence, verdict):
@@ -423,8 +423,8 @@ def test_layouts_of_which_no_trial_was_fitted_stand_by_themselves():
 
 
 def test_a_black_box_that_finds_no_gap_leaves_nothing_to_explain():
-    assert explains(Evidence(1e-3, 0.5e-3, 1, 1e-3, 0.5e-3, False)) is None
-    assert explains(Evidence(1e-3, 0.25e-3, 1, 0.5e-3, 0.2e-3, True)) == pytest.approx(0.75)
+    assert explains(Evidence(1e-3, 0.5e-3, 1, 1e-3, 0.5e-3)) is None
+    assert explains(Evidence(1e-3, 0.25e-3, 1, 0.5e-3, 0.2e-3)) == pytest.approx(0.75)
 
 
 @pytest.fixture(scope="module")
@@ -648,7 +648,7 @@ def test_other_layouts_ask_for_nothing_that_is_no_cause(selected, late, unhurrie
             late[1], Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], Checkpoint(work, {}),
             say=lambda line: None,
         )  # fmt: skip
-        most, all_of_it = Most(task, selected[0]), 1.0  # m: trials left out lose less
+        most, all_of_it = Judged(task, selected[0]), 1.0  # m: trials left out lose less
         assert most.loses(unhurried, all_of_it, cause=True)
         assert not most.loses(unhurried, all_of_it, cause=False)
         assert most.loses(unhurried, 0.5e-3, cause=False)  # trials left out tell

@@ -139,7 +139,7 @@ def fit(
 
 
 def begun(problem: Problem, evaluation: Evaluation, along: Array, jacobian: Array | None) -> Linearisation:
-    """jacobian: (N, p) m, where there is one; columns of NaN are made."""
+    """Return an evaluation with a Jacobian by differences; of `jacobian` (N, p) m the columns of NaN alone are made."""
     if jacobian is None:
         return problem.linearise(evaluation, along)
     missing = np.flatnonzero(np.isnan(jacobian).all(axis=0))

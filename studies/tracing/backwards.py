@@ -16,7 +16,7 @@ from optimize.fit.needed import NEEDED, cheapest_first, conditioned, cost, neede
 from optimize.fit.parameters import FitVector
 from studies.tracing.decoys import Decoys, decoys_beside
 from studies.tracing.reduction import promised, reduced
-from studies.tracing.refits import Most, fit_alone, fit_of, fit_without, is_certain, needed_elsewhere
+from studies.tracing.refits import Judged, fit_alone, fit_of, fit_without, is_certain, needed_elsewhere
 from studies.tracing.task import Place, Task
 
 CAUSE = 0.3  # of its prior's deviation, at its strongest: an effect that is less is in any careful build
@@ -33,21 +33,26 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
         alone = fit_alone(task, everything, plain)
         return alone, alone, small, None
     known = _enough(task, everything, labels) or fit_of(task, *reduced(task, everything, labels), sure=True)
-    most, exact = Most(task, known), True  # exact: whether the fit's Jacobian was made where it ends
+    most = judged = Judged(task, known)  # most: the fit with most effects
+    exact = True  # whether the fit's Jacobian was made where it ends
     left_of_all = LeftOut.of(everything, task.data.folds).scored().excess(task.floor)
     held: list[str] = []  # what a fit without it loses; with fewer others beside it, that loses all the more
-    gains, left_of_known = _left_out(task, known)
+    gains = gains_of(parts_of(known.vector), judged.trials, task.floor)
     decoys: Decoys | None = None
     while True:
         if len(gains) == 1:
             plain = fit_alone(task, known, plain)
         # beside a stronger one an effect must gain more than is left, by those that stay or by all: where its law is
         # not quite right, small ones take up what it lacks
-        least = max(task.tolerance, min(left_of_all, left_of_known)) if len(gains) > 1 else task.tolerance
+        least = (
+            max(task.tolerance, min(left_of_all, judged.scored.excess(task.floor)))
+            if len(gains) > 1
+            else task.tolerance
+        )
         least = least if decoys is None else max(least, decoys.chance)
         told = ", ".join(f"{label} {in_mm(gain):.2f}" for label, (gain, _) in gains.items())
         task.say(f"mm of excess that trials left out gain by each: {told}; least {in_mm(least):.2f}")
-        weak = _below(task, known, least, held)
+        weak = _below_of(judged, least, held)
         if weak and len(gains) == 1:
             return plain, plain, [*small, *weak], None
         if weak:
@@ -71,28 +76,46 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
             if len(gains) == 1:
                 return plain, plain, [*small, *weak], None
             simpler = fit_without(task, known, weak)
-            most, held = Most(task, simpler), []
+            most, held = Judged(task, simpler), []
         if simpler is not None:
             small += weak
             known, decoys, exact = simpler, None, not weak
-            gains, left_of_known = _left_out(task, known)
+            judged = Judged(task, known)
+            gains = gains_of(parts_of(known.vector), judged.trials, task.floor)
 
 
-def _below(task: Task, known: Fit, least: float, held: Sequence[str]) -> list[str]:
-    """Return the effects of a fit that trials left out gain too little by, to first order, one after another, the
-    least first; one stays to be asked alone. held: not asked."""
-    trials, parts, below = LeftOut.of(known, task.data.folds), parts_of(known.vector), list[str]()
-    while len(below) < max(len(parts) - 1, 1):
-        off = known.vector.parts(below)
-        gains = gains_of({k: part for k, part in parts.items() if k not in {*below, *held}}, trials, task.floor, off)
-        weak = weakest(gains, least, partial(_cause_elsewhere, task, known))
+def _below_of(judged: Judged, least: float, held: Sequence[str]) -> list[str]:
+    """Return the effects of a fit that trials left out gain too little by; one stays to be asked alone. held: not
+    asked."""
+    task, vector = judged.task, judged.fit.vector
+
+    def stays(gone: Sequence[str], label: str) -> bool:
+        return 0 < len(gone) == len(vector.labels) - 1 or _cause_elsewhere(task, judged.fit, label)
+
+    asked = [label for label in vector.labels if label not in held]
+    return _below(judged, asked, [], least, stays)
+
+
+def _below(
+    judged: Judged, asked: Sequence[str], gone: Sequence[str], least: float, stays: Callable[[Sequence[str], str], bool]
+) -> list[str]:
+    """Return the effects of those `asked` that trials left out gain less by than `least` [m], or not for certain, to
+    first order, one after another, the least first. gone: effects that are off already. stays: of those that are off
+    and one more, whether that is not dropped for another reason."""
+    vector, below = judged.fit.vector, list[str]()
+    while True:
+        off = [label for label in vector.labels if label in gone or label in below]
+        parts = {label: vector.part(label) for label in asked if label not in below}
+        gains = gains_of(parts, judged.trials, judged.task.floor, vector.parts(off))
+        weak = weakest(gains, least, partial(stays, off))
         if weak is None:
-            break
+            return below
         below.append(weak)
-    return below
 
 
-def _without_most_of(task: Task, known: Fit, most: Most, weak: list[str], least: float) -> tuple[Fit | None, list[str]]:
+def _without_most_of(
+    task: Task, known: Fit, most: Judged, weak: list[str], least: float
+) -> tuple[Fit | None, list[str]]:
     """Return a fit without as many of the effects `weak`, the first of them, as it loses nothing by, and these; None
     and the first where even that is needed."""
     while True:
@@ -130,12 +153,6 @@ def is_cause(known: Fit, label: str) -> bool:
     return strength(known, label) >= CAUSE
 
 
-def _left_out(task: Task, known: Fit) -> tuple[dict[str, Gain], float]:
-    """What trials left out gain by each effect of a fit, and m of excess that it leaves of them."""
-    trials = LeftOut.of(known, task.data.folds)
-    return gains_of(parts_of(known.vector), trials, task.floor), trials.scored().excess(task.floor)
-
-
 def gains_of(parts: Mapping[str, Indices], left: LeftOut, floor: float, off: Indices = _NONE) -> dict[str, Gain]:
     """By each effect of a fit, of which `parts` are the unknowns: m of excess, in quadrature, that trials left out gain
     by it, and 90 %. off: unknowns that are zero."""
@@ -161,19 +178,12 @@ def sparse(everything: Fit, labels: Sequence[str]) -> list[str]:
 def worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
     """The terms that the joint fit says the data need, and of those the ones that trials left out gain too little by,
     to first order. Shapes are not fitted yet, so what is left says nothing."""
-    vector, small = everything.vector, list[str]()
+    vector, judged = everything.vector, Judged(task, everything)
     certain = needed(everything.minimum, everything.covariance, vector, NEEDED)
-    trials = LeftOut.of(everything, task.data.folds)
-    labels = _with_channels(task, trials, vector, certain, sparse(everything, certain))
-    while labels:
-        off = vector.parts(gone := [label for label in vector.labels if label not in labels])
-        gains = gains_of({label: vector.part(label) for label in labels}, trials, task.floor, off)
-        weak = weakest(gains, task.tolerance, partial(_matters_elsewhere, task, everything, gone))
-        if weak is None:
-            break
-        small.append(weak)
-        labels.remove(weak)
-    return labels, small
+    labels = _with_channels(task, judged.trials, vector, certain, sparse(everything, certain))
+    gone = [label for label in vector.labels if label not in labels]
+    small = _below(judged, labels, gone, task.tolerance, partial(_matters_elsewhere, task, everything))
+    return [label for label in labels if label not in small], small
 
 
 def _with_channels(
@@ -215,7 +225,7 @@ def _cause_elsewhere(task: Task, known: Fit, label: str) -> bool:
 
 
 def _simpler(
-    known: Fit, most: Most, plain: Fit, gains: Mapping[str, Gain], least: float, held: list[str]
+    known: Fit, most: Judged, plain: Fit, gains: Mapping[str, Gain], least: float, held: list[str]
 ) -> tuple[Fit, str] | None:
     """A fit without one of the effects that does as well as that with `most`, and which: what is not linear may take
     its place, and which of two gains more to first order may be wrong. plain: that of the declared parameters alone.

@@ -88,7 +88,7 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
     beside = _baseline(signals, rows, record, left) if chosen.places else box
     evidence = Evidence(
         none.scored.excess(floor), refitted.scored.excess(floor), len(chosen.places), box.excess(floor),
-        beside.excess(floor), none.left_out.gain(none.scored, box, floor)[1][0] > 0,
+        beside.excess(floor),
         left=1 - float(beside.squares.sum() / np.square(left).sum()), typical=none.scored.typical(floor),
     )  # fmt: skip
     return BenchOutcome(

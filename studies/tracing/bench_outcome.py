@@ -45,7 +45,7 @@ class BenchOutcome(Tabled):
     def small(self) -> BenchCandidate | None:
         """Return, where the law is adequate within the tolerance, the candidate that takes most of what is left, if it
         gains for certain and more than a reading's noise."""
-        if self.verdict != "adequate" or not self.candidates or self.evidence.before > self.tolerance:
+        if self.verdict != "adequate" or not self.candidates:
             return None
         best = self.candidates[0]
         structure = best.gain**2 >= (1 - (1 - STRUCTURE) ** 2) * self.evidence.before**2

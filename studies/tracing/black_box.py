@@ -92,14 +92,17 @@ def _lagged(program: PressureProgram, times: Array, channels: int) -> Array:
     grid = np.arange(0.0, times[-1] + 0.01, 0.01)
     told = program.at(grid) / 1e5
     told = np.pad(told, ((0, 0), (0, channels - told.shape[1])))
-    parts = [told]
-    for tau in LAGS:
-        slow, keep = np.zeros_like(told), np.exp(-0.01 / tau)
-        for k in range(1, len(grid)):
-            slow[k] = keep * slow[k - 1] + (1 - keep) * told[k - 1]
-        parts.append(slow)
-    all_parts = np.concatenate([*parts, told.sum(axis=1, keepdims=True), np.sqrt(grid)[:, None]], axis=1)
+    slow = [lagged(told, tau) for tau in LAGS]
+    all_parts = np.concatenate([told, *slow, told.sum(axis=1, keepdims=True), np.sqrt(grid)[:, None]], axis=1)
     return np.asarray(all_parts[np.clip(np.searchsorted(grid, times), 0, len(grid) - 1)])
+
+
+def lagged(path: Array, tau: float) -> Array:
+    """Return a path (k, channels) of one row each 0.01 s through a first-order lag of `tau` [s]."""
+    slow, keep = np.zeros_like(path), np.exp(-0.01 / tau)
+    for k in range(1, len(path)):
+        slow[k] = keep * slow[k - 1] + (1 - keep) * path[k - 1]
+    return slow
 
 
 def _main(table: Array) -> Array:

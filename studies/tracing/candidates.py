@@ -12,7 +12,7 @@ from optimize.fit.left_out import LeftOut, Scored
 from optimize.fit.needed import NEEDED, alike, does
 from optimize.fit.parameters import FitVector
 from studies.tracing.experiment import Explanation
-from studies.tracing.refits import CLOSE, Most
+from studies.tracing.refits import CLOSE, Judged
 from studies.tracing.selection import Selection
 from studies.tracing.task import Task
 
@@ -61,7 +61,7 @@ def same_from_rest(task: Task, selection: Selection) -> dict[str, Explanation]:
     """By name, effects that do the same as one chosen wherever motions begin at rest, as the model with it instead:
     fitted, since Jacobians of two places tell them apart, and left out where trials left out lose by it."""
     chosen, found = selection.chosen, dict[str, Explanation]()
-    most, taken = Most(task, chosen), {*effects_of(chosen.vector.labels), *task.known}
+    most, taken = Judged(task, chosen), {*effects_of(chosen.vector.labels), *task.known}
     for label in selection.labels:
         other = EFFECTS[label_effect(label)].same_from_rest
         if other and EFFECTS[other].named and other not in taken:

@@ -86,9 +86,9 @@ def is_certain(gain: Gain, least: float) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Most:
-    """The fit with most effects, which those with fewer are compared with: what goes one after another must not add
-    up."""
+class Judged:
+    """A fit and what trials left out say of it, and of those with fewer effects. What goes one after another must not
+    add up, so these are compared with the one with most effects."""
 
     task: Task
     fit: Fit

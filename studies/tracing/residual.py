@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optimize.fit.clouds import Array, Indices
-from studies.tracing.black_box import RIDGES, Frames, frames_at
+from studies.tracing.black_box import RIDGES, Frames, frames_at, lagged
 from studies.tracing.residuals import Residuals
 
 CELLS = 10  # of the map of the cloth, a side
@@ -96,7 +96,7 @@ def _kinds(state: Residuals, frames: Frames) -> dict[str, Array]:
         told = np.pad(program.at(times) / 1e5, ((0, 0), (0, channels - program.pressure.shape[1])))
         grid = np.arange(0.0, times[-1] + 0.01, 0.01)
         path = np.pad(program.at(grid) / 1e5, ((0, 0), (0, channels - program.pressure.shape[1])))
-        slow, fast = (_lag(path, tau)[np.clip(np.searchsorted(grid, times), 0, len(grid) - 1)] for tau in (1.0, 0.15))
+        slow, fast = (lagged(path, tau)[np.clip(np.searchsorted(grid, times), 0, len(grid) - 1)] for tau in (1.0, 0.15))
         middle = sheet.middle.reshape(len(times), -1, 3)[:, ::40]
         parts["pressure"].append(told)
         parts["rate"].append(fast - told)
@@ -110,13 +110,6 @@ def _kinds(state: Residuals, frames: Frames) -> dict[str, Array]:
     u, s, _ = np.linalg.svd(pose, full_matrices=False)
     joined["pose"] = (u * s)[:, :4]
     return joined
-
-
-def _lag(path: Array, tau: float) -> Array:
-    slow, keep = np.zeros_like(path), np.exp(-0.01 / tau)
-    for k in range(1, len(path)):
-        slow[k] = keep * slow[k - 1] + (1 - keep) * path[k - 1]
-    return slow
 
 
 def _left(table: Array, frames: Frames, fold: Indices) -> float:

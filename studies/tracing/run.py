@@ -38,7 +38,7 @@ from studies.tracing.task import Place, Task
 from studies.tracing.verdict import Evidence, decide
 from studies.used_frames import Stretch, UsedFrames, share_left_out
 
-ALGORITHM = 23  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
+ALGORITHM = 24  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
 TOLERANCE = 0.5e-3  # m of excess
 TRIALS = 16  # at most, spread over those allowed
 LEAST_TRIALS = 3  # with different pressures
@@ -208,7 +208,6 @@ def _evidence(selection: Selection, data: MeasuredData, left: float) -> Evidence
         effects=len(selection.chosen.vector.labels),
         box_before=box.excess(floor),
         box_after=beside.excess(floor),
-        box_certain=plain.gain(before.scored, box, floor)[1][0] > 0,
         left=left,
         fitted=before.scored.excess(floor),
         fitted_after=after.scored.excess(floor),

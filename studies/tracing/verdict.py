@@ -13,7 +13,7 @@ from fabdesign.model import EffectTerm
 Word = Literal["adequate", "effect", "unexplained"]
 SHARE_OF_A_CAUSE = 0.6  # of the gap, that effects must close to be its cause
 LEAST_SHARE = 0.5  # of it, where that is more than the baseline removes: what leaves more than half is not the cause
-GROSS = 2.0  # times the tolerance: a model that leaves more of the very trials it was fitted to is not adequate
+GROSS = 2.0  # times the tolerance: trials of role test that a fitted model leaves more of are said
 STRUCTURE = 0.25  # of an excess, that the baseline, or one kind of feature, must take to count as structure
 
 SO_FAR = "so far:"
@@ -24,7 +24,7 @@ _FIRST_CLAUSE = re.compile(r"[,;:]")
 @dataclass(frozen=True)
 class Evidence:
     """m of excess held out: of the refitted model, with all effects that were certain, and of the baseline on what
-    either leaves; whether the baseline gains for certain.
+    either leaves.
 
     The baseline takes from what a model leaves that was fitted to all trials, so that its gain is over `fitted`, not
     over `before`, for which the declared parameters were fitted without the trial."""
@@ -34,7 +34,6 @@ class Evidence:
     effects: int  # that were certain, and were added
     box_before: float
     box_after: float
-    box_certain: bool
     left: float = 0.0  # share of what the effects leave that one kind of feature takes of trials left out
     fitted: float | None = None  # m that the refitted model leaves of the trials that it was fitted to; None: `before`
     fitted_after: float = math.inf  # m, the same with all effects

@@ -35,7 +35,7 @@ from studies.used_frames import UsedFrames
 
 Network = Literal["field", "paper"]
 KEPT_BACK = 0.15  # share of the trials that are not learned from and say what the corrector is worth
-ALGORITHM = 12  # of what an unfinished training keeps: raised where it is no longer what this code would compute
+ALGORITHM = 13  # of what an unfinished training keeps: raised where it is no longer what this code would compute
 
 
 @dataclass(frozen=True)
