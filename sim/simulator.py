@@ -104,7 +104,7 @@ class Simulator:
     def _calm(self) -> int:
         return self.calm_steps or (1 if self.self_contact else 8 if self.points_per_side <= 41 else 4)
 
-    def _solve(self, batch: Batch) -> Solve:
+    def solve(self, batch: Batch) -> Solve:
         more = 2 if self.self_contact else 1  # contacts, stiff and not in the preconditioner, take more iterations
         return Solve(more * self.iterations, self.tolerance, batch.added)
 
@@ -125,17 +125,11 @@ class Simulator:
         wanted = [np.asarray(t, dtype=float) for t in times]
         with lock:
             for engine, patient, asked in self._tries(motions, len(cases)):
-                steps = {i: engine._steps(cases[i], wanted[i]) for i in asked}
+                steps = {i: engine.steps(cases[i], wanted[i]) for i in asked}
                 for chunk in chunks_of(cases, n, {i: own.pattern for i, own in steps.items()}):
-                    start, own = start_of(chunk.cases[0], patient=patient), [steps[i] for i in chunk.places]
-                    batch, contents = laid(chunk.damped() if start is Start.DAMPED else chunk, n, self.self_contact)
-                    solve = engine._solve(batch)
-                    load(contents)
-                    for stage in to_start(batch, start, solve, chunk.channels):  # to rest without pressure
-                        advance(batch, *stage)
-                    if start is Start.DAMPED:
-                        put(batch.blocks, {"lane": constants_of(chunk.lanes, n)})
-                    still = rested(batch.positions(F.x0) - batch.positions(F.xp)) if start is Start.CHECKED else None
+                    own = [steps[i] for i in chunk.places]
+                    batch, still = engine.started(chunk, patient=patient)
+                    solve = engine.solve(batch)
                     schedule, begins = of_motions(batch, chunk.packed, own, tick=engine.time_step, rho=self.rho)
                     shapes, states = advance(batch, schedule, solve, frames=int(begins[-1]))
                     for k, (i, case) in enumerate(zip(chunk.places, chunk.cases, strict=True)):
@@ -147,6 +141,18 @@ class Simulator:
 
     sheets = run  # as fabdesign.geometry.sheet asks for them: such a motion is one
 
+    def started(self, chunk: Chunk, *, patient: bool = False) -> tuple[Batch, NDArray[np.bool_] | None]:
+        """The chunk in the fields, at rest without pressure; and, where it may not have come there, (lanes,) whether it
+        has."""
+        start = start_of(chunk.cases[0], patient=patient)
+        batch, contents = laid(chunk.damped() if start is Start.DAMPED else chunk, self.points_per_side, self.self_contact)
+        load(contents)
+        for stage in to_start(batch, start, self.solve(batch), chunk.channels):
+            advance(batch, *stage)
+        if start is Start.DAMPED:
+            put(batch.blocks, {"lane": constants_of(chunk.lanes, self.points_per_side)})
+        return batch, rested(batch.positions(F.x0) - batch.positions(F.xp)) if start is Start.CHECKED else None
+
     def _tries(
         self, results: Mapping[int, SimulatedMotion], count: int
     ) -> Iterator[tuple["Simulator", bool, list[int]]]:
@@ -155,11 +161,11 @@ class Simulator:
         if lost := [i for i in range(count) if results[i].diverged]:
             yield self._finer(), True, lost
 
-    def _steps(self, case: Case, times: Array) -> Steps:
-        """Of a motion with frames at `times` [s]."""
+    def steps(self, case: Case, times: Array, *, begin: int = 0) -> Steps:
+        """Of a motion with frames at `times` [s], from tick `begin` on."""
         acting = acting_pressure(case, _ticks(times, self.time_step), self.time_step)
         jumps = jumps_of(acting.program, self.time_step, released=is_free(case.design.fabric))
-        return steps_of(acting, times, jumps, calm=self._calm)
+        return steps_of(acting, times, jumps, calm=self._calm, begin=begin)
 
     def _require_room(self, cases: Sequence[Case], times: Sequence[Array]) -> None:
         """Raise InputError where the motions, all together in memory, would take too much."""
@@ -261,7 +267,7 @@ class Simulator:
             acting = self._at_rest_pressure(case)
             pressure[: len(acting), lane] = acting
         stages = damped_motion(
-            batch, by_block(pressure), self._solve(batch), rise=self.rise, hold=self.hold, patient=patient
+            batch, by_block(pressure), self.solve(batch), rise=self.rise, hold=self.hold, patient=patient
         )
         return batch, contents, stages
 
@@ -275,7 +281,7 @@ class Simulator:
             load(contents)
             put(batch.blocks, lying_at(batch, middle))
             pressure = by_block(np.repeat(self._at_rest_pressure(case)[:, None], len(chunk.packed), axis=1))
-            for stage in long_steps(batch, pressure, self._solve(batch), ((FOLLOWING_STEP, steps),)):
+            for stage in long_steps(batch, pressure, self.solve(batch), ((FOLLOWING_STEP, steps),)):
                 advance(batch, *stage)
             return motion_of(case, np.zeros(1), batch.positions(F.x0)[:1], batch.states()[:1])
 

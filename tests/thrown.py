@@ -59,7 +59,7 @@ def off_in_the_last_digit(simulator: Simulator, cases, times, first):
                 towards = np.where(rng.random(own.shape) < 0.5, -np.inf, np.inf).astype(np.float32)
                 state[0, nodes, axis * LANES + lane] = np.nextafter(own, towards)
         F.node3.from_numpy(state)
-        return _moved(simulator, batch, case_of, [simulator._steps(case, times) for case in cases])
+        return _moved(simulator, batch, case_of, [simulator.steps(case, times) for case in cases])
 
 
 def _at_rest(simulator, cases, packed, *, patient):
@@ -69,7 +69,7 @@ def _at_rest(simulator, cases, packed, *, patient):
     own = chunk.damped() if start is Start.DAMPED else chunk
     batch, contents = laid(own, simulator.points_per_side, simulator.self_contact)
     load(contents)
-    for stage in to_start(batch, start, simulator._solve(batch), chunk.channels):
+    for stage in to_start(batch, start, simulator.solve(batch), chunk.channels):
         advance(batch, *stage)
     if start is Start.DAMPED:
         put(batch.blocks, {"lane": constants_of(chunk.lanes, simulator.points_per_side)})
@@ -79,5 +79,5 @@ def _at_rest(simulator, cases, packed, *, patient):
 def _moved(simulator, batch, packed, steps):
     """(T, n, n, 3) m each, mid-surfaces of the motions from where the batch is."""
     schedule, begins = of_motions(batch, packed, steps, tick=simulator.time_step, rho=simulator.rho)
-    shapes, _ = advance(batch, schedule, simulator._solve(batch), frames=int(begins[-1]))
+    shapes, _ = advance(batch, schedule, simulator.solve(batch), frames=int(begins[-1]))
     return [own.reshape(-1, batch.nv, batch.nu, 3).astype(float) for own in np.split(shapes, begins[1:-1])]

@@ -4,7 +4,7 @@ A loop that threads share costs 10 ms of every start, so short ones are serial.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
 
 import numpy as np
@@ -85,13 +85,13 @@ def _arguments(blocks: int, values: Values) -> tuple[NDArray, ...]:
 def _place(name: str) -> tuple[str, int]:
     """The field that holds a plane or an array, and its first entry there."""
     for plane in state.PLANES:
-        if plane.name == name and plane.life == state.LOADED:
+        if plane.name == name and plane.life in (state.LOADED, state.CARRIED, state.REMEMBERED):
             return plane.field, getattr(F if plane.on in state.BY_NODE else X, name)
     return name, 0
 
 
 # fields of each lane by name; numbers, vectors and integers that can be put in, and those that a batch zeroes
-NUMBERS = ("node", "point", "lane", *(a.name for a in state.ARRAYS if a.life == state.LOADED and not a.whole))
+NUMBERS = ("node", "point", "lane", "reduce", *(a.name for a in state.ARRAYS if a.life == state.LOADED and not a.whole))
 VECTORS = ("node3",)
 WHOLE = tuple(a.name for a in state.ARRAYS if a.life == state.LOADED and a.whole)
 FIELDS = (*NUMBERS, *VECTORS, *WHOLE)
@@ -124,6 +124,46 @@ def _put_kernel(
                 copy(b, ti.static(FIELDS.index(name)), ti.static(getattr(F, name)), s, spans, vectors, WIDE)
             for name in ti.static(WHOLE):
                 copy(b, ti.static(FIELDS.index(name)), ti.static(getattr(F, name)), s, spans, whole, LANES)
+
+
+def take(blocks: int, names: Sequence[str]) -> Values:
+    """Return planes and arrays of the batch that lies in the fields, named and shaped as in `Contents`."""
+    values: dict[str, NDArray] = {}
+    for name in names:
+        field, first = _place(name)
+        vector = field in VECTORS
+        count = getattr(F, field).shape[1] if field == name else F.nodes if field in ("node", "node3") else F.points
+        out = np.empty((blocks, count, WIDE if vector else LANES), np.float32)
+        (_take3 if vector else _take)(blocks, NUMBERS.index(field) if not vector else 0, first, out)
+        values[name] = out.reshape(blocks, count, 3, LANES) if vector else out
+    return values
+
+
+@ti.kernel
+def _take_kernel(nb: ti.i32, index: ti.i32, first: ti.i32, out: ti.types.ndarray(dtype=ti.f32, ndim=3)):
+    ti.loop_config(serialize=True)
+    for b in range(nb):
+        for name in ti.static(NUMBERS):
+            copy_out(b, ti.static(NUMBERS.index(name)), ti.static(getattr(F, name)), index, first, out, LANES)
+
+
+@ti.kernel
+def _take3_kernel(nb: ti.i32, index: ti.i32, first: ti.i32, out: ti.types.ndarray(dtype=ti.f32, ndim=3)):
+    ti.loop_config(serialize=True)
+    for b in range(nb):
+        copy_out(b, 0, ti.static(F.node3), index, first, out, WIDE)
+
+
+@ti.func
+def copy_out(b, own, field: ti.template(), index, first, out: ti.template(), width):
+    if own == index:
+        k = 0
+        while k < out.shape[1]:
+            lane = 0
+            while lane < width:
+                out[b, k, lane] = field[b, first + k][lane]
+                lane = F.after[lane]
+            k = F.after[k]
 
 
 @ti.func
@@ -263,8 +303,10 @@ def record(b, nu, nv, npt, lane, theta, frame, shapes: ti.template(), states: ti
         k = F.after[k]
 
 
-_put, _load_shared, halt, read, read_states = (
+_put, _take, _take3, _load_shared, halt, read, read_states = (
     Timed(_put_kernel),
+    Timed(_take_kernel),
+    Timed(_take3_kernel),
     Timed(_shared_kernel),
     Timed(_halt_kernel),
     Timed(_read_kernel),

@@ -33,13 +33,14 @@ class Steps:
     pressure: Array  # (S, channels) Pa, means
     due: NDArray[np.int_]  # (T,) the step that each frame falls into
     theta: Array  # (T,) and at which fraction of it
-    # end [s], number of steps, jumps: motions alike in it ride together, others beside those with as many steps
-    pattern: tuple[float, int, tuple[int, ...], tuple[int, ...]]
+    # end [s], number of steps, jumps, begin: motions alike in it ride together, others beside those with as many steps
+    pattern: tuple[float, int, tuple[int, ...], tuple[int, ...], int]
 
 
-def steps_of(acting: ActingPressure, times: Array, jumps: Jumps, *, calm: int) -> Steps:
-    """Steps of whole ticks of `acting`, `calm` ticks far from jumps, to its end; frames at `times` (T,) s."""
-    edges = step_edges(acting.ticks, jumps.large, tick=acting.tick, calm=calm)
+def steps_of(acting: ActingPressure, times: Array, jumps: Jumps, *, calm: int, begin: int = 0) -> Steps:
+    """Steps of whole ticks of `acting`, `calm` ticks far from jumps, from tick `begin` to its end; frames at `times`
+    (T,) s."""
+    edges = step_edges(acting.ticks, jumps.large, tick=acting.tick, calm=calm, begin=begin)
     instants = np.asarray(acting.tick * edges, dtype=np.float64)
     due = np.clip(np.searchsorted(instants, times - 1e-9) - 1, 0, len(edges) - 2)
     within = np.searchsorted(jumps.every, edges)
@@ -49,13 +50,13 @@ def steps_of(acting: ActingPressure, times: Array, jumps: Jumps, *, calm: int) -
         pressure=acting.between(edges),
         due=due,
         theta=np.clip((times - instants[due]) / np.diff(instants)[due], 0.0, 1.0),
-        pattern=(times[-1] if len(times) else 0.0, len(edges), jumps.large, jumps.every),
+        pattern=(times[-1] if len(times) else 0.0, len(edges), jumps.large, jumps.every, begin),
     )
 
 
 @lru_cache(maxsize=256)
-def step_edges(ticks: int, jumps: Sequence[int], *, tick: float, calm: int) -> NDArray[np.int_]:
-    """(steps + 1,) ticks (of `tick` s) between which steps lie: AFTER_JUMP says how many a step has after each jump,
+def step_edges(ticks: int, jumps: Sequence[int], *, tick: float, calm: int, begin: int = 0) -> NDArray[np.int_]:
+    """(steps + 1,) ticks (of `tick` s), from `begin` on, between which steps lie: AFTER_JUMP says how many a step has after each jump,
     `calm` else."""
     longest = np.full(ticks + calm, calm)
     for jump in jumps:
@@ -63,7 +64,7 @@ def step_edges(ticks: int, jumps: Sequence[int], *, tick: float, calm: int) -> N
             until = jump + round(duration / tick)
             longest[jump:until] = np.minimum(longest[jump:until], most)
     counts = sorted({calm, *(most for _, most in AFTER_JUMP)}, reverse=True)
-    edges = [0]
+    edges = [begin]
     while edges[-1] < ticks:
         k = edges[-1]
         edges.append(k + next(c for c in counts if longest[k : k + c].min() >= c))
