@@ -1,0 +1,112 @@
+"""Programs at the regulator's cycle: what they may be, and the best change of one."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from fabdesign.nouns.pressure import PressureProgram
+
+Array = NDArray[np.float64]
+UNIT = 1e5  # Pa, that changes are computed in
+ROUGH = 1.0  # of UNIT: prior standard deviation of the second difference of set points from cycle to cycle
+TURN = 2.0  # of UNIT: that of the first
+TINY = 1e-9
+
+
+@dataclass(frozen=True)
+class Regulator:
+    """What the pressures keep. lowest, highest (channels,) Pa; rate Pa/s, inf where steps are possible."""
+
+    cycle: float  # s
+    resolution: float  # Pa
+    lowest: Array
+    highest: Array
+    rate: float
+
+    @property
+    def channels(self) -> int:
+        return len(self.highest)
+
+    @property
+    def change(self) -> float:
+        """Pa, from one cycle to the next, at most; a rounding's room is kept."""
+        return self.rate * self.cycle - self.resolution if np.isfinite(self.rate) else np.inf
+
+    def program(self, pressures: Array) -> PressureProgram:
+        """Return the program of set points (cycles, channels) Pa, one a cycle."""
+        times = self.cycle * np.arange(len(pressures))
+        return PressureProgram(times, pressures, self.cycle * len(pressures))
+
+    def kept(self, pressures: Array) -> Array:
+        """Return set points (cycles, channels) Pa that keep resolution, limits and, from rest on, the rate."""
+        step = self.resolution * np.floor(max(self.change, self.resolution) / self.resolution + 1e-9)
+        rounded = np.clip(pressures, self.lowest, self.highest)
+        rounded = self.resolution * np.round(rounded / self.resolution)
+        if np.isfinite(self.rate):
+            before = np.zeros(self.channels)
+            for row in rounded:
+                row[:] = np.clip(row, before - step, before + step)
+                before = row
+        return np.asarray(rounded)
+
+
+@dataclass(frozen=True, eq=False)
+class Roughness:
+    """The prior of smooth programs: their negative log density, less a constant, and how it changes, in UNIT."""
+
+    value: float
+    gradient: Array  # (n,), n = count channels
+    hessian: Array  # (n, n)
+
+    @staticmethod
+    def of(before: Array, pressures: Array) -> "Roughness":
+        """before: the rows (2, channels) Pa that precede the rows `pressures` (count, channels) Pa."""
+        count, channels = pressures.shape
+        rows = np.concatenate([before, pressures]) / UNIT
+        first = np.diff(np.eye(count + 2), axis=0)[1:] / TURN
+        second = np.diff(np.eye(count + 2), 2, axis=0) / ROUGH
+        weights = first.T @ first + second.T @ second
+        bent = weights @ rows
+        value = float((rows * bent).sum())
+        return Roughness(value, bent[2:].ravel(), np.kron(weights[2:, 2:], np.eye(channels)))
+
+
+def best_change(
+    hessian: Array, gradient: Array, regulator: Regulator, rows: tuple[Array, Array], most: float
+) -> Array:
+    """Return the change (count, channels) Pa that lowers g x + x H x / 2 most, x in UNIT, within limits and rate, no
+    set point by more than `most` Pa. rows: the one that precedes, (channels,) Pa, and those that change."""
+    before, pressures = rows
+    count, channels = pressures.shape
+    eye = np.eye(count * channels)
+    bounds = [
+        (eye, np.maximum(regulator.lowest - pressures, -most).ravel()),
+        (-eye, -np.minimum(regulator.highest - pressures, most).ravel()),
+    ]
+    if np.isfinite(regulator.rate):
+        step = np.kron(np.diff(np.eye(count + 1), axis=0)[:, 1:], np.eye(channels))
+        now = np.diff(np.concatenate([before[None], pressures]), axis=0).ravel()
+        room = max(regulator.change, 0.0)
+        bounds += [(step, np.minimum(-room - now, 0.0)), (-step, np.minimum(now - room, 0.0))]
+    matrix = np.concatenate([own for own, _ in bounds])
+    least = np.concatenate([own for _, own in bounds]) / UNIT
+    return UNIT * _least_distance(hessian, gradient, matrix, least).reshape(count, channels)
+
+
+def _least_distance(hessian: Array, gradient: Array, matrix: Array, least: Array) -> Array:
+    """Return x that lowers g x + x H x / 2 with matrix x >= least: the least distance problem of Lawson and Hanson
+    (1974, chapter 23), by non-negative least squares. Zero must be allowed."""
+    root = np.linalg.cholesky(hessian + TINY * np.trace(hessian) * np.eye(len(hessian)))
+    inverse = np.linalg.inv(root)
+    free = inverse @ gradient
+    rows = matrix @ inverse.T
+    right = least + rows @ free
+    system = np.concatenate([rows.T, right[None]])
+    goal = np.zeros(len(system))
+    goal[-1] = 1.0
+    dual, _ = nnls(system, goal, maxiter=50 * len(right))
+    residual = system @ dual - goal
+    y = -residual[:-1] / residual[-1] if abs(residual[-1]) > TINY else free
+    return np.asarray(inverse.T @ (y - free))

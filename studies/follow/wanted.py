@@ -1,0 +1,105 @@
+"""What is wanted when: a target at each of some instants, and how far a motion is from it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import isqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.geometry.mid_surface import at_places, cells_of, mid_surface
+from fabdesign.geometry.surface import Surface
+from optimize.fit.clouds import Indices, Match, Nodes, nodes_of
+from studies.layout_search.target import LoadedTarget
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
+POINTS = 300  # of a cloud that are compared while searching: more say nothing new
+SCALE = 2e-4  # m, of what distances are worth where a target shows no noise
+WISHED = 1e-3  # m, the same of wishes, which nobody means so exactly
+EACH = 100.0  # independent points that an instant counts as, whatever its cloud has
+HUBER, FARTHEST = 1.345, 0.020  # of the scale; m, a distance beyond which counts as this far
+
+
+@dataclass(frozen=True, eq=False)
+class Distances:
+    """Distances (N,) m of one instant, and how each changes with four nodes of the mid-surface."""
+
+    off: Array  # (N,) m
+    nodes: Nodes
+    weight: Array  # (N,) 1/m^2
+    scale: float  # m
+
+    @cached_property
+    def robust(self) -> Array:
+        """(N,) 1/m^2: the weights where outlying distances count less (Huber 1981)."""
+        scale = max(1.4826 * float(np.median(np.abs(self.off))), self.scale)
+        return self.weight / np.maximum(1.0, np.abs(self.off) / (HUBER * scale))
+
+    @property
+    def cost(self) -> float:
+        """The sum of weighted squares, capped."""
+        return float(self.weight @ np.minimum(np.abs(self.off), FARTHEST) ** 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """A target at each instant. times (K,) s after rest, rising, above 0."""
+
+    times: Array
+    targets: tuple[LoadedTarget, ...]
+
+    def distances(self, moment: int, points: Floats, side: int) -> Distances | None:
+        """Return the distances of instant number `moment` to a shape (2 n, 3) m. side: nodes of the mid-surface, a
+        side, by which they change. None for a shape that diverged."""
+        if not np.isfinite(points).all():
+            return None
+        target = self.targets[moment]
+        if target.landmarks is not None:
+            return _of_wishes(target, points, side)
+        return _of_cloud(target, self._few[moment], points, side)
+
+    @cached_property
+    def _few(self) -> list[Array]:
+        return [target.points[:: -(-len(target.points) // POINTS)] for target in self.targets]
+
+    def until(self, begin: float, end: float) -> Indices:
+        """Return the numbers of the instants after `begin` and up to `end` s."""
+        return np.flatnonzero((self.times > begin + 1e-9) & (self.times <= end + 1e-9))
+
+
+def _of_cloud(target: LoadedTarget, points: Array, shape: Floats, side: int) -> Distances:
+    surface = Surface.of_faces(shape, face=target.face)
+    place = surface.nearest(points)
+    corners, normal = surface.triangles[place.triangle], surface.normals_of(place.triangle)
+    offset = points - np.einsum("nc,ncd->nd", place.weights, surface.vertices[corners])
+    off = np.einsum("nd,nd->n", offset, normal)
+    none = np.zeros(len(off), np.intp)
+    nodes = nodes_of(Match(off, normal, corners, place.weights, none, none), side, isqrt(len(shape) // 2))
+    counts = np.ones(len(off))
+    if target.weighting is not None:
+        counts = np.einsum("nc,nc->n", place.weights, target.weighting.of_points(len(shape))[corners])
+    scale = max(target.noise.sigma, SCALE)
+    return Distances(off, nodes, EACH * target.weight * counts / counts.sum() / scale**2, scale)
+
+
+def _of_wishes(target: LoadedTarget, shape: Floats, side: int) -> Distances:
+    landmarks = target.landmarks
+    assert landmarks is not None
+    (s, t), (i, j) = cells_of(landmarks.shares, side, side)
+    first = j * side + i
+    node = np.stack([first, first + 1, first + side, first + side + 1], axis=1)
+    bilinear = np.stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t], axis=1)
+    place, axis = np.nonzero(landmarks.given)
+    off = (at_places(mid_surface(shape), landmarks.shares) - landmarks.goals)[place, axis]
+    weighted = bilinear[place][:, :, None] * np.eye(3)[axis][:, None]
+    weight = EACH * target.weight * landmarks.weights[place] / WISHED**2
+    return Distances(off, Nodes(node[place], weighted), weight, WISHED)
+
+
+def moved(distances: Distances, changes: Sequence[Floats] | Floats) -> Array:
+    """Return (N, k) m: how the distances change. changes: (k, n, n, 3) m of the mid-surface."""
+    flat = np.asarray(changes, np.float64).reshape(len(changes), -1, 3)
+    return np.einsum("ncd,kncd->nk", distances.nodes.weighted, flat[:, distances.nodes.node], optimize=True)

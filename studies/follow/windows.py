@@ -1,0 +1,222 @@
+"""The solver: windows of a program, one after another, each by Gauss-Newton on simulated motions.
+
+What acts later moves no earlier frame. So a window begins from the simulator's own state at its first cycle, and each
+set point's column from the state at its own cycle: a difference of two motions costs what is left of the window alone.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.nouns.forward import Case
+from sim import Simulator
+from sim.motion import SimulatedMotion, faces
+from sim.resume import State, at_rest, go_on, with_states
+from studies.follow.programs import UNIT, Regulator, Roughness, best_change
+from studies.follow.wanted import Distances, Wanted, moved
+
+Array = NDArray[np.float64]
+LENGTH = 0.4  # s of a window
+AHEAD = 0.2  # s of it that are kept; the rest is solved again with what comes
+STEP = 5e3  # Pa, of the differences
+FARTHEST = 1e5  # Pa, by which a set point may move at once
+SHORTER = 0.3  # of that, after a step that gained nothing
+ENOUGH = 0.03  # of the cost: where a step by fresh columns gains less, a window is solved
+WORTH = 0.3  # of the cost: after a step that gains less, columns are made anew
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A program to be found. case: of the design with all that a model adds; only its program is replaced.
+
+    lacks: (K, 2 n, 3) m, what is added to the simulated faces at each wanted instant: what a corrector, or a measured
+    motion, says that the simulator lacks; None: nothing.
+    """
+
+    case: Case
+    wanted: Wanted
+    regulator: Regulator
+    lacks: Array | None = None
+
+    def cases(self, programs: Sequence[Array]) -> list[Case]:
+        """Return the case with each of the set points (cycles, channels) Pa."""
+        return [replace(self.case, program=self.regulator.program(own)) for own in programs]
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much a pass over all windows may do."""
+
+    simulator: Simulator
+    steps: int  # of Gauss-Newton, of a window, at most
+
+
+@dataclass(frozen=True, eq=False)
+class _Window:
+    """Cycles `begin` to `end` of a task, from a state on."""
+
+    task: Task
+    simulator: Simulator
+    begin: int
+    end: int
+    state: State
+
+    @property
+    def moments(self) -> NDArray[np.intp]:
+        cycle = self.task.regulator.cycle
+        return self.task.wanted.until(self.begin * cycle, self.end * cycle)
+
+    @property
+    def times(self) -> Array:
+        return self.task.wanted.times[self.moments]
+
+    def ticks(self, cycle: int) -> int:
+        return round(cycle * self.task.regulator.cycle / self.simulator.time_step)
+
+    def distances(self, motion: SimulatedMotion) -> list[Distances | None]:
+        """Of each instant of the window."""
+        shapes = faces(motion.middle, motion.thickness).astype(float)
+        if self.task.lacks is not None:
+            shapes = shapes + self.task.lacks[self.moments]
+        side = self.simulator.points_per_side
+        return [self.task.wanted.distances(k, own, side) for k, own in zip(self.moments, shapes, strict=True)]
+
+    def with_states(self, program: Array) -> tuple[SimulatedMotion, list[State]]:
+        [case] = self.task.cases([program])
+        ticks = [self.ticks(k) for k in range(self.begin + 1, self.end + 1)]
+        motion, states = with_states(self.simulator, case, self.state, self.times, ticks)
+        return motion, [self.state, *states]
+
+
+def solve(
+    task: Task, program: Array, effort: Effort, *, progress: Callable[[float, Array], None] = lambda share, program: None
+) -> Array:
+    """Return set points (cycles, channels) Pa that bring the motion nearer to what is wanted, beginning with `program`.
+    progress: hears the share of the windows that are done, and the program so far."""
+    program, cycles = program.copy(), len(program)
+    length, ahead = (max(1, round(own / task.regulator.cycle)) for own in (LENGTH, AHEAD))
+    [case] = task.cases([program])
+    state, begin = at_rest(effort.simulator, case), 0
+    while begin < cycles:
+        window = _Window(task, effort.simulator, begin, _end(task, begin, length, ahead, cycles), state)
+        program[begin : window.end] = _solved(window, program, effort.steps)
+        following = min(begin + ahead, cycles)
+        if following < cycles:
+            kept = replace(window, end=following)
+            state = kept.with_states(program)[1][-1]
+        begin = following
+        progress(begin / cycles, program)
+    return program
+
+
+def _end(task: Task, begin: int, length: int, ahead: int, cycles: int) -> int:
+    """The cycle at which a window ends: where there is little to see, it reaches as far as the next instant does."""
+    cycle, end = task.regulator.cycle, begin + length
+    later = task.wanted.times[task.wanted.times > (begin + ahead) * cycle + 1e-9]
+    if len(later):
+        end = max(end, int(np.ceil(later[0] / cycle - 1e-6)))
+    return min(end, cycles)
+
+
+def _solved(window: _Window, program: Array, steps: int) -> Array:
+    """The window's set points (end - begin, channels) Pa. Columns serve as long as steps along them gain; steps: of
+    Gauss-Newton, at most."""
+    begin, end = window.begin, window.end
+    if not len(window.moments):
+        return program[begin:end]
+    at, columns, farthest = _Place.of(window, program), None, FARTHEST
+    for _ in range(steps):
+        if not np.isfinite(at.cost):
+            break
+        fresh = columns is None
+        if columns is None:
+            columns = _columns(window, at)
+        trial = _Place.of(window, _changed(at.program, begin, at.step(columns, farthest)))
+        gained = (at.cost - trial.cost) / at.cost
+        if gained > 0:
+            at, farthest = trial, FARTHEST
+        else:
+            farthest *= SHORTER
+        if gained < ENOUGH and fresh and gained >= 0:
+            break
+        if gained < WORTH:
+            columns = None
+    return at.program[begin:end]
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """A program in a window: its motion, the states at its cycles, how far it is from what is wanted."""
+
+    window: _Window
+    program: Array
+    motion: SimulatedMotion
+    states: Sequence[State]
+    distances: Sequence[Distances | None]
+    roughness: Roughness
+
+    @staticmethod
+    def of(window: _Window, program: Array) -> "_Place":
+        motion, states = window.with_states(program)
+        before = _rows_before(program, window.begin)
+        rough = Roughness.of(before, program[window.begin : window.end])
+        return _Place(window, program, motion, states, window.distances(motion), rough)
+
+    @property
+    def cost(self) -> float:
+        """Weighted squares of all; infinite for a motion that diverged."""
+        costs = [np.inf if own is None else own.cost for own in self.distances]
+        return float(sum(costs) + self.roughness.value)
+
+    def step(self, columns: Sequence[NDArray[np.floating[Any]]], farthest: float) -> Array:
+        """Return the change (cycles, channels) Pa that Gauss-Newton takes."""
+        hessian, gradient = self.roughness.hessian, self.roughness.gradient
+        for own, moves in zip(self.distances, columns, strict=True):
+            assert own is not None
+            slopes = UNIT * moved(own, moves)
+            hessian = hessian + slopes.T @ (own.robust[:, None] * slopes)
+            gradient = gradient + slopes.T @ (own.robust * own.off)
+        begin = self.window.begin
+        rows = _rows_before(self.program, begin)[-1], self.program[begin : self.window.end]
+        return best_change(hessian, gradient, self.window.task.regulator, rows, farthest)
+
+
+def _changed(program: Array, begin: int, change: Array) -> Array:
+    changed = program.copy()
+    changed[begin : begin + len(change)] += change
+    return changed
+
+
+def _columns(window: _Window, at: _Place) -> list[NDArray[np.floating[Any]]]:
+    """(cycles channels, n, n, 3) m per Pa of each instant: how the mid-surface moves with each set point."""
+    task, program, motion, states = window.task, at.program, at.motion, at.states
+    cases, begins, times, moves = [], [], [], []
+    regulator = task.regulator
+    for k in range(window.begin, window.end):
+        later = window.times[window.times > k * regulator.cycle + 1e-9]
+        for channel in range(regulator.channels):
+            by = STEP if program[k, channel] + STEP <= regulator.highest[channel] else -STEP
+            trial = program.copy()
+            trial[k, channel] += by
+            cases.append(trial)
+            begins.append(states[k - window.begin])
+            times.append(later)
+            moves.append(by)
+    seen = [k for k, own in enumerate(times) if len(own)]
+    motions = go_on(
+        window.simulator, task.cases([cases[k] for k in seen]), [begins[k] for k in seen], [times[k] for k in seen]
+    )
+    changes = np.zeros((len(window.times), len(cases), *motion.middle.shape[1:]), np.float32)
+    for k, own in zip(seen, motions, strict=True):
+        rows = len(window.times) - len(times[k])
+        changes[rows:, k] = (own.middle - motion.middle[rows:]) / moves[k]
+    return list(np.nan_to_num(changes))
+
+
+def _rows_before(program: Array, begin: int) -> Array:
+    """(2, channels) Pa: the rows before `begin`; rest before the first."""
+    rest = np.zeros((2, program.shape[1]))
+    return np.concatenate([rest, program[:begin]])[-2:]
