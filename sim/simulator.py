@@ -145,7 +145,9 @@ class Simulator:
         """The chunk in the fields, at rest without pressure; and, where it may not have come there, (lanes,) whether it
         has."""
         start = start_of(chunk.cases[0], patient=patient)
-        batch, contents = laid(chunk.damped() if start is Start.DAMPED else chunk, self.points_per_side, self.self_contact)
+        batch, contents = laid(
+            chunk.damped() if start is Start.DAMPED else chunk, self.points_per_side, self.self_contact
+        )
         load(contents)
         for stage in to_start(batch, start, self.solve(batch), chunk.channels):
             advance(batch, *stage)

@@ -22,7 +22,7 @@ from fabdesign.interface.folders import list_effects, prepare, schema
 from fabdesign.interface.laboratory import fuse, rig
 from fabdesign.interface.measured import evaluate, predict
 from fabdesign.interface.motions import equilibrium, simulate, sweep
-from fabdesign.interface.searches import demo, layouts, optimize
+from fabdesign.interface.searches import demo, follow, layouts, optimize
 from fabdesign.interface.training import train
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 one_blas_thread()  # for the commands; in Python it was asked for already
 __all__ = [
     "Layouts", "Motion", "Optimized", "Sensitivity", "Sweep", "Unseen", "calibrate", "check", "demo", "equilibrium",
-    "evaluate", "export", "fuse", "layouts", "list_effects", "loop", "new", "optimize", "predict", "prepare", "rig",
+    "evaluate", "export", "follow", "fuse", "layouts", "list_effects", "loop", "new", "optimize", "predict", "prepare", "rig",
     "schema", "sensitivity", "simulate", "studies", "studio", "study", "sweep", "trace", "train", "unseen", "view",
 ]  # fmt: skip
 

@@ -17,9 +17,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from fabdesign.interface.results import Layouts, Optimized
-    from fabdesign.interface.verb import DesignLike, File, Folder, ModelLike
+    from fabdesign.interface.verb import DesignLike, File, Folder, ModelLike, Pressures
     from optimize.search.evaluations import Evaluations
     from studies.demo.run import Demo
+    from studies.follow.result import FollowResult
 
     Target = ArrayLike | File  # (n, 3) m, or a cloud, mesh or trial
 
@@ -188,6 +189,65 @@ def layouts(
             show(line, min(1.0, (number - 1 + at.share) / of))
 
         return Layouts(run.study(run_layouts, study, out, seconds, progress=cell))
+
+
+def _followed(result: FollowResult, given: Mapping[str, Any]) -> Shown:
+    from studies.follow.result import as_text
+
+    return Shown(result.as_json(), reported(as_text(result), given))
+
+
+@verb(_followed, "STUDY", options=("measured", *OF_STUDY), interval=INTERVAL)
+def follow(
+    design: DesignLike,
+    target: File | Sequence[Mapping[str, Any]] | None = None,
+    out: Folder | None = None,
+    *,
+    measured: File | None = None,
+    start: Pressures | None = None,
+    rig_limits: Mapping[str, Any] | None = None,
+    model: ModelLike | None = None,
+    seconds: float | None = None,
+    seed: int = 1,
+    grid: int | None = None,
+    **keys: Any,
+) -> FollowResult:
+    """Find pressures over time for the moving target of a STUDY.
+
+    A STUDY is a TOML file. The same command continues after a stop. Run the pressures on the device, and give what was
+    measured to correct them.
+
+    out: Folder to write to, or to continue in.
+    measured: What was measured of the folder's last pressures: a set or a trial; they are corrected by it.
+    seconds: Time limit, s; by default the study's, or none.
+
+    In Python `design` is what is driven; without a target it is the study. target: the file of a trial or a motion, or
+    a folder of clouds or meshes; or moments, each with a `time` [s] and the keys of a target or `wishes`. start: a file
+    of pressures to begin with. rig_limits: as `[rig_limits]` of a study has them. grid: points a side, by default the
+    model's. keys: as of `optimize`, and further keys of a study.
+    """
+    from fabdesign.interface.arguments import one_design, study_file
+    from fabdesign.study_files.follow_file import read_follow
+    from studies.follow.run import follow_in_words, run_follow
+
+    run = Run.of(keys)
+    if target is None:
+        study: Any = study_file(design)
+    else:
+        is_file = isinstance(target, Path | str)
+        moving = {"motion": {"file": str(Path(target).absolute())}} if is_file else {"moments": [*target]}
+        keys |= moving | dict(
+            name=(read := one_design(design)).name,
+            seed=seed,
+            start=None if start is None else str(start),
+            rig_limits=dict(rig_limits or {}),
+            points_per_side=grid,
+            design=read,
+            model=run.model(model),
+        )
+        study = read_follow(keys)
+    show = run.opened(lambda: follow_in_words(read_follow(study) if isinstance(study, Path) else study))
+    return run.study(run_follow, study, out, seconds, measured=measured, progress=show)
 
 
 def _shown(outcome: Demo, given: Mapping[str, Any]) -> Shown:

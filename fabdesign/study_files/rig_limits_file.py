@@ -28,6 +28,10 @@ class RigLimits:
     rate: Annotated[KilopascalPerSecond, ABOVE_0, "of a set point; absent: steps are possible"] = np.inf  # Pa/s
     duration: Annotated[Second, Within(above=0, most=LONGEST), "of a program"] = 3.0
     channels: Annotated[int | None, Within(least=1), "of pressure; absent: any"] = None
+    cycle: Annotated[Second, Within(least=0.005, most=1), "of the regulator: a set point holds for so long"] = 0.05
+    resolution: Annotated[Kilopascal, Within(least=0.001, most=100), "of a set point"] = 100.0  # Pa
+    delay: Annotated[Second, Within(least=0, most=1), "from a set point to the valve"] = 0.0
+    supply: Annotated[Kilopascal | None, ABOVE_0, "pressure before the regulator; absent: enough"] = None  # Pa
 
 
 USUAL_LIMITS = RigLimits()

@@ -26,7 +26,7 @@ from fabdesign.study_files.study_targets import TargetFile
 from fabdesign.units import in_kpa
 
 FORMAT = STUDY
-Kind = Literal["optimize", "sensitivity", "layouts", "unseen", "loop"]
+Kind = Literal["optimize", "sensitivity", "layouts", "unseen", "loop", "follow"]
 KINDS = get_args(Kind)
 Side = Literal["front", "back"]
 Measure = Literal["chamfer", "surface_rms"]

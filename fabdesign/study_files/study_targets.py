@@ -15,7 +15,7 @@ from fabdesign.geometry.sheet import Face
 from fabdesign.geometry.wishes import TubeKeys, Wish, WishKeys
 
 _NEAR_RADIANS = 0.002  # of a quarter turn: 1.57 and 3.1416 degrees are no angles that anybody turns by
-_OF_WISHES = ("description", "weight", "wishes", "tube")  # keys that a target of wishes may have
+_OF_WISHES = ("description", "weight", "wishes", "tube", "time")  # keys that a target of wishes may have
 
 
 def _file_of_wishes(table: Table) -> Path:

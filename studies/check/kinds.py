@@ -13,6 +13,7 @@ from fabdesign.formats.table import nearest
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.trial import MeasurementSet
+from fabdesign.study_files.follow_file import FollowStudy
 from fabdesign.study_files.layouts_file import LayoutsStudy
 from fabdesign.study_files.loop_file import LoopStudy
 from fabdesign.study_files.sensitivity_file import SensitivityStudy
@@ -26,6 +27,7 @@ STUDIES: Mapping[str, type] = {
     "layouts": LayoutsStudy,
     "unseen": UnseenStudy,
     "loop": LoopStudy,
+    "follow": FollowStudy,
 }
 KINDS: Mapping[str, tuple[type, ...]] = {
     "design": (DesignHead, DesignScene, Design),

@@ -8,6 +8,7 @@ from fabdesign.files.bench_file import read_bench
 from fabdesign.formats.table import nearest
 from fabdesign.formats.toml_file import parse_toml
 from fabdesign.nouns.bench import Bench
+from fabdesign.study_files.follow_file import read_follow
 from fabdesign.study_files.layouts_file import read_layouts
 from fabdesign.study_files.loop_file import read_loop
 from fabdesign.study_files.sensitivity_file import read_sensitivity
@@ -17,6 +18,7 @@ from optimize.fit.free_parameters import fit_vector
 from studies.benches.records import SIZES, require_columns, require_sizes
 from studies.check.design import design_findings, spacing
 from studies.check.findings import Findings, failures
+from studies.follow.target import wanted_of
 from studies.layout_search.target import load_target
 
 
@@ -37,6 +39,9 @@ def study_findings(path: Path) -> Findings:
 
         loop = read_loop(path)
         return design_findings(loop.search.design, f"{path}: design") + failures([partial(open_study, loop)])
+    if kind == "follow":
+        follow = read_follow(path)
+        return design_findings(follow.design, f"{path}: design") + failures([partial(wanted_of, follow)])
     study = read_layouts(path).search if kind == "layouts" else read_study(path)
     findings = design_findings(study.design, f"{path}: design")
     findings += failures(partial(load_target, target, study.design, seed=study.seed) for target in study.targets)

@@ -73,9 +73,7 @@ class Roughness:
         return Roughness(value, bent[2:].ravel(), np.kron(weights[2:, 2:], np.eye(channels)))
 
 
-def best_change(
-    hessian: Array, gradient: Array, regulator: Regulator, rows: tuple[Array, Array], most: float
-) -> Array:
+def best_change(hessian: Array, gradient: Array, regulator: Regulator, rows: tuple[Array, Array], most: float) -> Array:
     """Return the change (count, channels) Pa that lowers g x + x H x / 2 most, x in UNIT, within limits and rate, no
     set point by more than `most` Pa. rows: the one that precedes, (channels,) Pa, and those that change."""
     before, pressures = rows

@@ -91,24 +91,36 @@ class _Window:
         return motion, [self.state, *states]
 
 
+Keep = Callable[[str, Callable[[], Array]], Array]  # of a window: its name, and what computes its set points
+
+
+def _computed(name: str, compute: Callable[[], Array]) -> Array:
+    return compute()
+
+
 def solve(
-    task: Task, program: Array, effort: Effort, *, progress: Callable[[float, Array], None] = lambda share, program: None
+    task: Task,
+    program: Array,
+    effort: Effort,
+    *,
+    keep: Keep = _computed,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Array:
     """Return set points (cycles, channels) Pa that bring the motion nearer to what is wanted, beginning with `program`.
-    progress: hears the share of the windows that are done, and the program so far."""
+    keep: gives the set points of a window, which it may have kept from before. progress: hears the share of the windows
+    that are done."""
     program, cycles = program.copy(), len(program)
     length, ahead = (max(1, round(own / task.regulator.cycle)) for own in (LENGTH, AHEAD))
     [case] = task.cases([program])
     state, begin = at_rest(effort.simulator, case), 0
     while begin < cycles:
         window = _Window(task, effort.simulator, begin, _end(task, begin, length, ahead, cycles), state)
-        program[begin : window.end] = _solved(window, program, effort.steps)
+        program[begin : window.end] = keep(f"{begin}", lambda own=window: _solved(own, program, effort.steps))
         following = min(begin + ahead, cycles)
         if following < cycles:
-            kept = replace(window, end=following)
-            state = kept.with_states(program)[1][-1]
+            state = replace(window, end=following).with_states(program)[1][-1]
         begin = following
-        progress(begin / cycles, program)
+        progress(begin / cycles)
     return program
 
 

@@ -1,0 +1,124 @@
+"""Study files of kind "follow": a target that moves, and what the regulator can do."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+from fabdesign.files.design_file import read_design
+from fabdesign.files.model_file import read_model
+from fabdesign.files.pressure_file import read_pressures
+from fabdesign.formats.schema import ABOVE_0, GRIDS, FileUnit, Key, Second, Within
+from fabdesign.formats.table import Table
+from fabdesign.geometry.placement import Unit
+from fabdesign.geometry.regions import Region, Weighting
+from fabdesign.geometry.sheet import Face
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.model import POINTS_PER_SIDE, Model
+from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.runtime.effort import LONGEST
+from fabdesign.study_files.rig_limits_file import USUAL_LIMITS, RigLimits
+from fabdesign.study_files.study_file import Name, Order, Seed, study_of
+from fabdesign.study_files.study_targets import TargetFile
+
+_REGIONS = Key("regions", form=tuple[Region, ...])
+
+
+@dataclass(frozen=True)
+class MovingTarget:
+    """A trial, a motion, or a folder with a cloud or mesh for each instant."""
+
+    file: Annotated[Path, "a trial, a motion, or a folder of clouds or meshes in the order of their names"]
+    frame_rate: Annotated[float, FileUnit("Hz"), ABOVE_0, "of a folder; a trial or motion says its times"] = 30.0
+    until: Annotated[Second | None, ABOVE_0, "after rest; absent: to its end"] = None
+    unit: Annotated[Unit, "of a folder's files"] = "m"
+    face: Annotated[Face, "that its points lie on"] = "both"
+    weighting: Annotated[Weighting | None, _REGIONS, "places of the cloth that count more, or less"] = None
+
+    def resolved(self, table: Table) -> "MovingTarget":
+        """Raise InputError for what is not there."""
+        if not self.file.exists():
+            raise table.error(f"file {self.file} is not there")
+        regions: Any = self.weighting or ()
+        fabric = table.find("design").fabric
+        return replace(self, weighting=Weighting(regions, fabric.width, fabric.height) if regions else None)
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A shape that is wanted at an instant: a target as in a search, or wishes."""
+
+    time: Annotated[Second, Within(above=0, most=LONGEST), "after rest"]
+    target: Annotated[TargetFile, Key(inside=True)]
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """How the motion is tried beside its own program."""
+
+    pressure: Annotated[float, Within(least=0, most=0.5), "of every channel, relative, as standard deviation"] = 0.01
+    copies: Annotated[int, Within(least=0, most=100), "of the motion, with a model drawn from the covariance each"] = 7
+
+
+_EITHER = "one [motion], or [[moments]] with their times"
+_TARGET = Key(
+    expected=_EITHER,
+    one_of={
+        "motion": Annotated[MovingTarget, "the motion that is wanted"],
+        "moments": Annotated[tuple[Moment, ...], "shapes and their times; between them the pressures are smooth"],
+    },
+)
+
+
+def _grid(table: Table) -> int:
+    model: Model | None = table.decoded["model"]
+    return model.points_per_side if model else POINTS_PER_SIDE
+
+
+def _program(value: str, table: Table) -> PressureProgram:
+    """Return what `simulate` takes too: a file, or a row."""
+    file = table.file.parent / value
+    return read_pressures(file if file.suffix in (".csv", ".npz") else value, table.find("design"))
+
+
+@dataclass(frozen=True, eq=False)
+class FollowStudy:
+    """Pressures over time that bring a design nearest to a target that moves."""
+
+    name: Name
+    design: Annotated[Design, Key(file=read_design), "whose pressures are sought"]
+    target: Annotated[MovingTarget | tuple[Moment, ...], _TARGET]
+    model: Annotated[Model | None, Key(file=read_model), "of the specimen; absent: the data sheet"] = None
+    seed: Seed = 1
+    order: Order = 0
+    rig: Annotated[RigLimits, Key("rig_limits"), "what the regulator can do"] = USUAL_LIMITS
+    start: Annotated[
+        PressureProgram | None, Key(form=str, read=_program), "a program to begin with; absent: from shapes at rest"
+    ] = None
+    scatter: Scatter = Scatter()
+    points_per_side: Annotated[int, Key(absent=_grid), GRIDS, "absent: the model's, or 41"] = POINTS_PER_SIDE
+    seconds: Annotated[Second | None, Key("limits.seconds"), ABOVE_0, "then no further window is begun"] = None
+
+    def resolved(self, table: Table) -> "FollowStudy":
+        """Return the study with its moments by rising time. Raises InputError for two at one instant, and for a design
+        that cannot be driven."""
+        if not self.design.muscles:
+            raise table.error(f"design {self.design.name} has no muscles; expected some")
+        if self.rig.channels is not None and self.design.channels > self.rig.channels:
+            raise table.error(
+                f"design {self.design.name} has {self.design.channels} channels; the rig has {self.rig.channels}"
+            )
+        if not isinstance(self.target, tuple):
+            return self
+        if not self.target:
+            raise table.error(f"expected {_EITHER}")
+        times = sorted(moment.time for moment in self.target)
+        for one, other in zip(times, times[1:], strict=False):
+            if other - one < 1e-6:
+                raise table.error(f"moments: two at {one:g} s; expected one at each time")
+        return replace(self, target=tuple(sorted(self.target, key=lambda moment: moment.time)))
+
+
+def read_follow(path: Path | str | Mapping[str, Any]) -> FollowStudy:
+    """Read a study of kind "follow". Raises InputError."""
+    return study_of(FollowStudy, "follow", path)

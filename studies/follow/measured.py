@@ -1,0 +1,82 @@
+"""What was measured in the last run, fed back: how far the cloth was from where the model has it."""
+
+from dataclasses import dataclass
+from math import isqrt
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from fabdesign.errors import InputError
+from fabdesign.files.measurement_set import read_set
+from fabdesign.files.trial_file import TrialData, read_trial
+from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.pressure import require_pressures
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
+SMOOTH = 0.05  # of the cloth's side, over which measured heights are averaged
+APART = 0.5  # of a frame's interval: a wanted instant farther from all frames has no measured shape
+FARTHEST = 0.02  # m: points farther off the model's cloth are none of it
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredRun:
+    """A measured motion of the design, and the set points that were run."""
+
+    file: Path
+    data: TrialData
+
+
+def read_run(path: Path, design: Design) -> MeasuredRun:
+    """Return a trial's npz, or the last trial of a set on a design of this name. Raises InputError."""
+    if path.suffix != ".npz":
+        trials = [trial for trial in read_set(path).trials if trial.design_name == design.name]
+        if not trials:
+            raise InputError(f"{path}: no trial of design {design.name}; expected the motion that was run")
+        path = max(trials, key=lambda trial: trial.order).file
+    data = read_trial(path, size=max(design.fabric.width, design.fabric.height))
+    require_pressures(data.program, design, str(path))
+    return MeasuredRun(path, data)
+
+
+def displacements(run: MeasuredRun, motion: Floats, times: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Return (K, 2 n, 3) m, by how much the measured cloth lies beside the model's `motion` (K, 2 n, 3) m at `times`
+    (K,) s, along its normals; and (K,) whether it was measured then."""
+    measured, apart = run.data.time, np.median(np.diff(run.data.time)) if len(run.data.time) > 1 else np.inf
+    moved, seen = np.zeros(motion.shape), np.zeros(len(times), bool)
+    for k, time in enumerate(times):
+        frame = int(np.argmin(np.abs(measured - time)))
+        if abs(measured[frame] - time) <= APART * apart + 1e-6:
+            seen[k] = True
+            moved[k] = _beside(run.data.frames[frame], np.asarray(motion[k], np.float64))
+    return moved, seen
+
+
+def _beside(cloud: Array, faces: Array) -> Array:
+    """(2 n, 3) m along the normals of the front face."""
+    side = isqrt(len(faces) // 2)
+    surface = Surface.of_faces(faces)
+    place = surface.nearest(cloud)
+    near = place.distance < FARTHEST
+    corners, weights = surface.triangles[place.triangle[near]], place.weights[near]
+    behind = corners[:, 0] >= side * side
+    height = np.where(behind, -place.signed[near], place.signed[near])
+    node = (corners % (side * side))[np.arange(len(corners)), np.argmax(weights, axis=1)]
+    sums, counts = (
+        gaussian_filter(np.bincount(node, own, side * side).reshape(side, side), SMOOTH * side, mode="nearest")
+        for own in (height, np.ones(len(height)))
+    )
+    mean = sums / np.maximum(counts, 1e-3 * counts.max())
+    normal = _normals(faces[: side * side].reshape(side, side, 3))
+    moved = (mean[..., None] * normal).reshape(-1, 3)
+    return np.concatenate([moved, moved])
+
+
+def _normals(grid: Array) -> Array:
+    across, down = np.gradient(grid, axis=1), np.gradient(grid, axis=0)
+    normal = np.cross(down, across)
+    return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))

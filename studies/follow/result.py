@@ -1,0 +1,161 @@
+"""What a study of a moving target comes to."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.geometry.metrics import Errors
+from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.study_files.follow_file import FollowStudy
+from fabdesign.units import in_kpa, in_mm
+from studies.follow.programs import Regulator
+from studies.follow.scatter import Copies
+from studies.follow.wanted import Wanted
+
+Array = NDArray[np.float64]
+AT_LIMIT = 0.5  # of a resolution: so near a limit is at it
+OUT_OF_REACH = 2.0  # times the floor, from which on a reason is sought
+FLOORLESS = 0.5e-3  # m, the same of a target without noise
+
+
+@dataclass(frozen=True)
+class Limitation:
+    """Why the motion lacks something between two instants [s]: by "pressure", "rate" or "reach"."""
+
+    begin: float
+    end: float
+    by: str
+    channels: tuple[int, ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """Return it for people."""
+        when = f"from {self.begin:.2f} to {self.end:.2f} s"
+        if self.by == "reach":
+            return f"{when} the layout does not reach the shape, or not so fast: no limit of the regulator is met"
+        own = ", ".join(map(str, self.channels))
+        what = {"pressure": "at the end of what pressure may be", "rate": "as fast as the regulator changes"}[self.by]
+        return f"{when} channel {own} is {what}"
+
+
+@dataclass(frozen=True, eq=False)
+class FollowResult:
+    """pressures (cycles, channels) Pa; motion (K, 2 n, 3) m at the wanted instants; errors: of each of them. begun: the
+    mean surface RMS [m] of the program taken from shapes at rest alone. run: which repetition this is, 0 for none."""
+
+    study: FollowStudy
+    wanted: Wanted
+    regulator: Regulator
+    pressures: Array
+    motion: NDArray[np.floating[Any]]
+    errors: Sequence[Errors]
+    begun: float
+    copies: Copies | None
+    complete: bool
+    seconds: float
+    run: int = 0
+    measured_error: float | None = None  # m, of the measured motion that was fed back
+
+    @property
+    def program(self) -> PressureProgram:
+        return self.regulator.program(self.pressures)
+
+    @property
+    def rms(self) -> Array:
+        """(K,) m: surface RMS, of wishes the mean distance."""
+        return np.array([own.surface_rms for own in self.errors])
+
+    @property
+    def floor(self) -> Array:
+        """(K,) m."""
+        return np.array([own.surface_floor for own in self.errors])
+
+    @property
+    def limitations(self) -> list[Limitation]:
+        """Where the motion is off by more than noise, and why."""
+        far = self.rms > np.maximum(OUT_OF_REACH * self.floor, FLOORLESS)
+        spans, times = [], self.wanted.times
+        for k in np.flatnonzero(far):
+            by, channels = self._met(float(times[k]))
+            before = float(times[k - 1]) if k else 0.0
+            last = spans[-1] if spans else None
+            if last is not None and (last.by, last.channels, last.end) == (by, channels, before):
+                spans[-1] = Limitation(last.begin, float(times[k]), by, channels)
+            else:
+                spans.append(Limitation(before, float(times[k]), by, channels))
+        return spans
+
+    def _met(self, time: float) -> tuple[str, tuple[int, ...]]:
+        """Which limit a set point meets in the cycles before an instant."""
+        regulator, last = self.regulator, int(np.ceil(time / self.regulator.cycle - 1e-9))
+        rows = self.pressures[max(0, last - 4) : last]
+        room = AT_LIMIT * regulator.resolution
+        ends = (rows <= regulator.lowest + room) | (rows >= regulator.highest - room)
+        steps = np.abs(np.diff(np.concatenate([np.zeros((1, regulator.channels)), self.pressures]), axis=0))
+        fast = steps[max(0, last - 4) : last] >= regulator.change - regulator.resolution - room
+        for by, own in (("rate", fast), ("pressure", ends)):
+            if (channels := np.flatnonzero(own.any(axis=0))).size:
+                return by, tuple(channels.tolist())
+        return "reach", ()
+
+    @property
+    def sentences(self) -> list[str]:
+        """Return what limits the motion, and how sure it is, for people."""
+        said = [one.sentence for one in self.limitations]
+        if self.copies is not None and (snap := self.copies.snap) is not None:
+            said.append(f"near a snap at {snap:.2f} s: copies that differ by little then move to another side")
+        if not self.complete:
+            said.append("the time was used before all windows were solved; the same command goes on")
+        return said
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what result.json holds."""
+        copies = self.copies
+        return {
+            "name": self.study.name,
+            "design": self.study.design.name,
+            "cycle_s": self.regulator.cycle,
+            "cycles": len(self.pressures),
+            "instants": len(self.wanted.times),
+            "error_mm": in_mm(float(self.rms.mean())),
+            "floor_mm": in_mm(float(self.floor.mean())),
+            "chamfer_mm": in_mm(float(np.mean([own.chamfer for own in self.errors]))),
+            "from_rest_mm": in_mm(self.begun),
+            "by_time": {
+                "time_s": self.wanted.times.tolist(),
+                "error_mm": in_mm(self.rms).tolist(),
+                "floor_mm": in_mm(self.floor).tolist(),
+                "band_mm": None if copies is None else in_mm(copies.band).tolist(),
+            },
+            "limited": [
+                {"from_s": one.begin, "to_s": one.end, "by": one.by, "channels": list(one.channels)}
+                for one in self.limitations
+            ],
+            "copies": None if copies is None else {"number": len(copies.motions), "snap_s": copies.snap},
+            "largest_kpa": in_kpa(self.pressures.max(axis=0)).tolist(),
+            "complete": self.complete,
+            "repetition": self.run,
+            "measured_error_mm": None if self.measured_error is None else in_mm(self.measured_error),
+            "seed": self.study.seed,
+            "points_per_side": self.study.points_per_side,
+            "wall_s": self.seconds,
+            "said": self.sentences,
+        }
+
+
+def as_text(result: FollowResult) -> str:
+    """Return what is printed."""
+    head = (
+        f"{in_mm(float(result.rms.mean())):.3f} mm over {len(result.wanted.times)} instants (noise floor "
+        f"{in_mm(float(result.floor.mean())):.3f}; {in_mm(result.begun):.3f} by pressures of shapes at rest), "
+        f"{len(result.pressures)} set points a channel, {result.seconds:.0f} s"
+    )
+    lines = [head, *result.sentences]
+    if result.measured_error is not None:
+        lines.insert(
+            1, f"the measured motion was off by {in_mm(result.measured_error):.3f} mm; run these pressures next"
+        )
+    return "\n".join(lines)
