@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 one_blas_thread()  # for the commands; in Python it was asked for already
 __all__ = [
     "Layouts", "Motion", "Optimized", "Sensitivity", "Sweep", "Unseen", "calibrate", "check", "demo", "equilibrium",
-    "evaluate", "export", "follow", "fuse", "layouts", "list_effects", "loop", "new", "optimize", "predict", "prepare", "rig",
-    "schema", "sensitivity", "simulate", "studies", "studio", "study", "sweep", "trace", "train", "unseen", "view",
+    "evaluate", "export", "follow", "fuse", "layouts", "list_effects", "loop", "new", "optimize", "predict", "prepare",
+    "rig", "schema", "sensitivity", "simulate", "studies", "studio", "study", "sweep", "trace", "train", "unseen", "view",
 ]  # fmt: skip
 
 

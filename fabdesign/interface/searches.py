@@ -234,20 +234,23 @@ def follow(
     if target is None:
         study: Any = study_file(design)
     else:
-        is_file = isinstance(target, Path | str)
-        moving = {"motion": {"file": str(Path(target).absolute())}} if is_file else {"moments": [*target]}
-        keys |= moving | dict(
-            name=(read := one_design(design)).name,
-            seed=seed,
-            start=None if start is None else str(start),
-            rig_limits=dict(rig_limits or {}),
-            points_per_side=grid,
-            design=read,
-            model=run.model(model),
-        )
+        if isinstance(target, Path | str):
+            keys["motion"] = {"file": str(Path(target).absolute())}
+        else:
+            keys["moments"] = [*target]
+        keys |= {
+            "name": (read := one_design(design)).name,
+            "seed": seed,
+            "start": None if start is None else str(start),
+            "rig_limits": {**(rig_limits or {})},
+            "points_per_side": grid,
+            "design": read,
+            "model": run.model(model),
+        }
         study = read_follow(keys)
     show = run.opened(lambda: follow_in_words(read_follow(study) if isinstance(study, Path) else study))
-    return run.study(run_follow, study, out, seconds, measured=measured, progress=show)
+    result: FollowResult = run.study(run_follow, study, out, seconds, measured=measured, progress=show)
+    return result
 
 
 def _shown(outcome: Demo, given: Mapping[str, Any]) -> Shown:
