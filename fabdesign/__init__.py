@@ -11,8 +11,8 @@ objects or paths. Everything here is loaded when it is asked for, so that this i
 
 Nouns: Design, Fabric, Muscle, MuscleType, Model; `build` makes a catalogue layout; `read_design`, `read_set` and
 `read_model` read files. Verbs: `simulate` `equilibrium` `sweep` `sensitivity` `optimize` `follow` `layouts` `unseen`
-`loop` `study` `calibrate` `train` `predict` `evaluate` `trace` `fuse` `rig` `new` `check` `export` `view` `studio` `demo`
-`prepare`, and `studies`. Each is the command of its name. What they raise: InputError, SimulationError.
+`loop` `study` `calibrate` `train` `predict` `evaluate` `trace` `fuse` `rig` `new` `check` `export` `view` `studio`
+`demo` `prepare`, and `studies`. Each is the command of its name. What they raise: InputError, SimulationError.
 """
 
 TYPE_CHECKING = False  # of `typing`, which would take longer to load than all of this
@@ -61,8 +61,8 @@ if TYPE_CHECKING:
 __all__ = [
     "Design", "Fabric", "InputError", "Model", "Muscle", "MuscleType", "SimulationError", "build", "calibrate",
     "check", "demo", "equilibrium", "evaluate", "export", "follow", "fuse", "layouts", "loop", "new", "optimize",
-    "predict", "prepare", "read_design", "read_model", "read_set", "rig", "schema", "sensitivity", "simulate", "studies",
-    "studio", "study", "sweep", "trace", "train", "unseen", "view",
+    "predict", "prepare", "read_design", "read_model", "read_set", "rig", "schema", "sensitivity", "simulate",
+    "studies", "studio", "study", "sweep", "trace", "train", "unseen", "view",
 ]  # fmt: skip
 _WHERE = {
     "Design": "nouns.design", "Fabric": "nouns.fabric", "InputError": "errors", "Model": "nouns.model",

@@ -16,6 +16,7 @@ from sim.simulator import Simulator
 from sim.step import advance
 from sim.time.batch import Batch
 from sim.time.schedule import of_motions
+from sim.time.steps import Jumps, together
 
 Array = NDArray[np.float64]
 
@@ -33,17 +34,24 @@ def at_rest(simulator: Simulator, case: Case) -> State:
     with lock:
         chunk = _alone(case)
         batch, _ = simulator.started(chunk)
-        return _state(batch, 0)
+        values = take(batch.blocks, _names())
+        return State(0, {name: value[0, ..., 0].copy() for name, value in values.items()})
 
 
 def go_on(
-    simulator: Simulator, cases: Sequence[Case], states: Sequence[State], times: Sequence[Array]
+    simulator: Simulator,
+    cases: Sequence[Case],
+    states: Sequence[State],
+    times: Sequence[Array],
+    *,
+    jumps: Jumps | None = None,
 ) -> list[SimulatedMotion]:
     """Return the motions of cases from their states on, with frames at their `times` [s after rest, rising], which all
     lie after the state. A frame is the same, bit for bit, as in the motion from rest where that has a step's edge at
-    the state's tick: one lies at every multiple of the simulator's `calm_steps`, jumps at such apart."""
+    the state's tick: one lies at every multiple of the simulator's `calm_steps`, jumps at such apart. jumps: after
+    which the steps of all are short, by default each one's own."""
     n, motions = simulator.points_per_side, dict[int, SimulatedMotion]()
-    steps = {i: simulator.steps(case, times[i], begin=states[i].tick) for i, case in enumerate(cases)}
+    steps = {i: simulator.steps(case, times[i], begin=states[i].tick, jumps=jumps) for i, case in enumerate(cases)}
     with lock:
         for chunk in chunks_of(cases, n, {i: own.pattern for i, own in steps.items()}):
             batch = _resumed(simulator, chunk, [states[i] for i in chunk.places])
@@ -57,25 +65,49 @@ def go_on(
     return [motions[i] for i in range(len(cases))]
 
 
+@dataclass(frozen=True, eq=False)
+class KeptMotion:
+    """A motion with its states at some ticks; the jumps that its steps follow."""
+
+    motion: SimulatedMotion
+    states: list[State]
+    jumps: Jumps
+
+
 def with_states(
-    simulator: Simulator, case: Case, begin: State, times: Array, ticks: Sequence[int]
-) -> tuple[SimulatedMotion, list[State]]:
-    """Return the same of one case, and its states at `ticks`, rising, all after the begin; `times` end there."""
-    n, shapes, tensions, states = simulator.points_per_side, [], [], []
+    simulator: Simulator, cases: Sequence[Case], begin: State, times: Array, ticks: Sequence[int]
+) -> list[KeptMotion]:
+    """Return the same of up to LANES cases of one design from one state, with their states at `ticks`, rising, all
+    after the begin; `times` end there. They ride in one block, so that all take the same steps, short after each one's
+    jumps."""
+    if len(cases) > LANES:
+        raise ValueError(f"{len(cases)} cases; expected at most {LANES}, those of one block")
+    n, shapes, tensions = simulator.points_per_side, [], []
+    states: list[list[State]] = [[] for _ in cases]
+    end = np.array([ticks[-1] * simulator.time_step])
+    jumps = together([simulator.jumps(case, end) for case in cases])
+    lanes = [min(k, len(cases) - 1) for k in range(LANES)]
     with lock:
-        batch = _resumed(simulator, _alone(case), [begin])
+        batch = _resumed(simulator, Chunk([*range(len(cases))], [*cases], lanes), [begin] * len(cases))
         before = begin.tick
         for tick in ticks:
             until = tick * simulator.time_step
-            own = times[(times > before * simulator.time_step + 1e-9) & (times <= until + 1e-9)]
-            steps = simulator.steps(case, np.append(own, until), begin=before)
-            schedule, begins = of_motions(batch, [0] * LANES, [steps], tick=simulator.time_step, rho=simulator.rho)
-            frames, state_of_muscles = advance(batch, schedule, simulator.solve(batch), frames=int(begins[-1]))
-            shapes.append(frames[: len(own)].reshape(-1, n, n, 3))
-            tensions.append(state_of_muscles[: len(own)])
-            states.append(_state(batch, tick))
+            frames = times[(times > before * simulator.time_step + 1e-9) & (times <= until + 1e-9)]
+            asked = np.append(frames, until)
+            steps = [simulator.steps(case, asked, begin=before, jumps=jumps) for case in cases]
+            schedule, begins = of_motions(batch, lanes, steps, tick=simulator.time_step, rho=simulator.rho)
+            each, state_of_muscles = advance(batch, schedule, simulator.solve(batch), frames=int(begins[-1]))
+            shapes.append(each.reshape(len(cases), len(asked), n, n, 3)[:, :-1])
+            tensions.append(state_of_muscles.reshape(len(cases), len(asked), -1, 2)[:, :-1])
+            values = take(batch.blocks, _names())
+            for k, own in enumerate(states):
+                own.append(State(tick, {name: value[0, ..., k].copy() for name, value in values.items()}))
             before = tick
-    return motion_of(case, times, np.concatenate(shapes), np.concatenate(tensions)), states
+    middles, muscles = np.concatenate(shapes, axis=1), np.concatenate(tensions, axis=1)
+    return [
+        KeptMotion(motion_of(case, times, middle, muscle), own, jumps)
+        for case, middle, muscle, own in zip(cases, middles, muscles, states, strict=True)
+    ]
 
 
 def _alone(case: Case) -> Chunk:
@@ -93,11 +125,6 @@ def _resumed(simulator: Simulator, chunk: Chunk, states: Sequence[State]) -> Bat
         values[name] = np.ascontiguousarray(np.moveaxis(each.reshape(batch.blocks, LANES, *each.shape[1:]), 1, -1))
     put(batch.blocks, values)
     return batch
-
-
-def _state(batch: Batch, tick: int) -> State:
-    """Of the first lane."""
-    return State(tick, {name: value[0, ..., 0].copy() for name, value in take(batch.blocks, _names()).items()})
 
 
 def _names() -> list[str]:

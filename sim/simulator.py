@@ -41,7 +41,7 @@ from sim.tangent.faces import faces_changes
 from sim.tangent.shapes import Solved, share_out, solve_at_rest, together
 from sim.time.batch import Batch
 from sim.time.schedule import by_block, of_motions
-from sim.time.steps import Steps, jumps_of, steps_of
+from sim.time.steps import Jumps, Steps, jumps_of, steps_of
 
 Array = NDArray[np.float64]
 TIME_STEPS = 1e-6, 1 / 240  # s
@@ -163,11 +163,16 @@ class Simulator:
         if lost := [i for i in range(count) if results[i].diverged]:
             yield self._finer(), True, lost
 
-    def steps(self, case: Case, times: Array, *, begin: int = 0) -> Steps:
-        """Of a motion with frames at `times` [s], from tick `begin` on."""
+    def steps(self, case: Case, times: Array, *, begin: int = 0, jumps: Jumps | None = None) -> Steps:
+        """Of a motion with frames at `times` [s], from tick `begin` on. jumps: after which steps are short, by default
+        those of the case's own pressures."""
         acting = acting_pressure(case, _ticks(times, self.time_step), self.time_step)
-        jumps = jumps_of(acting.program, self.time_step, released=is_free(case.design.fabric))
-        return steps_of(acting, times, jumps, calm=self._calm, begin=begin)
+        return steps_of(acting, times, jumps or self.jumps(case, times), calm=self._calm, begin=begin)
+
+    def jumps(self, case: Case, times: Array) -> Jumps:
+        """Of the pressures that act until the last of `times` [s]."""
+        acting = acting_pressure(case, _ticks(times, self.time_step), self.time_step)
+        return jumps_of(acting.program, self.time_step, released=is_free(case.design.fabric))
 
     def _require_room(self, cases: Sequence[Case], times: Sequence[Array]) -> None:
         """Raise InputError where the motions, all together in memory, would take too much."""

@@ -32,7 +32,8 @@ one_blas_thread()  # for the commands; in Python it was asked for already
 __all__ = [
     "Layouts", "Motion", "Optimized", "Sensitivity", "Sweep", "Unseen", "calibrate", "check", "demo", "equilibrium",
     "evaluate", "export", "follow", "fuse", "layouts", "list_effects", "loop", "new", "optimize", "predict", "prepare",
-    "rig", "schema", "sensitivity", "simulate", "studies", "studio", "study", "sweep", "trace", "train", "unseen", "view",
+    "rig", "schema", "sensitivity", "simulate", "studies", "studio", "study", "sweep", "trace", "train", "unseen",
+    "view",
 ]  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -113,7 +114,7 @@ class FollowStudy:
         if not self.target:
             raise table.error(f"expected {_EITHER}")
         times = sorted(moment.time for moment in self.target)
-        for one, other in zip(times, times[1:], strict=False):
+        for one, other in pairwise(times):
             if other - one < 1e-6:
                 raise table.error(f"moments: two at {one:g} s; expected one at each time")
         return replace(self, target=tuple(sorted(self.target, key=lambda moment: moment.time)))

@@ -24,6 +24,14 @@ class Jumps:
     large: tuple[int, ...]
 
 
+def together(several: Sequence[Jumps]) -> Jumps:
+    """All of them."""
+    return Jumps(
+        tuple(sorted({tick for one in several for tick in one.every})),
+        tuple(sorted({tick for one in several for tick in one.large})),
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Steps:
     """The steps of one motion."""
@@ -56,8 +64,8 @@ def steps_of(acting: ActingPressure, times: Array, jumps: Jumps, *, calm: int, b
 
 @lru_cache(maxsize=256)
 def step_edges(ticks: int, jumps: Sequence[int], *, tick: float, calm: int, begin: int = 0) -> NDArray[np.int_]:
-    """(steps + 1,) ticks (of `tick` s), from `begin` on, between which steps lie: AFTER_JUMP says how many a step has after each jump,
-    `calm` else."""
+    """(steps + 1,) ticks (of `tick` s), from `begin` on, between which steps lie: AFTER_JUMP says how many a step has
+    after each jump, `calm` else."""
     longest = np.full(ticks + calm, calm)
     for jump in jumps:
         for duration, most in AFTER_JUMP:

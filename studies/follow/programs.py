@@ -36,7 +36,7 @@ class Regulator:
 
     def program(self, pressures: Array) -> PressureProgram:
         """Return the program of set points (cycles, channels) Pa, one a cycle."""
-        times = self.cycle * np.arange(len(pressures))
+        times = np.asarray(self.cycle * np.arange(len(pressures)), np.float64)
         return PressureProgram(times, pressures, self.cycle * len(pressures))
 
     def kept(self, pressures: Array) -> Array:
@@ -70,7 +70,8 @@ class Roughness:
         weights = first.T @ first + second.T @ second
         bent = weights @ rows
         value = float((rows * bent).sum())
-        return Roughness(value, bent[2:].ravel(), np.kron(weights[2:, 2:], np.eye(channels)))
+        hessian = np.asarray(np.kron(weights[2:, 2:], np.eye(channels)), np.float64)
+        return Roughness(value, bent[2:].ravel(), hessian)
 
 
 def best_change(hessian: Array, gradient: Array, regulator: Regulator, rows: tuple[Array, Array], most: float) -> Array:
@@ -78,13 +79,13 @@ def best_change(hessian: Array, gradient: Array, regulator: Regulator, rows: tup
     set point by more than `most` Pa. rows: the one that precedes, (channels,) Pa, and those that change."""
     before, pressures = rows
     count, channels = pressures.shape
-    eye = np.eye(count * channels)
-    bounds = [
+    eye: Array = np.eye(count * channels)
+    bounds: list[tuple[Array, Array]] = [
         (eye, np.maximum(regulator.lowest - pressures, -most).ravel()),
         (-eye, -np.minimum(regulator.highest - pressures, most).ravel()),
     ]
     if np.isfinite(regulator.rate):
-        step = np.kron(np.diff(np.eye(count + 1), axis=0)[:, 1:], np.eye(channels))
+        step = np.asarray(np.kron(np.diff(np.eye(count + 1), axis=0)[:, 1:], np.eye(channels)), np.float64)
         now = np.diff(np.concatenate([before[None], pressures]), axis=0).ravel()
         room = max(regulator.change, 0.0)
         bounds += [(step, np.minimum(-room - now, 0.0)), (-step, np.minimum(now - room, 0.0))]

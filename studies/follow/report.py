@@ -28,8 +28,8 @@ def _blocks(result: FollowResult) -> Iterator[page.Block]:
     study, rms, floor = result.study, result.rms, result.floor
     yield page.Title(study.name, 1)
     yield page.Text(
-        f"{page.mm(float(rms.mean()))} mm from what is wanted (noise floor {page.mm(float(floor.mean()))} mm), the mean "
-        f"of {len(rms)} instants. Pressures of shapes at rest alone come to {page.mm(result.begun)} mm.",
+        f"{page.mm(float(rms.mean()))} mm from what is wanted (noise floor {page.mm(float(floor.mean()))} mm), the "
+        f"mean of {len(rms)} instants. Pressures of shapes at rest alone come to {page.mm(result.begun)} mm.",
         "verdict",
     )
     yield from page.texts("note", map(page.sentence, result.sentences))
@@ -57,7 +57,8 @@ def _blocks(result: FollowResult) -> Iterator[page.Block]:
             "quiet",
         )
     yield page.Text(
-        f"{study.points_per_side} grid points a side, seed {study.seed}, {result.seconds:.0f} s. fabdesign {__version__}.",
+        f"{study.points_per_side} grid points a side, seed {study.seed}, {result.seconds:.0f} s. "
+        f"fabdesign {__version__}.",
         "quiet",
     )
 

@@ -77,7 +77,8 @@ class FollowResult:
     def limitations(self) -> list[Limitation]:
         """Where the motion is off by more than noise, and why."""
         far = self.rms > np.maximum(OUT_OF_REACH * self.floor, FLOORLESS)
-        spans, times = [], self.wanted.times
+        times = self.wanted.times
+        spans: list[Limitation] = []
         for k in np.flatnonzero(far):
             by, channels = self._met(float(times[k]))
             before = float(times[k - 1]) if k else 0.0

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.files.pressure_file import read_csv, write_pressures
+from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.forward import Case, Term
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
@@ -139,7 +140,7 @@ class _Solver:
 
     def _start(self) -> Array:
         if self._study.start is not None:
-            at = self._regulator.cycle * np.arange(self._cycles)
+            at = np.asarray(self._regulator.cycle * np.arange(self._cycles), np.float64)
             return self._regulator.kept(self._study.start.at(at))
         predictor = self._predictor(COARSE)
         easy = without_resistance(predictor) or predictor
@@ -166,7 +167,7 @@ class _Solver:
 
         line = f"windows at {grid} points a side"
         solved = solve(
-            task, program, Effort(predictor.simulator, steps), keep=keep,
+            task, program, Effort(Simulator(grid), steps), keep=keep,
             progress=lambda share: self._progress(line, share),
         )  # fmt: skip
         return self._regulator.kept(solved)
@@ -195,7 +196,7 @@ class _Solver:
             raise SimulationError(f"design {self._study.design.name}: the motion diverges under the program found")
         return motion.astype(float)
 
-    def _errors(self, motion: Array):
+    def _errors(self, motion: Array) -> list[Errors]:
         return pose_errors(self._wanted.targets, motion, seed=self._study.seed, draws=DRAWS)
 
     def _result(self, program: Array, begun: float, complete: bool, beside: Array | None = None) -> FollowResult:
@@ -224,8 +225,8 @@ def _last_run(work: WorkFolder, path: Path, study: FollowStudy) -> tuple[Measure
     while (work.folder / f"pressures_{number}.csv").is_file():
         number += 1
     cycle = study.rig.cycle
-    rows = program.at(cycle * np.arange(round(program.duration / cycle)))
-    return read_run(path, study.design), number, rows
+    at = np.asarray(cycle * np.arange(round(program.duration / cycle)), np.float64)
+    return read_run(path, study.design), number, program.at(at)
 
 
 def _content(study: FollowStudy) -> dict[str, str]:

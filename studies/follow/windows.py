@@ -6,6 +6,7 @@ set point's column from the state at its own cycle: a difference of two motions 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from fabdesign.nouns.forward import Case
 from sim import Simulator
 from sim.motion import SimulatedMotion, faces
-from sim.resume import State, at_rest, go_on, with_states
+from sim.resume import KeptMotion, State, at_rest, go_on, with_states
 from studies.follow.programs import UNIT, Regulator, Roughness, best_change
 from studies.follow.wanted import Distances, Wanted, moved
 
@@ -24,6 +25,8 @@ AHEAD = 0.2  # s of it that are kept; the rest is solved again with what comes
 STEP = 5e3  # Pa, of the differences
 FARTHEST = 1e5  # Pa, by which a set point may move at once
 SHORTER = 0.3  # of that, after a step that gained nothing
+# Levenberg's damping and the share of the step, of the programs that are tried beside one another
+TRIED = (0.0, 1.0), (0.0, 0.5), (1e-3, 1.0), (1e-2, 1.0), (1e-2, 0.5), (0.1, 1.0)
 ENOUGH = 0.03  # of the cost: where a step by fresh columns gains less, a window is solved
 WORTH = 0.3  # of the cost: after a step that gains less, columns are made anew
 
@@ -84,11 +87,9 @@ class _Window:
         side = self.simulator.points_per_side
         return [self.task.wanted.distances(k, own, side) for k, own in zip(self.moments, shapes, strict=True)]
 
-    def with_states(self, program: Array) -> tuple[SimulatedMotion, list[State]]:
-        [case] = self.task.cases([program])
+    def with_states(self, programs: Sequence[Array]) -> list[KeptMotion]:
         ticks = [self.ticks(k) for k in range(self.begin + 1, self.end + 1)]
-        motion, states = with_states(self.simulator, case, self.state, self.times, ticks)
-        return motion, [self.state, *states]
+        return with_states(self.simulator, self.task.cases(programs), self.state, self.times, ticks)
 
 
 Keep = Callable[[str, Callable[[], Array]], Array]  # of a window: its name, and what computes its set points
@@ -115,10 +116,11 @@ def solve(
     state, begin = at_rest(effort.simulator, case), 0
     while begin < cycles:
         window = _Window(task, effort.simulator, begin, _end(task, begin, length, ahead, cycles), state)
-        program[begin : window.end] = keep(f"{begin}", lambda own=window: _solved(own, program, effort.steps))
+        program[begin : window.end] = keep(f"{begin}", partial(_solved, window, program, effort.steps))
         following = min(begin + ahead, cycles)
         if following < cycles:
-            state = replace(window, end=following).with_states(program)[1][-1]
+            [kept] = replace(window, end=following).with_states([program])
+            state = kept.states[-1]
         begin = following
         progress(begin / cycles)
     return program
@@ -139,20 +141,23 @@ def _solved(window: _Window, program: Array, steps: int) -> Array:
     begin, end = window.begin, window.end
     if not len(window.moments):
         return program[begin:end]
-    at, columns, farthest = _Place.of(window, program), None, FARTHEST
+    [at] = _Place.all_of(window, [program])
+    columns, farthest = None, FARTHEST
     for _ in range(steps):
         if not np.isfinite(at.cost):
             break
         fresh = columns is None
         if columns is None:
             columns = _columns(window, at)
-        trial = _Place.of(window, _changed(at.program, begin, at.step(columns, farthest)))
+        changes = [share * at.step(columns, farthest, damping) for damping, share in TRIED]
+        trials = _Place.all_of(window, [_changed(at.program, begin, change) for change in changes])
+        trial = min(trials, key=lambda own: own.cost)
         gained = (at.cost - trial.cost) / at.cost
         if gained > 0:
             at, farthest = trial, FARTHEST
         else:
             farthest *= SHORTER
-        if gained < ENOUGH and fresh and gained >= 0:
+        if fresh and 0 <= gained < ENOUGH:
             break
         if gained < WORTH:
             columns = None
@@ -161,21 +166,21 @@ def _solved(window: _Window, program: Array, steps: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """A program in a window: its motion, the states at its cycles, how far it is from what is wanted."""
+    """A program in a window: its motion with the states at its cycles, and how far it is from what is wanted."""
 
     window: _Window
     program: Array
-    motion: SimulatedMotion
-    states: Sequence[State]
+    kept: KeptMotion
     distances: Sequence[Distances | None]
     roughness: Roughness
 
     @staticmethod
-    def of(window: _Window, program: Array) -> "_Place":
-        motion, states = window.with_states(program)
-        before = _rows_before(program, window.begin)
-        rough = Roughness.of(before, program[window.begin : window.end])
-        return _Place(window, program, motion, states, window.distances(motion), rough)
+    def all_of(window: _Window, programs: Sequence[Array]) -> "list[_Place]":
+        places = []
+        for program, kept in zip(programs, window.with_states(programs), strict=True):
+            rough = Roughness.of(_rows_before(program, window.begin), program[window.begin : window.end])
+            places.append(_Place(window, program, kept, window.distances(kept.motion), rough))
+        return places
 
     @property
     def cost(self) -> float:
@@ -183,14 +188,16 @@ class _Place:
         costs = [np.inf if own is None else own.cost for own in self.distances]
         return float(sum(costs) + self.roughness.value)
 
-    def step(self, columns: Sequence[NDArray[np.floating[Any]]], farthest: float) -> Array:
-        """Return the change (cycles, channels) Pa that Gauss-Newton takes."""
+    def step(self, columns: Sequence[NDArray[np.floating[Any]]], farthest: float, damping: float) -> Array:
+        """Return the change (cycles, channels) Pa that Gauss-Newton takes. damping: Levenberg's, of the mean of the
+        Hessian's diagonal."""
         hessian, gradient = self.roughness.hessian, self.roughness.gradient
         for own, moves in zip(self.distances, columns, strict=True):
             assert own is not None
             slopes = UNIT * moved(own, moves)
             hessian = hessian + slopes.T @ (own.robust[:, None] * slopes)
             gradient = gradient + slopes.T @ (own.robust * own.off)
+        hessian = hessian + damping * np.trace(hessian) / len(hessian) * np.eye(len(hessian))
         begin = self.window.begin
         rows = _rows_before(self.program, begin)[-1], self.program[begin : self.window.end]
         return best_change(hessian, gradient, self.window.task.regulator, rows, farthest)
@@ -204,7 +211,7 @@ def _changed(program: Array, begin: int, change: Array) -> Array:
 
 def _columns(window: _Window, at: _Place) -> list[NDArray[np.floating[Any]]]:
     """(cycles channels, n, n, 3) m per Pa of each instant: how the mid-surface moves with each set point."""
-    task, program, motion, states = window.task, at.program, at.motion, at.states
+    task, program, motion, states = window.task, at.program, at.kept.motion, [window.state, *at.kept.states]
     cases, begins, times, moves = [], [], [], []
     regulator = task.regulator
     for k in range(window.begin, window.end):
@@ -219,7 +226,11 @@ def _columns(window: _Window, at: _Place) -> list[NDArray[np.floating[Any]]]:
             moves.append(by)
     seen = [k for k, own in enumerate(times) if len(own)]
     motions = go_on(
-        window.simulator, task.cases([cases[k] for k in seen]), [begins[k] for k in seen], [times[k] for k in seen]
+        window.simulator,
+        task.cases([cases[k] for k in seen]),
+        [begins[k] for k in seen],
+        [times[k] for k in seen],
+        jumps=at.kept.jumps,
     )
     changes = np.zeros((len(window.times), len(cases), *motion.middle.shape[1:]), np.float32)
     for k, own in zip(seen, motions, strict=True):
