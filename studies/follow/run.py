@@ -128,7 +128,7 @@ class _Solver:
         """Return the answer to a measured motion of `program`, in which the model's own changes are asked of it
         (iterative learning control: Bristow et al. 2006)."""
         motion = self._motion(program)
-        beside, seen = displacements(run, motion, self._wanted.times)
+        beside, seen = displacements(run, motion, self._wanted.times, face=self._wanted.targets[0].face)
         if not seen.any():
             raise InputError(f"{run.file}: no frame at a wanted instant; expected the motion of this study")
         measured = self._errors(motion + beside)

@@ -20,7 +20,7 @@ POINTS = 300  # of a cloud that are compared while searching: more say nothing n
 SCALE = 2e-4  # m, of what distances are worth where a target shows no noise
 WISHED = 1e-3  # m, the same of wishes, which nobody means so exactly
 EACH = 100.0  # independent points that an instant counts as, whatever its cloud has
-HUBER, FARTHEST = 1.345, 0.020  # of the scale; m, a distance beyond which counts as this far
+HUBER, FARTHEST = 1.345, 0.020  # of the scale; m, a distance that counts less beyond
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +40,9 @@ class Distances:
 
     @property
     def cost(self) -> float:
-        """The sum of weighted squares, capped."""
-        return float(self.weight @ np.minimum(np.abs(self.off), FARTHEST) ** 2)
+        """The sum of weighted squares, beyond FARTHEST of Huber's lines."""
+        size = np.abs(self.off)
+        return float(self.weight @ np.where(size < FARTHEST, size**2, FARTHEST * (2 * size - FARTHEST)))
 
 
 @dataclass(frozen=True, eq=False)

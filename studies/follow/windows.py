@@ -88,8 +88,9 @@ class _Window:
         return [self.task.wanted.distances(k, own, side) for k, own in zip(self.moments, shapes, strict=True)]
 
     def with_states(self, programs: Sequence[Array]) -> list[KeptMotion]:
-        ticks = [self.ticks(k) for k in range(self.begin + 1, self.end + 1)]
-        return with_states(self.simulator, self.task.cases(programs), self.state, self.times, ticks)
+        first, *ticks = [self.ticks(k) for k in range(self.begin, self.end + 1)]
+        cases, jumping = self.task.cases(programs), [first, *ticks[:-1]]
+        return with_states(self.simulator, cases, self.state, self.times, ticks, jumping=jumping)
 
 
 Keep = Callable[[str, Callable[[], Array]], Array]  # of a window: its name, and what computes its set points
