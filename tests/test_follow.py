@@ -78,9 +78,7 @@ def test_programs_in_one_block_are_the_same_motions_but_for_shorter_steps(simula
     several = with_states(simulator, cases, at_rest(simulator, cases[0]), TIMES, [96 * 5])
     for own, case in zip(several, cases, strict=True):
         [alone] = simulator.run([case], [TIMES])
-        assert (
-            np.abs(own.motion.middle - alone.middle).max() < 2e-4
-        )  # m, what long steps after jumps below 50 kPa are off
+        assert np.abs(own.motion.middle - alone.middle).max() < 2e-4  # m: long steps after small jumps
 
 
 def test_distances_change_as_differences_of_shapes_say(simulator, wanted):
