@@ -7,7 +7,7 @@
 Motions are the simulator's own with the noise of a depth sensor, on four layouts, two of them not square: steps, ramps
 and waves up to 2 Hz, of 1.5 and 3 s. `device`: the virtual rig (another engine) with lag, droop and hysteresis is run
 with the program of the data sheet, with that of a model that was calibrated on three other motions of it, and after
-one and three repetitions. With `cmaes` installed, CMA-ES searches the first motion of each kind for five times as
+one and three repetitions. With `cma` installed, CMA-ES searches the first motion of each kind for five times as
 long, in a grid of set points between which pressures are linear.
 """
 
@@ -48,7 +48,7 @@ CYCLE, HIGHEST, NOISE, POINTS = 0.05, 280e3, 3e-4, 1500  # s; Pa, of hidden prog
 LAYOUTS = ("basic", 0.2, 0.2), ("cross", 0.2, 0.2), ("side", 0.24, 0.16), ("vertical", 0.16, 0.24)
 KINDS = "steps", "ramps", "waves"
 CHANNELS, GRID = 4, 21
-FEWER, TIMES = 0.1, 5.0  # s between CMA-ES's set points; of our time
+FEWER, TIMES, BATCH = 0.1, 5.0, 32  # s between CMA-ES's set points; of our time; motions of a generation
 RIG_NOISE = 6e-4  # m, of the virtual rig's sensors
 DEVICE = {"filling_lag": {"fill": 0.08, "empty": 0.16}, "supply_droop": {"share": 0.03}, "braid_hysteresis": {}}
 
@@ -154,7 +154,7 @@ class Watch:
 
 def by_cma(motion: Motion, folder: Path, seconds: float) -> float:
     """mm, what CMA-ES (Hansen 2016) comes to in so many seconds, on the same simulator."""
-    from cmaes import CMA
+    import cma
 
     study = study_of(motion, folder, motion.design)
     wanted, regulator = wanted_of(study), regulator_of(study)
@@ -167,15 +167,16 @@ def by_cma(motion: Motion, folder: Path, seconds: float) -> float:
         return regulator.kept(np.stack([np.interp(at, knots, own) for own in rows.T], axis=1))
 
     size = len(knots) * regulator.channels
-    search = CMA(mean=np.full(size, 0.4), sigma=0.2, bounds=np.tile([0.0, 1.0], (size, 1)), seed=1)
+    options = {"bounds": [0, 1], "popsize": BATCH, "seed": 1, "verbose": -9}
+    search = cma.CMAEvolutionStrategy(np.full(size, 0.4), 0.2, options)
     begun, best = time.monotonic(), np.inf
-    while time.monotonic() - begun < seconds:
-        asked = [search.ask() for _ in range(search.population_size)]
-        cases = [Case(study.design, regulator.program(program(x))) for x in asked]
+    while time.monotonic() - begun < seconds and not search.stop():
+        asked = search.ask()
+        cases = [Case(study.design, regulator.program(program(np.asarray(x)))) for x in asked]
         motions = Simulator(GRID).motions(cases, [wanted.times] * len(cases))
         values = [rms(study, own) if np.isfinite(own).all() else 1e3 for own in motions]
         best = min(best, *values)
-        search.tell([*zip(asked, values, strict=True)])
+        search.tell(asked, values)
     return best
 
 
