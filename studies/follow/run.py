@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, SimulationError
+from fabdesign.files.design_file import write_design
 from fabdesign.files.pressure_file import read_csv, write_pressures
 from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.forward import Case, Term
@@ -20,9 +21,12 @@ from fabdesign.runtime.effort import in_words, on_cores
 from fabdesign.runtime.fingerprint import content_of, sha256
 from fabdesign.runtime.store import Arrays, Checkpoint
 from fabdesign.study_files.follow_file import FollowStudy, read_follow
+from fabdesign.units import in_mm
 from fabdesign.version import SIMULATOR
 from optimize.fit.descent import Progress
+from optimize.search.evaluations import Evaluations
 from sim import Simulator
+from studies.follow.layout import chosen_layout
 from studies.follow.measured import MeasuredRun, displacements, read_run
 from studies.follow.programs import Regulator
 from studies.follow.report import write_report
@@ -68,16 +72,36 @@ def run_follow(
     wanted, regulator = wanted_of(study), regulator_of(study)
     inputs += [*files_of(study), *([measured] if measured is not None else [])]
     with work_folder(out, made_by="follow", force=force, inputs=inputs) as work:
-        run = None if measured is None else _last_run(work, Path(measured), study)
         checkpoint = Checkpoint(work, _content(study))
+        if study.layout is not None:
+            study = _with_layout(study, wanted, regulator, work, progress)
+            regulator = regulator_of(study)
+        run = None if measured is None else _last_run(work, Path(measured), study)
         solver = _Solver(study, wanted, regulator, checkpoint, progress)
         result = solver.found() if run is None else solver.corrected(*run)
         with work.adding() as files:
+            if study.layout is not None:
+                write_design(study.design, files / "design.toml")
             if run is not None:
                 write_pressures(regulator.program(run[2]), files / f"pressures_{result.run}.csv")
             write_pressures(result.program, files / "pressures.csv")
             write_report(result, files)
     return result
+
+
+def _with_layout(
+    study: FollowStudy, wanted: Wanted, regulator: Regulator, work: WorkFolder, progress: Progress
+) -> FollowStudy:
+    """Return the study with the design that a search finds, as the rig can drive it."""
+
+    def show(at: Evaluations) -> None:
+        best = "none yet" if at.best is None else f"{in_mm(at.best.value):.3f} mm"
+        progress(f"a layout for shapes at rest: best {best}", 0.0)
+
+    design = chosen_layout(study, wanted, regulator, work, show)
+    if study.rig.channels is not None and design.channels > study.rig.channels:
+        raise InputError(f"{study.name}: the layout has {design.channels} channels; the rig has {study.rig.channels}")
+    return replace(study, design=design)
 
 
 def follow_in_words(study: FollowStudy) -> str:
