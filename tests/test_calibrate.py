@@ -17,12 +17,13 @@ from fabdesign.splits import fit_trials
 from fabdesign.surface import Surface, capped_rms
 from fabdesign.trial import Accuracy
 from fabdesign.trial_file import write_trial
-from optimize.fit.clouds import Match, Sample, derivatives, match, nodes_of
-from optimize.fit.descent import _descend, fit, horizons
+from optimize.fit.clouds import Sample, derivatives, match, nodes_of
+from optimize.fit.descent import Start, fit
 from optimize.fit.free import fit_vector
+from optimize.fit.misfit import Misfit
 from optimize.fit.normal import Normal, directions
 from optimize.fit.parameters import DECLARED, PRIOR
-from optimize.fit.problem import Evaluation, FitProblem, Problem
+from optimize.fit.problem import Evaluation, FitProblem, Problem, horizons_of
 from sim.motion import faces
 from studies.bad_data import sound_trials
 from studies.calibration.calibrate import DRAWN, calibrate
@@ -109,7 +110,7 @@ def test_differences_are_taken_along_combinations_that_change_the_shape_by_as_mu
     jacobian = 5e-3 * (np.eye(7) - np.outer(weak, weak)) + 1.5e-4 * np.outer(weak, weak)  # m
     one = np.ones(1)
     sensitivity = jacobian.T @ jacobian
-    normal = Normal(np.zeros(7), np.eye(7), np.zeros((1, 7)), 1.0, False, 6e-4, sensitivity, one, one, one, one)
+    normal = Normal(np.zeros(7), np.eye(7), np.zeros((1, 7)), 1.0, False, 6e-4, sensitivity, one, one, one)
     chosen = directions(normal)
     change = chosen @ jacobian.T
     assert change @ change.T == pytest.approx(np.diag(np.square(change).sum(axis=1)), abs=1e-12)
@@ -214,7 +215,7 @@ def test_the_factors_alone_see_fewer_trials_than_the_last_fit(measured, monkeypa
     for fit_ in (whole.fit, interrupted.fit):
         assert (len(fit_.without_effects.by_trial), len(fit_.by_trial)) == (1, 2)
         problem = FitProblem(whole.data.samples, Curler(), Curler(), vector)
-        there = problem.evaluate([vector.start])[0].found.residual  # of both trials
+        there = problem.evaluate([vector.start])[0].misfit.residual  # of both trials
         assert fit_.before == pytest.approx(capped_rms(there), rel=1e-6)
         assert fit_.after < fit_.before / 2
     assert interrupted.fit.interrupted and not whole.fit.interrupted
@@ -226,11 +227,11 @@ def test_effects_that_are_nothing_early_on_come_out_as_nothing_in_the_end(measur
     few_effects(monkeypatch, "time_offset", "scale_error", "dead_time")
     model = Term("scale_error", {"scale": 0.0}), Term("air_drag", {"coefficient": 1.0})
 
-    def fit_seen(samples, forward, *, vector, **options):
-        parts.append(vector.labels)
-        return fit(samples, forward, vector=vector, **options)
+    def fit_seen(problem, *arguments, **options):
+        parts.append(problem.vector.labels)
+        return fit(problem, *arguments, **options)
 
-    monkeypatch.setattr("studies.calibration.calibrate.fit", fit_seen)
+    monkeypatch.setattr("studies.fits.fit", fit_seen)
     found = calibrate(
         exact(measured),
         Curler(),
@@ -343,7 +344,7 @@ def test_early_frames_lead_past_false_minima_of_late_ones(tmp_path, monkeypatch)
     found = calibrate(exact(measured), Swinger(), engines=ONE_ENGINE)
     assert found.fit.converged
     assert found.model.factors["damping"] == pytest.approx(1.3, rel=0.005)
-    monkeypatch.setattr("optimize.fit.descent.horizons", lambda samples: [1.4])
+    monkeypatch.setattr("optimize.fit.problem.horizons_of", lambda samples: [1.4])
     at_once = calibrate(exact(measured), Swinger(), engines=ONE_ENGINE)
     assert abs(np.log(at_once.model.factors["damping"] / 1.3)) > 0.05
     assert at_once.warnings and not found.warnings
@@ -352,9 +353,9 @@ def test_early_frames_lead_past_false_minima_of_late_ones(tmp_path, monkeypatch)
 
 def test_horizons_are_those_with_frames_of_their_own():
     early, late = (Sample(None, np.array(times), ()) for times in ([0.0, 0.5, 0.6], [0.4, 1.4, 2.2]))
-    assert horizons([early]) == [0.5, 1.0]
-    assert horizons([early, late]) == [0.5, 1.0, 2.5]
-    assert horizons([Sample(None, np.array([3.0]), ())]) == [3.0]
+    assert horizons_of([early]) == [0.5, 1.0]
+    assert horizons_of([early, late]) == [0.5, 1.0, 2.5]
+    assert horizons_of([Sample(None, np.array([3.0]), ())]) == [3.0]
 
 
 def test_one_frame_of_a_cloth_at_rest_leaves_the_data_sheet(tmp_path):
@@ -378,21 +379,15 @@ def test_slopes_that_are_too_small_by_half_do_not_keep_the_descent_from_its_end(
 
         def evaluate(self, xs):
             left = [slopes @ (x - target) + noise for x in xs]
-            none, zeros = np.zeros((2400, 3)), np.zeros(2400, np.intp)
-            return [
-                Evaluation(x, [], Match(r, none, none.astype(np.intp), none, zeros, frame))
-                for x, r in zip(xs, left, strict=True)
-            ]
+            zeros = np.zeros(2400, np.intp)
+            return [Evaluation(x, Misfit(r, zeros, frame, frame // 200), []) for x, r in zip(xs, left, strict=True)]
 
         def linearise(self, evaluation, along, old=None, fresh=None):
             return self.with_jacobian(evaluation, slopes / 1.95)
 
-    problem = Line()
-    weight = np.diag([1 / PRIOR[name] ** 2 for name in PARAMETERS])
-    begin = problem.linearise(problem.evaluate([np.zeros(7)])[0], [])
-    state, _, converged = _descend(problem, begin, weight, "", lambda line, share: None)
-    assert converged
-    assert state.x == pytest.approx(target, abs=0.01)
+    found = fit(Line(), Start(np.zeros(7)))
+    assert found.converged
+    assert found.x == pytest.approx(target, abs=0.01)
 
 
 def test_trials_that_agree_are_not_simulated_again_for_their_clocks(measured):
@@ -454,7 +449,7 @@ def test_factors_of_a_wrong_model_are_not_refined(tmp_path, monkeypatch):
         return found, total
 
     near, few = fitted()
-    monkeypatch.setattr("studies.calibration.calibrate.expected_rms", lambda noise: 1.0)  # m: nothing is wrong
+    monkeypatch.setattr("studies.fits.expected_rms", lambda noise, tolerance: 1.0)  # m: nothing is wrong
     refined, many = fitted()
     assert near.after > 2 * 0.8e-3
     assert few < many and near.after < 1.05 * refined.after

@@ -29,13 +29,15 @@ from fabdesign.splits import fit_trials
 from fabdesign.store import Checkpoint
 from fabdesign.surface import Surface
 from fabdesign.trial_file import program_of
-from optimize.fit.descent import STEP, _updated, fit, horizons
+from optimize.fit.descent import Start, _updated, fit
 from optimize.fit.free import fit_vector
 from optimize.fit.left_out import LeftOut
 from optimize.fit.needed import NEEDED, alike, conditioned, cost, needed, undecided
 from optimize.fit.normal import _bounded_step
-from optimize.fit.problem import Evaluation, FitProblem
+from optimize.fit.policy import END, NEAR, STEP
+from optimize.fit.problem import Evaluation, FitProblem, horizons_of
 from studies.calibration.intervals import far_factors
+from studies.fits import Fits
 from studies.joint_fit import joint_fit, negligible
 from studies.measured_data import MeasuredData
 from studies.tracing.backwards import (
@@ -435,7 +437,7 @@ def late(tmp_path_factory):
     data = MeasuredData.of([measured], fit_trials(measured.trials), UsedFrames(None, 0.0), DRAWN, seed=0)
     vector = fit_vector(["all"], designs=[build("cross")])
     forward = Predictor(Curler(), Model(), sensing=True)
-    found = fit(data.samples, forward, vector=vector, accuracy=data.accuracy)
+    found = fit(Fits(forward, 0.5e-3).problem(data, vector))
     return found, data
 
 
@@ -450,7 +452,7 @@ def test_what_builds_up_over_the_session_is_seen_and_its_size_said(late):
 
     place = plain.session[:, 0]
     place = (place - place.mean()) / np.ptp(place)
-    moved = plain.residual + 1e-3 * basis_of(plain)[:, 0] * place[plain.found.sample]
+    moved = plain.residual + 1e-3 * basis_of(plain)[:, 0] * place[plain.misfit.sample]
     drifting = replace(plain, residual=np.where(plain.kept, moved, 0.0))
     seen = remains(drifting, data.folds)
     assert seen.follows == "order" and seen.drift == pytest.approx(1e-3, rel=0.15)
@@ -463,7 +465,8 @@ def unhurried(late):
     """The declared parameters alone, fitted to the same trials by the same weights."""
     joint, data = late
     forward = Predictor(Curler(), Model(), sensing=True)
-    return fit(data.samples, forward, vector=joint.vector.without_effects, accuracy=joint.inputs, near=True)
+    problem = FitProblem(data.samples, forward, forward, joint.vector.without_effects)
+    return fit(problem, Start(inputs=joint.inputs), NEAR)
 
 
 def test_several_effects_are_found_together_and_no_other(late):
@@ -575,7 +578,7 @@ def test_where_many_cannot_go_at_once_few_go_at_a_time_by_the_joint_fits_jacobia
     columns = len(joint.x) * len(data.trials)
     assert forward.made < 2 * columns  # not a Jacobian for each step
     # where it ends is the minimum of a fit of the same unknowns with a Jacobian of its own
-    slow = fit(data.samples, forward, vector=found.vector, accuracy=joint.inputs, start=found.x, near=True)
+    slow = fit(Fits(forward, 0.5e-3).problem(data, found.vector), Start(found.x, inputs=joint.inputs), NEAR)
     moved = np.abs(slow.x - found.x) / np.sqrt(np.diag(slow.covariance))
     assert moved.max() < 0.5
 
@@ -601,12 +604,12 @@ def test_what_cannot_go_alone_stays(late, tmp_path, monkeypatch):
 def test_a_fit_ends_where_even_its_linear_minimum_leaves_too_much(late, unhurried):
     joint, data = late
     forward = Predictor(Curler(), Model(), sensing=True)
-    vector = joint.vector.without_effects
+    problem = FitProblem(data.samples, forward, forward, joint.vector.without_effects)
     ended, gone_on = (
-        fit(data.samples, forward, vector=vector, accuracy=joint.inputs, start=0.8 * unhurried.x, hopeless=hopeless)
+        fit(problem, Start(0.8 * unhurried.x, inputs=joint.inputs), replace(END, hopeless=hopeless))
         for hopeless in (0.3 * unhurried.after, 1.2 * unhurried.after)
     )
-    assert not ended.converged and ended.iterations < gone_on.iterations
+    assert ended.ended == "hopeless" and ended.iterations < gone_on.iterations
     assert gone_on.after < ended.after
 
 
@@ -614,12 +617,14 @@ def test_a_fit_whose_first_horizon_leaves_too_much_goes_to_all_frames_at_once(la
     joint, data = late
     forward, said = Predictor(Curler(), Model(), sensing=True), []
     ended = fit(
-        data.samples, forward, vector=joint.vector.without_effects, accuracy=joint.inputs,
-        hopeless=0.3 * unhurried.after, progress=lambda line, share: said.append(line),
+        FitProblem(data.samples, forward, forward, joint.vector.without_effects), Start(inputs=joint.inputs),
+        replace(END, hopeless=0.3 * unhurried.after), progress=lambda line, share: said.append(line),
     )  # fmt: skip
-    assert not ended.converged and ended.iterations == len(said)
-    assert {line.partition(",")[0] for line in said} == {"to 0.5 s"} != {f"to {h:g} s" for h in horizons(data.samples)}
-    assert len(ended.state.found.residual) == len(unhurried.state.found.residual)
+    assert ended.ended == "hopeless" and ended.iterations == len(said)
+    assert (
+        {line.partition(",")[0] for line in said} == {"to 0.5 s"} != {f"to {h:g} s" for h in horizons_of(data.samples)}
+    )
+    assert len(ended.state.misfit.residual) == len(unhurried.state.misfit.residual)
     assert ended.before == pytest.approx(unhurried.before) and ended.after > 0.9 * unhurried.after
 
 
@@ -692,17 +697,15 @@ def test_what_lay_aside_is_asked_for_again_at_the_end(late, monkeypatch):
     joint, data = late
     forward, asked = Counting(Curler(), Model(), sensing=True), []
 
-    def fitted(data, vector, start, /, *, named, expected, jacobian=None, **_):
-        made, before = forward.made, len(asked)
-        found = fit(
-            data.samples, forward, vector=vector, accuracy=data.weighed, start=start, near=True, jacobian=jacobian
-        )
-        assert len(asked) == before
-        asked.append((named, vector.labels, forward.made - made, jacobian))
-        return found
+    class Asked(Fits):
+        def fit(self, problem, start, policy, named=""):
+            made = forward.made
+            found = super().fit(problem, start, policy, named)
+            asked.append((named, problem.vector.labels, forward.made - made, start.jacobian))
+            return found
 
     monkeypatch.setattr("studies.joint_fit.negligible", lambda early, tolerance: frozenset(["supply_droop"]))
-    found = joint_fit(data, joint.vector, joint.vector.start, 0.5e-3, fitted)
+    found = joint_fit(data, joint.vector, joint.vector.start, Asked(forward, 0.5e-3))
     *_, (_, without, _, _), (named, labels, _, jacobian) = asked
     assert named == "at last" and labels == joint.vector.labels and "supply_droop" not in without
     missing = np.flatnonzero(np.isnan(jacobian).all(axis=0))
@@ -723,15 +726,17 @@ def test_a_joint_fit_that_leaves_too_much_begins_again_where_the_factors_alone_l
     asked = []
     monkeypatch.setattr("studies.joint_fit.negligible", lambda early, tolerance: frozenset())
 
-    def fitted(data, vector, start, /, *, named, expected, horizon, **_):
-        asked.append((named, len(start), float(np.abs(start[len(vector.without_effects.parameters) :]).sum())))
-        x = np.full(len(vector.parameters), 0.01)
-        left = 9e-3 if named == bad else 0.5e-3
-        return replace(joint, vector=vector, x=x, after=left) if vector.terms else SimpleNamespace(x=x)
+    class Asked(Fits):
+        def fit(self, problem, start, policy, named=""):
+            vector, effects = problem.vector, len(problem.vector.without_effects.parameters)
+            asked.append((named, len(start.x), float(np.abs(start.x[effects:]).sum())))
+            x = np.full(len(vector.parameters), 0.01)
+            left = 9e-3 if named == bad else 0.5e-3
+            return replace(joint, vector=vector, x=x, after=left) if vector.terms else SimpleNamespace(x=x)
 
     few = data.until(1.0)
-    assert horizons(few.samples) == [0.5, 1.0]
-    found = joint_fit(few, joint.vector, joint.vector.start, 0.5e-3, fitted, patient=patient)
+    assert horizons_of(few.samples) == [0.5, 1.0]
+    found = joint_fit(few, joint.vector, joint.vector.start, Asked(None, 0.5e-3, patient=patient))
     told = [named for named, *_ in asked]
     first, again = "to 0.5 s", ["factors to 0.5 s", "from factors to 0.5 s"]
     if bad == first:
@@ -773,7 +778,7 @@ def test_a_model_with_another_effect_instead_is_where_the_residuals_are_least(la
     prior = np.concatenate([found.vector.prior[kept], joint.vector.prior[other]])
     x = np.concatenate([found.x[kept], np.zeros(len(other))])
     precise = found.normal.tempering * _precision(found)
-    residual = found.state.found.residual - found.state.jacobian[:, part] @ found.x[part]
+    residual = found.state.misfit.residual - found.state.jacobian[:, part] @ found.x[part]
     slope = jacobian.T @ precise @ residual + x / prior**2
     least = x - np.linalg.solve(jacobian.T @ precise @ jacobian + np.diag(1 / prior**2), slope)
     np.testing.assert_allclose(explanation.x, explanation.vector.inside(least), atol=1e-3 * np.abs(least).max())
@@ -801,9 +806,9 @@ def test_a_column_of_a_decoy_is_what_another_trials_motion_does_at_this_ones_poi
         [problem.forward.motions([joint.vector.case(s.trial, x)], [s.times])[0] for s in data.samples]
         for x in (joint.x + step, joint.x)
     )
-    rows = np.flatnonzero(joint.state.found.sample == 0)
+    rows = np.flatnonzero(joint.state.misfit.sample == 0)
     change = _middle(moved[1].astype(float)) - _middle(still[1].astype(float))
-    match, side = joint.state.found, 41
+    match, side = joint.state.misfit, 41
     for row in rows[::40]:
         corners = match.vertex[row] % (side * side)
         at = match.weights[row] @ change[match.frame[row]][corners]
@@ -888,10 +893,10 @@ def test_trials_left_out_are_predicted_from_the_others(late):
     off = found.vector.part("supply_droop")
     scored = left.scored(off)
     free = np.setdiff1d(np.arange(len(found.x)), off)
-    sample, jacobian = found.state.found.sample, found.state.jacobian
+    sample, jacobian = found.state.misfit.sample, found.state.jacobian
     back = np.zeros(len(found.x))
     back[off] = -found.x[off]
-    residual = found.state.found.residual + jacobian @ back
+    residual = found.state.misfit.residual + jacobian @ back
     precise = found.normal.tempering * _precision(found)
     for out in range(len(data.samples)):
         rows = sample != out
@@ -943,10 +948,10 @@ def test_a_gain_up_and_every_channel_down_as_much_is_left_to_the_priors(monkeypa
     rng = np.random.default_rng(0)
     residual, slopes = rng.normal(size=30), rng.normal(size=(30, len(x)))  # these are noise
     monkeypatch.setattr(FitProblem, "changes", lambda self, evaluation, rows: slopes)
-    at = Evaluation(x, [], SimpleNamespace(residual=residual, loss=SimpleNamespace(cap=99.0)))
+    at = Evaluation(x, SimpleNamespace(residual=residual, loss=SimpleNamespace(cap=99.0)), [])
     state = problem.linearise(at, np.eye(len(x)))
-    there = Evaluation(x + rng.normal(size=len(x)), [], SimpleNamespace(residual=rng.normal(size=30)))
+    there = Evaluation(x + rng.normal(size=len(x)), SimpleNamespace(residual=rng.normal(size=30)), [])
     updated = _updated(problem, state, there)
     np.testing.assert_allclose(state.jacobian @ idle, 0.0, atol=1e-12)
     np.testing.assert_allclose(updated @ idle, 0.0, atol=1e-12)
-    np.testing.assert_allclose(updated @ (there.x - x), there.found.residual - residual)  # Broyden's secant
+    np.testing.assert_allclose(updated @ (there.x - x), there.misfit.residual - residual)  # Broyden's secant

@@ -16,7 +16,7 @@ from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.forward import MUSCLE_TYPES, PARAMETERS, Term
 from fabdesign.model import EffectTerm, Quantity
-from optimize.fit.descent import fit_bench
+from optimize.fit.descent import fit
 from optimize.fit.free import fit_vector
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import BenchProblem
@@ -67,9 +67,8 @@ def fit_effects(
     def left(x: Array) -> Array:
         return spans.left(rows_of(vector.terms_at(vector.inside(x))), acting)
 
-    fitted = fit_bench(
-        BenchProblem(left, np.zeros_like(plain.block), plain.block, vector), lambda _, share: told(share)
-    )
+    problem = BenchProblem(left, np.zeros_like(plain.block), plain.block, vector)
+    fitted = fit(problem, progress=lambda _, share: told(share))
     deviation = np.sqrt(np.diag(fitted.covariance))
     terms = vector.terms_at(fitted.x)
     quantities = {

@@ -1,9 +1,7 @@
 """Calibration: factors on the declared values from measured clouds, with intervals."""
 
-from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,16 +17,18 @@ from fabdesign.store import Checkpoint
 from fabdesign.tabled import OfModel
 from fabdesign.trial import MeasurementSet
 from fabdesign.units import in_mm
-from optimize.fit.clouds import Array, Sample, evenly
-from optimize.fit.descent import Progress, fit, parts
-from optimize.fit.fitted import Fit, capped, kept
+from optimize.fit.clouds import Sample, evenly
+from optimize.fit.descent import Interrupted, Progress, Start
+from optimize.fit.fitted import Fit
+from optimize.fit.misfit import Array
 from optimize.fit.parameters import DECLARED, FitVector
-from optimize.fit.problem import FitProblem
+from optimize.fit.policy import NEAR, Policy, Stage, to_the_end
 from studies.bad_data import Tolerance
 from studies.calibration.ambiguities import ambiguities
 from studies.calibration.fitted_model import fitted_model
-from studies.calibration.intervals import EXCESS, excess, expected_rms, far_factors, interval_warnings, with_engines
+from studies.calibration.intervals import EXCESS, excess, far_factors, interval_warnings, with_engines
 from studies.calibration.trial_checks import DISAGREE, implausible
+from studies.fits import Fits
 from studies.intervals.calibrate import chosen as chosen_trials
 from studies.intervals.calibrate import spread_json, with_spread
 from studies.joint_fit import joint_fit
@@ -41,7 +41,9 @@ TRIALS = 16  # fitted at most without effects, spread over those allowed
 MOST_TRIALS = 48  # with effects, whose last fit takes 10 CPU s a trial; never more than half of those allowed over 32
 DRAWN = Density(until=1.5, frames=30, points=300)
 _MANY = 20  # unknowns, of which last steps gain less than the noise of their differences promises, at minutes each
-_CLOSE = 0.1  # of log likelihood, an unknown: a step that promises less, under half a standard deviation, is the last
+_CLOSE = Stage(slight=0.01, least_each=0.1)  # of log likelihood: under half a standard deviation
+_FEW_UNKNOWNS = to_the_end("calibration", _CLOSE)
+_MANY_UNKNOWNS = replace(NEAR, finer=replace(NEAR.finer, least=0.0, least_share=0.0, least_each=_CLOSE.least_each))
 _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
 
 
@@ -149,7 +151,8 @@ def calibrate(
     slopes = slopes and Predictor(slopes, sensing=True)
     if vector.terms:  # factors alone go by horizons
         data = with_shapes_at_rest(data, allowed)
-    fitted = _fit(data, forward, slopes, vector, progress, interruptible, checkpoint)
+    fits = Fits(forward, EXCESS, slopes, checkpoint, lambda named, vector: progress, last=_last)
+    fitted = _fit(data, fits, vector, interruptible=interruptible)
     if lines := {} if fitted.interrupted else _implausible(fitted, data.samples, forward):
         tolerance = Tolerance(skip_bad, [*skipped])
         for line in lines.values():
@@ -158,7 +161,7 @@ def calibrate(
         data = data.without(lines)
         if not data.samples:
             raise InputError(f"{', '.join(s.name for s in sets)}: no trial to fit is left; the first: {skipped[0]}")
-        fitted = _fit(data, forward, slopes, vector, progress, interruptible, checkpoint)
+        fitted = _fit(data, fits, vector, interruptible=interruptible)
     covariance = with_engines(fitted, engines)
     deviation = np.sqrt(np.diag(covariance))
     why = [*interval_warnings(fitted.after, fitted.outlying, data.noise), *far_factors(fitted)]
@@ -185,6 +188,11 @@ def calibrate(
         data=data,
         intervals=said,
     )
+
+
+def _last(vector: FitVector) -> Policy:
+    """Return how the last fit of a vector goes."""
+    return _MANY_UNKNOWNS if len(vector.parameters) > _MANY else _FEW_UNKNOWNS
 
 
 def most_trials(allowed: int, *, effects: bool) -> int:
@@ -223,92 +231,52 @@ def _searching(progress: Progress) -> Callable[[int, int], None]:
     return lambda done, total: progress(f"sensitive stretches: {done} of {total} motions", 0.0)
 
 
-def _fit(
-    data: MeasuredData,
-    forward: ForwardModel,
-    slopes: ForwardModel | None,
-    vector: FitVector,
-    progress: Progress,
-    interruptible: bool,
-    checkpoint: Checkpoint | None,
-) -> Fit:
+def _fit(data: MeasuredData, fits: Fits, vector: FitVector, *, interruptible: bool) -> Fit:
     """With effects, from the data sheet too: where the fit without them, of TRIALS, ends may be far off, in a false
     minimum. Where that is interrupted, the better of both is kept."""
-    reached: deque[Callable[[], Fit]] = deque(maxlen=1)  # makes the fit that ends where this one stands
     plain: Fit | None = None
-    early, late = parts(progress, _WITHOUT_EFFECTS)
-
-    def fitted(
-        seen: MeasuredData,
-        own: FitVector,
-        start: Array | None,
-        /,
-        *,
-        named: str = "",
-        horizon: float | None = None,
-        expected: float,
-        progress: Progress,
-        jacobian: Array | None = None,
-        of: str = "effects",
-    ) -> Fit:
-        engine = forward if horizon is None or slopes is None else slopes
-
-        def compute() -> Fit:
-            reached.clear()
-            return fit(
-                seen.samples,
-                engine,
-                slopes=slopes,
-                vector=own,
-                accuracy=seen.weighed,
-                start=start,
-                close=_CLOSE * len(own.parameters),
-                near=horizon is not None or len(own.parameters) > _MANY,
-                jacobian=jacobian,
-                expected=expected,
-                progress=progress,
-                reached=reached.append,
-            )
-
-        if checkpoint is None:
-            return compute()
-        problem = FitProblem(seen.samples, engine, slopes or engine, own)
-        return kept(checkpoint, f"{of} of {len(data.trials)} trials {named}", problem, compute)
-
-    def left(plain: Fit, x: Array, seen: float) -> float:
-        """m RMS, capped, of all trials at x (p,). seen: of those that `plain` was fitted to."""
-        if len(plain.by_trial) == len(data.trials):
-            return seen
-        return capped(FitProblem(data.samples, forward, forward, plain.vector).evaluate([x])[0].found.residual)
-
-    def beside(plain: Fit, found: Fit) -> Fit:
-        return replace(found, before=left(plain, plain.vector.start, plain.before), without_effects=plain)
-
+    fits = replace(fits, named=f"effects of {len(data.trials)} trials")
     try:
         if not vector.terms:
-            return fitted(data, vector, None, expected=expected_rms(data.noise), progress=progress)
-        factors = vector.without_effects
-        alone = partial(fitted, of="factors")
+            return fits.fit(fits.problem(data, vector), Start(), _last(vector))
+        factors, early = vector.without_effects, fits.within(0.0, _WITHOUT_EFFECTS)
         few = data.only(evenly(len(data.trials), TRIALS).tolist())
-        engine = slopes or forward
-        rested = [fit_at_rest(data, engine, own, checkpoint=checkpoint, progress=early) for own in (factors, vector)]
-        plain = joint_fit(
-            few, factors, factors.start, EXCESS, alone, lambda line, share: early(f"no effects, {line}", share),
-            at_rest=rested[0],
-        )  # fmt: skip
-        found = joint_fit(data, vector, vector.start, EXCESS, fitted, late, at_rest=rested[1])
-        return beside(plain, found)
-    except KeyboardInterrupt:
-        if not (interruptible and (reached or plain)):
+        rested = [fit_at_rest(data, early, own) for own in (factors, vector)]
+        alone = replace(early, named=f"factors of {len(data.trials)} trials", told=_before("no effects", early))
+        plain = joint_fit(few, factors, factors.start, alone, rested[0])
+        fitted = joint_fit(data, vector, vector.start, fits.within(_WITHOUT_EFFECTS, 1.0), rested[1])
+    except KeyboardInterrupt as stop:
+        reached = stop.fit() if interruptible and isinstance(stop, Interrupted) else None
+        if not interruptible or (reached is None and plain is None):
             raise
-        there = [replace(make(), interrupted=True) for make in reached]
         if plain is None:
-            return there[0]
-        points = sum(len(cloud) for sample in data.samples for cloud in sample.clouds)
-        at_last = [found for found in there if len(found.state.found.residual) == points]  # horizons have fewer
-        if at_last and at_last[0].after < left(plain, plain.x, plain.after):
-            return beside(plain, at_last[0])
-        return replace(plain, interrupted=True)
+            assert reached is not None
+            return reached
+        points = sum(len(cloud) for sample in data.samples for cloud in sample.clouds)  # horizons have fewer
+        if reached is None or len(reached.state.misfit.residual) < points:
+            return replace(plain, ended="interrupted")
+        if reached.after >= _remaining(data, fits, plain, plain.x, plain.after):
+            return replace(plain, ended="interrupted")
+        fitted = reached
+    before = _remaining(data, fits, plain, plain.vector.start, plain.before)
+    return replace(fitted, before=before, without_effects=plain)
+
+
+def _remaining(data: MeasuredData, fits: Fits, plain: Fit, x: Array, known: float) -> float:
+    """m RMS, capped, of all trials at x (p,). known: of those that `plain` was fitted to."""
+    if len(plain.by_trial) == len(data.trials):
+        return known
+    return replace(fits, slopes=None).problem(data, plain.vector).evaluate([x])[0].misfit.rms
+
+
+def _before(words: str, fits: Fits) -> Callable[[str, FitVector], Progress]:
+    """Return what is told of fits, with words before it."""
+
+    def told(named: str, vector: FitVector) -> Progress:
+        progress = fits.told(named, vector)
+        return lambda line, share: progress(f"{words}, {line}", share)
+
+    return told
 
 
 def _implausible(fit: Fit, samples: Sequence[Sample], forward: ForwardModel) -> dict[int, str]:

@@ -9,9 +9,9 @@ from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import label_effect
 from fabdesign.metrics import over
 from fabdesign.units import in_mm
-from optimize.fit.clouds import Indices
 from optimize.fit.fitted import Fit
 from optimize.fit.left_out import Gain, LeftOut
+from optimize.fit.misfit import Indices
 from optimize.fit.needed import NEEDED, cheapest_first, conditioned, cost, needed
 from optimize.fit.parameters import FitVector
 from studies.tracing.decoys import Decoys, decoys_beside

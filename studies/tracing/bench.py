@@ -17,9 +17,10 @@ from fabdesign.json_file import write_json
 from fabdesign.model import EffectTerm, Model, Provenance, Quantity
 from fabdesign.model_file import write_model
 from fabdesign.output import new_folder, write_text
-from optimize.fit.clouds import Array, Indices, evenly
+from optimize.fit.clouds import evenly
 from optimize.fit.descent import Progress, parts
 from optimize.fit.left_out import Scored
+from optimize.fit.misfit import Array, Indices
 from studies.benches.noise import noise_of
 from studies.benches.records import output_of, require_columns, unit_of
 from studies.calibration.fitted_model import QUANTILE
@@ -83,7 +84,7 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
     second(f"{len(task.effects)} effects together on {len(records)} records", 0.0)
     none, chosen = task.fit(), select(task)
     refitted = _with_law(bench, records, task, chosen, signals, rows, told=partial(third, "law and effects in turn"))
-    left = refitted.fit.state.found.residual
+    left = refitted.fit.state.misfit.residual
     box = _baseline(signals, rows, record, residual)
     beside = _baseline(signals, rows, record, left) if chosen.places else box
     evidence = Evidence(

@@ -7,7 +7,7 @@ import numpy as np
 
 from fabdesign.bench import BenchRecord, Specimen
 from fabdesign.units import in_kpa
-from optimize.fit.clouds import Array
+from optimize.fit.misfit import Array
 from studies.benches.cylinder import friction_state
 
 PATHS = {

@@ -11,9 +11,9 @@ import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.forward import Term
-from optimize.fit.clouds import Array, Indices
 from optimize.fit.fitted import Fit, concluded
 from optimize.fit.left_out import Gain, LeftOut, Scored
+from optimize.fit.misfit import Array, Indices
 from optimize.fit.needed import NEEDED, conditioned, eliminated
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.problem import BenchProblem
@@ -46,7 +46,7 @@ class JointFit:
 
     @cached_property
     def left_out(self) -> LeftOut:
-        return LeftOut.of(self.fit, range(int(self.fit.state.found.sample.max()) + 1))
+        return LeftOut.of(self.fit, range(int(self.fit.state.misfit.sample.max()) + 1))
 
     @cached_property
     def scored(self) -> Scored:
@@ -93,7 +93,7 @@ class BenchTask:
         x, before = vector.start, float(np.sqrt(np.mean(self.residual**2)))
         for _ in range(2):
             state = problem.with_jacobian(problem.evaluate([x])[0], columns)
-            fitted = concluded(problem, state, None, before, 1, True)
+            fitted = concluded(problem, state, None, before, 1, "converged")
             x = fitted.minimum
         return JointFit(tuple(places), fitted)
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from fabdesign.bench import Bench, BenchRecord
-from optimize.fit.clouds import Array
+from optimize.fit.misfit import Array
 from studies.benches.actuator import Hold, StaticCurve, hold_of
 from studies.benches.muscle import BenchMuscle
 from studies.benches.records import output_of

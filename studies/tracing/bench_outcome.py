@@ -10,7 +10,7 @@ from fabdesign.bench import Bench
 from fabdesign.json_file import plain
 from fabdesign.model import EffectTerm
 from fabdesign.tabled import Columns, Tabled
-from optimize.fit.clouds import Array
+from optimize.fit.misfit import Array
 from studies.benches.noise import BenchNoise
 from studies.tracing.bench_fit import BenchCandidate
 from studies.tracing.verdict import STRUCTURE, Evidence, Word, effect_entry, shared_out

@@ -7,12 +7,13 @@ import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import effects_of, label_effect
+from optimize.fit.descent import Start
 from optimize.fit.free import fit_vector
 from optimize.fit.left_out import LeftOut, Scored
 from optimize.fit.needed import NEEDED, alike, does
 from optimize.fit.parameters import FitVector
 from studies.tracing.experiment import Explanation
-from studies.tracing.refits import CLOSE, Judged
+from studies.tracing.refits import SURE, Judged
 from studies.tracing.selection import Selection
 from studies.tracing.task import Task
 
@@ -67,7 +68,7 @@ def same_from_rest(task: Task, selection: Selection) -> dict[str, Explanation]:
         if other and EFFECTS[other].named and other not in taken:
             vector, kept = _in_place(chosen.vector, label, fit_vector([other], designs=task.designs), other)
             start = np.concatenate([chosen.x[kept], chosen.x[chosen.vector.part(label)]])
-            fitted = task.fit(f"{other} for {label}", vector, chosen.inputs, start, close=CLOSE)
+            fitted = task.fit(f"{other} for {label}", vector, Start(start, inputs=chosen.inputs), SURE)
             if not most.predicts_better(fitted, task.tolerance):
                 found[other] = Explanation(" and ".join(effects_of(vector.labels)), vector, fitted.x)
     return found

@@ -9,7 +9,8 @@ from fabdesign.forward import ForwardModel
 from fabdesign.metrics import Errors, statistics, trial_errors
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.trial import Trial
-from optimize.fit.clouds import Indices, evenly
+from optimize.fit.clouds import evenly
+from optimize.fit.misfit import Indices
 from studies.tracing.task import Place
 from studies.used_frames import Stretch, used_mask
 

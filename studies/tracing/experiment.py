@@ -12,7 +12,7 @@ from fabdesign.forward import Case, ForwardModel
 from fabdesign.pressure import PressureProgram, limits
 from fabdesign.rig_limits_file import USUAL_LIMITS, RigLimits
 from fabdesign.units import in_kpa, in_mm
-from optimize.fit.clouds import Array
+from optimize.fit.misfit import Array
 from optimize.fit.parameters import FitVector
 
 LEAST_DIFFERENCE = 0.3e-3  # m RMS, under which no program tells explanations apart in one trial

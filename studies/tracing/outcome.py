@@ -16,8 +16,8 @@ from fabdesign.model import EffectTerm, Model
 from fabdesign.summary import Summary
 from fabdesign.tabled import OfModel
 from fabdesign.units import in_mm
-from optimize.fit.clouds import frames_of
 from optimize.fit.fitted import Fit
+from optimize.fit.misfit import frames_of
 from optimize.fit.needed import undecided
 from studies.calibration.fitted_model import fitted_model
 from studies.calibration.intervals import far_factors, with_engines
@@ -92,7 +92,7 @@ class Outcome(OfModel):
     def share_below_tenth(self) -> float:
         """Of the frames, those that count for less than a tenth of their share."""
         state, counts = self.selection.everything.state, self.selection.everything.normal.counts
-        means = np.array([counts[points].mean() for points in frames_of(state.found)[1]])
+        means = np.array([counts[points].mean() for points in frames_of(state.misfit)[1]])
         return float(np.mean(means < _LITTLE * means.mean()))
 
     @property

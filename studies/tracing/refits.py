@@ -8,16 +8,20 @@ import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.forward import Term
-from optimize.fit.clouds import Array
+from optimize.fit.descent import Start
 from optimize.fit.fitted import Fit
 from optimize.fit.left_out import Gain, LeftOut, Scored
+from optimize.fit.misfit import Array
 from optimize.fit.needed import NEEDED, conditioned
 from optimize.fit.normal import loss
 from optimize.fit.parameters import FitParameter, FitVector
+from optimize.fit.policy import Stage, to_the_end
 from optimize.fit.problem import Evaluation, widened
 from studies.tracing.task import Place, Task
 
-CLOSE = 2.0  # of log likelihood, a quarter of what makes an effect needed: a step that promises less is the last
+# A step is the last that promises less than a quarter, in log likelihood, of what makes an effect needed.
+SURE = to_the_end("fewer effects, sure", Stage(slight=0.01, least=NEEDED / 4))
+ASKED = to_the_end("fewer effects, asked", Stage(slight=0.01, least=NEEDED / 4, sure=False))
 
 
 def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
@@ -60,7 +64,8 @@ def fit_of(
     at = [vector.names.index(name) for name in fewer.names]
     jacobian = widened(known.state.jacobian[:, index], at, len(vector.names))
     named = named or f"{' '.join(vector.labels)}{' at last' if sure else ''}"
-    return task.fit(named, vector, known.inputs, starts, close=CLOSE, hopeless=hopeless, sure=sure, jacobian=jacobian)
+    policy = replace(SURE if sure else ASKED, hopeless=hopeless)
+    return task.fit(named, vector, Start(starts, jacobian, known.inputs), policy)
 
 
 def fit_without(task: Task, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf) -> Fit:
@@ -72,7 +77,7 @@ def fit_alone(task: Task, known: Fit, plain: Fit) -> Fit:
     """Return the declared parameters' fit, from where they are by themselves or beside the effects of a fit, whichever
     is nearer: what one of their false minima leaves is nothing that an effect explains."""
     vector, starts = with_shapes(known, [])
-    return task.fit("plain to its end", vector, known.inputs, np.array([plain.minimum, *starts]))
+    return task.fit("plain to its end", vector, Start(np.array([plain.minimum, *starts]), inputs=known.inputs))
 
 
 def _chosen_only(term: Term) -> Term:
@@ -136,8 +141,8 @@ def _lost(task: Task, known: Fit, other: Fit) -> float:
         label, dot, key = name.rpartition(".")
         if (place := places.get(f"{labels.get(label, label)}{dot}{key}")) is not None:
             x[place] = value
-    there = Evaluation(x, other.state.sheets, other.state.found)
-    return loss(task.data.samples, known.state, there, known.normal, np.diag(1 / known.vector.prior**2), known.inputs)
+    there = Evaluation(x, other.state.misfit, other.state.sheets)
+    return loss(known.state, there, known.normal, known.vector, known.inputs)
 
 
 def _label_in(vector: FitVector, term: Term) -> str:

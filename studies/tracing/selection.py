@@ -5,20 +5,20 @@ Around the false minimum that a fit without them goes to the wrong names come fi
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
-from optimize.fit.clouds import Array
+from optimize.fit.descent import Start
 from optimize.fit.fitted import Fit
 from optimize.fit.free import fit_vector
 from optimize.fit.left_out import Gain, LeftOut
 from optimize.fit.needed import NEEDED, needed
 from optimize.fit.parameters import FitVector
+from optimize.fit.policy import NEAR
 from optimize.fit.problem import widened
 from studies.calibration.intervals import expected_rms
 from studies.joint_fit import beside, joint_fit
-from studies.measured_data import MeasuredData
 from studies.rest_fit import fit_at_rest
 from studies.tracing.backwards import backwards, gains_of, is_cause, parts_of, sparse
 from studies.tracing.decoys import Decoys
@@ -74,34 +74,18 @@ def select(task: Task) -> Selection:
     every = fit_vector(["all"], factors=task.factors, designs=task.designs)
     vector = without(every, task.known)
     hopeless = expected_rms(task.data.noise, HOPELESS * task.tolerance)
-    at_rest = partial(
-        fit_at_rest, task.data, task.forward, checkpoint=task.checkpoint, progress=lambda line, _: task.say(line)
-    )
-    factors = at_rest(vector.without_effects)
-    start = None if factors is None else factors.x
-    plain = task.fit("plain", vector.without_effects, start=start, near=True, hopeless=hopeless)
+    factors = fit_at_rest(task.data, task.fits, vector.without_effects)
+    begin = Start(None if factors is None else factors.x)
+    plain = task.fit("plain", vector.without_effects, begin, replace(NEAR, hopeless=hopeless))
     excess = _excess(task, plain)
     plausible = plain.vector.is_plausible(plain.x)
     if excess <= task.tolerance and plausible:
         task.say(so_far(()))
-        return _adequate(task, vector, task.fit("plain to its end", plain.vector, plain.inputs, plain.minimum))
+        begin = Start(plain.minimum, inputs=plain.inputs)
+        return _adequate(task, vector, task.fit("plain to its end", plain.vector, begin))
     start = beside(vector, plain.x) if excess <= SLIGHT * task.tolerance and plausible else vector.start
-
-    def fitted(
-        data: MeasuredData,
-        own: FitVector,
-        start: Array,
-        *,
-        named: str,
-        expected: float,
-        jacobian: Array | None = None,
-        **_: object,
-    ) -> Fit:
-        named = f"every effect {named}".strip()
-        return replace(task, data=data).fit(named, own, start=start, near=True, expected=expected, jacobian=jacobian)
-
-    rested = at_rest(vector)
-    everything = joint_fit(task.data, vector, start, task.tolerance, fitted, patient=True, at_rest=rested)
+    rested = fit_at_rest(task.data, task.fits, vector)
+    everything = joint_fit(task.data, vector, start, replace(task.fits, named="every effect"), rested)
     if rested is not None:  # what the shapes do not need may be what motions do
         everything = _with_all(task, vector, everything)
     task.say(so_far(needed(everything.minimum, everything.covariance, everything.vector, NEEDED)))
@@ -116,7 +100,7 @@ def _with_all(task: Task, vector: FitVector, joint: Fit) -> Fit:
     x = np.zeros(len(vector.parameters))
     x[at] = joint.x
     jacobian = widened(joint.state.jacobian, at, len(x))
-    return task.linearised("every effect beside them", vector, x, joint.inputs, jacobian)
+    return task.linearised("every effect beside them", vector, Start(x, jacobian, joint.inputs))
 
 
 def _excess(task: Task, fitted: Fit) -> float:
@@ -127,7 +111,9 @@ def _excess(task: Task, fitted: Fit) -> float:
 
 def _adequate(task: Task, vector: FitVector, plain: Fit) -> Selection:
     """What the declared parameters explain: effects take part to first order."""
-    everything = task.linearised("every effect beside them", vector, beside(vector, plain.x), plain.inputs)
+    everything = task.linearised(
+        "every effect beside them", vector, Start(beside(vector, plain.x), inputs=plain.inputs)
+    )
     small = sparse(everything, needed(everything.minimum, everything.covariance, vector, NEEDED))
     return Selection(everything, plain, plain, task.data.folds, task.floor, tuple(small))
 
