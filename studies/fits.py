@@ -5,15 +5,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fabdesign.forward import ForwardModel
-from fabdesign.store import Checkpoint
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.runtime.store import Checkpoint
 from optimize.fit.descent import Progress, Start, fit, parts, silent
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitVector
 from optimize.fit.policy import NEAR, Policy
 from optimize.fit.problem import FitProblem
 from studies.calibration.intervals import expected_rms
-from studies.measured_data import MeasuredData
+from studies.measured.fit_data import MeasuredData
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.forward import SIDE
-from fabdesign.surface import Surface
-from fabdesign.trial import Trial
-from fabdesign.trial_file import TrialData
+from fabdesign.files.trial_file import TrialData
+from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.forward import SIDE
+from fabdesign.nouns.trial import Trial
 from optimize.fit.misfit import Array, Indices, Misfit
 
 Motion = NDArray[np.floating[Any]]

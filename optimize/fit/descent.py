@@ -7,15 +7,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from fabdesign.store import Checkpoint
+from fabdesign.runtime.store import Checkpoint
 from fabdesign.units import in_mm
 from optimize.fit.fitted import Ending, Fit, concluded, kept
 from optimize.fit.misfit import Array, Indices
-from optimize.fit.needed import needed
 from optimize.fit.normal import LARGEST, Normal, directions, loss, step_to_minimum
 from optimize.fit.parameters import FitVector
 from optimize.fit.policy import DAMPING, END, ITERATIONS, LITTLE, PROMISED, STEP, UNSURE, WRONG, Policy, Stage
 from optimize.fit.problem import Evaluation, InputErrors, Linearisation, Problem
+from optimize.fit.significance import needed
 
 Progress = Callable[[str, float], None]  # what is done, and about what share of it all
 

@@ -6,7 +6,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from fabdesign.store import Arrays, Checkpoint
+from fabdesign.runtime.store import Arrays, Checkpoint
 from optimize.fit.clouds import Sample
 from optimize.fit.misfit import Array, Misfit, capped, frames_of
 from optimize.fit.normal import Normal, scatter, step_to_minimum

@@ -5,7 +5,7 @@ from dataclasses import KW_ONLY, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.surface import CAP
+from fabdesign.geometry.surface import CAP
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

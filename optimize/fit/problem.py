@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from fabdesign.forward import Case, ForwardModel, Term
-from fabdesign.sheet import Sheet, sheets_of
-from fabdesign.trial import Accuracy, Trial
+from fabdesign.geometry.sheet import Sheet, sheets_of
+from fabdesign.nouns.forward import Case, ForwardModel, Term
+from fabdesign.nouns.trial import Accuracy, Trial
 from optimize.fit.clouds import BLOCK, Match, Motion, Sample, cut, derivatives, match, nodes_of
 from optimize.fit.misfit import ROWS, Array, Indices, Misfit, frames_of
 from optimize.fit.parameters import DECLARED, FitVector

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.pressure import PressureProgram
-from optimize.fit.left_out import Scored
+from fabdesign.nouns.pressure import PressureProgram
+from optimize.fit.cross_validation import Scored
 from optimize.fit.misfit import Array, Indices, frames_of
 from studies.tracing.residuals import Residuals
 

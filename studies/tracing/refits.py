@@ -7,16 +7,16 @@ from functools import cached_property
 import numpy as np
 
 from fabdesign.effects import EFFECTS
-from fabdesign.forward import Term
+from fabdesign.nouns.forward import Term
+from optimize.fit.cross_validation import Gain, LeftOut, Scored
 from optimize.fit.descent import Start
 from optimize.fit.fitted import Fit
-from optimize.fit.left_out import Gain, LeftOut, Scored
 from optimize.fit.misfit import Array
-from optimize.fit.needed import NEEDED, conditioned
 from optimize.fit.normal import loss
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.policy import Stage, to_the_end
 from optimize.fit.problem import Evaluation, widened
+from optimize.fit.significance import NEEDED, conditioned
 from studies.tracing.task import Place, Task
 
 # A step is the last that promises less than a quarter, in log likelihood, of what makes an effect needed.
