@@ -231,7 +231,7 @@ def test_effects_that_are_nothing_early_on_come_out_as_nothing_in_the_end(measur
         parts.append(problem.vector.labels)
         return fit(problem, *arguments, **options)
 
-    monkeypatch.setattr("studies.fits.fit", fit_seen)
+    monkeypatch.setattr("studies.calibration.fits.fit", fit_seen)
     found = calibrate(
         exact(measured),
         Curler(),
@@ -449,7 +449,7 @@ def test_factors_of_a_wrong_model_are_not_refined(tmp_path, monkeypatch):
         return found, total
 
     near, few = fitted()
-    monkeypatch.setattr("studies.fits.expected_rms", lambda noise, tolerance: 1.0)  # m: nothing is wrong
+    monkeypatch.setattr("studies.calibration.fits.expected_rms", lambda noise, tolerance: 1.0)  # m: nothing is wrong
     refined, many = fitted()
     assert near.after > 2 * 0.8e-3
     assert few < many and near.after < 1.05 * refined.after

@@ -35,32 +35,24 @@ from optimize.fit.normal import _bounded_step
 from optimize.fit.policy import END, NEAR, STEP
 from optimize.fit.problem import Evaluation, FitProblem, horizons_of
 from optimize.fit.significance import NEEDED, alike, conditioned, cost, needed, undecided
+from studies.calibration.fits import Fits
 from studies.calibration.intervals import far_factors
 from studies.calibration.joint_fit import joint_fit, negligible
-from studies.fits import Fits
 from studies.measured.fit_data import MeasuredData
 from studies.measured.splits import fit_trials
 from studies.measured.used_frames import UsedFrames
-from studies.tracing.backward_elimination import (
-    CAUSE,
-    _enough,
-    backwards,
-    gains_of,
-    parts_of,
-    sparse,
-    strength,
-    worth,
-)
 from studies.tracing.black_box import baseline_score, basis_of
 from studies.tracing.candidates import candidates_of
 from studies.tracing.decoys import decoy_columns, decoys_beside, turned
 from studies.tracing.experiment import programs
+from studies.tracing.judged import CAUSE, Judged, strength
 from studies.tracing.reduction import begin_without, reduced
-from studies.tracing.refits import Judged, _label_in, fit_alone
+from studies.tracing.refits import SetRefits, _label_in
 from studies.tracing.residual_analysis import remains
 from studies.tracing.residuals import Residuals
+from studies.tracing.rules import Selection, loses
 from studies.tracing.run import DRAWN, trace_set
-from studies.tracing.selection import Selection
+from studies.tracing.selection import backwards, enough, sparse, worth
 from studies.tracing.statements import as_text
 from studies.tracing.surface_errors import TrialError, other_layouts
 from studies.tracing.task import Place, Task
@@ -490,8 +482,9 @@ def selected(late, unhurried, tmp_path_factory):
             data, forward, 0.5e-3, {}, known=[], checkpoint=Checkpoint(work, {}),
             say=lambda line: said.append(line.partition(",")[0]) if "unknowns" in line else None,
         )  # fmt: skip
-        plain, found, small, decoys = backwards(task, joint, unhurried)
-        assert plain is unhurried  # of several effects none goes
+        chosen = backwards(SetRefits(task), joint, unhurried)
+        found, small, decoys = chosen.chosen, chosen.small, chosen.decoys
+        assert chosen.plain is unhurried  # of several effects none goes
         beside_nothing = decoys_beside(task, unhurried, joint.vector)
     return found, small, decoys, beside_nothing, said
 
@@ -512,20 +505,20 @@ def test_an_effect_that_is_next_to_nothing_is_no_cause(selected, late, unhurried
     droop, lag = (strength(found, label) for label in ("supply_droop", "filling_lag"))
     assert droop == pytest.approx(0.15 / EFFECTS["supply_droop"].parameters["share"].deviation, rel=0.2)
     assert min(droop, lag) > CAUSE and droop != lag
-    chosen = Selection(joint, unhurried, found, data.folds, data.noise.sigma, ())
+    chosen = Selection(joint, unhurried, Judged(found, data.folds, data.noise.sigma))
     assert sorted(chosen.labels) == ["filling_lag", "supply_droop"] and not chosen.slight
     less, more = sorted(chosen.labels, key=partial(strength, found))
-    monkeypatch.setattr("studies.tracing.backward_elimination.CAUSE", (droop + lag) / 2)
+    monkeypatch.setattr("studies.tracing.judged.CAUSE", (droop + lag) / 2)
     assert (chosen.labels, chosen.slight) == ((more,), (less,))
-    monkeypatch.setattr("studies.tracing.backward_elimination.CAUSE", 2 * max(droop, lag))
+    monkeypatch.setattr("studies.tracing.judged.CAUSE", 2 * max(droop, lag))
     with work_folder(tmp_path / "out", made_by="trace") as work:
         task = Task(
             data, Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], Checkpoint(work, {}),
             say=lambda line: None,
         )  # fmt: skip
-        plain, none, small, _ = backwards(task, joint, unhurried)
-    assert none is plain and not none.vector.labels
-    assert sorted(small) == ["filling_lag", "supply_droop"]
+        none = backwards(SetRefits(task), joint, unhurried)
+    assert none.chosen is none.plain and not none.chosen.vector.labels
+    assert sorted(none.small) == ["filling_lag", "supply_droop"]
 
 
 def test_the_declared_parameters_begin_beside_the_effects_too(late, unhurried, tmp_path):
@@ -538,7 +531,7 @@ def test_the_declared_parameters_begin_beside_the_effects_too(late, unhurried, t
             say=lambda line: None,
         )  # fmt: skip
         assert task.nearest(away.vector, [away.minimum])[0] > 2 * unhurried.after
-        found = fit_alone(task, joint, away)
+        found = SetRefits(task).alone(joint, away)
     assert not found.vector.terms
     assert found.after < 1.02 * unhurried.after
 
@@ -639,7 +632,7 @@ def test_an_effect_that_is_enough_is_fitted_alone(tolerance, apart, alone, late,
             data, Predictor(Curler(), Model(), sensing=True), tolerance, {}, [], Checkpoint(work, {}),
             say=lambda line: said.append(line.partition(",")[0]),
         )  # fmt: skip
-        found = _enough(task, joint, ["supply_droop", "filling_lag"])
+        found = enough(SetRefits(task), joint, ["supply_droop", "filling_lag"])
     assert {*said} == {"filling_lag alone"}
     assert (found is not None) is alone
     assert found is None or (found.vector.labels == ("filling_lag",) and found.after < unhurried.after)
@@ -653,10 +646,11 @@ def test_other_layouts_ask_for_nothing_that_is_no_cause(selected, late, unhurrie
             late[1], Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], Checkpoint(work, {}),
             say=lambda line: None,
         )  # fmt: skip
-        most, all_of_it = Judged(task, selected[0]), 1.0  # m: trials left out lose less
-        assert most.loses(unhurried, all_of_it, cause=True)
-        assert not most.loses(unhurried, all_of_it, cause=False)
-        assert most.loses(unhurried, 0.5e-3, cause=False)  # trials left out tell
+        refits, all_of_it = SetRefits(task), 1.0  # m: trials left out lose less
+        most, simpler = (refits.judged(fit) for fit in (selected[0], unhurried))
+        assert loses(refits, most, simpler, all_of_it, cause=True)
+        assert not loses(refits, most, simpler, all_of_it, cause=False)
+        assert loses(refits, most, simpler, 0.5e-3, cause=False)  # trials left out tell
 
 
 def test_effects_that_do_the_same_in_the_joint_fit_are_alike(late):
@@ -758,7 +752,7 @@ def test_no_decoy_gains_beside_what_is_there(late, selected):
     (joint, data), (found, _, decoys, beside_nothing, _) = late, selected
     assert len(decoys.gains) == 2 * len(joint.vector.labels)
     assert decoys.taken(0.5e-3) == 0 and decoys.chance < 0.2e-3
-    lag = gains_of(parts_of(found.vector), LeftOut.of(found, data.folds), data.noise.sigma)["filling_lag"][0]
+    lag = Judged(found, data.folds, data.noise.sigma).gains["filling_lag"][0]
     # what is missing leaves structure, which decoys take less of
     assert decoys.chance < beside_nothing.chance < 0.7 * lag
 
@@ -768,7 +762,7 @@ def test_a_model_with_another_effect_instead_is_where_the_residuals_are_least(la
     (joint, data), (found, *_) = late, selected
     monkeypatch.setattr("optimize.fit.significance.ALIKE", 0.15)
     monkeypatch.setattr("studies.tracing.candidates.alike", lambda *_: [])  # where the joint fit is: above
-    selection = Selection(joint, unhurried, found, data.folds, data.noise.sigma, ())
+    selection = Selection(joint, unhurried, Judged(found, data.folds, data.noise.sigma))
     _, instead = candidates_of(selection)
     [(name, explanation)] = instead.items()  # a late clock does a fifth of what the lag does, and nothing of the droop
     assert name in ("dead_time", "time_offset")  # which of these two, the noise decides
@@ -831,7 +825,7 @@ class Stiffer(Curler):
 
 def test_an_effect_within_the_tolerance_stays_where_it_matters_to_another_layout(late, unhurried, tmp_path):
     joint, data = late
-    gains = gains_of(parts_of(joint.vector), LeftOut.of(joint, data.folds), data.noise.sigma)
+    gains = Judged(joint, data.folds, data.noise.sigma).gains
     droop, lag = (gains[label][0] for label in ("supply_droop", "filling_lag"))
     tolerance = 1.25 * droop
     assert 2 * tolerance < lag
@@ -842,7 +836,7 @@ def test_an_effect_within_the_tolerance_stays_where_it_matters_to_another_layout
             data, Predictor(Stiffer(), Model(), sensing=True), tolerance, {}, known=[],
             checkpoint=Checkpoint(work, {}), say=lambda line: None, elsewhere=[other],
         )  # fmt: skip
-        assert worth(replace(task, elsewhere=()), joint) == (["filling_lag"], ["supply_droop"])
+        assert worth(SetRefits(replace(task, elsewhere=())), joint) == (["filling_lag"], ["supply_droop"])
         _, found, small, _ = backwards(task, joint, unhurried)
     assert sorted(found.vector.labels) == ["filling_lag", "supply_droop"]
     assert not small

@@ -23,12 +23,12 @@ from optimize.fit.misfit import Array
 from optimize.fit.parameters import DECLARED, FitVector
 from optimize.fit.policy import NEAR, Policy, Stage, to_the_end
 from studies.calibration.ambiguities import ambiguities
+from studies.calibration.fits import Fits
 from studies.calibration.fitted_model import fitted_model
 from studies.calibration.intervals import EXCESS, excess, far_factors, interval_warnings, with_engines
 from studies.calibration.joint_fit import joint_fit
 from studies.calibration.rest_fit import fit_at_rest, with_shapes_at_rest
 from studies.calibration.trial_checks import DISAGREE, implausible
-from studies.fits import Fits
 from studies.intervals.calibrate import chosen as chosen_trials
 from studies.intervals.calibrate import spread_json, with_spread
 from studies.measured.bad_data import Tolerance

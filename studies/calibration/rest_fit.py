@@ -17,7 +17,7 @@ from optimize.fit.parameters import FitVector
 from optimize.fit.policy import AT_REST
 from optimize.fit.rest_detection import standing_of
 from optimize.fit.significance import conditioned
-from studies.fits import Fits
+from studies.calibration.fits import Fits
 from studies.measured.fit_data import MeasuredData
 
 TRIALS = 48  # looked at for shapes at rest, at most

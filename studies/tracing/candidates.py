@@ -13,8 +13,8 @@ from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
 from optimize.fit.significance import NEEDED, alike, does
 from studies.tracing.experiment import Explanation
-from studies.tracing.refits import SURE, Judged
-from studies.tracing.selection import Selection
+from studies.tracing.refits import SURE, SetRefits
+from studies.tracing.rules import Selection
 from studies.tracing.task import Task
 
 
@@ -62,14 +62,14 @@ def same_from_rest(task: Task, selection: Selection) -> dict[str, Explanation]:
     """By name, effects that do the same as one chosen wherever motions begin at rest, as the model with it instead:
     fitted, since Jacobians of two places tell them apart, and left out where trials left out lose by it."""
     chosen, found = selection.chosen, dict[str, Explanation]()
-    most, taken = Judged(task, chosen), {*effects_of(chosen.vector.labels), *task.known}
+    refits, taken = SetRefits(task), {*effects_of(chosen.vector.labels), *task.known}
     for label in selection.labels:
         other = EFFECTS[label_effect(label)].same_from_rest
         if other and EFFECTS[other].named and other not in taken:
             vector, kept = _in_place(chosen.vector, label, fit_vector([other], designs=task.designs), other)
             start = np.concatenate([chosen.x[kept], chosen.x[chosen.vector.part(label)]])
             fitted = task.fit(f"{other} for {label}", vector, Start(start, inputs=chosen.inputs), SURE)
-            if not most.predicts_better(fitted, task.tolerance):
+            if not selection.judged.predicts_better(refits.judged(fitted), task.tolerance):
                 found[other] = Explanation(" and ".join(effects_of(vector.labels)), vector, fitted.x)
     return found
 

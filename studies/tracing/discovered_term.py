@@ -20,7 +20,7 @@ from optimize.fit.misfit import Array
 from optimize.fit.parameters import FitVector
 from optimize.fit.policy import NEAR
 from optimize.fit.significance import NEEDED, eliminated
-from studies.tracing.selection import Selection
+from studies.tracing.rules import Selection
 from studies.tracing.task import Task
 
 SHARE = 0.5  # of the excess of trials left out, that may stay

@@ -25,7 +25,7 @@ from studies.measured.fit_data import MeasuredData
 from studies.tracing.candidates import Candidate
 from studies.tracing.discovered_term import Discovered
 from studies.tracing.residual_analysis import Remains
-from studies.tracing.selection import Selection
+from studies.tracing.rules import Selection
 from studies.tracing.surface_errors import TrialError, mean_of, other_layouts
 from studies.tracing.verdict import GROSS, Evidence, Word, effect_entry, shared_out
 

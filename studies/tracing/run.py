@@ -33,7 +33,8 @@ from studies.tracing.experiment import Explanation, next_experiment
 from studies.tracing.outcome import Outcome, model_of
 from studies.tracing.residual_analysis import remains
 from studies.tracing.residuals import Residuals
-from studies.tracing.selection import Selection, select
+from studies.tracing.rules import Selection
+from studies.tracing.selection import select
 from studies.tracing.surface_errors import errors_of_trials
 from studies.tracing.task import Place, Task
 from studies.tracing.verdict import Evidence, decide
