@@ -44,7 +44,7 @@ class BenchCalibration(Tabled):
     error_left_out: float | None  # of fitted records, each predicted from the others; None for one or two records
     error_test: float | None  # of records of role test
     error_as_fitted: float  # of the fit with all that was fitted, also what the file does not hold
-    noise: BenchNoise  # of the records fitted
+    noise: BenchNoise
     constants: Mapping[str, Quantity]
     effects: tuple[EffectTerm, ...] = ()  # fitted with the law
     speed: float | None = None  # 1/s, of a muscle's contraction in all records, where there is only one
@@ -124,7 +124,7 @@ def calibrate_bench(
         error_left_out=float(np.mean(left_out)) if left_out else None,
         error_test=_error(bench, law, tests) if tests else None,
         error_as_fitted=float(np.mean([np.sqrt(np.mean(np.square(error))) for error in plain])),
-        noise=noise_of(bench, chosen),
+        noise=noise_of(bench),
         constants=_constants(law),
         effects=effects,
         speed=only_speed(rows_of(chosen)) if bench.specimen == "muscle" else None,

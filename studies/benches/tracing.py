@@ -77,7 +77,7 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
     residual = np.concatenate([(p - m)[k] for p, m, k in zip(laws, measured, rows, strict=True)])
     record = np.repeat(np.arange(len(records)), [len(k) for k in rows])
     limit = tolerance * max(float(np.abs(m).max()) for m in measured)
-    noise = noise_of(bench, records)
+    noise = noise_of(bench)
     floor = noise.sigma
     shapes = shapes_of(bench.specimen, signals, unit_of(bench.specimen))
     tables = [_table(shape, signals, rows) for shape in shapes]

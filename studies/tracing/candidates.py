@@ -21,14 +21,20 @@ from studies.tracing.task import Task
 @dataclass(frozen=True)
 class Candidate:
     """An effect. gain: m of excess, in quadrature: of one chosen, what trials left out gain by it; of another, what
-    they would gain by it beside those chosen. detectable: the smallest value of each strength that would show."""
+    they would gain by it beside those chosen. excess, typical: m, of the model with it, in the mean and the median of
+    trials left out. detectable: the smallest value of each strength that would show."""
 
     name: str
     gain: float
     interval90: tuple[float, float]
-    excess: float  # m, of the model with it
+    excess: float
+    typical: float
     chosen: bool
     detectable: dict[str, float]
+
+    def adequate(self, tolerance: float) -> bool:
+        """Return whether the model with it leaves no more than the tolerance [m], in the mean and in the median."""
+        return max(self.excess, self.typical) <= tolerance
 
 
 def candidates_of(selection: Selection) -> tuple[tuple[Candidate, ...], dict[str, Explanation]]:
@@ -50,7 +56,7 @@ def candidates_of(selection: Selection) -> tuple[tuple[Candidate, ...], dict[str
     none = wide.scored(added)
     candidates = [_chosen(wide, none, added, label, selection) for label in chosen.vector.labels]
     candidates += [_other(wide, none, added, places[label], label, selection) for label in others]
-    candidates += _aside(selection, none.excess(selection.floor))
+    candidates += _aside(selection, _remaining(none, selection))
     best: dict[str, Candidate] = {}
     for candidate in sorted(candidates, key=lambda c: c.gain):
         best[candidate.name] = candidate
@@ -70,7 +76,9 @@ def same_from_rest(task: Task, selection: Selection) -> dict[str, Explanation]:
             start = np.concatenate([chosen.x[kept], chosen.x[chosen.vector.part(label)]])
             fitted = task.fit(f"{other} for {label}", vector, Start(start, inputs=chosen.inputs), SURE)
             if not selection.judged.predicts_better(refits.judged(fitted), task.tolerance):
-                found[other] = Explanation(" and ".join(effects_of(vector.labels)), vector, fitted.x)
+                found[other] = Explanation(
+                    " and ".join(effects_of(vector.labels)), vector, fitted.x, label_effect(label)
+                )
     return found
 
 
@@ -92,7 +100,7 @@ def _chosen(wide: LeftOut, none: Scored, added: np.ndarray, label: str, selectio
     without = wide.scored(np.concatenate([added, part]))
     gain, interval = wide.gain(without, none, selection.floor)
     return Candidate(
-        label_effect(label), gain, interval, none.excess(selection.floor), label in selection.labels,
+        label_effect(label), gain, interval, *_remaining(none, selection), label in selection.labels,
         _detectable(wide, added, part, label),
     )  # fmt: skip
 
@@ -103,13 +111,18 @@ def _other(
     beside = wide.scored(np.setdiff1d(added, own))
     gain, interval = wide.gain(none, beside, selection.floor)
     return Candidate(
-        label_effect(label), gain, interval, beside.excess(selection.floor), False,
+        label_effect(label), gain, interval, *_remaining(beside, selection), False,
         _detectable(wide, np.setdiff1d(added, own), own, label),
     )  # fmt: skip
 
 
-def _aside(selection: Selection, excess: float) -> list[Candidate]:
-    """Effects of which shapes at rest say that they are nothing. excess: m, of the model chosen."""
+def _remaining(scored: Scored, selection: Selection) -> tuple[float, float]:
+    """m of excess, in the mean and in the median of trials left out."""
+    return scored.excess(selection.floor), scored.typical(selection.floor)
+
+
+def _aside(selection: Selection, remaining: tuple[float, float]) -> list[Candidate]:
+    """Effects of which shapes at rest say that they are nothing. remaining: m, of the model chosen."""
     at_rest = selection.at_rest
     if at_rest is None:
         return []
@@ -117,7 +130,7 @@ def _aside(selection: Selection, excess: float) -> list[Candidate]:
     deviation = np.sqrt(np.diag(at_rest.covariance))
     none: tuple[float, float] = (0.0, 0.0)
     return [
-        Candidate(name, 0.0, none, excess, False, _smallest(name, deviation[at_rest.vector.part(label)]))
+        Candidate(name, 0.0, none, *remaining, False, _smallest(name, deviation[at_rest.vector.part(label)]))
         for label in at_rest.vector.labels
         if (name := label_effect(label)) not in judged
     ]
@@ -174,4 +187,4 @@ def _instead(wide: LeftOut, selection: Selection, label: str, other: str, column
     slope = wide.gradient - wide.information[:, part] @ wide.x[part]
     x = wide.x[free] - np.linalg.solve(wide.information[np.ix_(free, free)], slope[free])
     names = effects_of([*(own for own in chosen.labels if own != label), other])
-    return Explanation(" and ".join(names), vector, vector.inside(x))
+    return Explanation(" and ".join(names), vector, vector.inside(x), label_effect(label))

@@ -150,7 +150,7 @@ def _trace(
         data=data,
         forward=forward,
         candidates=candidates,
-        alike=tuple(instead),
+        alike=tuple(instead.values()),
         errors=tuple(errors),
         remains=left,
         model=model_of(
