@@ -17,7 +17,7 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import PARAMETERS, Term
 from fabdesign.nouns.trial import Accuracy
 from optimize.fit.clouds import Sample, derivatives, match, nodes_of
-from optimize.fit.descent import Start, fit
+from optimize.fit.descent import FitStart, fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.misfit import Misfit
 from optimize.fit.normal import Normal, directions
@@ -385,7 +385,7 @@ def test_slopes_that_are_too_small_by_half_do_not_keep_the_descent_from_its_end(
         def linearise(self, evaluation, along, old=None, fresh=None):
             return self.with_jacobian(evaluation, slopes / 1.95)
 
-    found = fit(Line(), Start(np.zeros(7)))
+    found = fit(Line(), FitStart(np.zeros(7)))
     assert found.converged
     assert found.x == pytest.approx(target, abs=0.01)
 

@@ -29,7 +29,7 @@ from fabdesign.output import work_folder
 from fabdesign.runtime.store import Checkpoint
 from fabdesign.study_files.rig_limits_file import RigLimits
 from optimize.fit.cross_validation import LeftOut
-from optimize.fit.descent import Start, _updated, fit
+from optimize.fit.descent import FitStart, _updated, fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.normal import _bounded_step
 from optimize.fit.policy import END, NEAR, STEP
@@ -458,7 +458,7 @@ def unhurried(late):
     joint, data = late
     forward = Predictor(Curler(), Model(), sensing=True)
     problem = FitProblem(data.samples, forward, forward, joint.vector.without_effects)
-    return fit(problem, Start(inputs=joint.inputs), NEAR)
+    return fit(problem, FitStart(inputs=joint.inputs), NEAR)
 
 
 def test_several_effects_are_found_together_and_no_other(late):
@@ -571,7 +571,7 @@ def test_where_many_cannot_go_at_once_few_go_at_a_time_by_the_joint_fits_jacobia
     columns = len(joint.x) * len(data.trials)
     assert forward.made < 2 * columns  # not a Jacobian for each step
     # where it ends is the minimum of a fit of the same unknowns with a Jacobian of its own
-    slow = fit(Fits(forward, 0.5e-3).problem(data, found.vector), Start(found.x, inputs=joint.inputs), NEAR)
+    slow = fit(Fits(forward, 0.5e-3).problem(data, found.vector), FitStart(found.x, inputs=joint.inputs), NEAR)
     moved = np.abs(slow.x - found.x) / np.sqrt(np.diag(slow.covariance))
     assert moved.max() < 0.5
 
@@ -599,7 +599,7 @@ def test_a_fit_ends_where_even_its_linear_minimum_leaves_too_much(late, unhurrie
     forward = Predictor(Curler(), Model(), sensing=True)
     problem = FitProblem(data.samples, forward, forward, joint.vector.without_effects)
     ended, gone_on = (
-        fit(problem, Start(0.8 * unhurried.x, inputs=joint.inputs), replace(END, hopeless=hopeless))
+        fit(problem, FitStart(0.8 * unhurried.x, inputs=joint.inputs), replace(END, hopeless=hopeless))
         for hopeless in (0.3 * unhurried.after, 1.2 * unhurried.after)
     )
     assert ended.ended == "hopeless" and ended.iterations < gone_on.iterations
@@ -610,7 +610,7 @@ def test_a_fit_whose_first_horizon_leaves_too_much_goes_to_all_frames_at_once(la
     joint, data = late
     forward, said = Predictor(Curler(), Model(), sensing=True), []
     ended = fit(
-        FitProblem(data.samples, forward, forward, joint.vector.without_effects), Start(inputs=joint.inputs),
+        FitProblem(data.samples, forward, forward, joint.vector.without_effects), FitStart(inputs=joint.inputs),
         replace(END, hopeless=0.3 * unhurried.after), progress=lambda line, share: said.append(line),
     )  # fmt: skip
     assert ended.ended == "hopeless" and ended.iterations == len(said)

@@ -13,7 +13,7 @@ from optimize.fit.fitted import Ending, Fit, concluded, kept
 from optimize.fit.misfit import Array, Indices
 from optimize.fit.normal import LARGEST, Normal, directions, loss, step_to_minimum
 from optimize.fit.parameters import FitVector
-from optimize.fit.policy import DAMPING, END, ITERATIONS, LITTLE, PROMISED, STEP, UNSURE, WRONG, Policy, Stage
+from optimize.fit.policy import DAMPING, END, ITERATIONS, LITTLE, PROMISED, STEP, UNSURE, WRONG, FitStage, Policy
 from optimize.fit.problem import Evaluation, InputErrors, Linearisation, Problem
 from optimize.fit.significance import needed
 
@@ -21,7 +21,7 @@ Progress = Callable[[str, float], None]  # what is done, and about what share of
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class FitStart:
     """Where a fit begins. x: (p,) or (k, p), on all rows at once, of several where the residuals are least; None: at
     the vector's start, over growing horizons. jacobian: (N, p) m, of a place near x, of which columns of NaN are made;
     the others are made again where its steps gain too little. inputs: what errors of them do on all rows, known from a
@@ -46,7 +46,7 @@ def silent(line: str, share: float) -> None:
 
 def fit(
     problem: Problem,
-    start: Start = Start(),
+    start: FitStart = FitStart(),
     policy: Policy = END,
     *,
     named: str = "",
@@ -105,7 +105,7 @@ class _Descent:
         """Return the fit that ends at a state."""
         return concluded(self.problem, state, self.inputs, self.before, iterations, ended)
 
-    def after(self, course: _Course, stage: Stage) -> _Course:
+    def after(self, course: _Course, stage: FitStage) -> _Course:
         """Return where one iteration leads.
 
         Between two Jacobians by differences stands Broyden's update (1965), which costs no motions of its own, while
@@ -160,7 +160,7 @@ class _Descent:
 class _Work:
     """A fit under way, and what makes the fit that ends where it stands."""
 
-    def __init__(self, problem: Problem, start: Start, policy: Policy) -> None:
+    def __init__(self, problem: Problem, start: FitStart, policy: Policy) -> None:
         self.problem, self.start, self.policy = problem, start, policy
         self.iterations = 0
         self.reached: Callable[[], Fit] | None = None
@@ -225,7 +225,7 @@ class _Work:
             end = replace(near, sure=end.sure)
         return self._descend(descent, _Course(state, exact=False), end, line, second)
 
-    def _descend(self, descent: _Descent, course: _Course, stage: Stage, line: str, progress: Progress) -> _Course:
+    def _descend(self, descent: _Descent, course: _Course, stage: FitStage, line: str, progress: Progress) -> _Course:
         """Return where a stage ends."""
         course, before = replace(course, complete=course.exact), self.iterations
         while course.ended is None and course.iterations < ITERATIONS:

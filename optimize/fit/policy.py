@@ -15,7 +15,7 @@ DAMPING = 0.3  # Levenberg-Marquardt's, after a step that made it worse
 
 
 @dataclass(frozen=True)
-class Stage:
+class FitStage:
     """Steps until one is slight, or gains nothing, or promises less than the largest of three gains."""
 
     slight: float  # of a logarithm: a shorter step is the last
@@ -37,21 +37,21 @@ class Policy:
     minimum of the linearised residuals, the fit ends."""
 
     name: str
-    near: Stage
-    finer: Stage
-    end: Stage | None = None
+    near: FitStage
+    finer: FitStage
+    end: FitStage | None = None
     hopeless: float = np.inf
 
 
 # What a model has not got yet may show in a few frames alone, so none counts less for being far off. A step under 3 %,
 # or one that promises under 2 % of what is left, is mended by the fit that goes on.
-_NEARLY = Stage(slight=0.03, least=3.0, least_share=0.02, far=np.inf)
+_NEARLY = FitStage(slight=0.03, least=3.0, least_share=0.02, far=np.inf)
 UNSURE = replace(_NEARLY, sure=False)
 # Values are told to 1 %; 0.007 of log likelihood is a tenth of a standard deviation.
-_PRECISE = Stage(slight=0.01, least_each=0.007)
+_PRECISE = FitStage(slight=0.01, least_each=0.007)
 
 
-def to_the_end(name: str, end: Stage) -> Policy:
+def to_the_end(name: str, end: FitStage) -> Policy:
     """Return the policy of near steps and then those of a stage, with the last word on the finer engine."""
     return Policy(name, UNSURE, replace(end, sure=False), end)
 

@@ -17,9 +17,8 @@ from optimize.fit.problem import BenchProblem
 from optimize.fit.significance import NEEDED, conditioned, eliminated
 from studies.benches.trace_candidates import Shape
 from studies.calibration.fitted_model import QUANTILE
-from studies.tracing.decoys import Decoys
 from studies.tracing.judged import Judged
-from studies.tracing.rules import ON_BENCHES, Selection, follow
+from studies.tracing.rules import ON_BENCHES, Refits, Selection, follow
 from studies.tracing.verdict import STRUCTURE
 
 _WIDE = 3.0  # prior deviation of a strength, times the one that moves the records as much as all that the law leaves
@@ -28,7 +27,7 @@ _ROUNDS = 3  # of the search for shapes
 
 
 @dataclass(frozen=True, eq=False)
-class BenchTask:
+class BenchTask(Refits):
     """residual (N,): law less measured, in the output's unit; record (N,): of which, whose rows share the error of the
     law. tables: of each shape {parameter: (N,)}, by which a unit of it changes the residual. As rules ask it
     (`rules.Refits`): a fit with fewer effects is one with their shapes searched anew."""
@@ -44,9 +43,6 @@ class BenchTask:
     def effects(self) -> list[str]:
         return list(dict.fromkeys(shape.effect for shape in self.shapes))
 
-    def say(self, line: str) -> None:
-        """Tell nobody: it takes a second."""
-
     def judged(self, fit: Fit) -> Judged:
         """Return a fit with what records left out say of it. Unknowns at their limit take no part: what they would take
         has a sign that they cannot have."""
@@ -57,26 +53,6 @@ class BenchTask:
     def without(self, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf) -> Fit:
         """Return the fit of the effects of another but `labels`."""
         return self.shaped([label for label in known.vector.labels if label not in labels]).fit
-
-    def alone(self, known: Fit, plain: Fit) -> Fit:
-        """Return the fit without effects, which has no unknowns."""
-        return plain
-
-    def sure(self, known: Fit) -> Fit:
-        """Return the fit itself: its columns do not change."""
-        return known
-
-    def decoys(self, known: Fit, everything: Fit) -> Decoys:
-        """Return none: records are not driven by one another's pressures."""
-        return Decoys((), ())
-
-    def matters_elsewhere(self, fit: Fit, dropped: Sequence[str], label: str) -> bool:
-        """Return False: a bench has no other layouts."""
-        return False
-
-    def needed_elsewhere(self, known: Fit, simpler: Fit) -> bool:
-        """Return False: a bench has no other layouts."""
-        return False
 
     def places(self, fit: Fit) -> list[int]:
         """Return which shapes the effects of a fit have."""

@@ -17,11 +17,11 @@ from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.runtime.store import Checkpoint
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Sample, evenly
-from optimize.fit.descent import Interrupted, Progress, Start
+from optimize.fit.descent import FitStart, Interrupted, Progress
 from optimize.fit.fitted import Fit
 from optimize.fit.misfit import Array
 from optimize.fit.parameters import DECLARED, FitVector
-from optimize.fit.policy import NEAR, Policy, Stage, to_the_end
+from optimize.fit.policy import NEAR, FitStage, Policy, to_the_end
 from studies.calibration.ambiguities import ambiguities
 from studies.calibration.fits import Fits
 from studies.calibration.fitted_model import fitted_model
@@ -41,7 +41,7 @@ TRIALS = 16  # fitted at most without effects, spread over those allowed
 MOST_TRIALS = 48  # with effects, whose last fit takes 10 CPU s a trial; never more than half of those allowed over 32
 DRAWN = Density(until=1.5, frames=30, points=300)
 _MANY = 20  # unknowns, of which last steps gain less than the noise of their differences promises, at minutes each
-_CLOSE = Stage(slight=0.01, least_each=0.1)  # of log likelihood: under half a standard deviation
+_CLOSE = FitStage(slight=0.01, least_each=0.1)  # of log likelihood: under half a standard deviation
 _FEW_UNKNOWNS = to_the_end("calibration", _CLOSE)
 _MANY_UNKNOWNS = replace(NEAR, finer=replace(NEAR.finer, least=0.0, least_share=0.0, least_each=_CLOSE.least_each))
 _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
@@ -238,7 +238,7 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, *, interruptible: bo
     fits = replace(fits, named=f"effects of {len(data.trials)} trials")
     try:
         if not vector.terms:
-            return fits.fit(fits.problem(data, vector), Start(), _last(vector))
+            return fits.fit(fits.problem(data, vector), FitStart(), _last(vector))
         factors, early = vector.without_effects, fits.within(0.0, _WITHOUT_EFFECTS)
         few = data.only(evenly(len(data.trials), TRIALS).tolist())
         rested = [fit_at_rest(data, early, own) for own in (factors, vector)]

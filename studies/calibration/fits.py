@@ -7,7 +7,7 @@ import numpy as np
 
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.runtime.store import Checkpoint
-from optimize.fit.descent import Progress, Start, fit, parts, silent
+from optimize.fit.descent import FitStart, Progress, fit, parts, silent
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitVector
 from optimize.fit.policy import NEAR, Policy
@@ -48,7 +48,7 @@ class Fits:
             expected = np.inf if vector.terms else expected_rms(data.noise, self.tolerance)
         return FitProblem(data.samples, self.forward, self.slopes or self.forward, vector, data.weighed, expected)
 
-    def fit(self, problem: FitProblem, start: Start, policy: Policy, named: str = "") -> Fit:
+    def fit(self, problem: FitProblem, start: FitStart, policy: Policy, named: str = "") -> Fit:
         """Return the fit of a name, kept or computed."""
         named = f"{self.named} {named}".strip()
         told = self.told(named, problem.vector)

@@ -16,7 +16,7 @@ from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import label_effect
 from fabdesign.nouns.forward import Term
 from optimize.fit.clouds import evenly
-from optimize.fit.descent import Start
+from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.misfit import Array, Indices
 from optimize.fit.parameters import FitParameter, FitVector
@@ -71,7 +71,7 @@ def joint_fit(data: MeasuredData, vector: FitVector, start: Array, fits: Fits, a
     jacobian = descent.jacobian[:, index] if len(few.trials) == len(data.trials) else None
     last = fits.within(ends[-1], 1.0)
     problem, named = last.problem(data, there, expected), f"{descent.named} at last".strip()
-    return last.fit(problem, Start(descent.x[index], jacobian), fits.last(there), named)
+    return last.fit(problem, FitStart(descent.x[index], jacobian), fits.last(there), named)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +126,7 @@ class _Stage:
     def fit(self, vector: FitVector, start: Array, named: str) -> Fit:
         """Return the fit of a vector over the horizon. named: before the horizon."""
         problem = self.fits.problem(self.data, vector, self.expected)
-        return self.fits.fit(problem, Start(start), NEAR, f"{named} to {self.horizon:g} s".strip())
+        return self.fits.fit(problem, FitStart(start), NEAR, f"{named} to {self.horizon:g} s".strip())
 
     def after(self, descent: _Descent) -> _Descent:
         """Return the descent over the horizon; what cannot matter takes no part in the next."""

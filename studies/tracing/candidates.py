@@ -8,7 +8,7 @@ import numpy as np
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import effects_of, label_effect
 from optimize.fit.cross_validation import LeftOut, Scored
-from optimize.fit.descent import Start
+from optimize.fit.descent import FitStart
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
 from optimize.fit.significance import NEEDED, alike, does
@@ -74,7 +74,7 @@ def same_from_rest(task: Task, selection: Selection) -> dict[str, Explanation]:
         if other and EFFECTS[other].named and other not in taken:
             vector, kept = _in_place(chosen.vector, label, fit_vector([other], designs=task.designs), other)
             start = np.concatenate([chosen.x[kept], chosen.x[chosen.vector.part(label)]])
-            fitted = task.fit(f"{other} for {label}", vector, Start(start, inputs=chosen.inputs), SURE)
+            fitted = task.fit(f"{other} for {label}", vector, FitStart(start, inputs=chosen.inputs), SURE)
             if not selection.judged.predicts_better(refits.judged(fitted), task.tolerance):
                 found[other] = Explanation(
                     " and ".join(effects_of(vector.labels)), vector, fitted.x, label_effect(label)

@@ -13,7 +13,7 @@ from fabdesign.effects.learned import DISCOVERED, formula
 from fabdesign.nouns.model import EffectTerm
 from fabdesign.units import in_mm
 from optimize.fit.cross_validation import LeftOut
-from optimize.fit.descent import Start
+from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.misfit import Array
@@ -48,12 +48,12 @@ def discover(task: Task, selection: Selection) -> Discovered | None:
     """From the data sheet, as the joint fit; None where nothing is needed or too little gained."""
     inputs = selection.everything.inputs
     vector = fit_vector([DISCOVERED.name], factors=task.factors, designs=task.designs)
-    whole = task.fit("discovered", vector, Start(inputs=inputs), NEAR)
+    whole = task.fit("discovered", vector, FitStart(inputs=inputs), NEAR)
     kept, start = _needed(whole)
     if not kept:
         return None
     few = _only(vector, kept)
-    found = task.fit(f"discovered, {' '.join(kept)}", few, Start(start, inputs=inputs))
+    found = task.fit(f"discovered, {' '.join(kept)}", few, FitStart(start, inputs=inputs))
     before, excess = (LeftOut.of(one, task.data.folds).scored().excess(task.floor) for one in (selection.plain, found))
     return Discovered(found, before, excess) if excess <= SHARE * before else None
 

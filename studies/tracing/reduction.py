@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from fabdesign.geometry.metrics import over
 from fabdesign.nouns.forward import Term
 from fabdesign.units import in_mm
-from optimize.fit.descent import Start
+from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.misfit import Array, capped
 from optimize.fit.parameters import FitVector
@@ -49,7 +49,7 @@ def reduced(task: Task, joint: Fit, labels: Collection[str]) -> tuple[Fit, list[
         stage += 1
         without = f"{in_mm(begin.rms):.3f} mm RMS without {', '.join(gone)}"
         task.say(f"{without}; to first order {in_mm(begin.promised):.3f}")
-        fitted = task.fit(f"fewer {stage}", begin.vector, Start(begin.x, begin.jacobian, known.inputs), NEAR)
+        fitted = task.fit(f"fewer {stage}", begin.vector, FitStart(begin.x, begin.jacobian, known.inputs), NEAR)
         if over(fitted.after, begin.promised) > task.tolerance:
             wanted += _terms(known, gone)
         else:

@@ -7,31 +7,32 @@ import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.nouns.forward import Term
-from optimize.fit.descent import Start
+from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.misfit import Array
 from optimize.fit.normal import loss
 from optimize.fit.parameters import FitParameter, FitVector
-from optimize.fit.policy import Stage, to_the_end
+from optimize.fit.policy import FitStage, to_the_end
 from optimize.fit.problem import Evaluation, widened
 from optimize.fit.significance import NEEDED, conditioned
 from studies.tracing.decoys import Decoys, decoys_beside
 from studies.tracing.judged import Judged
+from studies.tracing.rules import Refits
 from studies.tracing.task import Place, Task
 
 # A step is the last that promises less than a quarter, in log likelihood, of what makes an effect needed.
-SURE = to_the_end("fewer effects, sure", Stage(slight=0.01, least=NEEDED / 4))
-ASKED = to_the_end("fewer effects, asked", Stage(slight=0.01, least=NEEDED / 4, sure=False))
+SURE = to_the_end("fewer effects, sure", FitStage(slight=0.01, least=NEEDED / 4))
+ASKED = to_the_end("fewer effects, asked", FitStage(slight=0.01, least=NEEDED / 4, sure=False))
 
 
 @dataclass(frozen=True, eq=False)
-class SetRefits:
+class SetRefits(Refits):
     """What rules ask of a set's motions (`rules.Refits`)."""
 
     task: Task
 
     @property
-    def tolerance(self) -> float:
+    def tolerance(self) -> float:  # type: ignore[override]
         """m of excess."""
         return self.task.tolerance
 
@@ -54,7 +55,7 @@ class SetRefits:
         jacobian = widened(known.state.jacobian[:, index], at, len(vector.names))
         named = named or f"{' '.join(vector.labels)}{' at last' if sure else ''}"
         policy = replace(SURE if sure else ASKED, hopeless=hopeless)
-        return self.task.fit(named, vector, Start(starts, jacobian, known.inputs), policy)
+        return self.task.fit(named, vector, FitStart(starts, jacobian, known.inputs), policy)
 
     def without(self, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf) -> Fit:
         """Return a fit of the effects of another but `labels`, as `of` has it."""
@@ -68,7 +69,7 @@ class SetRefits:
         """Return the declared parameters' fit, from where they are by themselves or beside the effects of a fit,
         whichever is nearer: what one of their false minima leaves is nothing that an effect explains."""
         vector, starts = with_shapes(known, [])
-        begin = Start(np.array([plain.minimum, *starts]), inputs=known.inputs)
+        begin = FitStart(np.array([plain.minimum, *starts]), inputs=known.inputs)
         return self.task.fit("plain to its end", vector, begin)
 
     def decoys(self, known: Fit, everything: Fit) -> Decoys:

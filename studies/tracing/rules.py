@@ -7,7 +7,6 @@ A rule more is a function here, with a threshold of its own and a line of `ON_SE
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 
@@ -92,45 +91,42 @@ class Selection:
         return replace(self, judged=judged, small=(*self.small, *dropped), decoys=None)
 
 
-class Refits(Protocol):
-    """What rules ask for: fits with fewer effects than another, of a set's motions or a bench's records."""
+class Refits:
+    """What rules ask for: fits with fewer effects than another, of a set's motions or a bench's records. What is not
+    said otherwise holds of a bench: it has no other layouts, no decoys, and columns that do not change."""
 
-    @property
-    def tolerance(self) -> float:
-        """m of excess, or in the bench's unit."""
-        ...
+    tolerance: float  # m of excess, or in the bench's unit
 
     def say(self, line: str) -> None:
         """Tell what is done."""
-        ...
 
     def judged(self, fit: Fit) -> Judged:
         """Return a fit with what trials left out say of it."""
-        ...
+        raise NotImplementedError
 
     def without(self, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf) -> Fit:
         """Return a fit of the effects of another but `labels`; not refined where it leaves more than `hopeless` [m]."""
-        ...
+        raise NotImplementedError
 
     def alone(self, known: Fit, plain: Fit) -> Fit:
         """Return the fit of the declared parameters, begun beside the effects of a fit too."""
-        ...
+        return plain
 
     def sure(self, known: Fit) -> Fit:
         """Return the fit of the same effects with a Jacobian made where it ends."""
-        ...
+        return known
 
     def decoys(self, known: Fit, everything: Fit) -> Decoys:
         """Return effects by chance beside a fit."""
-        ...
+        return Decoys((), ())
 
     def matters_elsewhere(self, fit: Fit, dropped: Sequence[str], label: str) -> bool:
         """Return whether other layouts tell, to first order, that an effect is there, with those `dropped` off."""
-        ...
+        return False
 
     def needed_elsewhere(self, known: Fit, simpler: Fit) -> bool:
         """Return whether the data lose by a simpler fit, and other layouts move otherwise."""
-        ...
+        return False
 
 
 Step = Callable[[Refits, Selection], Selection | None]

@@ -13,7 +13,7 @@ from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import label_effect
 from fabdesign.geometry.metrics import over
 from optimize.fit.cross_validation import LeftOut
-from optimize.fit.descent import Start
+from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
@@ -46,13 +46,13 @@ def select(task: Task) -> Selection:
     vector = without(every, task.known)
     hopeless = expected_rms(task.data.noise, HOPELESS * task.tolerance)
     factors = fit_at_rest(task.data, task.fits, vector.without_effects)
-    begin = Start(None if factors is None else factors.x)
+    begin = FitStart(None if factors is None else factors.x)
     plain = task.fit("plain", vector.without_effects, begin, replace(NEAR, hopeless=hopeless))
     excess = _excess(task, plain)
     plausible = plain.vector.is_plausible(plain.x)
     if excess <= task.tolerance and plausible:
         task.say(so_far(()))
-        begin = Start(plain.minimum, inputs=plain.inputs)
+        begin = FitStart(plain.minimum, inputs=plain.inputs)
         return _adequate(task, vector, task.fit("plain to its end", plain.vector, begin))
     start = beside(vector, plain.x) if excess <= SLIGHT * task.tolerance and plausible else vector.start
     rested = fit_at_rest(task.data, task.fits, vector)
@@ -85,7 +85,7 @@ def _with_all(task: Task, vector: FitVector, joint: Fit) -> Fit:
     x = np.zeros(len(vector.parameters))
     x[at] = joint.x
     jacobian = widened(joint.state.jacobian, at, len(x))
-    return task.linearised("every effect beside them", vector, Start(x, jacobian, joint.inputs))
+    return task.linearised("every effect beside them", vector, FitStart(x, jacobian, joint.inputs))
 
 
 def _excess(task: Task, fitted: Fit) -> float:
@@ -97,7 +97,7 @@ def _excess(task: Task, fitted: Fit) -> float:
 def _adequate(task: Task, vector: FitVector, plain: Fit) -> Selection:
     """What the declared parameters explain: effects take part to first order."""
     everything = task.linearised(
-        "every effect beside them", vector, Start(beside(vector, plain.x), inputs=plain.inputs)
+        "every effect beside them", vector, FitStart(beside(vector, plain.x), inputs=plain.inputs)
     )
     small = sparse(everything, needed(everything.minimum, everything.covariance, vector, NEEDED))
     return Selection(everything, plain, SetRefits(task).judged(plain), small=tuple(small))

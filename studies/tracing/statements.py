@@ -50,7 +50,7 @@ def verdict_in_words(outcome: Outcome) -> str:
         sentence += f", which leaves {in_mm(evidence.fitted_after):.2f} mm of the trials that it was fitted to"
     sentence += "."
     if outcome.alike:
-        sentence += f" {_how_to_tell(outcome.effects, outcome.alike)}"
+        sentence += f" {_how_to_tell(outcome.alike)}"
     return sentence
 
 
@@ -60,7 +60,7 @@ def _one_answer(effect: EffectTerm, alike: Sequence[Explanation]) -> str:
     return " or ".join([effect_in_words(effect), *(_term_in_words(term) for term in others.values())])
 
 
-def _how_to_tell(effects: Sequence[EffectTerm], alike: Sequence[Explanation]) -> str:
+def _how_to_tell(alike: Sequence[Explanation]) -> str:
     """Say that effects are one answer, and by which measurements they would be two."""
     pairs = dict.fromkeys([*(one.instead_of for one in alike), *(one.term.name for one in alike)])
     measured = [EFFECTS[name].looks_like.partition("; ")[2] for name in pairs]

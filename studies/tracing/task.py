@@ -10,7 +10,7 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.trial import Trial
 from fabdesign.runtime.store import Checkpoint
-from optimize.fit.descent import Progress, Start, begun
+from optimize.fit.descent import FitStart, Progress, begun
 from optimize.fit.fitted import Fit, concluded, kept
 from optimize.fit.misfit import Array
 from optimize.fit.parameters import FitVector
@@ -79,7 +79,7 @@ class Task:
         begin = f"{named}, {len(vector.parameters)} unknowns: " if named else ""
         return lambda line, share: self.say(begin + line)
 
-    def fit(self, named: str, vector: FitVector, start: Start, policy: Policy = END) -> Fit:
+    def fit(self, named: str, vector: FitVector, start: FitStart, policy: Policy = END) -> Fit:
         """As `optimize.fit.descent.fit`. named: in the folder and in what is said."""
         return self.fits.fit(self.problem(vector), start, policy, named)
 
@@ -88,7 +88,7 @@ class Task:
         best = min(self.problem(vector).evaluate(xs), key=lambda one: one.misfit.rms)
         return best.misfit.rms, best.x
 
-    def linearised(self, named: str, vector: FitVector, start: Start) -> Fit:
+    def linearised(self, named: str, vector: FitVector, start: FitStart) -> Fit:
         """A fit that ends where it begins, with the columns of the Jacobian that are missing by differences."""
         x, problem = start.x, self.problem(vector)
         assert x is not None
