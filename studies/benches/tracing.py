@@ -22,10 +22,9 @@ from optimize.fit.cross_validation import Scored
 from optimize.fit.descent import Progress, parts
 from optimize.fit.misfit import Array, Indices
 from studies.benches.noise import noise_of
-from studies.benches.records import output_of, require_columns, unit_of
+from studies.benches.records import LAWS, output_of, require_columns, unit_of
 from studies.benches.trace_candidates import Shape, Signals, shapes_of, signals_of
 from studies.benches.trace_fit import BenchTask, alike, candidates_of, select
-from studies.benches.trace_law import law, laws_of
 from studies.benches.trace_outcome import BenchOutcome, Curve
 from studies.benches.trace_report import render_bench
 from studies.calibration.fitted_model import QUANTILE
@@ -79,7 +78,7 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
     limit = tolerance * max(float(np.abs(m).max()) for m in measured)
     noise = noise_of(bench)
     floor = noise.sigma
-    shapes = shapes_of(bench.specimen, signals, unit_of(bench.specimen))
+    shapes = shapes_of(LAWS[bench.specimen], signals)
     tables = [_table(shape, signals, rows) for shape in shapes]
     task = BenchTask(shapes, tables, residual, record, floor, limit)
     second(f"{len(task.effects)} effects together on {len(records)} records", 0.0)
@@ -95,7 +94,7 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
     )  # fmt: skip
     return BenchOutcome(
         bench=bench,
-        unit=unit_of(bench.specimen),
+        unit=unit_of(bench),
         verdict=decide(evidence, limit),
         evidence=evidence,
         tolerance=limit,
@@ -108,6 +107,28 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
         test=_tested(bench, output, [shapes[k] for k in task.places(chosen.fit)], refitted.fit.x),
         curves=_curves(records, bench, rows, measured, residual, left, record),
     )
+
+
+def laws_of(
+    bench: Bench,
+    records: Sequence[BenchRecord],
+    added: Sequence[Array] | None = None,
+    *,
+    told: Callable[[float], None] = lambda share: None,
+) -> list[Array]:
+    """Return what the law says of each record, fitted to the others. added: what effects add to each, taken off
+    before the fit. told: is given the share done."""
+    output = output_of(bench)
+    if added is not None:
+        records = [
+            replace(r, columns={**r.columns, output: r.columns[output] - more})
+            for r, more in zip(records, added, strict=True)
+        ]
+    laws = []
+    for k, record in enumerate(records):
+        told(k / len(records))
+        laws.append(LAWS[bench.specimen].still([*records[:k], *records[k + 1 :]], record))
+    return laws
 
 
 def _with_law(
@@ -146,7 +167,7 @@ def _tested(bench: Bench, output: str, shapes: Sequence[Shape], coefficients: Ar
     records, tests = ([r for r in bench.records if r.role == role] for role in ("fit", "test"))
     if not tests:
         return None
-    laws = [law(bench, records, record) for record in tests]
+    laws = [LAWS[bench.specimen].still(records, record) for record in tests]
     signals = [signals_of(r, way, len(records) + k) for k, (r, way) in enumerate(zip(tests, laws, strict=True))]
     residual = np.concatenate([way - r.columns[output] for r, way in zip(tests, laws, strict=True)])
     every = [np.arange(len(way)) for way in laws]
