@@ -27,7 +27,7 @@ from studies.benches.trace_candidates import Shape, Signals, shapes_of, signals_
 from studies.benches.trace_fit import BenchTask, alike, candidates_of, select
 from studies.benches.trace_outcome import BenchOutcome, Curve
 from studies.benches.trace_report import render_bench
-from studies.calibration.fitted_model import QUANTILE
+from studies.calibration.fitted_model import quantities_of
 from studies.tracing.black_box import WIDTHS, kernel_of, left_out, standardised
 from studies.tracing.judged import Judged
 from studies.tracing.verdict import Evidence, decide
@@ -187,10 +187,7 @@ def _table(shape: Shape, signals: Sequence[Signals], rows: Sequence[Indices]) ->
 
 def _effects(task: BenchTask, chosen: Judged) -> tuple[EffectTerm, ...]:
     vector = chosen.fit.vector
-    strengths = {
-        p.name: Quantity(p.value(x), p.unit, (p.value(x - QUANTILE * s), p.value(x + QUANTILE * s)))
-        for p, x, s in zip(vector.parameters, chosen.fit.x, task.deviation(chosen.fit), strict=True)
-    }
+    strengths = quantities_of(vector, chosen.fit.x, task.deviation(chosen.fit))
     terms = []
     for label, shape in zip(vector.labels, (task.shapes[k] for k in task.places(chosen.fit)), strict=True):
         own = {name.partition(".")[2]: q for name, q in strengths.items() if name.startswith(f"{label}.")}
