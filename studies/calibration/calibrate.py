@@ -2,22 +2,17 @@
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from fabdesign.errors import InputError
-from fabdesign.formats.json_file import plain
-from fabdesign.formats.result_tables import OfModel
-from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.model import POINTS_PER_SIDE, Model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.runtime.store import Checkpoint
-from fabdesign.units import in_mm
 from optimize.fit.clouds import Sample, evenly
-from optimize.fit.descent import FitStart, Interrupted, Progress
+from optimize.fit.descent import FitStart, Interrupted, Progress, silent
 from optimize.fit.fitted import Fit
 from optimize.fit.misfit import Array
 from optimize.fit.parameters import DECLARED, FitVector
@@ -25,17 +20,17 @@ from optimize.fit.policy import NEAR, FitStage, Policy, to_the_end
 from studies.calibration.ambiguities import ambiguities
 from studies.calibration.fits import Fits
 from studies.calibration.fitted_model import fitted_model
-from studies.calibration.intervals import EXCESS, excess, far_factors, interval_warnings, with_engines
+from studies.calibration.intervals import EXCESS, far_factors, interval_warnings, with_engines
 from studies.calibration.joint_fit import joint_fit
 from studies.calibration.rest_fit import fit_at_rest, with_shapes_at_rest
+from studies.calibration.result import Calibration
 from studies.calibration.trial_checks import DISAGREE, implausible
 from studies.intervals.calibrate import chosen as chosen_trials
-from studies.intervals.calibrate import spread_json, with_spread
+from studies.intervals.calibrate import with_spread
 from studies.measured.bad_data import Tolerance
 from studies.measured.fit_data import Density, MeasuredData
 from studies.measured.sensitive_stretches import find_used_frames
 from studies.measured.splits import fit_trials
-from studies.measured.used_frames import UsedFrames
 
 TRIALS = 16  # fitted at most without effects, spread over those allowed
 MOST_TRIALS = 48  # with effects, whose last fit takes 10 CPU s a trial; never more than half of those allowed over 32
@@ -47,147 +42,90 @@ _MANY_UNKNOWNS = replace(NEAR, finer=replace(NEAR.finer, least=0.0, least_share=
 _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
 
 
-@dataclass(frozen=True, eq=False)
-class Calibration(OfModel):
-    """What a fit to measurement sets came to."""
+@dataclass(frozen=True)
+class CalibrationOptions:
+    """slopes: a cheaper simulator, for the way and for derivatives. coarse: a cheap one that finds sensitive stretches;
+    they are left out. Without it they are not looked for. points_per_side: of the simulator's grid, noted in the model.
+    orders: of the trials fitted; None: those of role `fit`. skipped: lines on bad trials left out before; skip_bad:
+    leave out those too that `trial_checks.implausible` finds. engines: (p,) standard deviations of the unknowns for the
+    difference between the simulator and what made the data, by default those of the virtual rig. intervals: whether
+    those of motions are calibrated too, on the trials of role `fit` that were not fitted. interruptible: Ctrl-C ends
+    the fit where its last iteration began, with a warning."""
 
-    model: Model
-    fit: Fit
-    correlation: np.ndarray  # (p, p), of the unknowns in the order of fit.vector
-    statements: tuple[str, ...]  # what these data do not determine
-    warnings: tuple[str, ...]  # why the intervals are not reliable
-    skipped: tuple[str, ...]  # bad trials left out, a line each
-    data: MeasuredData
-    intervals: str | None = None  # how good those of motions are; None: not asked for
-
-    @property
-    def used(self) -> UsedFrames:
-        """Frames that took part: not those of sensitive stretches."""
-        return self.data.used
-
-    @property
-    def noise(self) -> SensorNoise:
-        return self.data.noise
-
-    def as_json(self) -> dict[str, Any]:
-        """What `calibrate --json` prints: factors, mm."""
-        parameters = {
-            name: {"factor": p.factor, "interval90": p.interval90, "believable": p.reliable}
-            for name, p in self.model.parameters.items()
-        }
-        names = self.fit.vector.names
-        content = {
-            "parameters": parameters,
-            "effects": self.model.effects,
-            "correlation": {
-                a: dict(zip(names, row, strict=True)) for a, row in zip(names, self.correlation, strict=True)
-            },
-            "statements": self.statements,
-            "believable": not self.warnings,
-            "doubts": self.warnings,
-            "residual": {"before": in_mm(self.fit.before), "after": in_mm(self.fit.after), "unit": "mm"},
-            "excess": {"after": in_mm(excess(self.fit.after, self.noise)), "unit": "mm"},
-            "noise": {"sigma": in_mm(self.noise.sigma), "strays": self.noise.strays, "unit": "mm"},
-            "fitted": self.model.provenance.fitted,
-            "held_out": self.model.provenance.held_out,
-            "outlying": self.fit.outlying,
-            "lost": [{"trial": trial, "from_s": time} for trial, time in self.fit.lost],
-            "skipped": self.skipped,
-            "input_accuracy": self.data.accuracy,
-            "spread": spread_json(self.model),
-            **self.used.as_json(),
-            "iterations": self.fit.iterations,
-            "converged": self.fit.converged,
-            "interrupted": self.fit.interrupted,
-        }
-        return dict(plain(content))
+    slopes: ForwardModel | None = None
+    coarse: ForwardModel | None = None
+    points_per_side: int = POINTS_PER_SIDE
+    orders: Collection[int] | None = None
+    skipped: Sequence[str] = ()
+    skip_bad: bool = False
+    seed: int = 0
+    engines: Array | None = None
+    intervals: bool = False
+    interruptible: bool = False
 
 
 def calibrate(
     measured: MeasurementSet | Sequence[MeasurementSet],
     forward: ForwardModel,
     *,
-    slopes: ForwardModel | None = None,
-    coarse: ForwardModel | None = None,
     vector: FitVector = DECLARED,
-    points_per_side: int = POINTS_PER_SIDE,
-    orders: Collection[int] | None = None,
-    skipped: Sequence[str] = (),
-    skip_bad: bool = False,
-    seed: int = 0,
-    engines: np.ndarray | None = None,
-    intervals: bool = False,
-    interruptible: bool = False,
+    options: CalibrationOptions = CalibrationOptions(),
     checkpoint: Checkpoint | None = None,
-    progress: Progress = lambda line, share: None,
+    progress: Progress = silent,
 ) -> Calibration:
-    """The unknowns of `vector`, by default the seven factors of `PARAMETERS`, from the trials of role
-    `fit`, or those of `orders` of each set; those of all sets and designs together. With effects, the factors are
-    fitted without them first, which the model keeps.
+    """The unknowns of `vector`, by default the seven factors of `PARAMETERS`, of all sets and designs together. With
+    effects, the factors are fitted without them first, which the model keeps.
 
     Of more than 16 trials, 16 spread over the session are fitted, and of more than 32 half of them, 48 at most, by the
-    last fit of effects: 30 frames of the first 1.5 s of each, and 300 points of a frame, by `seed`. `slopes`: see
-    `fit.fit`. coarse: a cheap simulator that finds sensitive stretches (measured.sensitive_stretches); they are left
-    out. Without it they are not looked for.
-    points_per_side: of `forward`'s grid, noted in the model.
-    skipped: lines on bad trials left out before; skip_bad: leave out those too that `trial_checks.implausible` finds.
-    engines: (p,) standard deviations of the unknowns for the difference between `forward` and what made the data, by
-    default those of the virtual rig.
-    Errors of the pressures and the frame's level are weighed by the sets' accuracy.
-    intervals: whether those of motions are calibrated too, on the trials of role `fit` that were not fitted.
-    interruptible: Ctrl-C ends the fit where its last iteration began, with a warning. checkpoint: keeps the fit of each
-    horizon.
+    last fit of effects: 30 frames of the first 1.5 s of each, and 300 points of a frame. Errors of the pressures and
+    the frame's level are weighed by the sets' accuracy. checkpoint: keeps the fit of each horizon.
     Raises InputError for an implausible trial and where no trial is left, SimulationError where every motion diverges.
     """
     sets = [measured] if isinstance(measured, MeasurementSet) else [*measured]
     _require_names(sets)
-    allowed = [trial for one in sets for trial in fit_trials(one.trials, orders)]
-    chosen = [allowed[i] for i in evenly(len(allowed), most_trials(len(allowed), effects=bool(vector.terms)))]
-    files = {trial.file for trial in chosen}
-    own = [(one, [t for t in one.trials if t.file in files]) for one in sets]
-    used = find_used_frames(own, coarse, progress=_searching(progress))
-    data = MeasuredData.of(sets, chosen, used, DRAWN, seed=seed)
-    bare, forward = forward, Predictor(forward, sensing=True)
+    data, slopes = _drawn(sets, vector, options, progress), options.slopes
+    sensed = Predictor(forward, sensing=True)
     slopes = slopes and Predictor(slopes, sensing=True)
-    if vector.terms:  # factors alone go by horizons
-        data = with_shapes_at_rest(data, allowed)
-    fits = Fits(forward, EXCESS, slopes, checkpoint, lambda named, vector: progress, last=_last)
-    fitted = _fit(data, fits, vector, interruptible=interruptible)
-    if lines := {} if fitted.interrupted else _implausible(fitted, data.samples, forward):
-        tolerance = Tolerance(skip_bad, [*skipped])
+    fits = Fits(sensed, EXCESS, slopes, checkpoint, lambda named, vector: progress, last=_last)
+    fitted, skipped = _fit(data, fits, vector, interruptible=options.interruptible), tuple(options.skipped)
+    if lines := {} if fitted.interrupted else _implausible(fitted, data.samples, sensed):
+        tolerance = Tolerance(options.skip_bad, [*skipped])
         for line in lines.values():
             tolerance.note(InputError(line))
-        skipped = tolerance.skipped
-        data = data.without(lines)
+        data, skipped = data.without(lines), tuple(tolerance.skipped)
         if not data.samples:
             raise InputError(f"{', '.join(s.name for s in sets)}: no trial to fit is left; the first: {skipped[0]}")
-        fitted = _fit(data, fits, vector, interruptible=interruptible)
-    covariance = with_engines(fitted, engines)
+        fitted = _fit(data, fits, vector, interruptible=options.interruptible)
+    covariance = with_engines(fitted, options.engines)
     deviation = np.sqrt(np.diag(covariance))
     why = [*interval_warnings(fitted.after, fitted.outlying, data.noise), *far_factors(fitted)]
     if fitted.interrupted:
         why.append(f"interrupted after {fitted.iterations} iterations, before the best values were reached")
-    said = None
-    model = fitted_model(
-        fitted,
-        covariance,
-        trials=data.trials,
-        reliable=not why,
-        points_per_side=points_per_side,
-        provenance=data.provenance(),
-    )
-    if intervals and not fitted.interrupted:
-        model, said = _with_spread(model, sets, data, bare, coarse, progress)
-    return Calibration(
-        model=model,
-        fit=fitted,
-        correlation=covariance / np.outer(deviation, deviation),
-        statements=ambiguities(fitted, covariance),
-        warnings=tuple(why),
-        skipped=tuple(skipped),
-        data=data,
-        intervals=said,
-    )
+    model, said = (
+        fitted_model(
+            fitted, covariance, trials=data.trials, reliable=not why, points_per_side=options.points_per_side,
+            provenance=data.provenance(),
+        ),
+        None,
+    )  # fmt: skip
+    if options.intervals and not fitted.interrupted:
+        model, said = _with_spread(model, sets, data, forward, options.coarse, progress)
+    correlation = covariance / np.outer(deviation, deviation)
+    statements = ambiguities(fitted, covariance)
+    return Calibration(model, fitted, correlation, statements, tuple(why), skipped, data, said)
+
+
+def _drawn(
+    sets: Sequence[MeasurementSet], vector: FitVector, options: CalibrationOptions, progress: Progress
+) -> MeasuredData:
+    """Return what is fitted of the sets: trials spread over those allowed, less their sensitive stretches."""
+    allowed = [trial for one in sets for trial in fit_trials(one.trials, options.orders)]
+    chosen = [allowed[i] for i in evenly(len(allowed), most_trials(len(allowed), effects=bool(vector.terms)))]
+    files = {trial.file for trial in chosen}
+    own = [(one, [t for t in one.trials if t.file in files]) for one in sets]
+    used = find_used_frames(own, options.coarse, progress=_searching(progress))
+    data = MeasuredData.of(sets, chosen, used, DRAWN, seed=options.seed)
+    return with_shapes_at_rest(data, allowed) if vector.terms else data  # factors alone go by horizons
 
 
 def _last(vector: FitVector) -> Policy:
