@@ -202,8 +202,7 @@ def trace(
             sound,
             folder,
             inputs=paths_of(measured, model),
-            model=fitted,
-            options=Options(TOLERANCE if tolerance is None else tolerance, grid, seed),
+            options=Options(TOLERANCE if tolerance is None else tolerance, grid, seed, fitted),
             force=run.force,
             say=lambda line: show(line, None if line.startswith(SO_FAR) else pace.share()),
         )

@@ -113,8 +113,7 @@ def _traced(
         measured,
         out,
         inputs=[],
-        model=known,
-        options=Options(learning.tolerance, learning.trace_grid, study.search.seed),
+        options=Options(learning.tolerance, learning.trace_grid, study.search.seed, known),
         forward=simulators(learning.trace_grid),
         say=lambda line: say(f"trace: {line}"),
     )
