@@ -182,6 +182,14 @@ def test_trace_json_has_what_the_format_says(lagging):
     assert {"where", "when_s", "follows"} == found["residual"].keys()
 
 
+def test_no_effect_is_adequate_in_the_median_too(lagging):
+    _, outcome = lagging
+    for before, typical, adequate in ((0.4e-3, 0.4e-3, True), (0.4e-3, 0.6e-3, False), (0.6e-3, 0.4e-3, False)):
+        evidence = replace(outcome.evidence, before=before, typical=typical)
+        rows = {row["name"]: row["adequate"] for row in replace(outcome, evidence=evidence).as_json()["candidates"]}
+        assert rows["none"] is adequate is evidence.adequate(outcome.tolerance)
+
+
 def test_the_model_predicts_with_the_effect_and_remembers_what_was_before(lagging):
     folder, outcome = lagging
     model = read_model(folder / "out" / "model.toml")
@@ -282,6 +290,10 @@ def test_what_is_the_same_from_rest_is_named_beside_what_was_found(tmp_path, mon
     [effect] = outcome.effects
     assert {effect.name, *outcome.indistinguishable} == {"dead_time", "time_offset"}
     assert len(outcome.indistinguishable) == 1
+    answer = as_text(outcome).splitlines()[0]
+    one, other = (name.replace("_", " ") for name in (effect.name, *outcome.indistinguishable))
+    assert f"Missing was {one} (" in answer and f") or {other} (" in answer  # one answer, with the size of both
+    assert "; to tell: put a lamp" in answer or "; to tell: film a falling ball" in answer
 
 
 def test_too_few_trials_are_refused(tmp_path):
