@@ -849,9 +849,9 @@ def test_an_effect_within_the_tolerance_stays_where_it_matters_to_another_layout
             checkpoint=Checkpoint(work, {}), say=lambda line: None, elsewhere=[other],
         )  # fmt: skip
         assert worth(SetRefits(replace(task, elsewhere=())), joint) == (["filling_lag"], ["supply_droop"])
-        _, found, small, _ = backwards(task, joint, unhurried)
-    assert sorted(found.vector.labels) == ["filling_lag", "supply_droop"]
-    assert not small
+        chosen = backwards(SetRefits(task), joint, unhurried)
+    assert sorted(chosen.chosen.vector.labels) == ["filling_lag", "supply_droop"]
+    assert not chosen.small
 
 
 def test_models_are_compared_on_the_layout_where_they_differ_most(late, tmp_path):
@@ -887,8 +887,8 @@ def _middle(points):
 def _precision(found):
     """(N, N) 1/m^2: block by block, the inverse of the points' covariance by noise and by errors of the inputs."""
     normal, result = found.normal, np.zeros((len(found.normal.weights),) * 2)
-    for block in np.unique(normal.clusters):
-        rows = np.flatnonzero((normal.clusters == block) & (normal.weights > 0))
+    for block in np.unique(found.state.misfit.block):
+        rows = np.flatnonzero((found.state.misfit.block == block) & (normal.weights > 0))
         u = found.inputs.columns[rows]
         result[np.ix_(rows, rows)] = np.linalg.inv(np.diag(1 / normal.weights[rows]) + u @ u.T)
     return result
