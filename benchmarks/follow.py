@@ -33,10 +33,10 @@ from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.output import write_text
-from fabdesign.study_files.follow_file import FollowStudy, MovingTarget, Scatter
+from fabdesign.study_files.follow_file import FollowStudy, MotionScatter, MovingTarget
 from optimize.fit.free_parameters import fit_vector
 from sim import Simulator
-from studies.calibration.calibrate import calibrate
+from studies.calibration.calibrate import CalibrationOptions, calibrate
 from studies.follow.result import FollowResult
 from studies.follow.run import regulator_of, run_follow
 from studies.follow.target import wanted_of
@@ -96,7 +96,7 @@ def study_of(motion: Motion, folder: Path, design: Design, model: Model | None =
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / f"{motion.name}.npz"
     target = MovingTarget(file)
-    study = FollowStudy(motion.name, design, target, model, scatter=Scatter(copies=0), points_per_side=GRID)
+    study = FollowStudy(motion.name, design, target, model, scatter=MotionScatter(copies=0), points_per_side=GRID)
     if not file.is_file():
         rng, times = np.random.default_rng(motion.number), np.arange(1, round(30 * motion.seconds) + 1) / 30
         program = regulator_of(study).program(motion.program(design.channels))
@@ -240,8 +240,8 @@ def calibrated(rig: Rig, design: Design, place: Path) -> Model:
     programs = [PressureProgram(times, own.program(design.channels)[:30], 1.5) for own in others]
     if not (place / "others" / "set.toml").is_file():
         measure(rig, programs, place / "others")
-    vector = fit_vector(tuple(DEVICE), where="bench")
-    calibration = calibrate(read_set(place / "others"), Simulator(GRID), vector=vector, points_per_side=GRID)
+    vector, options = fit_vector(tuple(DEVICE), where="bench"), CalibrationOptions(points_per_side=GRID)
+    calibration = calibrate(read_set(place / "others"), Simulator(GRID), vector=vector, options=options)
     return calibration.model
 
 

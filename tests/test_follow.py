@@ -26,7 +26,7 @@ from studies.follow.measured import MeasuredRun, displacements
 from studies.follow.programs import UNIT, Regulator, Roughness, best_change
 from studies.follow.run import run_follow
 from studies.follow.wanted import Wanted, moved
-from studies.follow.windows import Effort, Task, solve
+from studies.follow.windows import Effort, FollowTask, solve
 from studies.layout_search.target import LoadedTarget
 
 GRID = 11
@@ -146,7 +146,7 @@ def test_roughness_is_its_own_quadratic():
 
 
 def test_set_points_of_the_truth_stay(simulator, wanted):
-    task = Task(Case(DESIGN, REGULATOR.program(TRUTH)), wanted, REGULATOR)
+    task = FollowTask(Case(DESIGN, REGULATOR.program(TRUTH)), wanted, REGULATOR)
     solved = solve(task, TRUTH.copy(), Effort(simulator, 2))
     assert rms(wanted, moving(simulator, REGULATOR.kept(solved))) < 1.02 * rms(wanted, moving(simulator))
     assert np.abs(solved - TRUTH)[:3].max() < 15e3  # Pa; the last set points hardly move a frame
@@ -154,7 +154,7 @@ def test_set_points_of_the_truth_stay(simulator, wanted):
 
 def test_pressures_nearby_are_recovered_from_clouds(simulator, wanted):
     begin = 0.7 * TRUTH
-    task = Task(Case(DESIGN, REGULATOR.program(begin)), wanted, REGULATOR)
+    task = FollowTask(Case(DESIGN, REGULATOR.program(begin)), wanted, REGULATOR)
     program = solve(task, begin, Effort(simulator, 4))
     assert rms(wanted, moving(simulator, program)) < 0.2 * rms(wanted, moving(simulator, begin))
 

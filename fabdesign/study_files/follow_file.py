@@ -54,7 +54,7 @@ class Moment:
 
 
 @dataclass(frozen=True)
-class Scatter:
+class MotionScatter:
     """How the motion is tried beside its own program."""
 
     pressure: Annotated[float, Within(least=0, most=0.5), "of every channel, relative, as standard deviation"] = 0.01
@@ -108,7 +108,7 @@ class FollowStudy:
         PressureProgram | None, Key(form=str, read=_program), "a program to begin with; absent: from shapes at rest"
     ] = None
     layout: Annotated[LayoutChoice | None, "absent: the design's own"] = None
-    scatter: Scatter = Scatter()
+    scatter: MotionScatter = MotionScatter()
     points_per_side: Annotated[int, Key(absent=_grid), GRIDS, "absent: the model's, or 41"] = POINTS_PER_SIDE
     seconds: Annotated[Second | None, Key("limits.seconds"), ABOVE_0, "then no further window is begun"] = None
 

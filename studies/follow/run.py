@@ -35,7 +35,7 @@ from studies.follow.scatter import copies_of
 from studies.follow.start import quasi_static
 from studies.follow.target import files_of, wanted_of
 from studies.follow.wanted import Wanted
-from studies.follow.windows import Effort, Task, solve
+from studies.follow.windows import Effort, FollowTask, solve
 from studies.layout_search.target import pose_errors
 from studies.prediction.forward_model import forward_model, without_resistance
 
@@ -177,7 +177,7 @@ class _Solver:
         lacks = self._lacks(program, grid)
         if beside is not None:
             lacks = beside if lacks is None else lacks + beside
-        task = Task(predictor.case(self._case), self._wanted, self._regulator, lacks)
+        task = FollowTask(predictor.case(self._case), self._wanted, self._regulator, lacks)
         so_far = program.copy()
 
         def keep(window: str, compute: Callable[[], Array]) -> Array:
@@ -228,7 +228,7 @@ class _Solver:
         case = replace(self._case, program=self._regulator.program(program))
         self._progress("copies with other pressures and models", 1.0)
         copies = copies_of(
-            Simulator(COARSE), self._study.model, case, self._wanted.times, self._study.scatter, self._study.seed
+            Simulator(COARSE), self._study.model, case, self._wanted, self._study.scatter, self._study.seed
         )
         shown = motion if beside is None else motion + beside
         seconds = working_time.seconds() - self._begun

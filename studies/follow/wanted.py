@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from fabdesign.geometry.mid_surface import at_places, cells_of, mid_surface
 from fabdesign.geometry.surface import Surface
-from optimize.fit.clouds import Indices, Match, Nodes, nodes_of
+from optimize.fit.clouds import Match, Nodes, nodes_of
 from studies.layout_search.target import LoadedTarget
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 Floats = NDArray[np.floating[Any]]
 POINTS = 300  # of a cloud that are compared while searching: more say nothing new
 SCALE = 2e-4  # m, of what distances are worth where a target shows no noise
@@ -62,6 +63,12 @@ class Wanted:
             return _of_wishes(target, points, side)
         return _of_cloud(target, self._few[moment], points, side)
 
+    def mean_distance(self, motion: Floats) -> float:
+        """Return the mean over instants [m] of the RMS distance to a motion (K, 2 n, 3) m."""
+        side = isqrt(motion.shape[1] // 2)
+        each = [self.distances(k, points, side) for k, points in enumerate(motion)]
+        return float(np.mean([np.inf if own is None else np.sqrt(np.square(own.off).mean()) for own in each]))
+
     @cached_property
     def _few(self) -> list[Array]:
         return [target.points[:: -(-len(target.points) // POINTS)] for target in self.targets]
@@ -78,7 +85,8 @@ def _of_cloud(target: LoadedTarget, points: Array, shape: Floats, side: int) -> 
     offset = points - np.einsum("nc,ncd->nd", place.weights, surface.vertices[corners])
     off = np.einsum("nd,nd->n", offset, normal)
     none = np.zeros(len(off), np.intp)
-    nodes = nodes_of(Match(off, normal, corners, place.weights, none, none), side, isqrt(len(shape) // 2))
+    matched = Match(off, none, none, none, normal, corners, place.weights)
+    nodes = nodes_of(matched, side, isqrt(len(shape) // 2))
     counts = np.ones(len(off))
     if target.weighting is not None:
         counts = np.einsum("nc,nc->n", place.weights, target.weighting.of_points(len(shape))[corners])

@@ -32,7 +32,7 @@ WORTH = 0.3  # of the cost: after a step that gains less, columns are made anew
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class FollowTask:
     """A program to be found. case: of the design with all that a model adds; only its program is replaced.
 
     lacks: (K, 2 n, 3) m, what is added to the simulated faces at each wanted instant: what a corrector, or a measured
@@ -61,7 +61,7 @@ class Effort:
 class _Window:
     """Cycles `begin` to `end` of a task, from a state on."""
 
-    task: Task
+    task: FollowTask
     simulator: Simulator
     begin: int
     end: int
@@ -101,7 +101,7 @@ def _computed(name: str, compute: Callable[[], Array]) -> Array:
 
 
 def solve(
-    task: Task,
+    task: FollowTask,
     program: Array,
     effort: Effort,
     *,
@@ -127,7 +127,7 @@ def solve(
     return program
 
 
-def _end(task: Task, begin: int, length: int, ahead: int, cycles: int) -> int:
+def _end(task: FollowTask, begin: int, length: int, ahead: int, cycles: int) -> int:
     """The cycle at which a window ends: where there is little to see, it reaches as far as the next instant does."""
     cycle, end = task.regulator.cycle, begin + length
     later = task.wanted.times[task.wanted.times > (begin + ahead) * cycle + 1e-9]
