@@ -152,6 +152,21 @@ def test_set_points_of_the_truth_stay(simulator, wanted):
     assert np.abs(solved - TRUTH)[:3].max() < 15e3  # Pa; the last set points hardly move a frame
 
 
+def test_what_a_corrector_adds_is_part_of_the_motion(simulator):
+    """The wanted motion lies 2 mm in front of the simulator's: with that displacement the truth stays."""
+    motion = moving(simulator)
+    shift = np.zeros_like(motion)
+    shift[..., 2] = 2e-3
+    clouds = tuple(LoadedTarget(own, None, "") for own in motion + shift)
+    wanted = Wanted(TIMES, clouds)
+    case = Case(DESIGN, REGULATOR.program(TRUTH))
+    with_it, without = (
+        solve(FollowTask(case, wanted, REGULATOR, lacks), TRUTH.copy(), Effort(simulator, 1)) for lacks in (shift, None)
+    )
+    assert np.abs(with_it - TRUTH).max() < 1e3
+    assert np.abs(without - TRUTH).max() > 10e3
+
+
 def test_pressures_nearby_are_recovered_from_clouds(simulator, wanted):
     begin = 0.7 * TRUTH
     task = FollowTask(Case(DESIGN, REGULATOR.program(begin)), wanted, REGULATOR)
