@@ -5,10 +5,10 @@
     python -m benchmarks.follow FOLDER --page      # writes its part of docs/lab/follow.md besides
 
 Motions are the simulator's own with the noise of a depth sensor, on four layouts, two of them not square: steps, ramps
-and waves up to 2 Hz, of 1.5 and 3 s. `device`: the wanted motion is one of the virtual rig (another engine) with lag, droop
-and hysteresis, which is then run with the program of the data sheet, with that of a model that was calibrated on three
-other motions of it, and after each of three repetitions. With `cma` installed, CMA-ES searches the first motion of each kind for five times as
-long, in a grid of set points between which pressures are linear.
+and waves up to 2 Hz, of 1.5 and 3 s. `device`: the wanted motion is one of the virtual rig (another engine) with lag,
+droop and hysteresis, which is then run with the program of the data sheet, with that of a model that was calibrated on
+three other motions of it, and after each of three repetitions. With `cma` installed and --cma, CMA-ES searches for five
+times as long, in a grid of set points between which pressures are linear.
 """
 
 import argparse
