@@ -2,10 +2,10 @@
 
 import filecmp
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import tomlkit
@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from fabdesign.cloud_file import read_cloud
 from fabdesign.decoder import decode
+from fabdesign.depth.cut import NO_CUT, Cut
+from fabdesign.depth.sensor import Sensor, depth_stream
+from fabdesign.depth.stream import DepthStream
 from fabdesign.design import Design
 from fabdesign.design_file import read_design, write_design
 from fabdesign.effort import LONGEST
@@ -21,10 +24,11 @@ from fabdesign.errors import InputError, note
 from fabdesign.frame_pairs import left_out_line, pair_frames
 from fabdesign.mcap_file import read_mcap, read_stamps
 from fabdesign.measured_points import sound_cloud
-from fabdesign.measured_units import require_measured_pressures, require_seconds
+from fabdesign.measured_units import require_seconds
 from fabdesign.ply import write_ply
-from fabdesign.pressure import PressureProgram, require_pressures
-from fabdesign.pressure_file import read_pressures, write_pressures
+from fabdesign.pressure import PressureProgram
+from fabdesign.pressure_file import write_pressures
+from fabdesign.pressure_log import NO_LOG, PressureLog, read_pressure_log
 from fabdesign.schema import ABOVE_0, FileUnit, Key, Second
 from fabdesign.table import Table, load_toml
 from fabdesign.toml_file import file_name, file_stem
@@ -37,37 +41,6 @@ _ORTHONORMAL = 1e-3
 _FRAMES = 9999  # NNNN has four digits
 _OTHER_RATE = 1.5  # times the declared interval: the stamps are of another recording
 _SIZE = 4.0  # m; a cloud ten times as far from its camera is in another unit
-
-
-def _pose(value: Any, table: Table) -> Array:
-    """Return a matrix of a turn and a shift. Raises InputError for any other."""
-    try:
-        pose = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise table.bad("camera_to_world", "4 rows of 4 numbers") from None
-    if pose.shape == (4, 4) and not np.allclose(pose[3], [0, 0, 0, 1], atol=1e-9):
-        likely = " (is it transposed?)" if np.allclose(pose[:, 3], [0, 0, 0, 1], atol=1e-9) else ""
-        raise table.bad("camera_to_world", f"0, 0, 0, 1 as the last row{likely}")
-    turn = pose[:3, :3] if pose.shape == (4, 4) else np.zeros((3, 3))
-    if np.abs(turn @ turn.T - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(turn) < 0:
-        raise table.bad("camera_to_world", "a 4x4 matrix of a turn and a shift, metres")
-    return pose
-
-
-@dataclass(frozen=True, eq=False)
-class Sensor:
-    name: Annotated[str, "of its clouds' files"]
-    camera_to_world: Annotated[Array, Key(read=_pose), "(4, 4) m, nominal: good to 10 mm and 2 degrees"]
-    topic: Annotated[str | None, "of the recording's MCAP, where it has one"] = None
-
-    @property
-    def position(self) -> Array:
-        return self.camera_to_world[:3, 3]
-
-    @property
-    def side(self) -> Literal["front", "back"]:
-        """The face that the sensor looks at."""
-        return "front" if self.position[2] > 0 else "back"
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +57,9 @@ class Recording:
     mcap: Path | None = None  # a file of ROS 2 with the clouds of all sensors, in the place of `frames`
     chosen: NDArray[np.intp] | None = None  # (T, sensors) the number of each frame's cloud on its topic; None: k of k
     left_out: str = ""  # a line on frames that are not among `times`, since a sensor lost them
+    depth: tuple[DepthStream, ...] = ()  # of each sensor, where they have depth images in place of clouds
+    cut: Cut = NO_CUT
+    log: PressureLog = NO_LOG
 
     @cached_property
     def topics(self) -> Mapping[str, tuple[Array, ...]]:
@@ -101,6 +77,9 @@ class Recording:
 
     def frame(self, sensor: Sensor, index: int) -> Array:
         """(n, 3) m, in the camera's own frame, z forward and y down. Raises InputError."""
+        if self.depth:
+            column = self.sensors.index(sensor)
+            return self.depth[column].cloud(index if self.chosen is None else int(self.chosen[index, column]))
         if self.mcap is not None and sensor.topic is not None:
             what = f"{self.mcap}: {sensor.topic}, frame {index}"
             return self._ahead(sound_cloud(self.topics[sensor.topic][index], what, size=_SIZE), what)
@@ -157,6 +136,8 @@ class RecordingKeys:
     frame_rate: Annotated[float | None, FileUnit("Hz"), ABOVE_0, "in place of times"] = None
     mcap: Annotated[str, Key(brief=True), "a file of ROS 2 with all clouds, in place of frames"] = ""
     sensors: tuple[Sensor, ...] = ()
+    cut: Annotated[Cut, Key(brief=True), "what of the depth images is the cloth"] = NO_CUT
+    pressure: Annotated[PressureLog, Key(brief=True), "the log of pressures, where it is no pressure.csv"] = NO_LOG
 
     def resolved(self, table: Table) -> "RecordingKeys":
         """Raise InputError for no sensors, two of one name, and times that do not rise."""
@@ -166,11 +147,13 @@ class RecordingKeys:
         if len(set(names)) < len(names):
             raise table.error(f"two sensors have one name: {', '.join(names)}")
         for sensor in self.sensors:
-            if bool(self.mcap) != (sensor.topic is not None):
+            if sensor.has_depth != self.sensors[0].has_depth:
+                raise table.error("some sensors have depth images, others clouds; expected one kind")
+            if not sensor.has_depth and bool(self.mcap) != (sensor.topic is not None):
                 expected = "a topic for each sensor" if self.mcap else 'mcap = "FILE", where a sensor has a topic'
                 raise table.bad("mcap", expected)
         if self.times is None:
-            if self.frame_rate is None:
+            if self.frame_rate is None and not self.sensors[0].has_depth:
                 raise table.missing("frame_rate")
             return self
         times = np.array(self.times)
@@ -205,14 +188,44 @@ def read_recording(path: Path | str, *, convention: Convention = "forward") -> R
         path = path / "recording.toml"
     keys, folder = decode(RecordingKeys, load_toml(path, FORMAT)), path.parent
     mcap = folder / file_name(keys.mcap, str(path)) if keys.mcap else None
+    streams = tuple(filter(None, (depth_stream(sensor, folder, mcap) for sensor in keys.sensors)))
+    if streams:
+        return _with_depth(keys, folder, streams, convention)
     frames = _stamped(keys, mcap) if mcap is not None else _Frames(_times(keys, folder))
-    program = read_pressures(folder / "pressure.csv", keys.design)
-    require_pressures(program, keys.design, str(folder / "pressure.csv"))
-    require_measured_pressures(program.pressure, str(folder / "pressure.csv"))
+    program = read_pressure_log(keys.pressure, folder, keys.design)
     if frames.times[-1] > program.duration + 1.5 * float(np.diff(frames.times, prepend=0.0).max()):
-        note(f"{folder / 'pressure.csv'}: ends at {program.duration:.3g} s, the frames at {frames.times[-1]:.3g} s")
-    found = (frames.chosen, frames.left_out)
-    return Recording(folder, keys.name, keys.design, frames.times, keys.sensors, program, convention, mcap, *found)
+        note(f"{folder / keys.pressure.file}: ends at {program.duration:.3g} s, the frames at {frames.times[-1]:.3g} s")
+    paired = (frames.chosen, frames.left_out)
+    return Recording(folder, keys.name, keys.design, frames.times, keys.sensors, program, convention, mcap, *paired)
+
+
+def _with_depth(
+    keys: RecordingKeys, folder: Path, streams: tuple[DepthStream, ...], convention: Convention
+) -> Recording:
+    """The frames are those of the stamps as they are, each clock's first image at one instant where clocks are the
+    cameras' own: `fuse` finds how far they differ. Raises InputError."""
+    where = str(folder / "recording.toml")
+    if len(streams) != len(keys.sensors):
+        raise InputError(f"{where}: some sensors have depth images, others clouds; expected one kind")
+    rate = keys.frame_rate
+    scaled = [s.stamps / (rate or 1.0) if s.clock == "none" else s.stamps for s in streams]
+    if any(s.clock == "none" for s in streams) and rate is None:
+        raise InputError(f"{where}: images without stamps and no frame_rate; expected one of them")
+    shared = all(s.clock == "global" for s in streams)
+    first = [own.min() if not shared else scaled[0].min() for own in scaled]
+    nanoseconds = [np.round(1e9 * (own - t)).astype(np.int64) for own, t in zip(scaled, first, strict=True)]
+    pairs = pair_frames(nanoseconds)
+    count = min(map(len, scaled))
+    chosen = np.tile(np.arange(count)[:, None], (1, len(streams))) if pairs is None else pairs.clouds[pairs.whole]
+    times = scaled[0][chosen[:, 0]] - first[0]
+    require_seconds(times, where)
+    program = read_pressure_log(keys.pressure, folder, keys.design)
+    depth = tuple(replace(s, stamps=own) for s, own in zip(streams, scaled, strict=True))
+    log = keys.pressure
+    return Recording(
+        folder, keys.name, keys.design, times, keys.sensors, program, convention, chosen=chosen, depth=depth,
+        cut=keys.cut, log=log,
+    )  # fmt: skip
 
 
 def write_recording(

@@ -68,7 +68,9 @@ def _opened(path: Path) -> Any:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
-        raise InputError(f"{path}: a RealSense recording needs {error.name}; pip install fabdesign[realsense]") from None
+        raise InputError(
+            f"{path}: a RealSense recording needs {error.name}; pip install fabdesign[realsense]"
+        ) from None
     try:
         if not path.is_file():
             raise InputError(f"{path}: no such file" if not path.exists() else f"{path}: is no plain file")
