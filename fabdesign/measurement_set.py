@@ -9,6 +9,7 @@ import tomlkit
 from tomlkit.items import Item
 
 from fabdesign.decoder import decode
+from fabdesign.depth.timing import RecordingTiming
 from fabdesign.design import Design
 from fabdesign.design_file import write_design
 from fabdesign.encoder import Encoder
@@ -43,6 +44,7 @@ class NewTrial:
     order: int
     role: Role
     data: TrialData
+    timing: RecordingTiming | None = None  # of the recording that it was fused from
 
 
 def write_set(
@@ -66,14 +68,17 @@ def write_set(
     """
     files = (f"{file_stem(key)}.toml" for key in designs)
     listed: list[Trial] = []
+    timings: dict[str, RecordingTiming] = {}
     with new_folder(folder, made_by=made_by, force=force, inputs=inputs) as unfinished:
         for key, design in designs.items():
             write_design(design, unfinished / f"{file_stem(key)}.toml")
         for trial in trials:
             file = unfinished / "trials" / f"{file_stem(trial.name)}.npz"
             write_trial(trial.data, file, scale=scale)
+            if trial.timing is not None:
+                timings[file.stem] = trial.timing
             listed.append(Trial(file, trial.design_name, designs[trial.design_name], trial.order, trial.role))
-        whole = MeasurementSet(name, designs, tuple(listed), description, frame_rate, accuracy)
+        whole = MeasurementSet(name, designs, tuple(listed), description, frame_rate, accuracy, recording=timings)
         document = tomlkit.document()
         document["format"] = FORMAT
         document.update(Encoder(unfinished / "set.toml", {Design: lambda design: next(files)}).encode(whole))

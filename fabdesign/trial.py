@@ -9,6 +9,7 @@ from typing import Annotated, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.depth.timing import RecordingTiming
 from fabdesign.design import Design
 from fabdesign.design_file import read_design
 from fabdesign.pressure import PressureProgram, require_pressures
@@ -108,6 +109,9 @@ class MeasurementSet:
     frame_rate: Annotated[float | None, FileUnit("Hz"), ABOVE_0, "nominal; a trial's own times rule"] = None
     accuracy: Annotated[Accuracy, Key(brief=True)] = USUAL
     rig_limits: Annotated[RigLimits, Key(brief=True), "of further trials"] = USUAL_LIMITS
+    recording: Annotated[Mapping[str, RecordingTiming], Key(brief=True), "clocks of fused recordings, by trial"] = field(
+        default_factory=dict
+    )
 
     def resolved(self, table: Table) -> "MeasurementSet":
         """Raise InputError for a set without trials, and for trials of one name or one place in a session."""

@@ -1,6 +1,6 @@
 """What goes wrong at a rig, found in the clouds themselves: swapped sensors, clocks that differ."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -12,6 +12,7 @@ Array = NDArray[np.float64]
 DISAGREE = 0.003  # m, median distance between sensors that is no noise
 BETTER = 0.5  # what a swap or another frame must leave of it
 LEAST_OVERLAP = 60  # points
+MOVED = 0.0025  # m: a camera so far from every other one was moved
 
 
 def disagreement(views: Sequence[SensorView], poses: Sequence[Array], sides: Sequence[str], thickness: float) -> float:
@@ -60,6 +61,39 @@ def late_sensor(
         if lag and gain < BETTER and (best is None or gain < best[0]):
             best = gain, (camera, lag)
     return None if best is None else best[1]
+
+
+def moved_camera(
+    views_at: Callable[[int], Sequence[SensorView]],
+    frames: int,
+    poses: Sequence[Array],
+    sides: Sequence[str],
+    thickness: float,
+) -> tuple[int, int] | None:
+    """The camera whose views leave those of all others from a frame on, to the end, and that frame."""
+    last = next((k for k in range(frames - 1, max(frames - 6, -1), -1) if len(views_at(k)) == len(poses)), None)
+    if last is None or len(poses) < 3:
+        return None
+
+    def alone(frame: int) -> dict[int, float]:
+        """By camera the least of its distances to the others."""
+        views = views_at(frame)
+        least = dict.fromkeys(range(len(poses)), np.inf)
+        for a, b in combinations(views, 2):
+            gap = _gap(a, b, poses, sides, thickness)
+            for view in (a, b):
+                least[view.camera] = min(least[view.camera], gap)
+        return least
+
+    at_end = alone(last)
+    far = [camera for camera, gap in at_end.items() if MOVED < gap < np.inf]
+    if len(far) != 1 or max(gap for camera, gap in at_end.items() if camera != far[0]) > MOVED:
+        return None
+    sound, moved = -1, last
+    while moved - sound > 1:
+        middle = (sound + moved) // 2
+        sound, moved = (sound, middle) if alone(middle)[far[0]] > MOVED else (middle, moved)
+    return far[0], moved
 
 
 def _gap(one: SensorView, other: SensorView, poses: Sequence[Array], sides: Sequence[str], thickness: float) -> float:

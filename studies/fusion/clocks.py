@@ -76,7 +76,7 @@ def coarse_clocks(views: Sequence[Sequence[StampedView]], shared: bool) -> tuple
     clocks, similar = [Clock(0.0, 0.0, _middle(views[0]))], [1.0]
     for own, (stamps, speeds) in zip(views[1:], signals[1:], strict=True):
         start = 0.0 if shared else signals[0][0][0] - stamps[0]
-        offset, correlation = _best(signals[0], (stamps + start, speeds), 0.25 if shared else np.inf)
+        offset, correlation = best_lag(signals[0], (stamps + start, speeds), 0.25 if shared else np.inf)
         known = correlation > SIMILAR
         clocks.append(Clock(start + (offset if known else 0.0), 0.0, _middle(own)))
         similar.append(correlation if known else float("nan"))
@@ -105,7 +105,7 @@ def _signal(views: Sequence[StampedView]) -> tuple[Array, Array]:
     return stamps, np.interp(stamps, stamps[known], speeds[known])
 
 
-def _best(one: tuple[Array, Array], other: tuple[Array, Array], most: float) -> tuple[float, float]:
+def best_lag(one: tuple[Array, Array], other: tuple[Array, Array], most: float) -> tuple[float, float]:
     """Return by how much [s] the other signal must be moved to lie on the first, at most so far, and their correlation."""
     grids = [np.arange(stamps[0], stamps[-1], GRID) for stamps, _ in (one, other)]
     a, b = (np.interp(g, *s) for g, s in zip(grids, (one, other), strict=True))
@@ -113,7 +113,7 @@ def _best(one: tuple[Array, Array], other: tuple[Array, Array], most: float) -> 
         return 0.0, 0.0
     least = int(LEAST_OVERLAP * min(len(a), len(b)))
     base = grids[0][0] - grids[1][0]
-    best, at = -1.0, 0
+    best, at, correlation = -np.inf, 0, 0.0
     for lag in range(least - len(b), len(a) - least + 1):  # b[k] lies on a[k + lag]
         if abs(lag * GRID + base) > most:
             continue
@@ -122,6 +122,6 @@ def _best(one: tuple[Array, Array], other: tuple[Array, Array], most: float) -> 
         x, y = x - x.mean(), y - y.mean()
         size = float(np.sqrt((x @ x) * (y @ y)))
         score = float(x @ y) / size if size > 0 else -1.0
-        if score > best:
-            best, at = score, lag
-    return at * GRID + base, best
+        if score * np.sqrt(right - left) > best:  # a short overlap agrees by chance
+            best, at, correlation = score * np.sqrt(right - left), lag, score
+    return at * GRID + base, correlation

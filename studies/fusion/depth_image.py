@@ -11,7 +11,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fabdesign.depth.intrinsics import Intrinsics
 from studies.fusion.cleaning import GRAZING, Cleaned
 
 Array = NDArray[np.float64]
@@ -37,18 +36,15 @@ FILTERS = ImageFilter()
 
 
 def clean_image(
-    depth: Array, slopes: Array, camera: Intrinsics, corner: tuple[int, int] = (0, 0), filters: ImageFilter = FILTERS
+    depth: Array, slopes: Array, pixel: float, corner: tuple[int, int] = (0, 0), filters: ImageFilter = FILTERS
 ) -> Cleaned:
     """Return the surface points of a depth image (rows, columns) m, 0 where there is none, or of a part of one.
 
-    slopes: (rows, columns, 2) of its pixels. corner: row and column of the part's first pixel in the camera's image.
+    slopes: (rows, columns, 2) of its pixels. pixel: m on the cloth, the same for all images of a camera. corner: row and
+    column of the part's first pixel in the camera's image.
     """
-    seen = depth[depth > 0]
-    if not len(seen):
-        return Cleaned(np.zeros((0, 3)), np.zeros((0, 3)), 0)
-    pixel = float(np.median(seen)) / camera.focal[0]  # m
     half = int(np.clip(round(WINDOW / pixel), 1, MOST_HALF))
-    step = max(1, int(SPACING / pixel))
+    step = max(1, round(SPACING / pixel))
     first = -corner[0] % step, -corner[1] % step  # the same pixels whatever the part
     fitted = _fit(depth, slopes[..., 0], slopes[..., 1], half, step, first)
     kept = fitted[..., 0] > 0

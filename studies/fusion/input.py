@@ -1,8 +1,8 @@
 """From a recording's files to cleaned views and anchored poses; what is unsound is refused, or left out and listed."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,22 +33,35 @@ class Anchored:
         return [s.side for s in self.sensors]
 
 
-def anchor_sensors(recording: Recording, tolerance: Tolerance) -> Anchored:
-    """Register every sensor to the reference; without one, the nominal pose is the anchor. Raises InputError."""
+def anchor_sensors(
+    recording: Recording,
+    tolerance: Tolerance,
+    among: Sequence[Sensor] | None = None,
+    at_rest: Callable[[Sensor], tuple[Array, SensorView] | None] | None = None,
+) -> Anchored:
+    """Register every sensor to the reference; without one, the nominal pose is the anchor. Raises InputError.
+
+    at_rest: gives a sensor's cloud at rest and its view where there is no `reference`.
+    """
     sensors: list[Sensor] = []
     anchors: list[Pose] = []
     rest: list[SensorView] = []
-    for sensor in recording.sensors:
+    for sensor in recording.sensors if among is None else among:
         with tolerance.forgiving():
+            view = None
             if recording.has_reference():
                 cloud = recording.reference(sensor)
                 anchors.append(_registered(recording, sensor, cloud))
-                rest.append(SensorView(REST, len(sensors), clean(cloud)))
+                view = SensorView(REST, len(sensors), clean(cloud))
+            elif at_rest is not None and (seen := at_rest(sensor)) is not None:
+                anchors.append(register_to_rest(sensor, seen[0], recording.design.fabric, seen[1].cloud))
+                view = replace(seen[1], camera=len(sensors))
             else:
                 turn, shift = NOMINAL_ERROR
                 information = np.diag(np.repeat([turn**-2, shift**-2], 3))
                 anchors.append(Pose(sensor.camera_to_world, information))
             sensors.append(sensor)
+            rest += [view] if view is not None else []
     if {s.side for s in sensors} != {"front", "back"}:
         names = ", ".join(s.name for s in sensors) or "no sensor"
         raise InputError(f"recording {recording.name}: {names} left; expected sensors in front and at the back")

@@ -1,7 +1,8 @@
-"""All cameras' poses and clocks together, from the moving cloth: Gauss-Newton on point-to-plane distances between cameras.
+"""All cameras' poses and clocks together, from the moving cloth: Gauss-Newton on point-to-plane distances.
 
-A clock that is late shifts each point by its speed along the normal. Cameras of one face must agree; a camera of the other face lies the cloth's thickness behind (Chen, Medioni 1992,
-"Object modelling by registration of multiple range images"). The cloth at rest anchors every pose.
+A clock that is late shifts each point by its speed along the normal. Cameras of one face must agree; a camera of the
+other face lies the cloth's thickness behind (Chen, Medioni 1992, "Object modelling by registration of multiple range
+images"). The cloth at rest anchors every pose.
 """
 
 from collections.abc import Callable, Sequence
@@ -162,15 +163,17 @@ def _aligned(
                 continue
             spread = max(PAIR_NOISE, 1.48 * float(np.median(np.abs(g.distance))))
             weight = 1.0 / (1.0 + (g.distance / (2.0 * spread)) ** 2) / (spread**2 * INDEPENDENT)
-            rows = np.zeros((len(g.distance), n))
-            for view, sign, speed in ((one, 1.0, g.speeds[0]), (other, -1.0, g.speeds[1])):
-                arm, at = g.at - poses[view.camera][:3, 3], EACH * view.camera
-                rows[:, at : at + 3] = sign * np.cross(arm, g.normal)
+            rows = np.empty((len(g.distance), 2 * EACH))
+            for k, (view, sign) in enumerate(((one, 1.0), (other, -1.0))):
+                at = EACH * k
+                rows[:, at : at + 3] = sign * np.cross(g.at - poses[view.camera][:3, 3], g.normal)
                 rows[:, at + 3 : at + 6] = sign * g.normal
-                rows[:, at + 6] = -sign * speed  # of a later clock the view is moved less far
-                rows[:, at + 7] = -sign * speed * view.stamp
-            normal += rows.T @ (weight[:, None] * rows)
-            right -= rows.T @ (weight * g.distance)
+                rows[:, at + 6] = -sign * g.speeds[k]  # of a later clock the view is moved less far
+                rows[:, at + 7] = -sign * g.speeds[k] * view.stamp
+            both = np.concatenate([EACH * view.camera + np.arange(EACH) for view in (one, other)])
+            weighted = (weight[:, None] * rows).T
+            normal[np.ix_(both, both)] += weighted @ rows
+            right[both] -= weighted @ g.distance
         small += np.linalg.solve(normal, right).reshape(-1, EACH)
         poses = [moved(anchor.matrix, s[:6]) for anchor, s in zip(anchors, small, strict=True)]
     deviation = np.sqrt(np.diag(np.linalg.inv(normal))).reshape(-1, EACH)[:, 6]

@@ -52,8 +52,8 @@ def with_speeds(clouds: Sequence[Cleaned], stamps: Sequence[float], numbers: Seq
     """Return the views of one camera's images in the order of their stamps, with speeds by the images beside them."""
     views = []
     for k, cloud in enumerate(clouds):
-        before = _change(cloud, clouds[k - 1]) if k else np.full(len(cloud.points), np.nan)
-        after = _change(cloud, clouds[k + 1]) if k + 1 < len(clouds) else np.full(len(cloud.points), np.nan)
+        before = change(cloud, clouds[k - 1]) if k else np.full(len(cloud.points), np.nan)
+        after = change(cloud, clouds[k + 1]) if k + 1 < len(clouds) else np.full(len(cloud.points), np.nan)
         h0 = stamps[k] - stamps[k - 1] if k else 1.0
         h1 = stamps[k + 1] - stamps[k] if k + 1 < len(clouds) else 1.0
         back, ahead = -before / h0, after / h1
@@ -71,7 +71,7 @@ def without_motion(view: StampedView) -> StampedView:
     return replace(view, speed=still, acceleration=still)
 
 
-def _change(here: Cleaned, there: Cleaned) -> Array:
+def change(here: Cleaned, there: Cleaned) -> Array:
     """Return (n,) m: how much farther another view's surface lies along each ray of this one; NaN where it has none."""
     unknown = np.full(len(here.points), np.nan)
     if not len(here.points) or not len(there.points):

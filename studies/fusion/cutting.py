@@ -1,0 +1,111 @@
+"""The cloth alone: what of a depth image is cut away before it is cleaned, and how much by what."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from fabdesign.depth.cut import Cut, of_colour
+from fabdesign.depth.stream import DepthStream
+from fabdesign.errors import InputError
+from fabdesign.fabric import Fabric
+from studies.fusion.cleaning import Cleaned
+from studies.fusion.depth_image import FILTERS, ImageFilter, clean_image
+
+Array = NDArray[np.float64]
+MARGIN = 0.03  # m around the box: what nominal poses are off
+LEAST_PIXELS = 200
+
+
+@dataclass(eq=False)
+class Cutter:
+    """Cuts the images of one sensor by its pose, and counts the pixels that each rule took."""
+
+    stream: DepthStream
+    pose: Array  # camera_to_world (4, 4) m
+    cut: Cut
+    fabric: Fabric
+    predicted: Callable[[float], cKDTree] | None = None  # the cloth's points in the world at a time [s after rest]
+    filters: ImageFilter = FILTERS
+    counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(("box", "planes", "colour", "predicted"), 0))
+    kept: int = 0
+
+    def __post_init__(self) -> None:
+        camera = self.stream.camera
+        low, high = self.cut.corners(self.fabric)
+        self._low, self._high = low, high
+        corners = np.array([[(low, high)[k >> a & 1][a] for a in range(3)] for k in range(8)])
+        seen = (corners - self.pose[:3, 3]) @ self.pose[:3, :3]
+        region = (0, camera.height), (0, camera.width)
+        if (seen[:, 2] > 0.05).all():
+            pixels = camera.pixels_of(seen[:, :2] / seen[:, 2:])
+            beyond = MARGIN / float(seen[:, 2].min()) * max(camera.focal)
+            first, last = pixels.min(axis=0) - beyond, pixels.max(axis=0) + beyond
+            region = tuple(  # type: ignore[assignment]
+                (int(np.clip(first[k], 0, size)), int(np.clip(np.ceil(last[k]), 0, size)))
+                for k, size in ((1, camera.height), (0, camera.width))
+            )
+        self.part = slice(*region[0]), slice(*region[1])
+        self._slopes = np.ascontiguousarray(camera.slopes[self.part])
+        rays = np.concatenate([self._slopes, np.ones((*self._slopes.shape[:2], 1))], axis=2)
+        self._rays = rays @ self.pose[:3, :3].T
+        middle = np.array([0.0, -self.fabric.height / 2, 0.0])
+        self.pixel = float(np.linalg.norm(self.pose[:3, 3] - middle)) / camera.focal[0]  # m on the cloth
+
+    def depth(self, number: int, time: float | None = None) -> Array:
+        """Return the part of an image (rows, columns) m that may be the cloth, 0 elsewhere; time: s after rest, for the
+        predicted cloth. Raises InputError."""
+        image = self.stream.depth(number)
+        every = int(np.count_nonzero(image))
+        depth = image[self.part] * self.stream.unit
+        world = self._rays * depth[..., None] + self.pose[:3, 3]
+        inside = ((world > self._low) & (world < self._high)).all(axis=2) & (depth > 0)
+        self.counts["box"] += every - int(inside.sum())
+        for a, b, c, d in self.cut.planes:
+            inside = self._without("planes", inside, world @ np.array([a, b, c]) >= d)
+        if self.cut.colour is not None:
+            inside = self._without("colour", inside, self._coloured(number))
+        if self.predicted is not None and self.cut.predicted is not None and time is not None:
+            rows, columns = np.nonzero(inside)
+            far, _ = self.predicted(time).query(world[rows, columns], distance_upper_bound=self.cut.predicted)
+            near = np.zeros_like(inside)
+            near[rows, columns] = np.isfinite(far)
+            inside = self._without("predicted", inside, near)
+        self.kept += int(inside.sum())
+        return np.where(inside, depth, 0.0)
+
+    def _without(self, rule: str, inside: NDArray[np.bool_], kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        self.counts[rule] += int((inside & ~kept).sum())
+        return inside & kept
+
+    def _coloured(self, number: int) -> NDArray[np.bool_]:
+        stream = self.stream
+        if stream.colour is None or self.cut.colour is None:
+            raise InputError(f"{stream.where}: no colour images; expected some, to cut by colour")
+        image = stream.colour(number)
+        if image.shape[:2] != (stream.camera.height, stream.camera.width):
+            raise InputError(
+                f"{stream.where}: colour images of {image.shape[1]} x {image.shape[0]}; expected the depth's size "
+                "(aligned to depth)"
+            )
+        return of_colour(image[self.part], self.cut.colour)
+
+    def clean(self, depth: Array, where: str) -> Cleaned:
+        """Return the cleaned points of such a part of an image. Raises InputError for next to none."""
+        if (depth > 0).sum() < LEAST_PIXELS:
+            raise InputError(f"{where}: {int((depth > 0).sum())} pixels of the cloth; expected it in view")
+        return clean_image(depth, self._slopes, self.pixel, (self.part[0].start, self.part[1].start), self.filters)
+
+    def cloud(self, depth: Array) -> Array:
+        """Return the points (n, 3) m of such a part, as they were measured."""
+        rows, columns = np.nonzero(depth)
+        z = depth[rows, columns]
+        return np.concatenate([self._slopes[rows, columns] * z[:, None], z[:, None]], axis=1)
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Return by rule the share of all pixels with a depth that it cut."""
+        every = self.kept + sum(self.counts.values())
+        return {rule: count / max(every, 1) for rule, count in self.counts.items() if count or rule == "box"}
