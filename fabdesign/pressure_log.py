@@ -7,15 +7,15 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
-from fabdesign.effort import LONGEST
 from fabdesign.errors import InputError, note
-from fabdesign.lab_table import LabTable
-from fabdesign.measured_units import require_measured_pressures
-from fabdesign.pressure import PressureProgram, require_pressures
-from fabdesign.pressure_file import SINGLE_ROW_DURATION, read_pressures
-from fabdesign.schema import FileUnit, Kilopascal, Within
-from fabdesign.table import Table
+from fabdesign.files.pressure_file import SINGLE_ROW_DURATION, read_pressures
+from fabdesign.formats.lab_table import LabTable
+from fabdesign.formats.measured_units import require_measured_pressures
+from fabdesign.formats.schema import FileUnit, Kilopascal, Within
+from fabdesign.formats.table import Table
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.pressure import PressureProgram, require_pressures
+from fabdesign.runtime.effort import LONGEST
 
 Array = NDArray[np.float64]
 _SHIFT = "of the log's clock: the cameras' common time of its first row; absent: found by the steps"

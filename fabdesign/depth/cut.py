@@ -6,9 +6,9 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.fabric import Fabric
-from fabdesign.schema import ABOVE_0, Metre
-from fabdesign.table import Table
+from fabdesign.formats.schema import ABOVE_0, Metre
+from fabdesign.formats.table import Table
+from fabdesign.nouns.fabric import Fabric
 
 Array = NDArray[np.float64]
 Triple = tuple[float, float, float]

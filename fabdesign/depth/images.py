@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.bounded_file import decode, read_bytes
 from fabdesign.depth.intrinsics import Intrinsics, intrinsics_of, intrinsics_of_json
 from fabdesign.depth.png import colour_image, depth_image
 from fabdesign.depth.stream import MOST_FRAMES, DepthStream
 from fabdesign.errors import InputError
-from fabdesign.npz_file import open_npz
+from fabdesign.formats.bounded_file import decode, read_bytes
+from fabdesign.formats.npz_file import open_npz
 
 _ENDINGS = (".png", ".tif", ".tiff")
 _COLOUR_ENDINGS = (*_ENDINGS, ".jpg", ".jpeg")

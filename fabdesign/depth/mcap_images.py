@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.clouds.mcap_file import messages_of
 from fabdesign.depth.intrinsics import Intrinsics, intrinsics_of
 from fabdesign.depth.png import depth_image
 from fabdesign.depth.ros_image import cdr_stamp, plain_image
 from fabdesign.depth.stream import DepthStream
 from fabdesign.errors import InputError
-from fabdesign.mcap_file import messages_of
 
 IMAGES = tuple(f"sensor_msgs/{part}{name}" for name in ("Image", "CompressedImage") for part in ("msg/", ""))
 _INFO = ("sensor_msgs/msg/CameraInfo", "sensor_msgs/CameraInfo")

@@ -12,8 +12,8 @@ from fabdesign.depth.mcap_images import has_depth, read_mcap_depth
 from fabdesign.depth.realsense import read_realsense
 from fabdesign.depth.stream import DepthStream
 from fabdesign.errors import InputError
-from fabdesign.schema import ABOVE_0, FileUnit, Key
-from fabdesign.table import Table
+from fabdesign.formats.schema import ABOVE_0, FileUnit, Key
+from fabdesign.formats.table import Table
 
 Array = NDArray[np.float64]
 _ORTHONORMAL = 1e-3

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from fabdesign.schema import FROM_0, FileUnit, Key, Second
+from fabdesign.formats.schema import FROM_0, FileUnit, Key, Second
 
 _PPM = FileUnit("ppm", lambda number: 1e-6 * float(number), lambda number: round(1e6 * number, 2))
 

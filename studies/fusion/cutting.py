@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from fabdesign.depth.cut import Cut, of_colour
 from fabdesign.depth.stream import DepthStream
 from fabdesign.errors import InputError
-from fabdesign.fabric import Fabric
+from fabdesign.nouns.fabric import Fabric
 from studies.fusion.cleaning import Cleaned
 from studies.fusion.depth_image import FILTERS, ImageFilter, clean_image
 

@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign import working_time
-from fabdesign.design import Design
+from fabdesign.clouds.recording import Convention, Recording, read_recording
 from fabdesign.errors import InputError
-from fabdesign.json_file import plain, write_json
-from fabdesign.measurement_set import NewTrial, write_set
+from fabdesign.files.measurement_set import NewTrial, write_set
+from fabdesign.formats.json_file import plain, write_json
+from fabdesign.nouns.design import Design
 from fabdesign.output import new_folder
-from fabdesign.recording import Convention, Recording, read_recording
-from studies.bad_data import Tolerance
+from fabdesign.runtime import working_time
 from studies.fusion.frames import Fusion, FusionReport
+from studies.measured.bad_data import Tolerance
 
 if TYPE_CHECKING:
     from studies.fusion.stamped import StampedFrames

@@ -12,11 +12,10 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.clouds.recording import Recording, Sensor
 from fabdesign.depth.timing import RecordingTiming, SensorTiming
 from fabdesign.errors import InputError, note
-from fabdesign.pressure import PressureProgram
-from fabdesign.recording import Recording, Sensor
-from studies.bad_data import Tolerance
+from fabdesign.nouns.pressure import PressureProgram
 from studies.fusion.checks import moved_camera
 from studies.fusion.clocks import Clock, Losses, begins_to_move, coarse_clocks, losses
 from studies.fusion.cutting import Cutter
@@ -24,6 +23,7 @@ from studies.fusion.input import REST, Anchored, anchor_sensors
 from studies.fusion.joint import SensorView, Timed, align_timed
 from studies.fusion.moving import StampedView, with_speeds
 from studies.fusion.onset import pressure_offset
+from studies.measured.bad_data import Tolerance
 
 Array = NDArray[np.float64]
 COARSELY = 0.01  # s, how well clocks are known by the motion alone
@@ -90,7 +90,9 @@ def stamped_frames(recording: Recording, tolerance: Tolerance) -> StampedFrames:
     anchored = anchor_sensors(recording, tolerance, sensors, rest)
     if len(anchored.sensors) < len(sensors):
         kept = [sensors.index(sensor) for sensor in anchored.sensors]
-        cutters, views, odd, clocks, similar = ([part[k] for k in kept] for part in (cutters, views, odd, clocks, similar))
+        cutters, views, odd, clocks, similar = (
+            [part[k] for k in kept] for part in (cutters, views, odd, clocks, similar)
+        )
     known = [COARSELY if np.isfinite(s) else UNKNOWN for s in similar]
     timed = Timed(views, clocks, known)
     instants = _instants(timed, odd)
@@ -98,7 +100,9 @@ def stamped_frames(recording: Recording, tolerance: Tolerance) -> StampedFrames:
     offset, uncertain, steps = _pressure(recording, timed)
     kept_instants, left_out = _frames(recording.program, anchored, timed, instants, offset, odd[0].interval)
     timing = _timing(anchored.sensors, cutters, timed, odd, similar, spread, kept_instants)
-    report = RecordingTiming(odd[0].interval, left_out, offset - clocks[0].time(_first(views[0])), uncertain, steps, timing)
+    report = RecordingTiming(
+        odd[0].interval, left_out, offset - clocks[0].time(_first(views[0])), uncertain, steps, timing
+    )
     return StampedFrames(
         recording, anchored, tuple(cutters), poses, timed, kept_instants, offset, report, tuple(odd)
     )  # fmt: skip
@@ -187,7 +191,9 @@ def _aligned(
     speed = np.array([view.mean_speed for view in timed.views[0]])
     fast = np.argsort(-np.nan_to_num(speed))[: JOINT // 2]
     when = timed.clocks[0].times(np.array([timed.views[0][k].stamp for k in fast]))
-    even = instants[np.unique(np.linspace(1, max(len(instants) - 2, 1), JOINT // 2).round().astype(int) % len(instants))]
+    even = instants[
+        np.unique(np.linspace(1, max(len(instants) - 2, 1), JOINT // 2).round().astype(int) % len(instants))
+    ]
     shown = np.unique(np.concatenate([when, even]))
     poses = [anchor.matrix for anchor in anchored.anchors]
     if anchored.rest:
@@ -224,7 +230,9 @@ def _pressure(recording: Recording, timed: Timed) -> tuple[float, float, int]:
         return timed.clocks[0].time(_first(timed.views[0])) + recording.log.shift, 0.0, 0
     offset, uncertain, steps = pressure_offset(recording.program, timed.views, timed.clocks)
     if not np.isfinite(offset):
-        note(f"recording {recording.name}: the pressures have no step; their 0 is taken to be the first image's instant")
+        note(
+            f"recording {recording.name}: the pressures have no step; their 0 is taken to be the first image's instant"
+        )
         return timed.clocks[0].time(_first(timed.views[0])), 0.0, 0
     return offset, uncertain, steps
 
