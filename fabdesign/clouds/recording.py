@@ -22,6 +22,7 @@ from fabdesign.depth.stream import DepthStream
 from fabdesign.errors import InputError, note
 from fabdesign.files.design_file import read_design, write_design
 from fabdesign.files.pressure_file import write_pressures
+from fabdesign.files.pressure_log import NO_LOG, PressureLog, read_pressure_log
 from fabdesign.formats.decoder import decode
 from fabdesign.formats.encoder import Encoder
 from fabdesign.formats.measured_units import require_seconds
@@ -30,7 +31,6 @@ from fabdesign.formats.table import Table, load_toml
 from fabdesign.formats.toml_file import file_name, file_stem
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import PressureProgram
-from fabdesign.pressure_log import NO_LOG, PressureLog, read_pressure_log
 from fabdesign.runtime.effort import LONGEST
 
 Array = NDArray[np.float64]
