@@ -102,8 +102,11 @@ def intrinsics_of(
 
 
 def intrinsics_of_json(content: Any, size: tuple[int, int] | None, where: str) -> Intrinsics:
-    """Return the depth camera of a JSON for images of a size (width, height): Open3D's pinhole camera or its Azure Kinect's `intrinsic_matrix`, the Azure
-    Kinect SDK's raw calibration, or keys as the RealSense SDK names them. Raises InputError."""
+    """Return the depth camera of a JSON for images of a size (width, height). Raises InputError.
+
+    It is Open3D's pinhole camera or its Azure Kinect's `intrinsic_matrix`, the Azure Kinect SDK's raw calibration, or
+    has keys as the RealSense SDK names them.
+    """
     try:
         if "CalibrationInformation" in content:
             return _azure_kinect(content["CalibrationInformation"]["Cameras"], size, where)
@@ -127,7 +130,7 @@ def intrinsics_of_json(content: Any, size: tuple[int, int] | None, where: str) -
 _KEYS = (("fx", "fx"), ("fy", "fy"), ("ppx", "cx"), ("ppy", "cy"))
 
 
-# of Azure Kinect's modes by the size of their image: the sensor's size as it is binned, and where the image begins in it
+# modes of Azure Kinect by their image's size: the binned sensor's size, and where the image begins in it
 _MODES = {(640, 576): (1024, 192, 180), (320, 288): (512, 96, 90), (512, 512): (512, 0, 0), (1024, 1024): (1024, 0, 0)}
 
 

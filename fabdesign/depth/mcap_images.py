@@ -1,7 +1,6 @@
 """Depth streams of an MCAP: sensor_msgs/msg/Image of 16 bits (or 32FC1, m), or CompressedImage as `compressedDepth`,
 with the CameraInfo whose topic is nearest."""
 
-from os.path import commonprefix
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,8 @@ _COMPRESSED_DEPTH = 12  # bytes before the PNG of a compressedDepth message
 
 def read_mcap_depth(path: Path, topic: str, *, unit: float | None = None) -> DepthStream:
     """Return the depth stream on a topic. Raises InputError for none there, and what `messages_of` does."""
-    records, infos = [], {}
+    records: list[tuple[float, Any]] = []
+    infos: dict[str, Any] = {}
     kind = ""
     for name, record, message, schema in messages_of(path, (*IMAGES, *_INFO), "depth images"):
         if schema in _INFO:
@@ -55,13 +55,20 @@ def _camera(infos: dict[str, Any], topic: str, where: str) -> Intrinsics:
     """Return the intrinsics of the CameraInfo that has most of the topic's beginning."""
     if not infos:
         raise InputError(f"{where}: no CameraInfo; expected one beside the images")
-    nearest = max(infos, key=lambda name: len(commonprefix([name, topic])))
+    nearest = max(infos, key=lambda name: _shared(name, topic))
     message = infos[nearest]()
-    k, d = getattr(message, "k", ()), getattr(message, "d", ())
+    k: Any = getattr(message, "k", ())
+    d: Any = getattr(message, "d", ())
     if len(k) != 9:
         raise InputError(f"{where}: CameraInfo of {nearest} has {len(k)} numbers k; expected 9")
     model = str(getattr(message, "distortion_model", ""))
     return intrinsics_of((message.width, message.height), (k[0], k[4], k[2], k[5]), model, tuple(d), where)
+
+
+def _shared(name: str, other: str) -> int:
+    """Return how many parts two topics have in common from their beginning."""
+    parts = zip(name.split("/"), other.split("/"), strict=False)
+    return next((k for k, (a, b) in enumerate(parts) if a != b), 99)
 
 
 def _image(message: Any, where: str) -> NDArray[np.uint16]:

@@ -1,8 +1,8 @@
 """Depth streams of recordings of the RealSense SDK and its Viewer: `.bag` (ROS 1) and `.db3` (ROS 2, SQLite), through
 the package rosbags (the extra `realsense`).
 
-Formats: librealsense, src/media/ros (topics of file version 2 and later); wiki.ros.org/Bags/Format/2.0. A `.bag` has raw
-images, whose stamp is the frame's, and metadata as key and value; a `.db3` has 16-bit PNG behind 12 bytes, and
+Formats: librealsense, src/media/ros (topics of file version 2 and later); wiki.ros.org/Bags/Format/2.0. A `.bag` has
+raw images, whose stamp is the frame's, and metadata as key and value; a `.db3` has 16-bit PNG behind 12 bytes, and
 metadata as "key=value;...". In both the messages of a frame have one log time.
 """
 
@@ -83,7 +83,7 @@ def _opened(path: Path) -> Any:
     except Exception as error:
         if "index" in str(error):
             raise InputError(
-                f"{path}: has no index, its recorder did not end; expected a whole recording (`rosbag reindex` mends it)"
+                f"{path}: has no index, its recorder did not end; expected a whole one (`rosbag reindex` mends it)"
             ) from None
         raise _unreadable(path, error) from None
     if path.suffix.lower() == ".bag":
@@ -171,8 +171,8 @@ def _camera(reader: Any, stream: _Stream, where: str) -> Intrinsics:
     for part in ("camera_info", "info/camera_info", "image/camera_info"):
         for _, message in _messages(reader, stream.parts[part]) if part in stream.parts else ():
             if hasattr(message, "height"):
-                k = getattr(message, "K", getattr(message, "k", ()))
-                d = getattr(message, "D", getattr(message, "d", ()))
+                k: Any = getattr(message, "K", getattr(message, "k", None))
+                d: Any = getattr(message, "D", getattr(message, "d", None))
                 size = int(message.width), int(message.height)
                 return intrinsics_of(size, (k[0], k[4], k[2], k[5]), message.distortion_model, tuple(d), where)
             pairs = _pairs(message)

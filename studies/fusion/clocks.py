@@ -3,6 +3,7 @@ cross-correlation; and which images were lost, repeated or late. studies/fusion/
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,14 +47,13 @@ class Losses:
 
 
 def losses(stamps: Array, counters: NDArray[np.int64] | None, same: Sequence[bool]) -> Losses:
-    """Return what is odd. counters: of the camera, where it counts. same: whether an image equals the one before it, bit
-    by bit."""
+    """Return what is odd. counters: of the camera, where it counts. same: whether an image equals the one before it."""
     gaps = np.diff(stamps)
     interval = float(np.median(gaps[gaps > 0])) if (gaps > 0).any() else 0.0
     repeated = [k + 1 for k, gap in enumerate(gaps) if same[k + 1] or gap < 0.5 * interval]
     kept = np.setdiff1d(np.arange(len(stamps)), repeated)
     lost: list[float] = []
-    for a, b in zip(kept[:-1], kept[1:], strict=True):
+    for a, b in pairwise(kept):
         gap = stamps[b] - stamps[a]
         missing = round(gap / interval) - 1 if interval and gap > LOST * interval else 0
         if counters is not None and 0 < counters[b] - counters[a] < 10_000:
@@ -70,8 +70,10 @@ def losses(stamps: Array, counters: NDArray[np.int64] | None, same: Sequence[boo
 
 
 def coarse_clocks(views: Sequence[Sequence[StampedView]], shared: bool) -> tuple[list[Clock], list[float]]:
-    """Return each camera's clock against the first one's, and the correlation that says so; NaN where the cloth moves too
-    little: then clocks that are `shared` agree, and others began together."""
+    """Return each camera's clock against the first one's, and the correlation that says so.
+
+    It is NaN where the cloth moves too little: then clocks that are `shared` agree, and others began together.
+    """
     signals = [_signal(own) for own in views]
     clocks, similar = [Clock(0.0, 0.0, _middle(views[0]))], [1.0]
     for own, (stamps, speeds) in zip(views[1:], signals[1:], strict=True):
@@ -106,7 +108,7 @@ def _signal(views: Sequence[StampedView]) -> tuple[Array, Array]:
 
 
 def best_lag(one: tuple[Array, Array], other: tuple[Array, Array], most: float) -> tuple[float, float]:
-    """Return by how much [s] the other signal must be moved to lie on the first, at most so far, and their correlation."""
+    """Return by how much [s] the other signal must be moved, at most so far, to lie on the first; their correlation."""
     grids = [np.arange(stamps[0], stamps[-1], GRID) for stamps, _ in (one, other)]
     a, b = (np.interp(g, *s) for g, s in zip(grids, (one, other), strict=True))
     if min(len(a), len(b)) < 8 or a.std() < 1e-9 or b.std() < 1e-9:

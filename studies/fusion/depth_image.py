@@ -40,8 +40,8 @@ def clean_image(
 ) -> Cleaned:
     """Return the surface points of a depth image (rows, columns) m, 0 where there is none, or of a part of one.
 
-    slopes: (rows, columns, 2) of its pixels. pixel: m on the cloth, the same for all images of a camera. corner: row and
-    column of the part's first pixel in the camera's image.
+    slopes: (rows, columns, 2) of its pixels. pixel: m on the cloth, the same for all images of a camera. corner: row
+    and column of the part's first pixel in the camera's image.
     """
     half = int(np.clip(round(WINDOW / pixel), 1, MOST_HALF))
     step = max(1, round(SPACING / pixel))

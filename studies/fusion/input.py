@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.clouds.recording import Recording, Sensor
+from fabdesign.clouds.recording import Recording
+from fabdesign.depth.sensor import Sensor
 from fabdesign.errors import InputError
 from studies.fusion.checks import DISAGREE, disagreement, late_sensor, swapped_pair
 from studies.fusion.cleaning import clean

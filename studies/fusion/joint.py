@@ -86,7 +86,7 @@ def _speed(view: SensorView, points: NDArray[np.intp], poses: Sequence[Array], n
 
 
 @dataclass(frozen=True, eq=False)
-class Timed:
+class TimedViews:
     """Moving views of every camera, at instants of the axis that their clocks share."""
 
     views: Sequence[Sequence[StampedView]]  # of each camera
@@ -105,7 +105,7 @@ class Timed:
                     taken.append(SensorView(frame, camera, cloud, velocity, views[k].stamp - clock.middle))
         return taken
 
-    def moved(self, small: Array) -> "Timed":
+    def moved(self, small: Array) -> "TimedViews":
         """Return it with clocks after changes (cameras, 2) of offsets [s] and drifts."""
         clocks = [Clock(c.offset + o, c.drift + d, c.middle) for c, (o, d) in zip(self.clocks, small, strict=True)]
         return replace(self, clocks=clocks)
@@ -117,13 +117,13 @@ def align(views: Sequence[SensorView], anchors: Sequence[Pose], sides: Sequence[
 
 
 def align_timed(
-    timed: Timed,
+    timed: TimedViews,
     instants: Array,
     rest: Sequence[SensorView],
     anchors: Sequence[Pose],
     sides: Sequence[str],
     thickness: float,
-) -> tuple[list[Array], Timed, Array]:
+) -> tuple[list[Array], TimedViews, Array]:
     """The poses and clocks that agree best over views at instants [s] and at rest, and how well the offsets are known
     (cameras,) [s] by the distances' noise."""
     certain = np.array([[max(s, 1e-12) ** -2, DRIFT**-2] for s in timed.known])
@@ -141,8 +141,10 @@ def _aligned(
     sides: Sequence[str],
     thickness: float,
 ) -> tuple[list[Array], Array, Array]:
-    """Poses, changes of clocks (cameras, 2), and the standard deviation of offsets. certain (cameras, 2): information of
-    what is known of clocks."""
+    """Poses, changes of clocks (cameras, 2), and the standard deviation of offsets.
+
+    certain: (cameras, 2) information of what is known of clocks.
+    """
     poses = [anchor.matrix for anchor in anchors]
     small = np.zeros((len(poses), EACH))  # from the anchors; its turns are small enough to add
     n = EACH * len(poses)

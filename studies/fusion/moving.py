@@ -1,7 +1,7 @@
 """Views of a moving cloth: how fast each point moves along its ray, and the view at another instant.
 
-A camera's next image says at which depth the same ray meets the cloth then. So a view can be had at any instant near its
-own, and cameras that do not expose together become views of one instant.
+A camera's next image says at which depth the same ray meets the cloth then. So a view can be had at any instant near
+its own, and cameras that do not expose together become views of one instant.
 """
 
 from collections.abc import Sequence

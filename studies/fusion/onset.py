@@ -29,8 +29,7 @@ SLOW = 0.03  # m/s: a cloth faster than that before a step says nothing of its i
 def pressure_offset(
     program: PressureProgram, views: Sequence[Sequence[StampedView]], clocks: Sequence[Clock]
 ) -> tuple[float, float, int]:
-    """Return the common time [s] of the program's 0, its standard deviation, and by how many steps of cameras; NaN where
-    none says it."""
+    """Return the common time [s] of the program's 0, its standard deviation, and by how many steps; NaN: by none."""
     steps = steps_of(program)
     if not steps:
         return float("nan"), float("nan"), 0
@@ -39,7 +38,7 @@ def pressure_offset(
     coarse = _coarse(steps, times, speeds)
     onsets = []
     for step, _ in steps:
-        curves = [_curve(own, *signal, coarse + step) for own, *signal in zip(views, times, speeds, strict=True)]
+        curves = [_curve(own, t, speed, coarse + step) for own, t, speed in zip(views, times, speeds, strict=True)]
         start = _start([curve for curve in curves if len(curve) > 1], coarse + step)
         if start is not None:
             onsets.append(start - step)
@@ -76,7 +75,7 @@ def _curve(views: Sequence[StampedView], times: Array, speeds: Array, expected: 
     drift = np.nan_to_num(rest.speed)
     fields = {
         k: change(rest.cloud, views[k].cloud) - drift * (times[k] - start)
-        for k in np.flatnonzero((times > start) & (times < expected + SOON))
+        for k in map(int, np.flatnonzero((times > start) & (times < expected + SOON)))
     }
     fields = {k: field for k, field in fields.items() if np.isfinite(field).sum() > LEAST}
     far = {k: float(np.sqrt(np.nanmean(field**2))) for k, field in fields.items()}

@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from fabdesign.clouds.recording import Sensor
+from fabdesign.depth.sensor import Sensor
 from fabdesign.errors import InputError
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.units import in_mm

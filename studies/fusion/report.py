@@ -1,4 +1,4 @@
-"""The page of a fused recording: each view with what was cut, the views on the fused cloth, timings, what was left out."""
+"""The page of a fused recording: views with what was cut, views on the fused cloth, timings, what was left out."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path

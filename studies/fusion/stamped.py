@@ -1,10 +1,11 @@
 """Recordings whose cameras stamp their images: from depth images to views at common instants, with poses and clocks.
 
-Clocks are laid on one axis by how the cloth moves, coarsely (clocks.py) and with the poses (joint.py); the pressure's log
-joins by its steps (onset.py). A frame of the set is an instant at which each side has an image within half an interval.
+Clocks are laid on one axis by how the cloth moves, coarsely (clocks.py) and with the poses (joint.py); the log of the
+pressure joins by its steps (onset.py). A frame of the set is an instant at which each side has an image within half an
+interval.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from zlib import crc32
@@ -12,7 +13,8 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.clouds.recording import Recording, Sensor
+from fabdesign.clouds.recording import Recording
+from fabdesign.depth.sensor import Sensor
 from fabdesign.depth.timing import RecordingTiming, SensorTiming
 from fabdesign.errors import InputError, note
 from fabdesign.nouns.pressure import PressureProgram
@@ -20,7 +22,7 @@ from studies.fusion.checks import moved_camera
 from studies.fusion.clocks import Clock, Losses, begins_to_move, coarse_clocks, losses
 from studies.fusion.cutting import Cutter
 from studies.fusion.input import REST, Anchored, anchor_sensors
-from studies.fusion.joint import SensorView, Timed, align_timed
+from studies.fusion.joint import SensorView, TimedViews, align_timed
 from studies.fusion.moving import StampedView, with_speeds
 from studies.fusion.onset import pressure_offset
 from studies.measured.bad_data import Tolerance
@@ -42,7 +44,7 @@ class StampedFrames:
     anchored: Anchored
     cutters: tuple[Cutter, ...]
     poses: list[Array]
-    timed: Timed
+    timed: TimedViews
     instants: Array  # (T,) s on the common axis
     offset: float  # s, common time of the pressure's 0
     timing: RecordingTiming
@@ -72,97 +74,85 @@ def stamped_frames(recording: Recording, tolerance: Tolerance) -> StampedFrames:
     images = sum(len(stream.stamps) for stream in recording.depth)
     if images > MOST_VIEWS:
         raise InputError(f"{recording.folder}: {images} images; expected at most {MOST_VIEWS}")
-    sensors, cutters, views, odd = [], [], [], []
+    cameras = []
     for sensor, stream in zip(recording.sensors, recording.depth, strict=True):
         with tolerance.forgiving():
-            cutter = Cutter(stream, sensor.camera_to_world, recording.cut, fabric)
-            seen, strange = _views(cutter, sensor, tolerance)
-            sensors.append(sensor)
-            cutters.append(cutter)
-            views.append(seen)
-            odd.append(strange)
-    if not views:
+            cameras.append(_camera(Cutter(stream, sensor.camera_to_world, recording.cut, fabric), sensor, tolerance))
+    if not cameras:
         raise InputError(f"recording {recording.name}: no sensor is left")
-    shared = all(cutter.stream.clock == "global" for cutter in cutters)
-    clocks, similar = coarse_clocks(views, shared)
-    begins = [begins_to_move(own) for own in views]
-    rest = _at_rest(recording, sensors, cutters, views, begins)
-    anchored = anchor_sensors(recording, tolerance, sensors, rest)
-    if len(anchored.sensors) < len(sensors):
-        kept = [sensors.index(sensor) for sensor in anchored.sensors]
-        cutters, views, odd, clocks, similar = (
-            [part[k] for k in kept] for part in (cutters, views, odd, clocks, similar)
-        )
+    by_sensor = {camera.sensor.name: camera for camera in cameras}
+
+    def at_rest(sensor: Sensor) -> tuple[Array, SensorView] | None:
+        return _at_rest(by_sensor[sensor.name])
+
+    anchored = anchor_sensors(recording, tolerance, [camera.sensor for camera in cameras], at_rest)
+    cameras = [by_sensor[sensor.name] for sensor in anchored.sensors]
+    views, odd = [camera.views for camera in cameras], tuple(camera.odd for camera in cameras)
+    clocks, similar = coarse_clocks(views, all(camera.cutter.stream.clock == "global" for camera in cameras))
     known = [COARSELY if np.isfinite(s) else UNKNOWN for s in similar]
-    timed = Timed(views, clocks, known)
+    timed = TimedViews(views, clocks, known)
     instants = _instants(timed, odd)
     poses, timed, spread = _aligned(recording, anchored, timed, instants, tolerance)
     offset, uncertain, steps = _pressure(recording, timed)
-    kept_instants, left_out = _frames(recording.program, anchored, timed, instants, offset, odd[0].interval)
-    timing = _timing(anchored.sensors, cutters, timed, odd, similar, spread, kept_instants)
-    report = RecordingTiming(
-        odd[0].interval, left_out, offset - clocks[0].time(_first(views[0])), uncertain, steps, timing
-    )
-    return StampedFrames(
-        recording, anchored, tuple(cutters), poses, timed, kept_instants, offset, report, tuple(odd)
-    )  # fmt: skip
+    kept, left_out = _frames(recording.program, anchored, timed, instants, offset, odd[0].interval)
+    timing = {
+        camera.sensor.name: _timing(camera, timed, k, kept, spread[k], similar[k]) for k, camera in enumerate(cameras)
+    }
+    begins = timed.clocks[0].time(views[0][0].stamp)
+    report = RecordingTiming(_us(odd[0].interval), left_out, _us(offset - begins), _us(uncertain), steps, timing)
+    cutters = tuple(camera.cutter for camera in cameras)
+    return StampedFrames(recording, anchored, cutters, poses, timed, kept, offset, report, odd)
 
 
-def _first(views: Sequence[StampedView]) -> float:
-    return views[0].stamp
+def _us(seconds: float) -> float:
+    """Return seconds to the microsecond."""
+    return round(float(seconds), 6)
 
 
-def _views(cutter: Cutter, sensor: Sensor, tolerance: Tolerance) -> tuple[list[StampedView], Losses]:
+@dataclass(frozen=True, eq=False)
+class _Camera:
+    """One sensor's images as they were read."""
+
+    sensor: Sensor
+    cutter: Cutter
+    views: list[StampedView]
+    odd: Losses
+
+
+def _camera(cutter: Cutter, sensor: Sensor, tolerance: Tolerance) -> _Camera:
     """Read and clean all images of one sensor, in the order of their stamps; those that repeat the one before go."""
     stream = cutter.stream
-    order = np.argsort(stream.stamps, kind="stable")
-    clouds, numbers, same, last = {}, [], [], None
-    for number in map(int, order):
-        try:
-            depth = cutter.depth(number)
-            equal = crc32(np.ascontiguousarray(depth).view(np.uint8))
-            same.append(equal == last)
-            last = equal
+    order = [int(k) for k in np.argsort(stream.stamps, kind="stable")]
+    clouds, same, last = {}, [], None
+    for number in order:
+        depth = cutter.depth(number)
+        check = crc32(depth.tobytes())
+        same.append(check == last)
+        last = check
+        with tolerance.forgiving():
             clouds[number] = cutter.clean(depth, f"{stream.where}, image {number}")
-            numbers.append(number)
-        except InputError as error:
-            tolerance.note(error)
-            same += [False] * (len(same) < len(order) and len(same) == len(clouds))
-    same = (same + [False] * len(order))[: len(order)]
     counters = None if stream.numbers is None else stream.numbers[order]
-    strange = losses(stream.stamps[order], counters, same)
-    left_out = {int(order[k]) for k in strange.repeated}
-    numbers = [number for number in numbers if number not in left_out]
+    odd = losses(stream.stamps[order], counters, same)
+    left_out = {order[k] for k in odd.repeated}
+    numbers = [number for number in order if number in clouds and number not in left_out]
     if len(numbers) < 2:
         raise InputError(f"sensor {sensor.name}: {len(numbers)} sound images; expected at least 2")
     stamps = [float(stream.stamps[number]) for number in numbers]
-    return with_speeds([clouds[number] for number in numbers], stamps, numbers), strange
+    return _Camera(sensor, cutter, with_speeds([clouds[number] for number in numbers], stamps, numbers), odd)
 
 
-def _at_rest(
-    recording: Recording,
-    sensors: Sequence[Sensor],
-    cutters: Sequence[Cutter],
-    views: Sequence[Sequence[StampedView]],
-    begins: Sequence[float],
-) -> Callable[[Sensor], tuple[Array, SensorView] | None]:
-    """Return what gives a sensor's cloud of the cloth at rest and its view: of `reference`, or the median of the images
-    before the cloth moves; None where there are too few."""
-
-    def rest(sensor: Sensor) -> tuple[Array, SensorView] | None:
-        camera = sensors.index(sensor)
-        cutter = cutters[camera]
-        interval = float(np.median(np.diff([view.stamp for view in views[camera]])))
-        still = [view.number for view in views[camera] if view.stamp < begins[camera] - interval]
-        if len(still) < LEAST_REST:
-            note(f"sensor {sensor.name}: {len(still)} images before the cloth moves; poses stay near the nominal ones")
-            return None
-        taken = [still[k] for k in np.unique(np.linspace(0, len(still) - 1, REST_IMAGES).round().astype(int))]
-        stack = np.array([cutter.depth(number) for number in taken])
-        depth = _median(stack)
-        return cutter.cloud(depth), SensorView(REST, camera, cutter.clean(depth, f"sensor {sensor.name} at rest"))
-
-    return rest
+def _at_rest(camera: _Camera) -> tuple[Array, SensorView] | None:
+    """Return a sensor's cloud of the cloth at rest and its view: the median of the images before the cloth moves; None
+    where there are too few."""
+    name, cutter = camera.sensor.name, camera.cutter
+    before = begins_to_move(camera.views) - camera.odd.interval
+    still = [view.number for view in camera.views if view.stamp < before]
+    if len(still) < LEAST_REST:
+        note(f"sensor {name}: {len(still)} images before the cloth moves; its pose stays near the nominal one")
+        return None
+    taken = [still[k] for k in np.unique(np.linspace(0, len(still) - 1, REST_IMAGES).round().astype(int))]
+    depth = _median(np.array([cutter.depth(number) for number in taken]))
+    return cutter.cloud(depth), SensorView(REST, 0, cutter.clean(depth, f"sensor {name} at rest"))
 
 
 def _median(stack: Array) -> Array:
@@ -174,7 +164,7 @@ def _median(stack: Array) -> Array:
     return np.asarray(np.where(2 * there > len(stack), depth, 0.0))
 
 
-def _instants(timed: Timed, odd: Sequence[Losses]) -> Array:
+def _instants(timed: TimedViews, odd: Sequence[Losses]) -> Array:
     """Return the instants [s] of an even grid through the first camera's images."""
     stamps = np.array([view.stamp for view in timed.views[0]])
     interval = odd[0].interval
@@ -184,8 +174,8 @@ def _instants(timed: Timed, odd: Sequence[Losses]) -> Array:
 
 
 def _aligned(
-    recording: Recording, anchored: Anchored, timed: Timed, instants: Array, tolerance: Tolerance
-) -> tuple[list[Array], Timed, Array]:
+    recording: Recording, anchored: Anchored, timed: TimedViews, instants: Array, tolerance: Tolerance
+) -> tuple[list[Array], TimedViews, Array]:
     """Fit poses and clocks at the instants that move most and at some even ones. Raises InputError."""
     thickness = recording.design.fabric.thickness
     speed = np.array([view.mean_speed for view in timed.views[0]])
@@ -202,7 +192,7 @@ def _aligned(
 
 
 def _require_unmoved(
-    anchored: Anchored, timed: Timed, instants: Array, poses: list[Array], thickness: float, tolerance: Tolerance
+    anchored: Anchored, timed: TimedViews, instants: Array, poses: list[Array], thickness: float, tolerance: Tolerance
 ) -> None:
     """Leave out the rest of a camera's images from where it was moved on, or raise InputError."""
     for _ in anchored.sensors:
@@ -224,21 +214,21 @@ def _require_unmoved(
             raise InputError(f"sensor {name}: no image is left from before it was moved")
 
 
-def _pressure(recording: Recording, timed: Timed) -> tuple[float, float, int]:
+def _pressure(recording: Recording, timed: TimedViews) -> tuple[float, float, int]:
     """Return the common time [s] of the pressure's 0, how well it is known, and by how many steps."""
     if recording.log.shift is not None:
-        return timed.clocks[0].time(_first(timed.views[0])) + recording.log.shift, 0.0, 0
+        return timed.clocks[0].time(timed.views[0][0].stamp) + recording.log.shift, 0.0, 0
     offset, uncertain, steps = pressure_offset(recording.program, timed.views, timed.clocks)
     if not np.isfinite(offset):
         note(
             f"recording {recording.name}: the pressures have no step; their 0 is taken to be the first image's instant"
         )
-        return timed.clocks[0].time(_first(timed.views[0])), 0.0, 0
+        return timed.clocks[0].time(timed.views[0][0].stamp), 0.0, 0
     return offset, uncertain, steps
 
 
 def _frames(
-    program: PressureProgram, anchored: Anchored, timed: Timed, instants: Array, offset: float, interval: float
+    program: PressureProgram, anchored: Anchored, timed: TimedViews, instants: Array, offset: float, interval: float
 ) -> tuple[Array, int]:
     """Return the instants [s] within the program at which both sides have an image, and how many are left out."""
     times = instants - offset
@@ -258,34 +248,24 @@ def _frames(
     return inside[both], int((~both).sum())
 
 
-def _timing(
-    sensors: Sequence[Sensor],
-    cutters: Sequence[Cutter],
-    timed: Timed,
-    odd: Sequence[Losses],
-    similar: Sequence[float],
-    spread: Array,
-    instants: Array,
-) -> dict[str, SensorTiming]:
-    """Return each camera's clock against the first's: raw stamps at one instant, and what became of its images."""
-    first = timed.clocks[0]
-    timing = {}
-    for k, (sensor, cutter, clock, strange) in enumerate(zip(sensors, cutters, timed.clocks, odd, strict=True)):
-        own = clock.times(np.array([view.stamp for view in timed.views[k]]))
-        nearest = np.abs(own[:, None] - instants).argmin(axis=0)
-        within = np.abs(own[nearest] - instants) <= 0.5 * strange.interval
-        timing[sensor.name] = SensorTiming(
-            float(_ahead(clock, first)),
-            -clock.drift,
-            0.0 if k == 0 else float(spread[k]),
-            k == 0 or bool(np.isfinite(similar[k])),
-            len(cutter.stream.stamps),
-            len(strange.lost),
-            len(strange.repeated),
-            len(strange.late),
-            len(timed.views[k]) - len(np.unique(nearest[within])),
-        )
-    return timing
+def _timing(camera: _Camera, timed: TimedViews, column: int, instants: Array, spread: float, similar: float) -> SensorTiming:
+    """Return a camera's clock against the first's, and what became of its images."""
+    clock, odd = timed.clocks[column], camera.odd
+    own = clock.times(np.array([view.stamp for view in camera.views]))
+    nearest = np.abs(own[:, None] - instants).argmin(axis=0)
+    paired = len(np.unique(nearest[np.abs(own[nearest] - instants) <= 0.5 * odd.interval]))
+    within = int(((own > instants[0] - 0.5 * odd.interval) & (own < instants[-1] + 0.5 * odd.interval)).sum())
+    return SensorTiming(
+        _us(_ahead(clock, timed.clocks[0])),
+        -float(clock.drift),
+        _us(spread) if column else 0.0,
+        column == 0 or bool(np.isfinite(similar)),
+        len(camera.cutter.stream.stamps),
+        len(odd.lost),
+        len(odd.repeated),
+        len(odd.late),
+        max(within - paired, 0),
+    )
 
 
 def _ahead(clock: Clock, first: Clock) -> float:

@@ -7,7 +7,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fabdesign.clouds.recording import Sensor, write_recording
+from fabdesign.clouds.recording import write_recording
+from fabdesign.depth.sensor import Sensor
 from fabdesign.formats.json_file import write_json
 from studies.rig.ground_truth import Sensing
 from studies.rig.motion import equilibrium
