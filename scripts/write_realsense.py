@@ -43,13 +43,17 @@ def write(arrays: Any, out: Path) -> None:
     device.register_info(rs.camera_info.name, "Virtual D435I")
     device.register_info(rs.camera_info.serial_number, str(arrays.get("serial", "000000000001")))
     module = device.add_sensor("Stereo Module")
-    profile = module.add_video_stream(stream(rs, rs.stream.depth, 1, rs.format.z16, 2, optics)).as_video_stream_profile()
+    profile = module.add_video_stream(
+        stream(rs, rs.stream.depth, 1, rs.format.z16, 2, optics)
+    ).as_video_stream_profile()
     module.add_read_only_option(rs.option.depth_units, float(arrays["unit"]))
     colour = arrays.get("colour")
     if colour is not None:
         camera = device.add_sensor("RGB Camera")
         wide = intrinsics(rs, (colour.shape[2], colour.shape[1]), arrays["pinhole"], "none", ())
-        shown = camera.add_video_stream(stream(rs, rs.stream.color, 2, rs.format.rgb8, 3, wide)).as_video_stream_profile()
+        shown = camera.add_video_stream(
+            stream(rs, rs.stream.color, 2, rs.format.rgb8, 3, wide)
+        ).as_video_stream_profile()
     recorder = rs.recorder(str(out), device)
     sensors = recorder.query_sensors()
     for sensor in sensors:

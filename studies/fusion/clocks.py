@@ -57,7 +57,7 @@ def losses(stamps: Array, counters: NDArray[np.int64] | None, same: Sequence[boo
         gap = stamps[b] - stamps[a]
         missing = round(gap / interval) - 1 if interval and gap > LOST * interval else 0
         if counters is not None and 0 < counters[b] - counters[a] < 10_000:
-            missing = int(counters[b] - counters[a]) - 1
+            missing = max(missing, int(counters[b] - counters[a]) - 1)
         lost += [float(stamps[a] + gap * (k + 1) / (missing + 1)) for k in range(min(missing, 10_000))]
     late: list[int] = []
     if len(kept) > 3 and interval:
