@@ -1,9 +1,9 @@
 """Recordings as a laboratory has them, from virtual depth cameras through the RealSense SDK's own recorder: what
 becomes of known faces, clocks and poses. Writes its part of docs/results/fuse.md.
 
-    python -m benchmarks.recordings FOLDER --sdk build/realsense-2.56.5 --sdk build/realsense-2.59.1 [--page]
+    python -m benchmarks.recordings FOLDER --sdk SDK_2_56 --sdk SDK_2_59 [--page]
 
-Each SDK is a folder in which pyrealsense2 was installed (`pip install --target`); 2.56 writes `.bag`, 2.59 `.db3`.
+An SDK is a folder named realsense-VERSION in which pyrealsense2 was installed (`pip install --target`); 2.56 writes `.bag`, 2.59 `.db3`.
 """
 
 import argparse

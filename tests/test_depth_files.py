@@ -1,4 +1,4 @@
-"""Depth images of laboratories: RealSense recordings, folders of images, npz stacks, MCAP; deprojection and hostile files."""
+"""Depth images of laboratories: RealSense recordings, folders, npz stacks, MCAP; deprojection and hostile files."""
 
 import io
 import json
@@ -312,3 +312,64 @@ def test_a_db3_of_something_else_is_one_line(tmp_path: Path) -> None:
     connection.close()
     with pytest.raises(InputError, match=re.escape(str(tmp_path / "a.db3"))):
         read_realsense(tmp_path / "a.db3")
+
+
+def test_a_sphere_says_where_cameras_stand() -> None:
+    """Four cameras see a sphere of 30 mm at six places, with noise; nominal poses are 10 mm and 2 degrees off."""
+    from studies.fusion.reference import off
+    from studies.fusion.targets import solve, sphere_middle
+    from studies.rig.cameras import CAMERAS, POSITION, disturb, look
+
+    rng = np.random.default_rng(2)
+    nominal = [look(x * POSITION[0], z * POSITION[2]) for x, z in CAMERAS.values()]
+    poses = [disturb(pose, rng) for pose in nominal]
+    camera = Intrinsics(212, 120, (106.0, 106.0), (106.0, 60.0))
+    places = rng.uniform([-0.08, -0.18, -0.05], [0.08, -0.02, 0.05], (6, 3))
+    seen: list[dict[tuple[int, int], np.ndarray]] = []
+    for pose in poses:
+        own = {}
+        for frame, place in enumerate(places):
+            middle = (place - pose[:3, 3]) @ pose[:3, :3]
+            ray = np.concatenate([camera.slopes, np.ones((120, 212, 1))], axis=2).reshape(-1, 3)
+            a, b = (ray**2).sum(axis=1), ray @ middle
+            inside = b**2 - a * (middle @ middle - 0.03**2)
+            z = (b - np.sqrt(np.maximum(inside, 0))) / a
+            cloud = (ray * (z + rng.normal(0, 5e-4, len(z)))[:, None])[inside > 0]
+            wall = np.stack([*rng.uniform(-0.3, 0.3, (2, 300)), np.full(300, 1.2)], axis=1)
+            fitted = sphere_middle(np.concatenate([cloud, wall]), 0.03, 1 / 106.0, rng)
+            assert fitted is not None
+            assert np.linalg.norm(fitted - middle) < 1e-3
+            own[frame, 0] = fitted
+        seen.append(own)
+    solved, residuals = solve(seen, nominal, [*CAMERAS])
+    assert max(residuals) < 1e-3
+    for k in range(4):  # to each other: the world's frame stays that of the nominal poses as a whole
+        distance, angle = off(np.linalg.inv(solved[0]) @ solved[k], np.linalg.inv(poses[0]) @ poses[k])
+        assert distance < 3e-3
+        assert angle < 0.4
+    assert sphere_middle(rng.uniform(-0.1, 0.1, (500, 3)) + [0, 0, 0.6], 0.03, 1 / 106.0, rng) is None
+    with pytest.raises(InputError, match="sensor back_right has 1 places in common"):
+        solve([*seen[:3], {(0, 0): seen[3][0, 0]}], nominal, [*CAMERAS])
+
+
+def test_a_charuco_board_is_seen() -> None:
+    cv2 = pytest.importorskip("cv2", reason="the extra board is not installed")
+    from fabdesign.depth.stream import DepthStream
+    from fabdesign.depth.target import Target
+    from studies.fusion.targets import _points
+
+    target = Target("calibration", square=0.03, marker=0.022)
+    board = cv2.aruco.CharucoBoard((5, 7), 0.03, 0.022, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
+    drawn = board.generateImage((400, 560), marginSize=0)  # 80 pixels a square
+    image = np.full((700, 640, 3), 255, np.uint8)
+    image[60:620, 100:500] = drawn[..., None]
+    camera = Intrinsics(640, 700, (1600.0, 1600.0), (319.5, 349.5))  # at 0.6 m a square of 30 mm is 80 pixels
+    stream = DepthStream("a", camera, 1e-3, np.zeros(1), lambda k: np.zeros((700, 640), np.uint16))
+    stream = DepthStream(
+        "a", camera, 1e-3, np.zeros(1), stream.read, colour=lambda k: image, colour_camera=camera
+    )  # fmt: skip
+    seen = _points(stream, [0], target)
+    assert len(seen) == 4 * 6
+    points = np.array([seen[0, k] for k in range(24)]).reshape(6, 4, 3)
+    np.testing.assert_allclose(points[..., 2], 0.6, atol=5e-3)
+    np.testing.assert_allclose(np.diff(points[..., 0], axis=1), 0.03, atol=3e-4)

@@ -2,7 +2,7 @@
 
 import filecmp
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal
@@ -18,7 +18,8 @@ from fabdesign.clouds.measured_points import sound_cloud
 from fabdesign.clouds.ply import write_ply
 from fabdesign.depth.cut import NO_CUT, Cut
 from fabdesign.depth.sensor import Sensor, depth_stream
-from fabdesign.depth.stream import DepthStream
+from fabdesign.depth.stream import DepthStream, paired_as_stamped
+from fabdesign.depth.target import Target
 from fabdesign.errors import InputError, note
 from fabdesign.files.design_file import read_design, write_design
 from fabdesign.files.pressure_file import write_pressures
@@ -60,6 +61,7 @@ class Recording:
     depth: tuple[DepthStream, ...] = ()  # of each sensor, where they have depth images in place of clouds
     cut: Cut = NO_CUT
     log: PressureLog = NO_LOG
+    target: Target | None = None
 
     @cached_property
     def topics(self) -> Mapping[str, tuple[Array, ...]]:
@@ -137,6 +139,7 @@ class RecordingKeys:
     mcap: Annotated[str, Key(brief=True), "a file of ROS 2 with all clouds, in place of frames"] = ""
     sensors: tuple[Sensor, ...] = ()
     cut: Annotated[Cut, Key(brief=True), "what of the depth images is the cloth"] = NO_CUT
+    target: Annotated[Target | None, Key(brief=True), "that the cameras saw, for their poses"] = None
     pressure: Annotated[PressureLog, Key(brief=True), "the log of pressures, where it is no pressure.csv"] = NO_LOG
 
     def resolved(self, table: Table) -> "RecordingKeys":
@@ -202,29 +205,16 @@ def read_recording(path: Path | str, *, convention: Convention = "forward") -> R
 def _with_depth(
     keys: RecordingKeys, folder: Path, streams: tuple[DepthStream, ...], convention: Convention
 ) -> Recording:
-    """The frames are those of the stamps as they are, each clock's first image at one instant where clocks are the
-    cameras' own: `fuse` finds how far they differ. Raises InputError."""
     where = str(folder / "recording.toml")
     if len(streams) != len(keys.sensors):
         raise InputError(f"{where}: some sensors have depth images, others clouds; expected one kind")
-    rate = keys.frame_rate
-    scaled = [s.stamps / (rate or 1.0) if s.clock == "none" else s.stamps for s in streams]
-    if any(s.clock == "none" for s in streams) and rate is None:
-        raise InputError(f"{where}: images without stamps and no frame_rate; expected one of them")
-    shared = all(s.clock == "global" for s in streams)
-    first = [own.min() if not shared else scaled[0].min() for own in scaled]
-    nanoseconds = [np.round(1e9 * (own - t)).astype(np.int64) for own, t in zip(scaled, first, strict=True)]
-    pairs = pair_frames(nanoseconds)
-    count = min(map(len, scaled))
-    chosen = np.tile(np.arange(count)[:, None], (1, len(streams))) if pairs is None else pairs.clouds[pairs.whole]
-    times = scaled[0][chosen[:, 0]] - first[0]
+    depth, chosen = paired_as_stamped(streams, keys.frame_rate, where)
+    times = depth[0].stamps[chosen[:, 0]] - depth[0].stamps.min()
     require_seconds(times, where)
     program = read_pressure_log(keys.pressure, folder, keys.design)
-    depth = tuple(replace(s, stamps=own) for s, own in zip(streams, scaled, strict=True))
-    log = keys.pressure
     return Recording(
         folder, keys.name, keys.design, times, keys.sensors, program, convention, chosen=chosen, depth=depth,
-        cut=keys.cut, log=log,
+        cut=keys.cut, log=keys.pressure, target=keys.target,
     )  # fmt: skip
 
 

@@ -1,11 +1,12 @@
 """A depth recording: what every kind of file becomes. One camera's depth images with intrinsics, unit and stamps."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.clouds.frame_pairs import pair_frames
 from fabdesign.depth.intrinsics import Intrinsics
 from fabdesign.errors import InputError
 
@@ -62,3 +63,23 @@ def cloud_of(image: NDArray[np.uint16], unit: float, camera: Intrinsics) -> Arra
     z = image[rows, columns] * unit
     slopes = camera.slopes[rows, columns]
     return np.concatenate([slopes * z[:, None], z[:, None]], axis=1)
+
+
+def paired_as_stamped(
+    streams: Sequence[DepthStream], rate: float | None, where: str
+) -> tuple[tuple[DepthStream, ...], NDArray[np.intp]]:
+    """Return the streams with stamps in s and (T, streams) which images make a frame by the stamps as they are.
+
+    First images of clocks that are the cameras' own are taken to be of one instant: `fuse` finds how they differ.
+    rate: Hz, of images without stamps. Raises InputError where that is absent.
+    """
+    if any(s.clock == "none" for s in streams) and rate is None:
+        raise InputError(f"{where}: images without stamps and no frame_rate; expected one of them")
+    timed = tuple(replace(s, stamps=s.stamps / (rate or 1.0)) if s.clock == "none" else s for s in streams)
+    shared = all(s.clock == "global" for s in timed)
+    first = [timed[0].stamps.min() if shared else s.stamps.min() for s in timed]
+    pairs = pair_frames([np.round(1e9 * (s.stamps - t)).astype(np.int64) for s, t in zip(timed, first, strict=True)])
+    if pairs is not None and pairs.whole.any():
+        return timed, pairs.clouds[pairs.whole]
+    count = min(len(s.stamps) for s in timed)
+    return timed, np.tile(np.arange(count)[:, None], (1, len(timed)))

@@ -1,6 +1,6 @@
 """Logs of a regulator or a DAQ: pressures or volts, at any rate, on their own clock."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -107,15 +107,3 @@ def steps_of(program: PressureProgram, least: float = 0.1) -> list[tuple[float, 
     before = np.concatenate([np.zeros((1, program.pressure.shape[1])), program.pressure[:-1]])
     jump = np.abs(program.pressure - before).max(axis=1)
     return [(float(t), float(j)) for t, j in zip(program.time, jump, strict=True) if highest and j >= least * highest]
-
-
-def from_first_step(program: PressureProgram) -> tuple[PressureProgram, float]:
-    """Return the program that begins with the first instant of any pressure, and that instant [s] on its own clock."""
-    acts = np.flatnonzero(program.pressure.max(axis=1) > 0)
-    if not len(acts) or acts[0] == 0:
-        return program, 0.0
-    start = float(program.time[acts[0]])
-    kept = slice(int(acts[0]), None)
-    return replace(
-        program, time=program.time[kept] - start, pressure=program.pressure[kept], duration=program.duration - start
-    ), start

@@ -12,6 +12,9 @@ Array = NDArray[np.float64]
 DISAGREE = 0.003  # m, median distance between sensors that is no noise
 BETTER = 0.5  # what a swap or another frame must leave of it
 LEAST_OVERLAP = 60  # points
+LAGS = (-2, -1, 0, 1, 2)  # frames
+CHANGE = 0.002  # m: what a change of the lag by one must save in distances, summed over frames
+UNKNOWN = 0.003  # m: a frame without partners
 MOVED = 0.0025  # m: a camera so far from every other one was moved
 
 
@@ -38,29 +41,47 @@ def swapped_pair(
     return None if best is None else best[1]
 
 
-def late_sensor(
+def shifted_sensor(
     views: Sequence[SensorView], poses: Sequence[Array], sides: Sequence[str], thickness: float
-) -> tuple[int, int] | None:
-    """The camera whose frames fit the others' so many frames later (or earlier), if one does."""
+) -> tuple[int, dict[int, int]] | None:
+    """The camera whose frames fit the others' some frames later (or earlier), by frame how many, if one does.
+
+    Where no stamps are there, the motion itself tells of a cloud that was lost or stands twice: from then on a camera's
+    frames fit others. The path of lags with the least distances is taken; a change of the lag costs CHANGE.
+    """
     cameras = sorted({v.camera for v in views})
     by_place = {(v.frame, v.camera): v for v in views if v.frame >= 0}
-    best: tuple[float, tuple[int, int]] | None = None
+    frames = sorted({frame for frame, _ in by_place})
+    best: tuple[float, tuple[int, dict[int, int]]] | None = None
     for camera in cameras:
-        cost = {}
-        for lag in (-2, -1, 0, 1, 2):
-            late = [
-                _gap(view, by_place[frame + lag, other], poses, sides, thickness)
-                for (frame, mine), view in by_place.items()
-                if mine == camera
-                for other in cameras
-                if other != camera and (frame + lag, other) in by_place
-            ]
-            cost[lag] = float(np.mean(late)) if late else np.inf
-        lag = min(cost, key=lambda k: cost[k])
-        gain = cost[lag] / cost[0] if cost[0] > 0 else 1.0
-        if lag and gain < BETTER and (best is None or gain < best[0]):
-            best = gain, (camera, lag)
+        cost = np.full((len(frames), len(LAGS)), UNKNOWN)
+        for i, frame in enumerate(frames):
+            for j, lag in enumerate(LAGS):
+                others = [by_place.get((frame + lag, other)) for other in cameras if other != camera]
+                view = by_place.get((frame, camera))
+                gaps = [_gap(view, other, poses, sides, thickness) for other in others if view and other]
+                cost[i, j] = float(np.mean(gaps)) if gaps else UNKNOWN
+        path = _cheapest(cost)
+        zero = LAGS.index(0)
+        before = float(cost[:, zero].mean())
+        gain = float(np.mean([cost[i, j] for i, j in enumerate(path)])) / before if before > 0 else 1.0
+        if any(j != zero for j in path) and gain < BETTER and (best is None or gain < best[0]):
+            best = gain, (camera, {frame: LAGS[j] for frame, j in zip(frames, path, strict=True)})
     return None if best is None else best[1]
+
+
+def _cheapest(cost: Array) -> list[int]:
+    """The column of each row with the least sum, where each change of the column costs CHANGE (Viterbi)."""
+    total, came = cost[0].copy(), []
+    change = CHANGE * np.abs(np.subtract.outer(np.arange(cost.shape[1]), np.arange(cost.shape[1])))
+    for row in cost[1:]:
+        through = total[:, None] + change
+        came.append(through.argmin(axis=0))
+        total = through.min(axis=0) + row
+    path = [int(total.argmin())]
+    for back in reversed(came):
+        path.append(int(back[path[-1]]))
+    return path[::-1]
 
 
 def moved_camera(

@@ -14,6 +14,7 @@ Array = NDArray[np.float64]
 GRID = 0.004  # s
 LEAST_OVERLAP = 0.5  # of the shorter of two views
 SIMILAR = 0.6  # least correlation that says where a view lies
+FAST = 0.05  # m/s, which no noise gives
 MOVES = 4.0  # times the speed that noise gives
 LOST, LATE = 1.5, 0.25  # of the interval: a gap beyond, an image off its place
 MOST_DRIFT = 1e-3
@@ -51,7 +52,8 @@ def losses(stamps: Array, counters: NDArray[np.int64] | None, same: Sequence[boo
     gaps = np.diff(stamps)
     interval = float(np.median(gaps[gaps > 0])) if (gaps > 0).any() else 0.0
     repeated = [k + 1 for k, gap in enumerate(gaps) if same[k + 1] or gap < 0.5 * interval]
-    kept = np.setdiff1d(np.arange(len(stamps)), repeated)
+    soon = [k + 1 for k, gap in enumerate(gaps) if gap < 0.5 * interval]
+    kept = np.setdiff1d(np.arange(len(stamps)), soon)
     lost: list[float] = []
     for a, b in pairwise(kept):
         gap = stamps[b] - stamps[a]
@@ -79,10 +81,15 @@ def coarse_clocks(views: Sequence[Sequence[StampedView]], shared: bool) -> tuple
     for own, (stamps, speeds) in zip(views[1:], signals[1:], strict=True):
         start = 0.0 if shared else signals[0][0][0] - stamps[0]
         offset, correlation = best_lag(signals[0], (stamps + start, speeds), 0.25 if shared else np.inf)
-        known = correlation > SIMILAR
+        known = correlation > SIMILAR and _moves(speeds) and _moves(signals[0][1])
         clocks.append(Clock(start + (offset if known else 0.0), 0.0, _middle(own)))
         similar.append(correlation if known else float("nan"))
     return clocks, similar
+
+
+def _moves(speeds: Array) -> bool:
+    """Return whether speeds [m/s] are more than noise."""
+    return bool(speeds.max() > max(MOVES * float(np.quantile(speeds, 0.1)), 2e-3) or speeds.max() > FAST)
 
 
 def begins_to_move(views: Sequence[StampedView]) -> float:

@@ -27,7 +27,7 @@ class Cutter:
     pose: Array  # camera_to_world (4, 4) m
     cut: Cut
     fabric: Fabric
-    predicted: Callable[[float], cKDTree] | None = None  # the cloth's points in the world at a time [s after rest]
+    predicted: Callable[[int], cKDTree] | None = None  # the simulated cloth's points in the world at an image's time
     filters: ImageFilter = FILTERS
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(("box", "planes", "colour", "predicted"), 0))
     kept: int = 0
@@ -54,9 +54,8 @@ class Cutter:
         middle = np.array([0.0, -self.fabric.height / 2, 0.0])
         self.pixel = float(np.linalg.norm(self.pose[:3, 3] - middle)) / camera.focal[0]  # m on the cloth
 
-    def depth(self, number: int, time: float | None = None) -> Array:
-        """Return the part of an image (rows, columns) m that may be the cloth, 0 elsewhere; time: s after rest, for the
-        predicted cloth. Raises InputError."""
+    def depth(self, number: int) -> Array:
+        """Return the part of an image (rows, columns) m that may be the cloth, 0 elsewhere. Raises InputError."""
         image = self.stream.depth(number)
         every = int(np.count_nonzero(image))
         depth = image[self.part] * self.stream.unit
@@ -67,9 +66,9 @@ class Cutter:
             inside = self._without("planes", inside, world @ np.array([a, b, c]) >= d)
         if self.cut.colour is not None:
             inside = self._without("colour", inside, self._coloured(number))
-        if self.predicted is not None and self.cut.predicted is not None and time is not None:
+        if self.predicted is not None and self.cut.predicted is not None:
             rows, columns = np.nonzero(inside)
-            far, _ = self.predicted(time).query(world[rows, columns], distance_upper_bound=self.cut.predicted)
+            far, _ = self.predicted(number).query(world[rows, columns], distance_upper_bound=self.cut.predicted)
             near = np.zeros_like(inside)
             near[rows, columns] = np.isfinite(far)
             inside = self._without("predicted", inside, near)

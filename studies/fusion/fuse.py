@@ -174,8 +174,9 @@ def _fused(
     stamped = None
     if recording.depth:
         from studies.fusion.stamped import stamped_frames
+        from studies.fusion.targets import with_target_poses
 
-        stamped = stamped_frames(recording, tolerance)
+        stamped = stamped_frames(with_target_poses(recording)[0], tolerance)
         anchored, poses, frames, count = stamped.anchored, stamped.poses, stamped.frames(), len(stamped.times)
     else:
         from studies.fusion import input as fuse_input

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fabdesign.clouds.recording import Recording
 from fabdesign.depth.sensor import Sensor
 from fabdesign.errors import InputError
-from studies.fusion.checks import DISAGREE, disagreement, late_sensor, swapped_pair
+from studies.fusion.checks import DISAGREE, disagreement, shifted_sensor, swapped_pair
 from studies.fusion.cleaning import clean
 from studies.fusion.joint import SensorView, align
 from studies.fusion.reference import Pose, off, register_to_rest
@@ -154,10 +154,20 @@ def _without_late(
 ) -> list[SensorView]:
     frames = sorted({v.frame for v in views})
     worst = [disagreement([v for v in views if v.frame == f], poses, anchored.sides, thickness) for f in frames]
-    late = late_sensor(views, poses, anchored.sides, thickness) if max(worst, default=0.0) > DISAGREE / 2 else None
-    if late is None:
+    shifted = (
+        shifted_sensor(views, poses, anchored.sides, thickness) if max(worst, default=0.0) > DISAGREE / 2 else None
+    )
+    if shifted is None:
         return views
-    camera, lag = late
-    name, when = anchored.sensors[camera].name, "later" if lag > 0 else "earlier"
-    tolerance.note(InputError(f"sensor {name}: its frames fit the others' {abs(lag)} frames {when}; its clock differs"))
-    return [v for v in views if v.camera != camera]
+    camera, lags = shifted
+    first = next(frame for frame, lag in lags.items() if lag)
+    lag, name = lags[first], anchored.sensors[camera].name
+    when = "later" if lag > 0 else "earlier"
+    line = f"sensor {name}: its frames fit the others' {abs(lag)} frames {when}"
+    same = len({lag for frame, lag in lags.items() if frame >= min(lags) + abs(lag)}) == 1
+    tolerance.note(
+        InputError(f"{line}; its clock differs" if same else f"{line} from frame {first} on; was one lost or repeated?")
+    )
+    moved = [replace(v, frame=v.frame + lags[v.frame]) if v.camera == camera else v for v in views]
+    latest = {(v.frame, v.camera): v for v in moved if v.frame in lags}  # of two on one frame the later counts
+    return list(latest.values())

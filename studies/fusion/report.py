@@ -79,7 +79,7 @@ def _views(stamped: "StampedFrames") -> Figure:
         axes = figure.add_subplot(1, count, column + 1)
         number = stamped.number(column, time)
         raw = cutter.stream.depth(number) * cutter.stream.unit
-        part = cutter.depth(number, time)
+        part = cutter.depth(number)
         whole = np.zeros_like(raw)
         whole[cutter.part] = part
         axes.imshow(np.where(raw > 0, 0.75, 1.0), cmap="gray", vmin=0, vmax=1, interpolation="nearest")

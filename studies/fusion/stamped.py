@@ -5,13 +5,13 @@ pressure joins by its steps (onset.py). A frame of the set is an instant at whic
 interval.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from zlib import crc32
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from fabdesign.clouds.recording import Recording
 from fabdesign.depth.sensor import Sensor
@@ -19,19 +19,19 @@ from fabdesign.depth.timing import RecordingTiming, SensorTiming
 from fabdesign.errors import InputError, note
 from fabdesign.nouns.pressure import PressureProgram
 from studies.fusion.checks import moved_camera
-from studies.fusion.clocks import Clock, Losses, begins_to_move, coarse_clocks, losses
+from studies.fusion.clocks import Clock, Losses, coarse_clocks
 from studies.fusion.cutting import Cutter
-from studies.fusion.input import REST, Anchored, anchor_sensors
+from studies.fusion.images import SensorImages, read_images, view_at_rest
+from studies.fusion.input import Anchored, anchor_sensors
 from studies.fusion.joint import SensorView, TimedViews, align_timed
-from studies.fusion.moving import StampedView, with_speeds
 from studies.fusion.onset import pressure_offset
+from studies.fusion.predicted import predicted_cloth
 from studies.measured.bad_data import Tolerance
 
 Array = NDArray[np.float64]
 COARSELY = 0.01  # s, how well clocks are known by the motion alone
 UNKNOWN = 0.03  # s, where it does not say it
 JOINT = 20  # instants at which poses and clocks are fitted
-REST_IMAGES, LEAST_REST = 12, 3
 MOST_VIEWS = 20_000
 JUST_AFTER = 1e-4  # s
 
@@ -69,21 +69,44 @@ class StampedFrames:
 
 
 def stamped_frames(recording: Recording, tolerance: Tolerance) -> StampedFrames:
-    """Read all images of a recording and lay them on one axis. Raises InputError."""
-    fabric = recording.design.fabric
+    """Read all images of a recording and lay them on one axis; a second time where what is near to the predicted cloth
+    is kept, since that needs times and poses. Raises InputError."""
+    cutters = [
+        Cutter(stream, sensor.camera_to_world, recording.cut, recording.design.fabric)
+        for sensor, stream in zip(recording.sensors, recording.depth, strict=True)
+    ]
+    if recording.cut.predicted is None:
+        return _frames_of(recording, cutters, tolerance)
+    coarse = _frames_of(recording, cutters, Tolerance(True))
+    cloth = predicted_cloth(recording)
+    cutters = []
+    for k, cutter in enumerate(coarse.cutters):
+        clock, stamps = coarse.timed.clocks[k], cutter.stream.stamps
+        times = clock.times(stamps) - coarse.offset
+        near = partial(_near, cloth, times)
+        cutters.append(Cutter(cutter.stream, coarse.poses[k], recording.cut, recording.design.fabric, near))
+    used = replace(recording, sensors=coarse.anchored.sensors, depth=tuple(cutter.stream for cutter in cutters))
+    return _frames_of(used, cutters, tolerance)
+
+
+def _near(cloth: Callable[[float], cKDTree], times: Array, number: int) -> cKDTree:
+    return cloth(float(times[number]))
+
+
+def _frames_of(recording: Recording, cutters: Sequence[Cutter], tolerance: Tolerance) -> StampedFrames:
     images = sum(len(stream.stamps) for stream in recording.depth)
     if images > MOST_VIEWS:
         raise InputError(f"{recording.folder}: {images} images; expected at most {MOST_VIEWS}")
     cameras = []
-    for sensor, stream in zip(recording.sensors, recording.depth, strict=True):
+    for sensor, cutter in zip(recording.sensors, cutters, strict=True):
         with tolerance.forgiving():
-            cameras.append(_camera(Cutter(stream, sensor.camera_to_world, recording.cut, fabric), sensor, tolerance))
+            cameras.append(read_images(cutter, sensor, tolerance))
     if not cameras:
         raise InputError(f"recording {recording.name}: no sensor is left")
     by_sensor = {camera.sensor.name: camera for camera in cameras}
 
     def at_rest(sensor: Sensor) -> tuple[Array, SensorView] | None:
-        return _at_rest(by_sensor[sensor.name])
+        return view_at_rest(by_sensor[sensor.name])
 
     anchored = anchor_sensors(recording, tolerance, [camera.sensor for camera in cameras], at_rest)
     cameras = [by_sensor[sensor.name] for sensor in anchored.sensors]
@@ -100,68 +123,13 @@ def stamped_frames(recording: Recording, tolerance: Tolerance) -> StampedFrames:
     }
     begins = timed.clocks[0].time(views[0][0].stamp)
     report = RecordingTiming(_us(odd[0].interval), left_out, _us(offset - begins), _us(uncertain), steps, timing)
-    cutters = tuple(camera.cutter for camera in cameras)
-    return StampedFrames(recording, anchored, cutters, poses, timed, kept, offset, report, odd)
+    used = tuple(camera.cutter for camera in cameras)
+    return StampedFrames(recording, anchored, used, poses, timed, kept, offset, report, odd)
 
 
 def _us(seconds: float) -> float:
     """Return seconds to the microsecond."""
     return round(float(seconds), 6)
-
-
-@dataclass(frozen=True, eq=False)
-class _Camera:
-    """One sensor's images as they were read."""
-
-    sensor: Sensor
-    cutter: Cutter
-    views: list[StampedView]
-    odd: Losses
-
-
-def _camera(cutter: Cutter, sensor: Sensor, tolerance: Tolerance) -> _Camera:
-    """Read and clean all images of one sensor, in the order of their stamps; those that repeat the one before go."""
-    stream = cutter.stream
-    order = [int(k) for k in np.argsort(stream.stamps, kind="stable")]
-    clouds, same, last = {}, [], None
-    for number in order:
-        depth = cutter.depth(number)
-        check = crc32(depth.tobytes())
-        same.append(check == last)
-        last = check
-        with tolerance.forgiving():
-            clouds[number] = cutter.clean(depth, f"{stream.where}, image {number}")
-    counters = None if stream.numbers is None else stream.numbers[order]
-    odd = losses(stream.stamps[order], counters, same)
-    left_out = {order[k] for k in odd.repeated}
-    numbers = [number for number in order if number in clouds and number not in left_out]
-    if len(numbers) < 2:
-        raise InputError(f"sensor {sensor.name}: {len(numbers)} sound images; expected at least 2")
-    stamps = [float(stream.stamps[number]) for number in numbers]
-    return _Camera(sensor, cutter, with_speeds([clouds[number] for number in numbers], stamps, numbers), odd)
-
-
-def _at_rest(camera: _Camera) -> tuple[Array, SensorView] | None:
-    """Return a sensor's cloud of the cloth at rest and its view: the median of the images before the cloth moves; None
-    where there are too few."""
-    name, cutter = camera.sensor.name, camera.cutter
-    before = begins_to_move(camera.views) - camera.odd.interval
-    still = [view.number for view in camera.views if view.stamp < before]
-    if len(still) < LEAST_REST:
-        note(f"sensor {name}: {len(still)} images before the cloth moves; its pose stays near the nominal one")
-        return None
-    taken = [still[k] for k in np.unique(np.linspace(0, len(still) - 1, REST_IMAGES).round().astype(int))]
-    depth = _median(np.array([cutter.depth(number) for number in taken]))
-    return cutter.cloud(depth), SensorView(REST, 0, cutter.clean(depth, f"sensor {name} at rest"))
-
-
-def _median(stack: Array) -> Array:
-    """Return the median depth of pixels that have one in over half of the images; 0 elsewhere."""
-    ordered = np.sort(stack, axis=0)  # zeros first
-    there = (stack > 0).sum(axis=0)
-    middle = len(stack) - there + there // 2
-    depth = np.take_along_axis(ordered, np.minimum(middle, len(stack) - 1)[None], axis=0)[0]
-    return np.asarray(np.where(2 * there > len(stack), depth, 0.0))
 
 
 def _instants(timed: TimedViews, odd: Sequence[Losses]) -> Array:
@@ -195,8 +163,11 @@ def _require_unmoved(
     anchored: Anchored, timed: TimedViews, instants: Array, poses: list[Array], thickness: float, tolerance: Tolerance
 ) -> None:
     """Leave out the rest of a camera's images from where it was moved on, or raise InputError."""
+    interval = float(np.median(np.diff(instants)))
     for _ in anchored.sensors:
-        moved = moved_camera(lambda k: timed.at(instants[k : k + 1]), len(instants), poses, anchored.sides, thickness)
+        moved = moved_camera(
+            lambda k: timed.at(instants[k : k + 1], interval), len(instants), poses, anchored.sides, thickness
+        )
         if moved is None:
             return
         camera, frame = moved
@@ -248,7 +219,9 @@ def _frames(
     return inside[both], int((~both).sum())
 
 
-def _timing(camera: _Camera, timed: TimedViews, column: int, instants: Array, spread: float, similar: float) -> SensorTiming:
+def _timing(
+    camera: SensorImages, timed: TimedViews, column: int, instants: Array, spread: float, similar: float
+) -> SensorTiming:
     """Return a camera's clock against the first's, and what became of its images."""
     clock, odd = timed.clocks[column], camera.odd
     own = clock.times(np.array([view.stamp for view in camera.views]))
