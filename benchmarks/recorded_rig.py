@@ -63,6 +63,16 @@ class RecordedRig:
         k = min(int(place), len(shapes) - 2)
         return np.asarray(shapes[k] + (place - k) * (shapes[k + 1] - shapes[k]))
 
+    def surface(self, time: float) -> Surface:
+        """Return the true faces at a time [s]."""
+        if time not in self._surfaces:
+            self._surfaces[time] = Surface(*mesh(self.scene, self.shape(time)))
+        return self._surfaces[time]
+
+    @cached_property
+    def _surfaces(self) -> dict[float, Surface]:
+        return {}
+
     def stamps(self, name: str) -> Array:
         """Return a camera's stamps [s] on its own clock."""
         k = self.names.index(name)
@@ -131,6 +141,5 @@ def rms_to_faces(rig: RecordedRig, times: Array, clouds: Any) -> float:
     """Return the root mean square distance [m] of clouds to the true faces at their times [s]."""
     squares = []
     for time, cloud in zip(times, clouds, strict=True):
-        vertices, triangles = mesh(rig.scene, rig.shape(float(time)))
-        squares.append(Surface(vertices, triangles).distance(cloud) ** 2)
+        squares.append(rig.surface(round(float(time), 6)).distance(cloud) ** 2)
     return float(np.sqrt(np.concatenate(squares).mean()))

@@ -3,7 +3,8 @@ becomes of known faces, clocks and poses. Writes its part of docs/results/fuse.m
 
     python -m benchmarks.recordings FOLDER --sdk SDK_2_56 --sdk SDK_2_59 [--page]
 
-An SDK is a folder named realsense-VERSION in which pyrealsense2 was installed (`pip install --target`); 2.56 writes `.bag`, 2.59 `.db3`.
+An SDK is a folder named realsense-VERSION in which pyrealsense2 was installed (`pip install --target`): 2.56 writes
+`.bag`, 2.59 `.db3`.
 """
 
 import argparse
@@ -14,6 +15,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +63,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     given.folder.mkdir(parents=True, exist_ok=True)
     rig = make_rig(given.folder)
-    outcomes = [_outcome(rig, given.folder, sdk) for sdk in given.sdk]
+    outcomes = []
+    for sdk in given.sdk:
+        outcomes.append(_outcome(rig, given.folder, sdk))
+        print(outcomes[-1], flush=True)
     last = given.folder / f"recording{outcomes[-1].ending}" if outcomes else given.folder / "recording.npz"
     if not outcomes:
         rig.write(last, ".npz")
@@ -116,7 +121,7 @@ def _outcome(rig: RecordedRig, folder: Path, sdk: Path) -> Outcome:
 def _fused_rms(rig: RecordedRig, stamped: StampedFrames) -> float:
     """Return the distance [mm] to the true faces of all views as they are placed, without thinning."""
     times, clouds = [], []
-    for at, views in stamped.frames():
+    for at, views in islice(stamped.frames(), 0, None, 4):
         times.append(at)
         clouds.append(np.concatenate([view.placed(stamped.poses[view.camera], 3)[0] for view in views]))
     return 1e3 * rms_to_faces(rig, np.array(times), clouds)
@@ -154,7 +159,7 @@ def _filters(rig: RecordedRig, recording: Path) -> dict[str, float]:
         times, clouds = [], []
         for k, sensor in enumerate(read.sensors):
             cutter = Cutter(read.depth[k], sensor.camera_to_world, read.cut, read.design.fabric, filters=filters)
-            for number in range(0, len(read.depth[k].stamps), 12):
+            for number in range(0, len(read.depth[k].stamps), 20):
                 points = cutter.clean(cutter.depth(number), sensor.name).points
                 pose = rig.poses[sensor.name]
                 times.append(float(rig.true[sensor.name][number]))

@@ -11,16 +11,20 @@ import pytest
 pytest.importorskip("open3d", exc_type=Exception)
 
 from fabdesign.clouds.recording import read_recording
+from fabdesign.depth.intrinsics import Intrinsics
 from fabdesign.errors import InputError
 from fabdesign.files.measurement_set import read_set
 from fabdesign.geometry.surface import Surface
 from studies.check.files import inspect
+from studies.fusion.checks import shifted_sensor
 from studies.fusion.clocks import losses
+from studies.fusion.depth_image import clean_image
 from studies.fusion.fuse import fuse
+from studies.fusion.joint import SensorView
 from studies.fusion.reference import off
 from studies.fusion.stamped import StampedFrames, stamped_frames
 from studies.measured.bad_data import Tolerance
-from tests.recorded_sheet import CAMERA, DURATION, OFFSETS, STEPS, Camera, cameras, faces, images, write
+from tests.recorded_sheet import CAMERA, DURATION, OFFSETS, PINHOLE, SIZE, STEPS, Camera, cameras, faces, images, write
 
 NAMES = ("front_left", "front_right", "back_left", "back_right")
 
@@ -162,3 +166,23 @@ def test_check_reads_a_recording_of_images(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=said) as refused:
             read_recording(folder)
         assert "\n" not in str(refused.value)
+
+
+def test_a_shift_without_stamps_is_found_by_the_motion() -> None:
+    """A cloud is lost in the middle: from there on a camera's frames are the others' next ones."""
+    times = np.arange(8) / 30 + 0.01
+    views, rng = [], np.random.default_rng(1)
+    camera = Intrinsics(SIZE[1], SIZE[0], PINHOLE[:2], PINHOLE[2:])
+    for k, name in enumerate(NAMES):
+        lost = times + (1 / 30 if name == "front_right" else 0.0) * (np.arange(8) >= 2)
+        for frame, image in enumerate(images(cameras()[name].pose, lost, rng)):
+            cloud = clean_image(image * CAMERA.unit, camera.slopes, 0.003)
+            views.append(SensorView(frame, k, cloud))
+    poses = [cameras()[name].pose for name in NAMES]
+    shifted = shifted_sensor(views, poses, ["front", "front", "back", "back"], 0.002)
+    assert shifted is not None
+    sensor, lags = shifted
+    assert sensor == 1
+    assert [lags[frame] for frame in range(7)] == [0, 0, 1, 1, 1, 1, 1]
+    straight = [view for view in views if view.camera != 1]
+    assert shifted_sensor(straight, poses, ["front", "front", "back", "back"], 0.002) is None

@@ -1,8 +1,8 @@
 """When the pressure's log begins on the cameras' axis: a step of pressure sets the cloth in motion.
 
-After a step from rest the cloth comes with the square of time, and then slows: the answer of a critically damped mass,
-1 - (1 + t / T) exp(-t / T), whose start and T all cameras share. What the supply and the muscles take to answer is in
-it: an effect of the model (`dead_time`), not of a clock.
+After a step from rest the cloth comes as the answer of a critically damped mass, 1 - (1 + t / T) exp(-t / T), or where
+it is light as one of first order, 1 - exp(-t / T): the one that fits better, whose start and T all cameras share. What
+the supply and the muscles take to answer is in it: an effect of the model (`dead_time`), not of a clock.
 """
 
 from collections.abc import Sequence
@@ -95,15 +95,16 @@ def _start(curves: Sequence[Array], expected: float) -> float | None:
     if sum(map(len, curves)) < 2 * len(curves) + 2:
         return None
 
-    def off(guess: Array) -> Array:
+    def off(guess: Array, heavy: float) -> Array:
         parts = []
         for curve in curves:
             after = np.maximum(curve[:, 0] - expected - guess[0], 0.0) / np.exp(guess[1])
-            shape = 1.0 - (1.0 + after) * np.exp(-after)
+            shape = 1.0 - (1.0 + heavy * after) * np.exp(-after)
             size = float(shape @ curve[:, 1]) / max(float(shape @ shape), 1e-12)
             parts.append(curve[:, 1] - size * shape)
         return np.asarray(np.concatenate(parts) / 1e-3)
 
-    tried = [least_squares(off, [start, np.log(time)]) for start in (-0.01, 0.01) for time in (0.01, 0.03, 0.1)]
+    starts = [[start, np.log(time)] for start in (-0.01, 0.01) for time in (0.01, 0.03, 0.1)]
+    tried = [least_squares(off, start, args=(heavy,)) for start in starts for heavy in (0.0, 1.0)]
     best = min(tried, key=lambda solved: float(solved.cost))
     return expected + float(best.x[0]) if abs(best.x[0]) < BEFORE else None

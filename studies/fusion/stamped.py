@@ -31,6 +31,7 @@ from studies.measured.bad_data import Tolerance
 Array = NDArray[np.float64]
 COARSELY = 0.01  # s, how well clocks are known by the motion alone
 UNKNOWN = 0.03  # s, where it does not say it
+STEADY = 0.35  # of the speed: what it may change from image to image
 JOINT = 20  # instants at which poses and clocks are fitted
 MOST_VIEWS = 20_000
 JUST_AFTER = 1e-4  # s
@@ -146,8 +147,9 @@ def _aligned(
 ) -> tuple[list[Array], TimedViews, Array]:
     """Fit poses and clocks at the instants that move most and at some even ones. Raises InputError."""
     thickness = recording.design.fabric.thickness
-    speed = np.array([view.mean_speed for view in timed.views[0]])
-    fast = np.argsort(-np.nan_to_num(speed))[: JOINT // 2]
+    speed = np.nan_to_num([view.mean_speed for view in timed.views[0]])
+    change = np.abs(np.gradient(speed)) if len(speed) > 2 else np.zeros(len(speed))
+    fast = np.argsort(-np.where(change < STEADY * speed, speed, 0.0))[: JOINT // 2]  # a jump is no smooth motion
     when = timed.clocks[0].times(np.array([timed.views[0][k].stamp for k in fast]))
     even = instants[
         np.unique(np.linspace(1, max(len(instants) - 2, 1), JOINT // 2).round().astype(int) % len(instants))
