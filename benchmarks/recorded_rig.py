@@ -137,7 +137,7 @@ def make_rig(folder: Path, *, seed: int = 5, camera: StereoCamera | None = None)
     )
 
 
-def rms_to_faces(rig: RecordedRig, times: Array, clouds: Any) -> float:
+def rms_to_faces(rig: RecordedRig, times: Any, clouds: Any) -> float:
     """Return the root mean square distance [m] of clouds to the true faces at their times [s]."""
     squares = []
     for time, cloud in zip(times, clouds, strict=True):

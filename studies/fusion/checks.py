@@ -13,8 +13,8 @@ DISAGREE = 0.003  # m, median distance between sensors that is no noise
 BETTER = 0.5  # what a swap or another frame must leave of it
 LEAST_OVERLAP = 60  # points
 LAGS = (-2, -1, 0, 1, 2)  # frames
-CHANGE = 0.002  # m: what a change of the lag by one must save in distances, summed over frames
-UNKNOWN = 0.003  # m: a frame without partners
+CHANGE = 0.001  # m: what a change of the lag by one must save in distances, summed over frames
+UNKNOWN = 0.0005  # m: a frame without partners
 MOVED = 0.0025  # m: a camera so far from every other one was moved
 
 
