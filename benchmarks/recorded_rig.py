@@ -118,7 +118,7 @@ def make_rig(folder: Path, *, seed: int = 5, camera: StereoCamera | None = None)
     design = build("basic")
     program = PressureProgram(np.array(STEPS), 1e3 * np.array(ROWS, dtype=np.float64), DURATION)
     truth = GroundTruth(seed=seed, parameters={"membrane": 1.1, "bending": 0.9, "muscle_gain": 1.05})
-    times = np.arange(1, round(DURATION / FINE) + 1) * FINE
+    times: Array = np.arange(1, round(DURATION / FINE) + 1, dtype=np.float64) * FINE
     task = TrialTask(design, program, times, 0, truth, Resolution(element=0.02, step=FINE))
     rng = np.random.default_rng(seed)
     names = tuple(CAMERAS)

@@ -165,7 +165,8 @@ def _filters(rig: RecordedRig) -> dict[str, list[float]]:
         for name, filters in FILTERS.items():
             clouds = []
             for _, pose, image in shown:
-                cleaned = clean_image(image * camera.unit, camera.optics.slopes, 0.62 / 425, filters=filters)
+                depth = np.asarray(image * camera.unit, dtype=np.float64)
+                cleaned = clean_image(depth, camera.optics.slopes, 0.62 / 425, filters=filters)
                 clouds.append(cleaned.points @ pose[:3, :3].T + pose[:3, 3])
             costs[name].append(1e3 * rms_to_faces(rig, [t for t, _, _ in shown], clouds))
     return costs

@@ -19,7 +19,7 @@ from fabdesign.errors import InputError
 
 Array = NDArray[np.float64]
 Model = Literal["none", "brown_conrady", "inverse_brown_conrady", "modified_brown_conrady", "ftheta", "kannala_brandt4"]
-MOST_PIXELS = 20_000_000  # of an image
+MOST_PIXELS = 4_200_000  # of an image: 2048 x 2048
 _ROUNDS = 60  # of the fixed point; the SDK takes 10, which agrees to 1e-6 for the lenses that it has
 _MOST_SLOPE = 20.0  # of a ray; beyond, it is no pixel of a camera
 _ROS_MODELS: Mapping[str, Model] = {
@@ -74,7 +74,7 @@ class Intrinsics:
         if not sizes or not np.isfinite(numbers).all() or min(self.focal) <= 0 or slopes.max() > _MOST_SLOPE:
             raise InputError(
                 f"intrinsics of {self.width} x {self.height} pixels, focal length {self.focal[0]:.4g}, "
-                f"{self.focal[1]:.4g}; expected an image of at most {MOST_PIXELS / 1e6:.0f} million pixels, and pixels"
+                f"{self.focal[1]:.4g}; expected an image of at most {MOST_PIXELS / 1e6:.1f} million pixels, and pixels"
             )
 
 

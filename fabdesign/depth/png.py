@@ -52,7 +52,7 @@ def _opened(content: bytes, where: str) -> Any:
 def _require_size(image: Any, where: str) -> None:
     width, height = image.size
     if width * height > MOST_PIXELS:
-        raise InputError(f"{where}: {width} x {height} pixels; expected at most {MOST_PIXELS / 1e6:.0f} million")
+        raise InputError(f"{where}: {width} x {height} pixels; expected at most {MOST_PIXELS / 1e6:.1f} million")
     if getattr(image, "n_frames", 1) != 1:
         raise InputError(f"{where}: holds {image.n_frames} images; expected one")
 

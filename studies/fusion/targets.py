@@ -136,7 +136,8 @@ def sphere_middle(cloud: Array, radius: float, pixel: float, rng: np.random.Gene
         beside = few[np.linalg.norm(few - first, axis=1) < 1.6 * radius]
         if len(beside) < 10:
             continue
-        middle = _through(first, *beside[rng.choice(len(beside), 2, replace=False)], radius)
+        second, third = beside[rng.choice(len(beside), 2, replace=False)]
+        middle = _through(first, second, third, radius)
         if middle is not None:
             count = int((np.abs(np.linalg.norm(few - middle, axis=1) - radius) < OFF_SPHERE).sum())
             if best is None or count > best[0]:
