@@ -355,10 +355,10 @@ def test_a_sphere_says_where_cameras_stand() -> None:
 def test_a_charuco_board_is_seen() -> None:
     cv2 = pytest.importorskip("cv2", reason="the extra board is not installed")
     from fabdesign.depth.stream import DepthStream
-    from fabdesign.depth.target import Target
+    from fabdesign.depth.target import SeenTarget
     from studies.fusion.targets import _points
 
-    target = Target("calibration", square=0.03, marker=0.022)
+    target = SeenTarget("calibration", square=0.03, marker=0.022)
     board = cv2.aruco.CharucoBoard((5, 7), 0.03, 0.022, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
     drawn = board.generateImage((400, 560), marginSize=0)  # 80 pixels a square
     image = np.full((700, 640, 3), 255, np.uint8)

@@ -1,6 +1,7 @@
 """Recordings of cameras that stamp their images: clocks, poses, losses and the pressure's log, against what is true."""
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +28,12 @@ from studies.measured.bad_data import Tolerance
 from tests.recorded_sheet import CAMERA, DURATION, OFFSETS, PINHOLE, SIZE, STEPS, Camera, cameras, faces, images, write
 
 NAMES = ("front_left", "front_right", "back_left", "back_right")
+
+
+@pytest.fixture(autouse=True)
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Poses and clocks by fewer instants: quick."""
+    monkeypatch.setattr("studies.fusion.stamped.JOINT", 10)
 
 
 def frames_of(folder: Path, made: dict[str, Camera], **given: str) -> StampedFrames:
@@ -82,11 +89,10 @@ def test_a_camera_that_was_moved_is_named_with_its_frame(tmp_path: Path) -> None
     depth[since:] = images(moved, camera.true[since:], np.random.default_rng(0))
     made["back_right"] = replace(camera, depth=depth)
     recording = read_recording(write(tmp_path / "recording", made))
-    with pytest.raises(InputError, match=r"sensor back_right: its view leaves the others' from frame 2[345] on"):
-        stamped_frames(recording, Tolerance(False))
     tolerance = Tolerance(True)
     seen = stamped_frames(recording, tolerance)
-    assert "was it moved?" in tolerance.skipped[0]
+    (line,) = tolerance.skipped
+    assert re.match(r"sensor back_right: its view leaves the others' from frame 2[345] on, .*; was it moved\?", line)
     assert len(seen.timed.views[3]) <= since + 1
 
 

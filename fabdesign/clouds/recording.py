@@ -19,7 +19,7 @@ from fabdesign.clouds.ply import write_ply
 from fabdesign.depth.cut import NO_CUT, Cut
 from fabdesign.depth.sensor import Sensor, depth_stream
 from fabdesign.depth.stream import DepthStream, paired_as_stamped
-from fabdesign.depth.target import Target
+from fabdesign.depth.target import SeenTarget
 from fabdesign.errors import InputError, note
 from fabdesign.files.design_file import read_design, write_design
 from fabdesign.files.pressure_file import write_pressures
@@ -61,7 +61,7 @@ class Recording:
     depth: tuple[DepthStream, ...] = ()  # of each sensor, where they have depth images in place of clouds
     cut: Cut = NO_CUT
     log: PressureLog = NO_LOG
-    target: Target | None = None
+    target: SeenTarget | None = None
 
     @cached_property
     def topics(self) -> Mapping[str, tuple[Array, ...]]:
@@ -139,7 +139,7 @@ class RecordingKeys:
     mcap: Annotated[str, Key(brief=True), "a file of ROS 2 with all clouds, in place of frames"] = ""
     sensors: tuple[Sensor, ...] = ()
     cut: Annotated[Cut, Key(brief=True), "what of the depth images is the cloth"] = NO_CUT
-    target: Annotated[Target | None, Key(brief=True), "that the cameras saw, for their poses"] = None
+    target: Annotated[SeenTarget | None, Key(brief=True), "that the cameras saw, for their poses"] = None
     pressure: Annotated[PressureLog, Key(brief=True), "the log of pressures, where it is no pressure.csv"] = NO_LOG
 
     def resolved(self, table: Table) -> "RecordingKeys":

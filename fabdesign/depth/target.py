@@ -8,7 +8,7 @@ from fabdesign.formats.table import Table
 
 
 @dataclass(frozen=True)
-class Target:
+class SeenTarget:
     """Where the target was recorded, and what it is; one of `sphere` and `square`."""
 
     recording: Annotated[str, "a folder with a recording of the same sensors, that sees the target at several places"]
@@ -18,7 +18,7 @@ class Target:
     size: Annotated[tuple[int, int], "squares across and down"] = (5, 7)
     dictionary: Annotated[str, "of its markers, as OpenCV names it"] = "DICT_4X4_50"
 
-    def resolved(self, table: Table) -> "Target":
+    def resolved(self, table: Table) -> "SeenTarget":
         """Raise InputError for none or both, and for a board without its markers' size."""
         if (self.sphere is None) == (self.square is None):
             raise table.error("expected sphere (a radius) or square (of a board)")

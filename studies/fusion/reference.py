@@ -56,9 +56,9 @@ def register_to_rest(sensor: Sensor, cloud: Array, fabric: Fabric, cleaned: Clea
     start = _coarse(sensor, (cleaned or clean(cloud)).points, fabric, z)
     met, passed = _border(cloud)
 
-    def residuals(small: Array, matrix: Array, inner: Array, noise: float) -> Array:
+    def residuals(small: Array, matrix: Array, root: Array, noise: float) -> Array:
         pose = moved(matrix, small)
-        plane = ((inner @ pose[:3, :3].T + pose[:3, 3])[:, 2] - z) / (PLANE_NOISE * np.sqrt(INDEPENDENT))
+        plane = root @ [*pose[2, :3], pose[2, 3] - z] / (PLANE_NOISE * np.sqrt(INDEPENDENT))
         inside = _surprise(-_outside(met, pose, fabric) / noise, STRAYS)
         return np.concatenate([plane, inside, _surprise(_outside(passed, pose, fabric) / noise, HOLES)])
 
@@ -68,7 +68,9 @@ def register_to_rest(sensor: Sensor, cloud: Array, fabric: Fabric, cleaned: Clea
         inner = cloud[(_beyond(world, fabric) < -0.004) & (np.abs(world[:, 2] - z) < 0.006)]
         if len(inner) < 50:
             raise InputError(f"reference: sensor {sensor.name} does not see the cloth at rest where its pose says")
-        solved = least_squares(residuals, np.zeros(6), method="lm", x_scale=1e-3, args=(matrix, inner, noise))
+        heights = np.concatenate([inner, np.ones((len(inner), 1))], axis=1)  # over z they are linear in the pose:
+        root = np.linalg.qr(heights, mode="r")  # four rows have their sum of squares
+        solved = least_squares(residuals, np.zeros(6), method="lm", x_scale=1e-3, args=(matrix, root, noise))
         matrix = moved(matrix, solved.x)
     distance, angle = off(matrix, sensor.camera_to_world)
     if distance > OFF_NOMINAL[0] or angle > OFF_NOMINAL[1]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fabdesign.clouds.recording import Recording, read_recording
 from fabdesign.depth.stream import DepthStream
-from fabdesign.depth.target import Target
+from fabdesign.depth.target import SeenTarget
 from fabdesign.errors import InputError
 
 Array = NDArray[np.float64]
@@ -98,7 +98,7 @@ def _rigid(points: Array, onto: Array) -> Array:
     return pose
 
 
-def _points(stream: DepthStream, numbers: Sequence[int], target: Target) -> dict[tuple[int, int], Array]:
+def _points(stream: DepthStream, numbers: Sequence[int], target: SeenTarget) -> dict[tuple[int, int], Array]:
     """Return the target's points in a camera's frame, by frame and corner."""
     seen: dict[tuple[int, int], Array] = {}
     rng = np.random.default_rng(0)
@@ -172,7 +172,7 @@ def _through(a: Array, b: Array, c: Array, radius: float) -> Array | None:
     return np.asarray(a + circle + normal * height**0.5)
 
 
-def _board(stream: DepthStream, number: int, target: Target) -> dict[int, Array]:
+def _board(stream: DepthStream, number: int, target: SeenTarget) -> dict[int, Array]:
     """Return the corners of a ChArUco board [m] in the camera's frame, by their number. Raises InputError."""
     try:
         import cv2
