@@ -8,24 +8,41 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 pytest.importorskip("open3d", exc_type=Exception)
 
 from fabdesign.clouds.recording import read_recording
+from fabdesign.depth.cut import Cut
 from fabdesign.depth.intrinsics import Intrinsics
+from fabdesign.depth.stream import DepthStream
 from fabdesign.errors import InputError
 from fabdesign.files.measurement_set import read_set
 from fabdesign.geometry.surface import Surface
 from studies.check.files import inspect
 from studies.fusion.checks import shifted_sensor
 from studies.fusion.clocks import losses
+from studies.fusion.cutting import Cutter
 from studies.fusion.depth_image import clean_image
 from studies.fusion.fuse import fuse
 from studies.fusion.joint import SensorView
 from studies.fusion.reference import off
 from studies.fusion.stamped import StampedFrames, stamped_frames
 from studies.measured.bad_data import Tolerance
-from tests.recorded_sheet import CAMERA, DURATION, OFFSETS, PINHOLE, SIZE, STEPS, Camera, cameras, faces, images, write
+from tests.recorded_sheet import (
+    CAMERA,
+    DESIGN,
+    DURATION,
+    OFFSETS,
+    PINHOLE,
+    SIZE,
+    STEPS,
+    Camera,
+    cameras,
+    faces,
+    images,
+    write,
+)
 
 NAMES = ("front_left", "front_right", "back_left", "back_right")
 
@@ -192,3 +209,24 @@ def test_a_shift_without_stamps_is_found_by_the_motion() -> None:
     assert [lags[frame] for frame in range(7)] == [0, 0, 1, 1, 1, 1, 1]
     straight = [view for view in views if view.camera != 1]
     assert shifted_sensor(straight, poses, ["front", "front", "back", "back"], 0.002) is None
+
+
+def test_a_hand_beside_the_predicted_cloth_is_cut() -> None:
+    """It lies in the box, 60 mm before the cloth; within 30 mm of the cloth as it is predicted nothing of it is."""
+    camera = cameras()["front_left"]
+    image = camera.depth[0].copy()
+    hand = np.zeros_like(image, dtype=bool)
+    hand[100:130, 100:120] = True
+    image[hand] = image[hand] - round(0.06 / CAMERA.unit)
+    optics = Intrinsics(SIZE[1], SIZE[0], PINHOLE[:2], PINHOLE[2:])
+    stream = DepthStream("a", optics, CAMERA.unit, np.zeros(1), lambda k: image)
+    cloth = cKDTree(faces(0.0)[0])
+    kept = {}
+    for name, predicted in (("box", None), ("predicted", lambda number: cloth)):
+        cutter = Cutter(stream, camera.pose, Cut(predicted=0.03), DESIGN.fabric, predicted)
+        depth = np.zeros(SIZE)
+        depth[cutter.part] = cutter.depth(0)
+        kept[name] = (depth > 0) & hand
+        assert np.count_nonzero((depth > 0) & ~hand) > 0.97 * np.count_nonzero((image > 0) & ~hand)
+    assert kept["box"].sum() > 500
+    assert kept["predicted"].sum() == 0

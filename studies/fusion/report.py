@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 SLICES = 3
+AROUND = 60  # pixels
 
 
 def write_report(path: Path, report: "FusionReport", last: Mapping[str, Array], stamped: "StampedFrames") -> None:
@@ -78,12 +79,15 @@ def _views(stamped: "StampedFrames") -> Figure:
     for column, cutter in enumerate(stamped.cutters):
         axes = figure.add_subplot(1, count, column + 1)
         number = stamped.number(column, time)
-        raw = cutter.stream.depth(number) * cutter.stream.unit
-        part = cutter.depth(number)
-        whole = np.zeros_like(raw)
-        whole[cutter.part] = part
+        raw = cutter.stream.depth(number)
+        cloth = np.zeros(raw.shape)
+        cloth[cutter.part] = cutter.depth(number)
         axes.imshow(np.where(raw > 0, 0.75, 1.0), cmap="gray", vmin=0, vmax=1, interpolation="nearest")
-        axes.imshow(np.where(whole > 0, in_mm(whole), np.nan), cmap="viridis", interpolation="nearest")
+        axes.imshow(np.where(cloth > 0, in_mm(cloth), np.nan), cmap="viridis", interpolation="nearest")
+        rows, columns = np.nonzero(cloth)
+        if len(rows):  # with what is around it
+            axes.set_xlim(columns.min() - AROUND, columns.max() + AROUND)
+            axes.set_ylim(rows.max() + AROUND, rows.min() - AROUND)
         axes.set_title(stamped.anchored.sensors[column].name, fontsize="small")
         axes.set_axis_off()
     return figure

@@ -31,7 +31,7 @@ from studies.measured.bad_data import Tolerance
 Array = NDArray[np.float64]
 COARSELY = 0.01  # s, how well clocks are known by the motion alone
 UNKNOWN = 0.03  # s, where it does not say it
-STEADY = 0.35  # of the speed: what it may change from image to image
+STEADY, SLOW = 0.35, 0.02  # of the speed, and m/s: what it may change from image to image
 JOINT = 20  # instants at which poses and clocks are fitted
 MOST_VIEWS = 20_000
 JUST_AFTER = 1e-4  # s
@@ -147,18 +147,29 @@ def _aligned(
 ) -> tuple[list[Array], TimedViews, Array]:
     """Fit poses and clocks at the instants that move most and at some even ones. Raises InputError."""
     thickness = recording.design.fabric.thickness
-    speed = np.nan_to_num([view.mean_speed for view in timed.views[0]])
-    change = np.abs(np.gradient(speed)) if len(speed) > 2 else np.zeros(len(speed))
-    fast = np.argsort(-np.where(change < STEADY * speed, speed, 0.0))[: JOINT // 2]  # a jump is no smooth motion
-    when = timed.clocks[0].times(np.array([timed.views[0][k].stamp for k in fast]))
-    even = instants[
-        np.unique(np.linspace(1, max(len(instants) - 2, 1), JOINT // 2).round().astype(int) % len(instants))
-    ]
-    shown = np.unique(np.concatenate([when, even]))
+    shown = _steady(timed)
     poses = [anchor.matrix for anchor in anchored.anchors]
     if anchored.rest:
         _require_unmoved(anchored, timed, instants, poses, thickness, tolerance)
     return align_timed(timed, shown, anchored.rest, anchored.anchors, anchored.sides, thickness)
+
+
+def _steady(timed: TimedViews) -> Array:
+    """Return instants [s] of the first camera at which the cloth moves smoothly: the fastest and some even ones.
+
+    Where a step sets it in motion its speed jumps between two images, and no view at another instant follows from them.
+    """
+    speeds = [np.nan_to_num([view.mean_speed for view in views]) for views in timed.views]
+    times = [c.times(np.array([v.stamp for v in own])) for own, c in zip(timed.views, timed.clocks, strict=True)]
+    smooth = np.ones(len(times[0]), dtype=bool)
+    for own, when in zip(speeds, times, strict=True):
+        change = np.abs(np.gradient(own)) if len(own) > 2 else np.zeros(len(own))
+        jumps = np.interp(times[0], when, (change > STEADY * own + SLOW).astype(float))
+        smooth &= jumps < 0.01
+    kept = np.flatnonzero(smooth) if smooth.sum() >= JOINT // 2 else np.arange(len(smooth))
+    fast = kept[np.argsort(-speeds[0][kept])[: JOINT // 2]]
+    even = kept[np.unique(np.linspace(0, len(kept) - 1, JOINT // 2).round().astype(int))]
+    return np.asarray(times[0][np.union1d(fast, even)])
 
 
 def _require_unmoved(
