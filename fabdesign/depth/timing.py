@@ -15,9 +15,7 @@ class SensorTiming:
 
     offset: Annotated[Second, "by which its clock is ahead of the first camera's, in the recording's middle"] = 0.0
     drift: Annotated[float, _PPM, Key("drift_ppm"), "by which its clock runs fast against the first camera's"] = 0.0
-    known: Annotated[Second, "standard deviation of the offset by noise alone; how the cloth moves adds 1 ms or so"] = (
-        0.0
-    )
+    known: Annotated[Second, "standard deviation of the offset by noise alone; the motion's form adds 1 ms or so"] = 0.0
     estimated: Annotated[bool, "from the motion; else as the stamps say"] = True
     images: Annotated[int, FROM_0, "in the file"] = 0
     lost: Annotated[int, FROM_0, "that the stamps or the counter miss"] = 0
