@@ -314,42 +314,44 @@ def test_a_db3_of_something_else_is_one_line(tmp_path: Path) -> None:
         read_realsense(tmp_path / "a.db3")
 
 
-def test_a_sphere_says_where_cameras_stand() -> None:
-    """Four cameras see a sphere of 30 mm at six places, with noise; nominal poses are 10 mm and 2 degrees off."""
+def test_a_sphere_says_where_cameras_stand(tmp_path: Path) -> None:
+    """Four cameras see a sphere of 30 mm at four places, with noise; nominal poses are 10 mm and 2 degrees off."""
+    from fabdesign.clouds.recording import read_recording
     from studies.fusion.reference import off
-    from studies.fusion.targets import solve, sphere_middle
-    from studies.rig.cameras import CAMERAS, POSITION, disturb, look
+    from studies.fusion.targets import solve, sphere_middle, with_target_poses
+    from studies.rig.cameras import CAMERAS
+    from tests.recorded_sheet import PINHOLE, SIZE, cameras, write
 
+    made = {name: cameras()[name] for name in CAMERAS}
+    folder = write(tmp_path, made, more='[target]\nfolder = "sphere"\nsphere = 0.03\n')
+    (folder / "sphere").mkdir()
     rng = np.random.default_rng(2)
-    nominal = [look(x * POSITION[0], z * POSITION[2]) for x, z in CAMERAS.values()]
-    poses = [disturb(pose, rng) for pose in nominal]
-    camera = Intrinsics(212, 120, (106.0, 106.0), (106.0, 60.0))
-    places = rng.uniform([-0.08, -0.18, -0.05], [0.08, -0.02, 0.05], (6, 3))
-    seen: list[dict[tuple[int, int], np.ndarray]] = []
-    for pose in poses:
-        own = {}
-        for frame, place in enumerate(places):
-            middle = (place - pose[:3, 3]) @ pose[:3, :3]
-            ray = np.concatenate([camera.slopes, np.ones((120, 212, 1))], axis=2).reshape(-1, 3)
-            a, b = (ray**2).sum(axis=1), ray @ middle
+    optics = Intrinsics(SIZE[1], SIZE[0], PINHOLE[:2], PINHOLE[2:])
+    ray = np.concatenate([optics.slopes, np.ones((*SIZE, 1))], axis=2)
+    for name, camera in made.items():
+        images = []
+        for place in np.random.default_rng(3).uniform([-0.08, -0.18, -0.05], [0.08, -0.02, 0.05], (4, 3)):
+            middle = (place - camera.pose[:3, 3]) @ camera.pose[:3, :3]
+            a, b = (ray**2).sum(axis=2), ray @ middle
             inside = b**2 - a * (middle @ middle - 0.03**2)
-            z = (b - np.sqrt(np.maximum(inside, 0))) / a
-            cloud = (ray * (z + rng.normal(0, 5e-4, len(z)))[:, None])[inside > 0]
-            wall = np.stack([*rng.uniform(-0.3, 0.3, (2, 300)), np.full(300, 1.2)], axis=1)
-            fitted = sphere_middle(np.concatenate([cloud, wall]), 0.03, 1 / 106.0, rng)
-            assert fitted is not None
-            assert np.linalg.norm(fitted - middle) < 1e-3
-            own[frame, 0] = fitted
-        seen.append(own)
-    solved, residuals = solve(seen, nominal, [*CAMERAS])
-    assert max(residuals) < 1e-3
-    for k in range(4):  # to each other: the world's frame stays that of the nominal poses as a whole
-        distance, angle = off(np.linalg.inv(solved[0]) @ solved[k], np.linalg.inv(poses[0]) @ poses[k])
+            z = (b - np.sqrt(np.maximum(inside, 0))) / a + rng.normal(0, 5e-4, SIZE)
+            z = np.where(inside > 0, z, np.where(rng.random(SIZE) < 0.004, 1.2, 0))  # a wall with few matches
+            images += [(z / 2e-4).astype(np.uint16)] * 3  # held still, between two that may move
+        matrix = np.array([[PINHOLE[0], 0, PINHOLE[2]], [0, PINHOLE[1], PINHOLE[3]], [0, 0, 1]])
+        np.savez(folder / "sphere" / f"{name}.npz", depth=images, stamps=np.arange(12.0), unit=2e-4, intrinsics=matrix)
+    recording = read_recording(folder)
+    placed, residuals = with_target_poses(recording)
+    assert max(residuals.values()) < 1e-3
+    first = made["front_left"].pose
+    for sensor in placed.sensors:  # to each other: the world's frame stays that of the nominal poses as a whole
+        to_first = np.linalg.inv(placed.sensors[0].camera_to_world) @ sensor.camera_to_world
+        distance, angle = off(to_first, np.linalg.inv(first) @ made[sensor.name].pose)
         assert distance < 3e-3
         assert angle < 0.4
     assert sphere_middle(rng.uniform(-0.1, 0.1, (500, 3)) + [0, 0, 0.6], 0.03, 1 / 106.0, rng) is None
-    with pytest.raises(InputError, match="sensor back_right has 1 places in common"):
-        solve([*seen[:3], {(0, 0): seen[3][0, 0]}], nominal, [*CAMERAS])
+    square = {(k, 0): rng.normal(size=3) for k in range(4)}
+    with pytest.raises(InputError, match="sensor a has 1 places in common"):
+        solve([square, {(0, 0): np.zeros(3)}], [np.eye(4), np.eye(4)], ["a", "b"])
 
 
 def test_a_charuco_board_is_seen() -> None:

@@ -11,7 +11,7 @@ from fabdesign.formats.table import Table
 class SeenTarget:
     """Where the target was recorded, and what it is; one of `sphere` and `square`."""
 
-    recording: Annotated[str, "a folder with a recording of the same sensors, that sees the target at several places"]
+    folder: Annotated[str, "with a file of each sensor, named as its own one, that sees the target at several places"]
     sphere: Annotated[Metre | None, Within(above=0, most=0.5), "radius"] = None
     square: Annotated[Metre | None, Within(above=0, most=0.5), "side of a square of a ChArUco board"] = None
     marker: Annotated[Metre | None, Within(above=0, most=0.5), "side of its markers"] = None

@@ -33,6 +33,7 @@ class SensorReport:
     points: int  # cleaned, over all frames
     dropped: int  # strays, flying pixels and edge ribbons
     cut: Mapping[str, float] | None = None  # of depth images: by rule the share of pixels that is not the cloth
+    target_mm: float | None = None  # root mean square distance of the target's places to the other cameras' ones
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,14 @@ class Fusion:
         self._frame_poses.append(poses)
         self._last = views
 
-    def report(self, skipped: tuple[str, ...], wall: float, stamped: "StampedFrames | None" = None) -> FusionReport:
+    def report(
+        self,
+        skipped: tuple[str, ...],
+        wall: float,
+        stamped: "StampedFrames | None" = None,
+        target: Mapping[str, float] | None = None,
+    ) -> FusionReport:
+        """Return what was done. target: by sensor the residual [m] of its pose by a target."""
         from studies.fusion.reference import off
 
         sensors = []
@@ -110,7 +118,8 @@ class Fusion:
             pose = self._poses[camera].tolist()
             counts = len(squares), self._dropped[camera]
             cut = None if stamped is None else stamped.cutters[camera].shares
-            sensors.append(SensorReport(sensor.name, pose, in_mm(moved), turned, in_mm(residual), *counts, cut))
+            seen = in_mm(target[sensor.name]) if target else None
+            sensors.append(SensorReport(sensor.name, pose, in_mm(moved), turned, in_mm(residual), *counts, cut, seen))
         by_frame = None
         if self._per_frame:
             names = [s.name for s in self._anchored.sensors]

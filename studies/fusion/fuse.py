@@ -171,12 +171,13 @@ def _fused(
 ) -> Fused:
     """Raises InputError."""
     started = working_time.seconds()
-    stamped = None
+    stamped, target = None, {}
     if recording.depth:
         from studies.fusion.stamped import stamped_frames
         from studies.fusion.targets import with_target_poses
 
-        stamped = stamped_frames(with_target_poses(recording)[0], tolerance)
+        recording, target = with_target_poses(recording)
+        stamped = stamped_frames(recording, tolerance)
         anchored, poses, frames, count = stamped.anchored, stamped.poses, stamped.frames(), len(stamped.times)
     else:
         from studies.fusion import input as fuse_input
@@ -195,7 +196,7 @@ def _fused(
     if not fusion.frames:
         raise InputError(f"recording {recording.name}: no sound frame is left")
     skipped = tuple(filter(None, (recording.left_out, *tolerance.skipped)))
-    report = fusion.report(skipped, working_time.seconds() - started, stamped)
+    report = fusion.report(skipped, working_time.seconds() - started, stamped, target)
 
     def measured(camera: int) -> Array:
         if stamped is not None:

@@ -49,8 +49,8 @@ def _blocks(report: "FusionReport", last: Mapping[str, Array], stamped: "Stamped
     yield Text("Slices of the last frame: each camera's points, placed by its pose.")
     yield Picture(_slices(last))
     yield TableBlock(
-        ["sensor", "moved from nominal, mm", "turned, degrees"],
-        [[s.name, s.moved_mm, s.turned_deg] for s in report.sensors],
+        ["sensor", "moved from nominal, mm", "turned, degrees", "target, mm"],
+        [[s.name, s.moved_mm, s.turned_deg, "none" if s.target_mm is None else s.target_mm] for s in report.sensors],
     )
     yield Title("Time")
     yield Picture(_timeline(stamped))

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.clouds.recording import Recording, read_recording
-from fabdesign.depth.stream import DepthStream
+from fabdesign.clouds.recording import Recording
+from fabdesign.depth.sensor import depth_stream
+from fabdesign.depth.stream import DepthStream, paired_as_stamped
 from fabdesign.depth.target import SeenTarget
 from fabdesign.errors import InputError
 
@@ -17,7 +18,8 @@ Array = NDArray[np.float64]
 Seen = Mapping[tuple[int, int], Array]  # (frame, corner) -> (3,) m in the camera's frame
 OFF_SPHERE = 0.004  # m from the surface that counts as on it
 LEAST_ON_SPHERE = 0.1  # of the pixels that a whole sphere there would have
-TRIES, SAMPLE = 400, 1500
+TRIES, SAMPLE, PLENTY = 200, 800, 0.7  # PLENTY: of a whole sphere's pixels, with which no more is tried
+MOST_IMAGES = 120  # of each camera
 LEAST_COMMON = 3
 OFF_LINE = 0.01  # m, root mean square of places beside their best line
 STILL = 0.002  # m: a target that moves more between images is left out
@@ -30,16 +32,14 @@ def with_target_poses(recording: Recording) -> tuple[Recording, dict[str, float]
     target = recording.target
     if target is None:
         return recording, {}
-    place = recording.folder / target.recording
-    shown = read_recording(place)
-    names = [sensor.name for sensor in shown.sensors]
-    absent = [sensor.name for sensor in recording.sensors if sensor.name not in names]
-    if absent or not shown.depth or shown.chosen is None:
-        raise InputError(f"{place}: no depth images of {', '.join(absent) or 'its sensors'}; expected the same sensors")
-    seen = []
-    for sensor in recording.sensors:
-        column = names.index(sensor.name)
-        seen.append(_still(_points(shown.depth[column], [int(k) for k in shown.chosen[:, column]], target)))
+    place = recording.folder / target.folder
+    shown = [depth_stream(sensor, place, None) for sensor in recording.sensors]
+    streams = [stream for stream in shown if stream is not None]
+    if len(streams) != len(shown):
+        raise InputError(f"{place}: a target is seen in depth images; expected bag or images of each sensor")
+    paired, chosen = paired_as_stamped(streams, 30.0, str(place))
+    chosen = chosen[np.unique(np.linspace(0, len(chosen) - 1, MOST_IMAGES).round().astype(int))]
+    seen = [_still(_points(stream, [int(k) for k in chosen[:, c]], target)) for c, stream in enumerate(paired)]
     nominal = [sensor.camera_to_world for sensor in recording.sensors]
     poses, residuals = solve(seen, nominal, [sensor.name for sensor in recording.sensors])
     sensors = tuple(replace(s, camera_to_world=pose) for s, pose in zip(recording.sensors, poses, strict=True))
@@ -142,6 +142,8 @@ def sphere_middle(cloud: Array, radius: float, pixel: float, rng: np.random.Gene
             count = int((np.abs(np.linalg.norm(few - middle, axis=1) - radius) < OFF_SPHERE).sum())
             if best is None or count > best[0]:
                 best = count, middle
+                if count > PLENTY * np.pi * (radius / middle[2] / pixel) ** 2 * len(few) / len(cloud):
+                    break
     if best is None:
         return None
     middle = best[1]
