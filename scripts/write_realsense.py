@@ -2,7 +2,8 @@
 
 The SDK's software device and recorder need no camera. pyrealsense2 2.56.5 writes `.bag`, 2.59.1 writes `.db3`. The npz
 has `depth` (n, rows, columns) uint16, `stamps` (n,) s, `numbers` (n,), `unit` m, `pinhole` fx, fy, cx, cy, `model` and
-`coefficients` of the distortion, and may have `colour` (n, rows, columns, 3) uint8 and a `serial`.
+`coefficients` of the distortion, and may have `colour` (n, rows, columns, 3) uint8 with `depth_to_colour` (3, 4), and a
+`serial`.
 """
 
 import gc
@@ -54,6 +55,11 @@ def write(arrays: Any, out: Path) -> None:
         shown = camera.add_video_stream(
             stream(rs, rs.stream.color, 2, rs.format.rgb8, 3, wide)
         ).as_video_stream_profile()
+        if "depth_to_colour" in arrays:  # (3, 4) turn and shift of a point from the depth camera to the colour camera
+            placed = rs.extrinsics()
+            placed.rotation = [float(x) for x in arrays["depth_to_colour"][:, :3].T.ravel()]  # column by column
+            placed.translation = [float(x) for x in arrays["depth_to_colour"][:, 3]]
+            profile.register_extrinsics_to(shown, placed)
     recorder = rs.recorder(str(out), device)
     sensors = recorder.query_sensors()
     for sensor in sensors:

@@ -3,6 +3,7 @@
 import io
 import json
 import re
+import shutil
 import sqlite3
 import struct
 import subprocess
@@ -79,6 +80,11 @@ def test_a_recording_of_the_sdk_is_read(ending: str) -> None:
     assert len(cloud) == 24 * 32 - 1  # one pixel has no depth
     assert stream.colour is not None
     assert stream.colour(2)[0, 1].tolist() == [1, 2, 3]
+    assert stream.depth_to_colour is not None
+    np.testing.assert_allclose(stream.depth_to_colour[:, 3], [-0.015, 0.002, 0.003], atol=1e-6)
+    np.testing.assert_allclose(
+        stream.depth_to_colour[:2, :2], [[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]], atol=1e-6
+    )
     assert read_realsense(SAMPLES / f"sample.{ending}", serial="123456789012").serial == "123456789012"
     with pytest.raises(InputError, match="depth streams of 123456789012; expected one of the camera '7'"):
         read_realsense(SAMPLES / f"sample.{ending}", serial="7")
@@ -356,8 +362,8 @@ def test_a_sphere_says_where_cameras_stand(tmp_path: Path) -> None:
 
 def test_a_charuco_board_is_seen() -> None:
     cv2 = pytest.importorskip("cv2", reason="the extra board is not installed")
+    from fabdesign.depth.sensor import SeenTarget
     from fabdesign.depth.stream import DepthStream
-    from fabdesign.depth.target import SeenTarget
     from studies.fusion.targets import _points
 
     target = SeenTarget("calibration", square=0.03, marker=0.022)
@@ -375,3 +381,20 @@ def test_a_charuco_board_is_seen() -> None:
     points = np.array([seen[0, k] for k in range(24)]).reshape(6, 4, 3)
     np.testing.assert_allclose(points[..., 2], 0.6, atol=5e-3)
     np.testing.assert_allclose(np.diff(points[..., 0], axis=1), 0.03, atol=3e-4)
+
+
+def test_a_recording_of_bags_is_read(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags", reason="the extra realsense is not installed")
+    from fabdesign.clouds.recording import read_recording
+    from tests.recorded_sheet import cameras, write
+
+    folder = write(tmp_path / "recording", {"front_left": cameras()["front_left"], "back_left": cameras()["back_left"]})
+    for ending in ("bag", "db3"):
+        shutil.copy(SAMPLES / f"sample.{ending}", folder)
+    text = (folder / "recording.toml").read_text()
+    text = text.replace('images = "front_left.npz"', 'bag = "sample.bag"\nserial = "123456789012"')
+    (folder / "recording.toml").write_text(text.replace('images = "back_left.npz"', 'bag = "sample.db3"'))
+    recording = read_recording(folder)
+    np.testing.assert_allclose(recording.times, np.array([0, 1, 3, 4]) / 30, atol=1e-5)
+    front, back = recording.sensors
+    np.testing.assert_allclose(recording.frame(front, 2), recording.frame(back, 2), atol=1e-6)

@@ -221,6 +221,10 @@ def test_a_hand_beside_the_predicted_cloth_is_cut() -> None:
     optics = Intrinsics(SIZE[1], SIZE[0], PINHOLE[:2], PINHOLE[2:])
     colours = np.where(hand[..., None], [200, 150, 120], [20, 40, 200]).astype(np.uint8)  # skin, and blue cloth
     stream = DepthStream("a", optics, CAMERA.unit, np.zeros(1), lambda k: image, colour=lambda k: colours)
+    aside = np.array([[1.0, 0, 0, 0.015], [0, 1, 0, 0], [0, 0, 1, 0]])  # of the colour camera: it sees the hand shifted
+    stream = replace(stream, colour_camera=optics, depth_to_colour=aside)
+    pixels = round(0.015 * PINHOLE[0] / float(np.median(image[hand]) * CAMERA.unit))
+    colours = np.roll(colours, pixels, axis=1)
     cloth = cKDTree(faces(0.0)[0])
     kept = {}
     blue = Cut(colour=((200.0, 0.3, 0.2), (260.0, 1.0, 1.0)))
@@ -235,4 +239,5 @@ def test_a_hand_beside_the_predicted_cloth_is_cut() -> None:
         kept[name] = (depth > 0) & hand
         assert np.count_nonzero((depth > 0) & ~hand) > 0.97 * np.count_nonzero((image > 0) & ~hand)
     assert kept["box"].sum() > 500
-    assert kept["predicted"].sum() == kept["colour"].sum() == 0
+    assert kept["predicted"].sum() == 0
+    assert kept["colour"].sum() < 0.1 * kept["box"].sum()  # the hand's border is a pixel off

@@ -9,7 +9,6 @@ metadata as "key=value;...". In both the messages of a frame have one log time.
 import re
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -17,8 +16,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.depth.intrinsics import Intrinsics, intrinsics_of
 from fabdesign.depth.png import colour_image, depth_image
+from fabdesign.depth.realsense_info import (
+    BagStream,
+    camera_of,
+    depth_to_colour,
+    depth_unit,
+    metadata_of,
+    serial_of,
+)
 from fabdesign.depth.ros_image import bound_chunks, cdr_stamp, plain_image, ros1_image, ros1_stamp
 from fabdesign.depth.stream import MOST_FRAMES, DepthStream
 from fabdesign.errors import InputError
@@ -27,14 +33,6 @@ LARGEST = 64_000_000_000  # bytes of a file, of which one chunk at a time is rea
 _TOPIC = re.compile(r"/device_(\d+)/sensor_(\d+)/(Depth|Color)_(\d+)/(.*)")
 _COMPRESSED_DEPTH = 12  # bytes before the PNG of a compressedDepth message
 _GLOBAL = ("global time", "system time")
-
-
-@dataclass(frozen=True)
-class _Stream:
-    """The connections of one stream of images by what they hold."""
-
-    device: int
-    parts: Mapping[str, Any]  # the rest of a topic -> connection
 
 
 def read_realsense(path: Path | str, *, serial: str = "") -> DepthStream:
@@ -48,7 +46,7 @@ def read_realsense(path: Path | str, *, serial: str = "") -> DepthStream:
     try:
         streams = _streams(reader.connections)
         depths = {key: stream for key, stream in streams.items() if key[1] == "Depth"}
-        devices = {key: _serial(reader, key[0]) for key in depths}
+        devices = {key: serial_of(reader, key[0]) for key in depths}
         chosen = [key for key in depths if not serial or devices[key] == serial]
         if len(chosen) != 1:
             held = ", ".join(devices[key] or f"device {key[0]}" for key in depths) or "none"
@@ -91,13 +89,13 @@ def _opened(path: Path) -> Any:
     return reader
 
 
-def _streams(connections: Sequence[Any]) -> dict[tuple[int, str, int], _Stream]:
+def _streams(connections: Sequence[Any]) -> dict[tuple[int, str, int], BagStream]:
     streams: dict[tuple[int, str, int], dict[str, Any]] = {}
     for connection in connections:
         if matched := _TOPIC.fullmatch(connection.topic):
             key = int(matched[1][:9]), matched[3], int(matched[4][:9])
             streams.setdefault(key, {})[matched[5]] = connection
-    return {key: _Stream(key[0], parts) for key, parts in streams.items() if _image_part(parts) is not None}
+    return {key: BagStream(key[0], parts) for key, parts in streams.items() if _image_part(parts) is not None}
 
 
 def _image_part(parts: Mapping[str, Any]) -> str | None:
@@ -105,46 +103,22 @@ def _image_part(parts: Mapping[str, Any]) -> str | None:
     return next((p for p in ("image/data", "image/data/compressedDepth", "image/data/compressed") if p in parts), None)
 
 
-def _colour_of(streams: Mapping[tuple[int, str, int], _Stream], device: int) -> _Stream | None:
+def _colour_of(streams: Mapping[tuple[int, str, int], BagStream], device: int) -> BagStream | None:
     return next((stream for key, stream in streams.items() if key[:2] == (device, "Color")), None)
 
 
-def _messages(reader: Any, connection: Any) -> Iterator[tuple[int, Any]]:
-    for connection_, time, raw in reader.messages(connections=[connection]):
-        yield time, reader.deserialize(raw, connection_.msgtype)
-
-
-def _serial(reader: Any, device: int) -> str:
-    """Return a device's serial number."""
-    for connection in reader.connections:
-        if connection.topic == f"/device_{device}/info":
-            for _, message in _messages(reader, connection):
-                pairs = _pairs(message)
-                if "Serial Number" in pairs:
-                    return pairs["Serial Number"]
-    return ""
-
-
-def _pairs(message: Any) -> dict[str, str]:
-    """Return keys and values of a message: a KeyValue, or a text of them."""
-    if hasattr(message, "key"):
-        return {str(message.key): str(message.value)}
-    parts = (part.partition("=") for part in str(message.data).split(";"))
-    return {key.strip(): value for key, sign, value in parts if sign}
-
-
-def _stream(reader: Any, path: Path, depth: _Stream, colour: _Stream | None, serial: str) -> DepthStream:
+def _stream(reader: Any, path: Path, depth: BagStream, colour: BagStream | None, serial: str) -> DepthStream:
     where = f"{path}: depth"
-    camera = _camera(reader, depth, where)
+    camera = camera_of(reader, depth, where)
     part = _image_part(depth.parts)
     images = depth.parts[str(part)]
     if images.msgcount > MOST_FRAMES:
         raise InputError(f"{where}: {images.msgcount} images; expected at most {MOST_FRAMES}")
-    metadata = _metadata(reader, depth)
+    metadata = metadata_of(reader, depth)
     times = [time for time, _ in _times_and_stamps(reader, images)]
     stamps, clock = _stamps(reader, images, metadata, times)
     units = [float(each["depth_units"]) for each in metadata.values() if "depth_units" in each]
-    unit = units[0] if units else _depth_unit(reader, depth)
+    unit = units[0] if units else depth_unit(reader, depth)
     device = [float(metadata.get(t, {}).get("Frame Timestamp", "nan")) * 1e-6 for t in times]
     numbers = _numbers(reader, images, metadata, times)
     read = _reader(reader, images, times, where)
@@ -161,47 +135,10 @@ def _stream(reader: Any, path: Path, depth: _Stream, colour: _Stream | None, ser
         np.array(device) if np.isfinite(device).all() else None,
         numbers,
         shown,
-        None if colour is None else _camera(reader, colour, f"{path}: colour"),
+        None if colour is None else camera_of(reader, colour, f"{path}: colour"),
+        None if colour is None else depth_to_colour(reader, depth, colour),
         serial,
     )
-
-
-def _camera(reader: Any, stream: _Stream, where: str) -> Intrinsics:
-    """Return the intrinsics: the SDK's own text of a `.db3`, which names its model, or a CameraInfo."""
-    for part in ("camera_info", "info/camera_info", "image/camera_info"):
-        for _, message in _messages(reader, stream.parts[part]) if part in stream.parts else ():
-            if hasattr(message, "height"):
-                k: Any = getattr(message, "K", getattr(message, "k", None))
-                d: Any = getattr(message, "D", getattr(message, "d", None))
-                size = int(message.width), int(message.height)
-                return intrinsics_of(size, (k[0], k[4], k[2], k[5]), message.distortion_model, tuple(d), where)
-            pairs = _pairs(message)
-            try:
-                size = int(pairs["width"]), int(pairs["height"])
-                matrix = [float(pairs[key]) for key in ("fx", "fy", "ppx", "ppy")]
-                coefficients = [float(c) for c in pairs.get("coeffs", "").split(",") if c]
-            except (KeyError, ValueError):
-                raise InputError(f"{where}: its intrinsics lack width, height, fx, fy, ppx or ppy") from None
-            return intrinsics_of(size, matrix, pairs.get("model", "none"), coefficients, where)
-    raise InputError(f"{where}: no intrinsics; expected camera_info beside the images")
-
-
-def _metadata(reader: Any, stream: _Stream) -> dict[int, dict[str, str]]:
-    """Return by log time what stands beside each image."""
-    beside: dict[int, dict[str, str]] = {}
-    if "image/metadata" in stream.parts:
-        for time, message in _messages(reader, stream.parts["image/metadata"]):
-            beside.setdefault(time, {}).update(_pairs(message))
-    return beside
-
-
-def _depth_unit(reader: Any, stream: _Stream) -> float:
-    """Return the option of the sensor that has the unit; 1 mm where there is none."""
-    for connection in reader.connections:
-        matched = re.fullmatch(rf"/device_{stream.device}/sensor_\d+/option/Depth_Units/value", connection.topic)
-        for _, message in _messages(reader, connection) if matched else ():
-            return float(message.data)
-    return 1e-3
 
 
 def _times_and_stamps(reader: Any, images: Any) -> Iterator[tuple[int, float]]:

@@ -1,4 +1,4 @@
-"""The sensors of a recording, and the file that each one's depth images lie in."""
+"""The sensors of a recording, the file that each one's depth images lie in, and the target that they all saw."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,7 @@ from fabdesign.depth.mcap_images import has_depth, read_mcap_depth
 from fabdesign.depth.realsense import read_realsense
 from fabdesign.depth.stream import DepthStream
 from fabdesign.errors import InputError
-from fabdesign.formats.schema import ABOVE_0, FileUnit, Key
+from fabdesign.formats.schema import ABOVE_0, FileUnit, Key, Metre, Within
 from fabdesign.formats.table import Table
 
 Array = NDArray[np.float64]
@@ -71,6 +71,26 @@ class Sensor:
                 raise table.bad(key, f"{source} beside it")
         if self.bag is not None and Path(self.bag).suffix.lower() not in _BAGS:
             raise table.bad("bag", "a file .bag or .db3")
+        return self
+
+
+@dataclass(frozen=True)
+class SeenTarget:
+    """Where the target was recorded, and what it is; one of `sphere` and `square`."""
+
+    folder: Annotated[str, "with a file of each sensor, named as its own one, that sees the target at several places"]
+    sphere: Annotated[Metre | None, Within(above=0, most=0.5), "radius"] = None
+    square: Annotated[Metre | None, Within(above=0, most=0.5), "side of a square of a ChArUco board"] = None
+    marker: Annotated[Metre | None, Within(above=0, most=0.5), "side of its markers"] = None
+    size: Annotated[tuple[int, int], "squares across and down"] = (5, 7)
+    dictionary: Annotated[str, "of its markers, as OpenCV names it"] = "DICT_4X4_50"
+
+    def resolved(self, table: Table) -> "SeenTarget":
+        """Raise InputError for none or both, and for a board without its markers' size."""
+        if (self.sphere is None) == (self.square is None):
+            raise table.error("expected sphere (a radius) or square (of a board)")
+        if self.square is not None and (self.marker is None or self.marker >= self.square):
+            raise table.bad("marker", "the side of the markers, less than square")
         return self
 
 

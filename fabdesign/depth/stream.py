@@ -29,6 +29,7 @@ class DepthStream:
     numbers: NDArray[np.int64] | None = None  # (n,) the camera's frame counter
     colour: Callable[[int], NDArray[np.uint8]] | None = None  # (rows, columns, 3) beside an image, where it was kept
     colour_camera: Intrinsics | None = None
+    depth_to_colour: Array | None = None  # (3, 4) turn and shift [m] of points; None: the images lie on each other
     serial: str = ""
 
     def __post_init__(self) -> None:

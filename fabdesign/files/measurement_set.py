@@ -8,7 +8,6 @@ from typing import cast
 import tomlkit
 from tomlkit.items import Item
 
-from fabdesign.depth.timing import RecordingTiming
 from fabdesign.files.design_file import write_design
 from fabdesign.files.trial_file import TrialData, write_trial
 from fabdesign.formats.decoder import decode
@@ -16,7 +15,7 @@ from fabdesign.formats.encoder import Encoder
 from fabdesign.formats.table import load_toml
 from fabdesign.formats.toml_file import file_stem
 from fabdesign.nouns.design import Design
-from fabdesign.nouns.trial import USUAL, Accuracy, MeasurementSet, Role, Trial
+from fabdesign.nouns.trial import USUAL, Accuracy, MeasurementSet, RecordingTiming, Role, Trial
 from fabdesign.output import Inputs, new_folder
 
 __all__ = ["MeasurementSet", "NewTrial", "Trial", "TrialData", "read_set", "write_set"]

@@ -67,7 +67,7 @@ class Cutter:
             world = self._rays * depth[..., None] + self.pose[:3, 3]
             inside = self._without("planes", inside, world @ np.array([a, b, c]) >= d)
         if self.cut.colour is not None:
-            inside = self._without("colour", inside, self._coloured(number))
+            inside = self._without("colour", inside, self._coloured(number, np.where(inside, depth, 0.0)))
         if self.predicted is not None and self.cut.predicted is not None:
             rows, columns = np.nonzero(inside)
             world = self._rays[rows, columns] * depth[rows, columns, None] + self.pose[:3, 3]
@@ -82,17 +82,22 @@ class Cutter:
         self.counts[rule] += int((inside & ~kept).sum())
         return inside & kept
 
-    def _coloured(self, number: int) -> NDArray[np.bool_]:
+    def _coloured(self, number: int, depth: Array) -> NDArray[np.bool_]:
+        """Return whether a pixel has the cloth's colour where the colour camera sees its point."""
         stream = self.stream
-        if stream.colour is None or self.cut.colour is None:
+        if stream.colour is None or stream.colour_camera is None or self.cut.colour is None:
             raise InputError(f"{stream.where}: no colour images; expected some, to cut by colour")
         image = stream.colour(number)
-        if image.shape[:2] != (stream.camera.height, stream.camera.width):
-            raise InputError(
-                f"{stream.where}: colour images of {image.shape[1]} x {image.shape[0]}; expected the depth's size "
-                "(aligned to depth)"
-            )
-        return of_colour(image[self.part], self.cut.colour)
+        rows, columns = np.nonzero(depth)
+        points = self.cloud(depth)
+        if stream.depth_to_colour is not None:
+            points = points @ stream.depth_to_colour[:, :3].T + stream.depth_to_colour[:, 3]
+        pixels = stream.colour_camera.pixels_of(points[:, :2] / points[:, 2:]).round().astype(int)
+        seen = ((pixels >= 0) & (pixels < [image.shape[1], image.shape[0]])).all(axis=1)
+        kept = np.zeros(depth.shape, dtype=bool)
+        shown = image[pixels[seen, 1], pixels[seen, 0]]
+        kept[rows[seen], columns[seen]] = of_colour(shown[None], self.cut.colour)[0]
+        return kept
 
     def clean(self, depth: Array, where: str) -> Cleaned:
         """Return the cleaned points of such a part of an image. Raises InputError for next to none."""

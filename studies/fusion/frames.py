@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.clouds.recording import Recording
-from fabdesign.depth.timing import RecordingTiming
 from fabdesign.errors import InputError
 from fabdesign.files.measurement_set import TrialData
+from fabdesign.nouns.trial import RecordingTiming
 from fabdesign.units import in_mm
 
 if TYPE_CHECKING:

@@ -171,7 +171,7 @@ def _fused(
 ) -> Fused:
     """Raises InputError."""
     started = working_time.seconds()
-    stamped, target = None, {}
+    stamped, target = None, dict[str, float]()
     if recording.depth:
         from studies.fusion.stamped import stamped_frames
         from studies.fusion.targets import with_target_poses

@@ -15,9 +15,9 @@ from scipy.spatial import cKDTree
 
 from fabdesign.clouds.recording import Recording
 from fabdesign.depth.sensor import Sensor
-from fabdesign.depth.timing import RecordingTiming, SensorTiming
 from fabdesign.errors import InputError, note
 from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.nouns.trial import RecordingTiming, SensorTiming
 from studies.fusion.checks import moved_camera
 from studies.fusion.clocks import Clock, Losses, coarse_clocks
 from studies.fusion.cutting import Cutter

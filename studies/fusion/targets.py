@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.clouds.recording import Recording
-from fabdesign.depth.sensor import depth_stream
+from fabdesign.depth.sensor import SeenTarget, depth_stream
 from fabdesign.depth.stream import DepthStream, paired_as_stamped
-from fabdesign.depth.target import SeenTarget
 from fabdesign.errors import InputError
 
 Array = NDArray[np.float64]
