@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects.specimen import Specimen
-from fabdesign.geometry.least_squares import non_negative
+from fabdesign.geometry.curves import non_negative
 from fabdesign.nouns.fabric import Fabric
 from sim.design.support import Support
 

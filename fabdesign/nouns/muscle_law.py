@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fabdesign.errors import InputError
-from fabdesign.geometry.bspline import design_matrix
-from fabdesign.geometry.least_squares import least_squares_with_inequalities
+from fabdesign.geometry.curves import design_matrix, least_squares_with_inequalities
 from fabdesign.units import in_kpa
 
 if TYPE_CHECKING:

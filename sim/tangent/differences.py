@@ -8,9 +8,12 @@ from numpy.typing import NDArray
 
 from fabdesign.nouns.column import Column, move
 from fabdesign.nouns.forward import Case
+from fabdesign.nouns.jacobian import FacesJacobian
+from sim.motion import faces
 from sim.tangent.shapes import Solved
 
 Array = NDArray[np.float64]
+SHIFT = 1e-5  # m that a node is moved at most: normals turn by 1e-3 on grids of 5 mm, and the rest is of second order
 Shapes = NDArray[np.floating[Any]]
 Outcome = Callable[[Sequence[int], Sequence[Case]], list[Shapes]]  # of moved cases, and of which case each is one
 
@@ -59,3 +62,13 @@ def completed(
         )
         for i in range(len(cases))
     ]  # fmt: skip
+
+
+def faces_changes(jacobian: Jacobian, thickness: float) -> FacesJacobian:
+    """Return a shape's faces, and their changes by central differences in float64, of its mid-surface (n, n, 3) m."""
+    middle, changes = jacobian.middle.astype(float), jacobian.changes.astype(float)
+    [points] = faces(middle[None], thickness)
+    largest = np.abs(changes).max(axis=(1, 2, 3), initial=0.0)
+    by = SHIFT / np.where(largest > 0, largest, 1.0)[:, None, None, None]
+    ahead, behind = (faces(middle + sign * by * changes, thickness) for sign in (1, -1))
+    return FacesJacobian(points, (ahead - behind) / (2 * by[:, 0]), jacobian.exact)

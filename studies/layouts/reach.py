@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.metrics import Errors
-from fabdesign.geometry.self_intersection import pierced
+from fabdesign.geometry.surface import pierced
 from fabdesign.nouns.design import Design
 from fabdesign.runtime.effort import duration
 from fabdesign.study_files.study_file import Study

@@ -1,6 +1,6 @@
 """What a study found, and its files."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +13,20 @@ from fabdesign.formats.json_file import write_json
 from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import RISE
+from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import rising_program
+from fabdesign.nouns.spread import half_widths, spread_of
 from fabdesign.study_files.study_file import Study
 from fabdesign.units import from_kpa, in_kpa, in_mm
+from optimize.search.design_space import DesignSpace
 from optimize.search.evaluations import SLOPES
 from optimize.search.history import Entry
 from optimize.search.multistart import INTERRUPTED
+from optimize.search.objective import Objective
 from optimize.search.thinning import Fewer
+from studies.intervals.draws import drawn_models
+from studies.intervals.regions import region_terms
+from studies.layout_search.first_layouts import limits_of
 from studies.layout_search.target import LoadedTarget, pose_errors
 from studies.layouts.loading_path import LoadingPath
 from studies.layouts.reach import Reach
@@ -195,3 +202,16 @@ def write_best(
         )
         write_pressures(program, out / file)
     write_json(out / "result.json", result)
+
+
+def expected_within(result: StudyResult, objective: Objective, coarse: Predictor) -> float | None:
+    """m: half the width of the 90 % intervals along the cloth's normal, mean over poses and regions. None of a model
+    without. coarse: moves the drawn models."""
+    spread = spread_of(coarse.model)
+    if spread is None:
+        return None
+    space = DesignSpace(result.design, limits_of(result.study), result.pressures, vary_pressures=False)
+    models = drawn_models(coarse.model) if spread.covariance else []
+    others = [objective.shapes(replace(coarse, model=model), [(space, np.empty(0))])[0] for model in models]
+    terms = region_terms(result.rest, result.points, others, result.design.fabric)
+    return float(half_widths(spread, *terms).mean())

@@ -26,7 +26,6 @@ from studies.layout_search.first_layouts import first_starts, further_starts, li
 from studies.layout_search.progress import saying_a_tenth
 from studies.layout_search.stages import coarse_hold_of, forward_models, stages_of
 from studies.layout_search.target import LoadedTarget, load_target, target_errors
-from studies.layouts.expected_deviation import expected_within
 from studies.layouts.kept_result import answer, keep, study_content
 from studies.layouts.loading_path import loading_paths
 from studies.layouts.out_of_reach import helps_of, missed_at
@@ -34,7 +33,7 @@ from studies.layouts.reach import lacking_of, reach_of
 from studies.layouts.refinement import NEAR as NEAR_ENOUGH
 from studies.layouts.refinement import POOL, made_robust, points_of, search_seconds, shrunk
 from studies.layouts.report import Section, render_report
-from studies.layouts.result import StudyResult, pressures_kpa, write_best
+from studies.layouts.result import StudyResult, expected_within, pressures_kpa, write_best
 from studies.layouts.robustness import robustness_of
 from studies.prediction.forward_model import forward_model, without_resistance
 
