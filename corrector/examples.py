@@ -14,7 +14,7 @@ from corrector.inputs import HISTORY, MuscleFields, fields_of
 from corrector.outputs import heights_of
 from corrector.response import weight_over_stiffness
 from corrector.shape import FINE, LocalFrames, middle_of
-from fabdesign.geometry.surface import Surface, face_triangles
+from fabdesign.geometry.surface import Surface, front_triangles
 from fabdesign.nouns.corrector import with_history
 from fabdesign.nouns.forward import Case
 from fabdesign.units import in_mm
@@ -59,7 +59,7 @@ def offsets(middle: Floats, cloud: Floats, thickness: float, nodes: int = FINE) 
 def _heights(middle: Floats, cloud: Floats) -> tuple[Floats, Floats, Floats]:
     """(n,) height [m] over the nearest triangle's plane, and row and column of the nearest place."""
     side = middle.shape[0]
-    triangles = face_triangles(side, side)[: 2 * (side - 1) ** 2]
+    triangles = front_triangles(side, side)
     surface = Surface(middle.reshape(-1, 3).astype(np.float64), triangles)
     near = surface.nearest(cloud)
     corners = triangles[near.triangle]

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from fabdesign.errors import InputError
 from fabdesign.formats.bounded_file import require_few
 from fabdesign.geometry.cells import Cells
+from fabdesign.geometry.mid_surface import mid_surface
 from fabdesign.geometry.sheet import Face
 
 Array = NDArray[np.float64]
@@ -162,6 +163,11 @@ def face_triangles(rows: int, cols: int) -> Indices:
     return triangles
 
 
+def front_triangles(rows: int, cols: int) -> Indices:
+    """Return the triangles of one face, which are those of a mid-surface."""
+    return np.asarray(half_of(face_triangles(rows, cols), "front"))
+
+
 CAP = 0.010  # m, of a distance to a surface: strays beyond it do not decide
 
 
@@ -181,8 +187,8 @@ def pierced(points: NDArray[np.floating[Any]]) -> Array | None:
     points (2 n n, 3) m: front face, then back face, as `ForwardModel` gives them.
     """
     n = isqrt(len(points) // 2)
-    middle = np.asarray(points, np.float64).reshape(2, n * n, 3).mean(axis=0)
-    corners = face_triangles(n, n)[: 2 * (n - 1) ** 2]
+    middle = mid_surface(points).reshape(-1, 3)
+    corners = front_triangles(n, n)
     ends = _edges(n)
     triangles, segments = middle[corners], middle[ends]
     centres, middles = triangles.mean(axis=1), segments.mean(axis=1)

@@ -17,6 +17,7 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from fabdesign.drawings.layout_drawing import HALF, HIGH, LOW
 from fabdesign.formats.json_file import read_json, write_json
 from fabdesign.geometry.metrics import MANY_BEYOND, told_beyond
+from fabdesign.geometry.mid_surface import mid_surface
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.output import whole_file, work_folder, write_text
@@ -34,7 +35,7 @@ from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult
 from studies.layouts.run import run_study
 from studies.report.oblique import box_of
-from studies.report.shape_picture import draw_shape, middle_of
+from studies.report.shape_picture import draw_shape
 
 TARGET = "demo_target.npz"
 MEASURED = "measured.json"  # what the measured trials say of the model, kept
@@ -200,7 +201,7 @@ def save_picture(results: Sequence[tuple[str, StudyResult]], path: Path) -> None
 
 def _draw_scene(axes: Axes, title: str, result: StudyResult) -> None:
     points, target = result.points[0], result.targets[0].points
-    draw_shape(axes, middle_of(points), target[:: max(1, len(target) // SHOWN)], box_of([points, target]))
+    draw_shape(axes, mid_surface(points), target[:: max(1, len(target) // SHOWN)], box_of([points, target]))
     errors = result.errors
     axes.set_title(
         f"{title}\nChamfer {in_mm(errors.chamfer):.2f} mm, floor {in_mm(errors.chamfer_floor):.2f}", fontsize=11

@@ -14,7 +14,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from fabdesign.geometry.surface import Surface, face_triangles
+from fabdesign.geometry.mid_surface import mid_surface
+from fabdesign.geometry.surface import Surface, front_triangles
 from fabdesign.nouns.fabric import Fabric
 
 Array = NDArray[np.float64]
@@ -40,7 +41,7 @@ def resting_faces(points: Array, fabric: Fabric, predicted: Array, *, seed: int 
     side = isqrt(len(predicted) // 2)
     points = _drawn(np.asarray(points, dtype=np.float64), seed)
     basis = _basis(side)
-    start = predicted.reshape(2, side * side, 3).mean(axis=0)
+    start = mid_surface(predicted).reshape(-1, 3)
     controls = np.linalg.lstsq(basis.toarray(), start, rcond=None)[0]
     along = _differences(side, basis)
     lengths = np.linalg.norm(along @ controls, axis=1)
@@ -108,7 +109,7 @@ def _held(fabric: Fabric, side: int) -> NDArray[np.intp]:
 def _heights(middle: Array, side: int, points: Array) -> tuple[Array, sp.csr_matrix, Array]:
     """(k, 3) normals of the nearest triangles, (k, nodes) weights of the nearest places, (k,) m heights over the
     triangles' planes: a point beyond a hem counts by its height alone."""
-    triangles = face_triangles(side, side)[: 2 * (side - 1) ** 2]
+    triangles = front_triangles(side, side)
     surface = Surface(middle, triangles)
     near = surface.nearest(points)
     corners = triangles[near.triangle]

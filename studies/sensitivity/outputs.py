@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.metrics import chamfer_to, distance_to_faces
+from fabdesign.geometry.mid_surface import mid_surface
 from fabdesign.nouns.fabric import Fabric
-from fabdesign.nouns.forward import SIDE
 from fabdesign.study_files.sensitivity_file import Output
 from fabdesign.study_files.shape_output import ShapeOutput, read_shape_output
 from fabdesign.units import in_mm
@@ -104,7 +104,7 @@ def _distance(target: LoadedTarget, points: NDArray[np.float32]) -> float:
 
 def tip(points: NDArray[np.floating], fabric: Fabric) -> Array:
     """(3,) m: mean position of the edge opposite the hung one; of the lower edge where no edge is hung."""
-    middle = _middle(points)
+    middle = mid_surface(points)
     edge = fabric.hung if isinstance(fabric.hung, str) else "top"
     along = middle[:, _FREE[edge]] if edge in ("left", "right") else middle[_FREE.get(edge, -1)]
     return np.asarray(along.mean(axis=0))
@@ -112,8 +112,7 @@ def tip(points: NDArray[np.floating], fabric: Fabric) -> Array:
 
 def mean_curvature(points: NDArray[np.floating]) -> float:
     """1/m: mean curvature of the mid-surface, mean over its area; positive where it is hollow to the front."""
-    faces = np.asarray(points, float).reshape(2, SIDE, SIDE, 3)
-    middle = faces.mean(axis=0)
+    middle = mid_surface(points)
     inner = slice(1, -1)
     u = (middle[inner, 2:] - middle[inner, :-2]) / 2
     v = (middle[2:, inner] - middle[:-2, inner]) / 2
@@ -126,10 +125,6 @@ def mean_curvature(points: NDArray[np.floating]) -> float:
     e, f, g = _dot(u, u), _dot(u, v), _dot(v, v)
     h = (_dot(uu, normal) * g - 2 * _dot(uv, normal) * f + _dot(vv, normal) * e) / (2 * (e * g - f**2))
     return float((h * area).sum() / area.sum())
-
-
-def _middle(points: NDArray[np.floating]) -> Array:
-    return np.asarray(points, float).reshape(2, SIDE, SIDE, 3).mean(axis=0)
 
 
 def _dot(a: Array, b: Array) -> Array:
