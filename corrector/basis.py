@@ -49,7 +49,7 @@ class Basis:
         )
 
     def combined(self, coefficients: Array) -> "Combination":
-        """The sum of all, each times its coefficient (K,)."""
+        """Return the sum of all, each times its coefficient (K,)."""
         parts = self.curvature, self.strain, self.swings, self.swings, self.displacements
         ends = np.cumsum([part.shape[1] for part in parts])
         curvature, strain, straight, twisting, displacements = np.split(coefficients, ends[:-1])
@@ -80,18 +80,18 @@ def _any() -> Basis:
 
 
 def names() -> tuple[str, ...]:
-    """(K,) of all basis functions."""
+    """Return (K,) of all basis functions."""
     return _any().names
 
 
 def least_effects() -> Array:
-    """(K,) share of an error that a unit coefficient counts as at least (`regression.coefficients_of`): a strain of 1 %
-    as all of it."""
+    """Return (K,) share of an error that a unit coefficient counts as at least (`regression.coefficients_of`): a strain
+    of 1 % as all of it."""
     return np.array([1.0 if name.startswith("strain") else 0.05 for name in names()])
 
 
 def anywhere() -> NDArray[np.bool_]:
-    """(K,) whether a basis function is taken for layouts that were not learned from."""
+    """Return (K,) whether a basis function is taken for layouts that were not learned from."""
     return _any().anywhere
 
 

@@ -28,8 +28,8 @@ _FAR_OFF = (5e-3, 5e-3, 3e-3, 3e-3, 3e-3, 3e-3)  # m: points farther off are str
 
 
 def offsets(middle: Floats, cloud: Floats, thickness: float, nodes: int = FINE) -> tuple[Floats, Floats]:
-    """(nodes, nodes) m from the mid-surface (side, side, 3) to the measured cloth, along its normal, and on how many
-    points of the cloud (n, 3) each is the mean; 0 where there is none.
+    """Return (nodes, nodes) m from the mid-surface (side, side, 3) to the measured cloth, along its normal, and on how
+    many points of the cloud (n, 3) each is the mean; 0 where there is none.
 
     A point does not say on which face it is: two faces 2 mm apart and 2 mm of error look alike, point by point. Around
     a node they are two layers a thickness apart; expectation-maximisation over the two, from the mean of both, tells
@@ -57,7 +57,7 @@ def offsets(middle: Floats, cloud: Floats, thickness: float, nodes: int = FINE) 
 
 
 def _heights(middle: Floats, cloud: Floats) -> tuple[Floats, Floats, Floats]:
-    """(n,) height [m] over the nearest triangle's plane, and row and column of the nearest place."""
+    """Return (n,) height [m] over the nearest triangle's plane, and row and column of the nearest place."""
     side = middle.shape[0]
     triangles = front_triangles(side, side)
     surface = Surface(middle.reshape(-1, 3).astype(np.float64), triangles)
@@ -90,8 +90,8 @@ class Examples:
         motion: NDArray[np.floating],
         clouds: Sequence[NDArray[np.floating]],
     ) -> "Examples":
-        """One trial's frames at `times` (T,) s. motion: (U, 2 side^2, 3) m at `with_history(times, HISTORY)`; clouds:
-        T of (n, 3) m."""
+        """Return one trial's frames at `times` (T,) s. motion: (U, 2 side^2, 3) m at `with_history(times, HISTORY)`;
+        clouds: T of (n, 3) m."""
         _, where = with_history(times, HISTORY)
         fabric = case.design.fabric
         middle = middle_of(motion[where[0]], round((motion.shape[1] // 2) ** 0.5)).astype(np.float32)
@@ -107,7 +107,7 @@ class Examples:
         return Examples(flat.astype(np.float16), goal.astype(np.float32), weight.astype(np.float32))
 
     def errors(self, coefficients: Floats | None = None) -> NDArray[np.float64]:
-        """(T,) mm RMS that is left with these coefficients (K,); by default without any."""
+        """Return (T,) mm RMS that is left with these coefficients (K,); by default without any."""
         left = self.goal
         if coefficients is not None:
             left = left - np.einsum("tkn,k->tn", self.heights.astype(np.float32), coefficients.astype(np.float32))

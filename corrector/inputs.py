@@ -139,7 +139,7 @@ def _factor(case: Case, muscle_type: str, name: str) -> float:
 
 
 def _contractions(case: Case, middle: NDArray[np.float32]) -> Array:
-    """(1 + H, T, intervals), 1 - l / l0, of muscles that lie their axis offset off the mid-surface."""
+    """Return (1 + H, T, intervals), 1 - l / l0, of muscles that lie their axis offset off the mid-surface."""
     design, side = case.design, middle.shape[-2]
     fabric = design.fabric
     normal = LocalFrames.of(middle, fabric.width, fabric.height, side).normal
@@ -195,7 +195,8 @@ def _common(case: Case, times: Array) -> tuple[Array, Array, Array]:
 
 
 def lagged(program: PressureProgram, times: Array, lag: float) -> Array:
-    """(T, channels) Pa: the program through a first-order lag of `lag` s, from no pressure before t = 0. Exact."""
+    """Return (T, channels) Pa: the program through a first-order lag of `lag` s, from no pressure before t = 0.
+    Exact."""
     ends = np.append(program.time[1:], np.inf)
     result = np.zeros((len(times), program.pressure.shape[1]))
     for start, end, level in zip(program.time, ends, program.pressure, strict=True):

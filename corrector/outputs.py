@@ -13,7 +13,7 @@ from fabdesign.nouns.fabric import Fabric
 
 
 def displacement_of(combination: Combination, frames: LocalFrames, fabric: Fabric, ratio: float) -> NDArray[np.float32]:
-    """(T, FINE, FINE, 3) m of the mid-surface.
+    """Return (T, FINE, FINE, 3) m of the mid-surface.
 
     frames: of the simulated cloth, at FINE x FINE nodes. ratio: `response.weight_over_stiffness`.
     """
@@ -29,7 +29,7 @@ def displacement_of(combination: Combination, frames: LocalFrames, fabric: Fabri
 
 
 def heights_of(basis: Basis, frames: LocalFrames, fabric: Fabric, ratio: float) -> NDArray[np.float32]:
-    """(T, K, FINE, FINE) m along the normal by a unit coefficient, to first order."""
+    """Return (T, K, FINE, FINE) m along the normal by a unit coefficient, to first order."""
     size_u, size_v = (np.linalg.norm(x, axis=-1, keepdims=True) for x in (frames.across, frames.down))
     count = len(basis.swings)
     flat = basis.curvature.astype(np.float32).reshape(-1, 3 * NODES**2)
@@ -74,7 +74,7 @@ def _coarse_slopes(fabric: Fabric, ratio: float) -> NDArray[np.float32]:
 
 @lru_cache(maxsize=8)
 def _coarse(width: float, height: float, hung: object, clamped: bool, ratio: float) -> NDArray[np.float32]:
-    """(3 NODES^2, 2 FINE^2): `response.slopes` of curvatures on the coarse nodes."""
+    """Return (3 NODES^2, 2 FINE^2): `response.slopes` of curvatures on the coarse nodes."""
     line = refinement(NODES, FINE)
     matrix = slopes(width, height, hung, clamped, ratio, FINE).reshape(-1, 3, FINE**2) @ np.kron(line, line)
     return np.ascontiguousarray(matrix.reshape(2 * FINE**2, -1).T.astype(np.float32))

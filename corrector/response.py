@@ -43,7 +43,8 @@ def slopes_of(fabric: Fabric, ratio: float, n: int) -> Array:
 
 @lru_cache(maxsize=16)
 def slopes(width: float, height: float, hung: Any, clamped: bool, ratio: float, n: int) -> Array:
-    """(2 n^2, 3 n^2) m: slopes w_u and w_v at n x n nodes from curvatures k_uu, k_vv, k_uv [1/m] at the same nodes.
+    """Return (2 n^2, 3 n^2) m: slopes w_u and w_v at n x n nodes from curvatures k_uu, k_vv, k_uv [1/m] at the same
+    nodes.
 
     hung, clamped: which nodes are held, and whether their normals are too. ratio: `weight_over_stiffness`.
     """

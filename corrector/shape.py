@@ -41,7 +41,7 @@ class LocalFrames:
 
 
 def _slope(x: Floats, axis: int) -> Floats:
-    """Differences a step along `axis`: central, one-sided of second order at the ends."""
+    """Return differences a step along `axis`: central, one-sided of second order at the ends."""
     x = np.moveaxis(x, axis, 0)
     slope = np.empty_like(x)
     slope[1:-1] = (x[2:] - x[:-2]) / 2
@@ -57,7 +57,7 @@ def middle_of(points: Floats, side: int) -> Floats:
 
 
 def tangent_changes(tilts: Floats, strains: Floats, frames: LocalFrames) -> tuple[Floats, Floats]:
-    """Changes of dX/du and dX/dv, each (..., n, n, 3).
+    """Return changes of dX/du and dX/dv, each (..., n, n, 3).
 
     tilts (..., n, n, 2) rad: turns of the u and of the v tangent towards the normal, at constant length. strains
     (..., n, n, 3): along u, along v, and shear.
@@ -86,7 +86,7 @@ def put_together(change_u: Floats, change_v: Floats, fabric: Fabric) -> Floats:
 
 @lru_cache(maxsize=8)
 def integration(width: float, height: float, hung: Any, n: int) -> NDArray[np.float64]:
-    """(n^2, 2 n (n - 1)): displacements [m] of the nodes from slopes on the edges along u, then along v.
+    """Return (n^2, 2 n (n - 1)): displacements [m] of the nodes from slopes on the edges along u, then along v.
 
     Least squares over all edges (Poisson's equation), with the hung nodes held; a cloth that is not hung keeps its
     mean place.
@@ -111,7 +111,7 @@ def integration(width: float, height: float, hung: Any, n: int) -> NDArray[np.fl
 
 
 def held_nodes(width: float, height: float, hung: Any, n: int) -> NDArray[np.bool_]:
-    """(n, n) whether a node is hung: those of an edge, or the nearest to each point."""
+    """Return (n, n) whether a node is hung: those of an edge, or the nearest to each point."""
     held = np.zeros((n, n), dtype=bool)
     if isinstance(hung, str):
         for edge, part in (("top", held[0]), ("bottom", held[-1]), ("left", held[:, 0]), ("right", held[:, -1])):
@@ -124,7 +124,7 @@ def held_nodes(width: float, height: float, hung: Any, n: int) -> NDArray[np.boo
 
 @lru_cache(maxsize=8)
 def refinement(coarse: int, fine: int) -> NDArray[np.float64]:
-    """(fine, coarse) weights of linear interpolation on a line."""
+    """Return (fine, coarse) weights of linear interpolation on a line."""
     at = np.linspace(0, coarse - 1, fine)
     first = np.minimum(at.astype(int), coarse - 2)
     weights = np.zeros((fine, coarse))

@@ -45,7 +45,7 @@ def from_kpa(kilopascals: Number) -> Number:
 
 
 def pascals(kilopascals: Decimal | int | str) -> float:
-    """Pa from a number in kPa, by shifting its decimal point: no rounding twice."""
+    """Return Pa from a number in kPa, by shifting its decimal point: no rounding twice."""
     return float(Decimal(kilopascals).scaleb(3))
 
 

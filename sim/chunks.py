@@ -42,8 +42,9 @@ class Chunk:
 
 
 def chunks_of(cases: Sequence[Case], n: int, patterns: Mapping[int, tuple] | None = None) -> list[Chunk]:
-    """Cases on n x n grids: held alike, so that a design's result does not depend on its neighbours, and at most BLOCKS
-    blocks. patterns: of the steps of those that are asked for, which ride together where these are alike; None: all."""
+    """Return cases on n x n grids: held alike, so that a design's result does not depend on its neighbours, and at most
+    BLOCKS blocks. patterns: of the steps of those that are asked for, which ride together where these are alike; None:
+    all."""
     patterns = dict.fromkeys(range(len(cases)), ()) if patterns is None else patterns
     groups: dict[tuple[Support, bool, bool, int, bool], list[int]] = {}
     for i in patterns:
@@ -65,7 +66,7 @@ def chunks_of(cases: Sequence[Case], n: int, patterns: Mapping[int, tuple] | Non
 
 
 def laid(chunk: Chunk, n: int, self_contact: bool) -> tuple[Batch, Contents]:
-    """The chunk on n x n grids."""
+    """Return the chunk on n x n grids."""
     first = chunk.cases[0]
     support = Support.of(first.design.fabric)
     contents = contents_of(chunk.lanes, n, support=support, blocks=BLOCKS)
@@ -85,5 +86,5 @@ def _smoothing(fabric: Fabric, n: int) -> int:
 
 
 def _added_forces() -> tuple[AddedForce, ...]:
-    """Those of all effects: one kernel serves them all, and values make them zero."""
+    """Return the added forces of all effects: one kernel serves them all, and values make them zero."""
     return tuple(dict.fromkeys(force_of(effect) for effect in EFFECTS.values() if effect.force is not None))

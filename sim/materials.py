@@ -54,11 +54,11 @@ class Lane:
     n: int
 
     def factor(self, name: str) -> float:
-        """The scale factor on a declared value."""
+        """Return the scale factor on a declared value."""
         return self.specimen.factors.get(name, 1.0)
 
     def constant(self, name: str) -> float:
-        """A constant that an effect gives to the whole specimen; 0 where none does."""
+        """Return a constant that an effect gives to the whole specimen; 0 where none does."""
         return self.specimen.constants.get(name, 0.0)
 
     @property
@@ -164,5 +164,5 @@ def declare(name: str, constant: Constant) -> None:
 
 
 def lane_constants(lane: Lane) -> Array:
-    """(constants,) of one design, in the order of CONSTANTS."""
+    """Return (constants,) of one design, in the order of CONSTANTS."""
     return np.array([constant.value(lane) for constant in CONSTANTS.values()])

@@ -12,7 +12,8 @@ from sim.design.support import Support
 
 
 def faces(middle: NDArray[np.float32], thickness: float) -> NDArray[np.float32]:
-    """(T, 2 * 41 * 41, 3) m from mid-surfaces (T, n, n, 3): half the thickness along the normal, front then back.
+    """Return (T, 2 * 41 * 41, 3) m from mid-surfaces (T, n, n, 3): half the thickness along the normal, front then
+    back.
 
     Another grid than 41 x 41 is interpolated (cubic, sim.design.loops).
     """
@@ -38,7 +39,7 @@ def faces(middle: NDArray[np.float32], thickness: float) -> NDArray[np.float32]:
 
 @cache
 def _resample(n: int) -> NDArray[np.float64]:
-    """(41, n) weights of the output points on a line of n nodes."""
+    """Return (41, n) weights of the output points on a line of n nodes."""
     rows = np.zeros((SIDE, n))
     for k in range(SIDE):
         first, value = interpolation_weights(k * (n - 1) / (SIDE - 1), n)
@@ -82,7 +83,7 @@ def motion_of(case: Case, time: Array, middle: NDArray[np.float32], state: NDArr
 
 
 def _spans(case: Case) -> list[range]:
-    """Indices of each muscle's intervals among all fixed points."""
+    """Return indices of each muscle's intervals among all fixed points."""
     spans, start = [], 0
     for muscle in case.design.muscles:
         count = len(muscle.fixed_points())

@@ -202,13 +202,13 @@ ARRAYS: list[Array] = [
 
 
 def planes(field: str) -> list[Plane]:
-    """Those in one field, last the successors of the remembered ones."""
+    """Return the planes in one field, last the successors of the remembered ones."""
     successors = [replace(plane, name=plane.name + NEXT, life=WORK) for plane in remembered(field)]
     return [plane for plane in PLANES if plane.field == field] + successors
 
 
 def remembered(field: str) -> list[Plane]:
-    """The remembered planes of one field."""
+    """Return the remembered planes of one field."""
     return [plane for plane in PLANES if plane.field == field and plane.life == REMEMBERED]
 
 
@@ -222,12 +222,13 @@ def offsets(planes: list[Plane], places: int) -> tuple[dict[str, int], int]:
 
 
 def loaded() -> set[str]:
-    """What every batch must put in by name, besides the lanes' constants."""
+    """Return what every batch must put in by name, besides the lanes' constants."""
     return {p.name for p in PLANES if p.life == LOADED} | {a.name for a in ARRAYS if a.life == LOADED}
 
 
 def added(on: Entity) -> list[str]:
-    """What added forces load on intervals, numbers of the specimen's muscles, or on nodes, of its places: by name."""
+    """Return what added forces load on intervals, numbers of the specimen's muscles, or on nodes, of its places: by
+    name."""
     return [plane.name for plane in PLANES[BUILT_IN:] if plane.life == LOADED and plane.on == on]
 
 

@@ -74,7 +74,7 @@ def advance(
 
 @functools.cache
 def _advance(added: tuple[AddedForce, ...]) -> Timed:
-    """The kernel with these added forces; the one without does not pay for them."""
+    """Return the kernel with these added forces; the one without does not pay for them."""
 
     @ti.kernel
     def advance_kernel(

@@ -50,7 +50,7 @@ class Drawing:
 
 
 def scale_bar(start: Point, length: float = 100.0) -> list[Shape]:
-    """A bar to check a print by: ticks every 10 mm above the line, and what to measure below it."""
+    """Return a bar to check a print by: ticks every 10 mm above the line, and what to measure below it."""
     x, y = start
     shapes: list[Shape] = [Line(((x, y), (x + length, y)), 0.4)]
     for i in range(round(length / 10) + 1):

@@ -24,7 +24,7 @@ SLIP = BRAID_HYSTERESIS.parameters["slip"].typical
 
 
 def _of_set_point(pressure: Array, values: Values) -> Array:
-    """(n, channels) Pa."""
+    """Return (n, channels) Pa."""
     share = pressure / UNIT
     others = share.sum(axis=1, keepdims=True) - share
     kept = 1.0 - values["drawn"] * others + values["bend"] * (share - 1.0)
@@ -127,7 +127,7 @@ _LOSSES = "drawn", "far", "rate", "friction", "drag"  # coefficients of what is 
 
 
 def formula(values: Values) -> str:
-    """What coefficients of `learned` that are not zero add, as text: "p +0.12 p (p / 200 kPa - 1); T -3 N e"."""
+    """Return what coefficients of `learned` that are not zero add, as text: "p +0.12 p (p / 200 kPa - 1); T -3 N e"."""
     added: dict[str, list[str]] = {}
     for name, (to, text) in _ADDS.items():
         if value := values.get(name, 0.0):

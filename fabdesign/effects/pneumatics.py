@@ -18,8 +18,8 @@ ROUNDED = 3  # decimals of Pa
 
 
 def lagged(wanted: Array, tick: float, fill: float, empty: float) -> Array:
-    """(ticks, channels) Pa, means of p over ticks, where dp/dt = (wanted - p) / tau and p = 0 at the begin; tau = fill
-    where p rises, empty where it falls [s]. Exact for a wanted pressure that is constant within each tick."""
+    """Return (ticks, channels) Pa, means of p over ticks, where dp/dt = (wanted - p) / tau and p = 0 at the begin; tau
+    = fill where p rises, empty where it falls [s]. Exact for a wanted pressure that is constant within each tick."""
     wanted = np.round(wanted, ROUNDED)  # what differs by rounding alone would count as a change in every tick
     out = np.empty_like(wanted)
     p = np.zeros(wanted.shape[1])
@@ -41,7 +41,7 @@ def _filling_lag_pressure(acting: ActingPressure, values: Values) -> ActingPress
 
 
 def _filling_lag_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
-    """A row's pressure is set until the next row."""
+    """Return a row's pressure is set until the next row."""
     told, steps = record.pressure.tolist(), np.diff(record.time).tolist()
     p, pressures = told[0], [told[0]]
     for goal, step in zip(told, steps, strict=False):

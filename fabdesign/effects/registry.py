@@ -89,7 +89,7 @@ def register_file(path: Path | str) -> None:
 
 
 def registered_sources() -> tuple[tuple[str, str], ...]:
-    """(stem, text) of every file that was registered: what another process needs to know the same effects."""
+    """Return (stem, text) of every file that was registered: what another process needs to know the same effects."""
     return tuple(sorted(_files.items()))
 
 
@@ -133,7 +133,7 @@ def check_values(effect: Effect, values: Values, where: str) -> None:
 
 
 def force_of(effect: Effect) -> Any:
-    """The kernel's part of an effect, imported where it is named only; None where it has none."""
+    """Return the kernel's part of an effect, imported where it is named only; None where it has none."""
     if not isinstance(effect.force, str):
         return effect.force
     module, name = effect.force.split(":")
@@ -141,17 +141,17 @@ def force_of(effect: Effect) -> Any:
 
 
 def label_effect(label: str) -> str:
-    """The effect's name in the label of one of its terms."""
+    """Return the effect's name in the label of one of its terms."""
     return label.partition(":")[0]
 
 
 def effects_of(labels: Iterable[str]) -> list[str]:
-    """The effects' names in labels of terms, each once."""
+    """Return the effects' names in labels of terms, each once."""
     return [*dict.fromkeys(label_effect(label) for label in labels)]
 
 
 def acting_effects(terms: Iterable[Term]) -> list[str]:
-    """The names of the effects that change anything, each once."""
+    """Return the names of the effects that change anything, each once."""
     return [*dict.fromkeys(term.name for term in terms if not EFFECTS[term.name].is_off(term.values))]
 
 

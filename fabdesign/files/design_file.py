@@ -85,7 +85,7 @@ _STAND_IN = {"width": 1, "height": 1, "poisson": 0} | dict.fromkeys(
 
 
 def is_part(path: Path) -> bool:
-    """Whether a file can only be included: without muscles, and without the size of a cloth."""
+    """Return whether a file can only be included: without muscles, and without the size of a cloth."""
     root = parse_toml(path)
     fabric = root.get("fabric", {})
     sized = isinstance(fabric, dict) and {"width", "height"} <= fabric.keys()

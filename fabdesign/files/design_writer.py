@@ -28,7 +28,7 @@ def write_design(design: Design, path: Path | str) -> None:
 
 
 def _document(design: Design, path: Path) -> str:
-    """The TOML text; the tables that it names are written beside `path`."""
+    """Return the TOML text; the tables that it names are written beside `path`."""
     benches = iter(
         _place_bench(kind.bench, _bench_paths(path, kind.name, i))
         for i, kind in enumerate(design.muscle_types.values())

@@ -36,7 +36,7 @@ class TrialData:
 
 
 def read_trial(path: Path, *, size: float | None = None) -> TrialData:
-    """All arrays of a trial. size: the cloth's longer side [m], for the check that the clouds are in metres.
+    """Return all arrays of a trial. size: the cloth's longer side [m], for the check that the clouds are in metres.
 
     What a depth sensor adds to a frame is left out and said (`clouds.measured_points`). Raises InputError for a
     damaged file, a missing array, one of another shape or type, and an empty or odd cloud.
@@ -72,7 +72,7 @@ def read_trial_pressures(path: Path) -> tuple[Floats, Floats]:
 
 
 def program_of(time: Floats, pressure: Floats) -> PressureProgram:
-    """The program of a trial's arrays: row k holds until time[k], the first from 0."""
+    """Return the program of a trial's arrays: row k holds until time[k], the first from 0."""
     start = np.concatenate([[0.0], time[:-1]])
     if len(time) > 1 and time[0] == 0:  # a frame at rest: its row holds for no time
         start, pressure = start[1:], pressure[1:]

@@ -11,8 +11,8 @@ _OF_NO_TEXT = re.compile("[\x00-\x08\x0e-\x1f\x7f]")
 
 
 def read_bytes(path: Path, what: str, *, largest: int = LARGEST) -> bytes:
-    """The whole content; `what` it should be goes into the messages. Raises InputError for a file that is not there,
-    not plain (a device, a pipe), larger than `largest` bytes, or cannot be read."""
+    """Return the whole content; `what` it should be goes into the messages. Raises InputError for a file that is not
+    there, not plain (a device, a pipe), larger than `largest` bytes, or cannot be read."""
     try:
         if path.exists() and not path.is_file():
             raise InputError(f"{path}: is no plain file; expected {what}")

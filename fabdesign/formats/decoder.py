@@ -152,7 +152,7 @@ def _is_list(value: Any) -> bool:
 
 
 def _alike(kind: Any, value: Any) -> bool:
-    """Whether a value has the shape of a member of a union."""
+    """Return whether a value has the shape of a member of a union."""
     origin = get_origin(kind)
     if isinstance(value, str):
         return kind in (str, Path) or origin is Literal

@@ -119,7 +119,7 @@ def read_npy(path: Path) -> NDArray[Any]:
 
 
 def _header(stream: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:
-    """Shape and type of an npy. Raises whatever numpy does."""
+    """Return the shape and type of an npy. Raises whatever numpy does."""
     version = np.lib.format.read_magic(stream)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, dtype = read(stream)

@@ -33,8 +33,8 @@ def search_cells(
     squared: Array,
     item: Indices,
 ) -> Indices:
-    """Nearest items of the points `asked`, in the order that `sorted_into_cells` gave them; those left that have
-    nothing near and may have something far off.
+    """Return the nearest items of the points `asked`, in the order that `sorted_into_cells` gave them; those remain
+    that have nothing near and may have something far off.
 
     Points near each other are asked together about the items around their box: first those that come within a short way
     of it, then, as long as one may be nearer to any of them than what it has, those within twice the way.
@@ -81,7 +81,7 @@ def search_cells(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _off_cells(point: Array, low: Array, edge: float, shape: Ints) -> float:
-    """How far a point lies from all cells."""
+    """Return how far a point lies from all cells."""
     squared = 0.0
     for a in range(3):
         squared += max(low[a] - point[a], point[a] - low[a] - edge * shape[a], 0.0) ** 2
@@ -90,7 +90,7 @@ def _off_cells(point: Array, low: Array, edge: float, shape: Ints) -> float:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _most(best: Array) -> float:
-    """The longest distance of squared ones, rounded up; negative where all are."""
+    """Return the longest distance of squared ones, rounded up; negative where all are."""
     most = best.max()
     return np.sqrt(most) * ROUNDED_UP if most >= 0 else -1.0
 
@@ -201,7 +201,7 @@ def edge_weights(points: Array, item: Indices, items: Array) -> Array:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _to_triangle(p0: float, p1: float, p2: float, items: Array, k: int) -> tuple[float, float]:
-    """Weights of a triangle's edges (b and c from a corner) at its place nearest to a point.
+    """Return weights of a triangle's edges (b and c from a corner) at its place nearest to a point.
 
     |corner + v b + w c - p|^2 is convex: the least is at the plane's foot if that is inside, else on an edge.
     """

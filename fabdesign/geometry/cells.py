@@ -49,11 +49,11 @@ class Cells:
 
     @staticmethod
     def of_points(points: NDArray[Any]) -> "Cells":
-        """Of a cloud (m, 3) m."""
+        """Return the cells of a cloud (m, 3) m."""
         return Cells(np.ascontiguousarray(points, dtype=np.float64))
 
     def nearest(self, points: NDArray[Any], *, within: float = np.inf) -> NearestItem:
-        """Exact nearest items of points (n, 3) m. A tie goes to any of them.
+        """Return exact nearest items of points (n, 3) m. A tie goes to any of them.
 
         within [m]: what is farther is not looked for; where nothing is nearer, the distance is infinite, the item -1.
         """
@@ -68,7 +68,7 @@ class Cells:
         return NearestItem(squared, item)
 
     def weights(self, points: NDArray[Any], item: Indices) -> Array:
-        """(n, 2) of the two edges of each point's triangle at its place nearest to the point (n, 3) m."""
+        """Return (n, 2) of the two edges of each point's triangle at its place nearest to the point (n, 3) m."""
         return edge_weights(np.ascontiguousarray(points, dtype=np.float64), item, self.items)
 
     @staticmethod
@@ -97,7 +97,7 @@ class Cells:
         return low, edge, widest, shape, start, order, bodies, boxes
 
     def _asked(self, points: Array, pending: Indices) -> tuple[Ints, Indices]:
-        """The pending points in cells of their own: those of one cell are asked together."""
+        """Return the pending points in cells of their own: those of one cell are asked together."""
         low, edge, widest, shape, *_ = self._grid
         long = edge * _TOGETHER if widest > 0 else edge
         wide = (shape * edge / long).astype(np.int32) + np.int32(1)

@@ -15,12 +15,12 @@ Floats = NDArray[np.floating[Any]]
 
 
 def nearest_distances(points: Floats, others: Floats) -> NDArray[np.float64]:
-    """(n,) m: distance of each of `points` (n, 3) to the nearest of `others` (m, 3)."""
+    """Return (n,) m: distance of each of `points` (n, 3) to the nearest of `others` (m, 3)."""
     return np.sqrt(Cells.of_points(others).nearest(points).squared)
 
 
 def chamfer(a: Floats, b: Floats) -> float:
-    """Chamfer distance [m] of clouds (n, 3) and (m, 3): unsquared, each way the mean, both ways summed."""
+    """Return the Chamfer distance [m] of clouds (n, 3) and (m, 3): unsquared, each way the mean, both ways summed."""
     return float(nearest_distances(a, b).mean() + nearest_distances(b, a).mean())
 
 
@@ -42,5 +42,5 @@ class ChamferTo:
 
 
 def chamfer_squared(a: Floats, b: Floats) -> float:
-    """Chamfer distance [m^2] of squared nearest distances, each way the mean, both ways summed."""
+    """Return the Chamfer distance [m^2] of squared nearest distances, each way the mean, both ways summed."""
     return float(np.square(nearest_distances(a, b)).mean() + np.square(nearest_distances(b, a)).mean())

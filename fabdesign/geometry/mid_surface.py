@@ -40,7 +40,7 @@ def at_places(grid: Floats, places: ArrayLike) -> Array:
 
 
 def strains(middle: Floats, size: tuple[float, float]) -> tuple[Array, Array, Array]:
-    """Engineering strain across, down, and shear [rad], each (..., rows, columns), of a mid-surface (..., rows,
+    """Return engineering strain across, down, and shear [rad], each (..., rows, columns), of a mid-surface (..., rows,
     columns, 3) m against the flat cloth of `size` (width, height) m; by central differences, one-sided at the hems."""
     rows, columns = middle.shape[-3:-1]
     across = np.gradient(np.asarray(middle, np.float64), size[0] / (columns - 1), axis=-2)

@@ -45,7 +45,7 @@ class Placement:
     translation: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m
 
     def apply(self, points: Array) -> Array:
-        """(n, 3) m of (n, 3) in the file's unit and frame."""
+        """Return (n, 3) m of (n, 3) in the file's unit and frame."""
         turned = Rotation.from_euler("xyz", self.rotation, degrees=True).apply(self.factor * points)
         return np.asarray(turned + self.translation)
 
@@ -76,8 +76,8 @@ def fit_placement(
     rotation: tuple[float, float, float] | None = None,
     drawn: bool = True,
 ) -> PlacementFit:
-    """The placement that brings an edge of points (n, 3), in the file's unit, onto the hung top edge, and the strip
-    below it nearest to the hanging cloth.
+    """Return the placement that brings an edge of points (n, 3), in the file's unit, onto the hung top edge, and the
+    strip below it nearest to the hanging cloth.
 
     Without `rotation` [degrees] the 24 ways to exchange axes are tried, and the file's own are kept where they fit
     about as well. The edge is then laid straight by turns about y and z. There is no turn about the edge itself, by
@@ -109,12 +109,12 @@ def fit_placement(
 
 
 def _opposite(one: Rotation, other: Rotation) -> bool:
-    """Whether two turns lay opposite edges of a cloth on the hung edge."""
+    """Return whether two turns lay opposite edges of a cloth on the hung edge."""
     return bool(abs((one * other.inv()).as_matrix()[0, 0]) > np.cos(SAME))
 
 
 def _same_shape(one: Array, other: Array) -> bool:
-    """Whether two placements (n, 3) m of a cloud show one shape, or one with front and back changed."""
+    """Return whether two placements (n, 3) m of a cloud show one shape, or one with front and back changed."""
     some, tree = one[:: max(1, len(one) // _SOME)], cKDTree(other)
     spacing = tree.query(other[:: max(1, len(other) // _SOME)], k=2)[0][:, 1].mean()
     gaps = [tree.query(shape)[0].mean() for shape in (some, some * [-1, 1, -1])]
@@ -135,7 +135,7 @@ def placement_of(factor: float, turn: Rotation, shift: Array) -> Placement:
 
 
 def right_angles() -> list[Rotation]:
-    """The 24 rotations that take axes to axes, least turn first."""
+    """Return the 24 rotations that take axes to axes, least turn first."""
     frames = [
         np.eye(3)[list(order)] * np.array(signs)[:, None]
         for order, signs in product(permutations(range(3)), product((1, -1), repeat=3))
@@ -161,8 +161,8 @@ def _laid_on_edge(points: Array, turn: Rotation, fabric: Fabric, drawn: bool) ->
 
 
 def _upper_edge(points: Array, height: float) -> Array:
-    """(columns, 3): the uppermost point of each column across; the edge over as many points drawn evenly in a sheet of
-    `height` [m] is a little higher."""
+    """Return (columns, 3): the uppermost point of each column across; the edge over as many points drawn evenly in a
+    sheet of `height` [m] is a little higher."""
     low, high = np.quantile(points[:, 0], [0.01, 0.99])
     column = np.floor((points[:, 0] - low) / max(high - low, 1e-12) * _COLUMNS)
     tops = []
@@ -198,7 +198,7 @@ def _strip_gap(points: Array, fabric: Fabric) -> float:
 def fit_markers(
     points: Array, fabric: Fabric, *, factor: float = 1.0, rotation: tuple[float, float, float] | None = None
 ) -> PlacementFit:
-    """The placement of points (n, 3), in the file's unit, by the mean distance from them to the hanging cloth.
+    """Return the placement of points (n, 3), in the file's unit, by the mean distance from them to the hanging cloth.
 
     rotation: degrees, where it is known; else the 24 ways to exchange axes are tried, the least turn first.
     """
@@ -223,7 +223,8 @@ def fit_markers(
 
 
 def _below_the_edge(points: Array, fabric: Fabric) -> Array:
-    """The shift that lays the markers' middle below the edge's, the uppermost as far below it as spread evenly."""
+    """Return the shift that lays the markers' middle below the edge's, the uppermost as far below it as spread
+    evenly."""
     upper = points[points[:, 1] >= np.quantile(points[:, 1], 1 - _UPPER)]
     across = (points[:, 0].min() + points[:, 0].max()) / 2
     return -np.array([across, points[:, 1].max() + fabric.height / (len(points) + 1), np.median(upper[:, 2])])

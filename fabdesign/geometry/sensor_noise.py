@@ -38,7 +38,7 @@ class SensorNoise:
     stray_reach: float  # m, along the normal
 
     def draw(self, surface: Surface, count: int, rng: np.random.Generator, offsets: Array | None = None) -> Array:
-        """(count, 3) points [m] as this sensor would see the surface.
+        """Return (count, 3) points [m] as this sensor would see the surface.
 
         offsets: (k,) m of its strays, by default as many as chance gives, even over the reach.
         """
@@ -64,7 +64,7 @@ NOISE_FREE = SensorNoise(0.0, 0.0, 0.0)
 
 
 def estimate_noise(frames: Sequence[Floats], thickness: float) -> SensorNoise:
-    """The noise in clouds (n_t, 3) m of a cloth of known thickness [m], without any model of its shape.
+    """Return the noise in clouds (n_t, 3) m of a cloth of known thickness [m], without any model of its shape.
 
     Around points drawn from the frames, the neighbours are a quadric sheet at plus or minus half the thickness, with
     normal noise of one sigma for all patches and an even background of strays: expectation-maximisation over faces
@@ -152,7 +152,7 @@ class _Sheets:
         return _Sheets(basis, z, half, weight, np.where(z > fitted, 1.0, -1.0), counted, fitted)
 
     def expect(self, sigma: float, strays: float) -> Array:
-        """(n, neighbours) m^2: weighted mean squares off the points' faces. sigma [m]; strays: share."""
+        """Return (n, neighbours) m^2: weighted mean squares off the points' faces. sigma [m]; strays: share."""
         self.fitted = _fitted(self.basis, self.z - self.half * self.face, self.weight * self.counted)
         residual = self.z - self.fitted
         front, back = (np.exp(-0.5 * np.square((residual - s * self.half) / sigma)) for s in (1, -1))
@@ -163,13 +163,14 @@ class _Sheets:
         return np.asarray(self.weight * squared)
 
     def extrapolated(self) -> Array:
-        """(n,) standard deviation of a middle point that does not count off its face, over sigma: more at a hem."""
+        """Return (n,) standard deviation of a middle point that does not count off its face, over sigma: more at a
+        hem."""
         at = self.basis[:, 0, :, None]
         variance = at.transpose(0, 2, 1) @ np.linalg.solve(_normal(self.basis, self.weight * self.counted)[1], at)
         return np.asarray(np.sqrt(1 + variance[:, 0, 0]))
 
     def off(self) -> Array:
-        """(n,) m from the middle point of a patch to its quadric."""
+        """Return (n,) m from the middle point of a patch to its quadric."""
         return np.abs(self.z[:, 0] - self.fitted[:, 0])
 
 

@@ -44,14 +44,14 @@ Sheets = Callable[[Sequence[Case], Sequence[NDArray[np.float64]]], Sequence[Shee
 
 
 def sheets_of(forward: ForwardModel) -> Sheets:
-    """What gives motions of cases at their `times` [s]: the forward model's own `sheets`. One that has none is asked
-    for faces, whose mean is the mid-surface."""
+    """Return what gives motions of cases at their `times` [s]: the forward model's own `sheets`. One that has none is
+    asked for faces, whose mean is the mid-surface."""
     own: Sheets | None = getattr(forward, "sheets", None)
     return own or (lambda cases, times: [of_faces(points) for points in forward.motions(cases, times)])
 
 
 def of_faces(points: Floats) -> Sheet:
-    """The sheet between two faces (T, 2 n^2, 3) m."""
+    """Return the sheet between two faces (T, 2 n^2, 3) m."""
     half = points.shape[1] // 2
     side = round(half**0.5)
     middle = 0.5 * (points[:, :half] + points[:, half:])

@@ -72,8 +72,8 @@ class Surface:
 
     @staticmethod
     def of_faces(points: Floats, rows: int | None = None, face: Face = "both") -> "Surface":
-        """Both faces of one frame of a motion, (2 rows cols, 3) m as `ForwardModel` gives it, or one of them; square
-        without `rows`."""
+        """Return both faces of one frame of a motion, (2 rows cols, 3) m as `ForwardModel` gives it, or one of them;
+        square without `rows`."""
         per_face = len(points) // 2
         rows = rows or isqrt(per_face)
         if rows * (per_face // rows) * 2 != len(points):
@@ -82,7 +82,7 @@ class Surface:
         return Surface(np.asarray(points, dtype=np.float64), half_of(triangles, face))
 
     def _corners(self, triangle: Indices | slice = slice(None)) -> tuple[Array, Array, Array]:
-        """(n, 3) each: first corner, and the two edges from it, of those triangles (n,)."""
+        """Return (n, 3) each: first corner, and the two edges from it, of those triangles (n,)."""
         a, b, c = (self.vertices[self.triangles[triangle, i]] for i in range(3))
         return a, b - a, c - a
 
@@ -92,7 +92,7 @@ class Surface:
         return np.sqrt(np.einsum("ti,ti->t", self._normals, self._normals)) / 2
 
     def normals_of(self, triangle: Indices) -> Array:
-        """(n, 3) of those triangles (n,), of unit length, outwards."""
+        """Return (n, 3) of those triangles (n,), of unit length, outwards."""
         return self._normals[triangle] / (2 * self.areas[triangle, None])
 
     @cached_property
@@ -102,7 +102,7 @@ class Surface:
         return _cross(ab, ac)
 
     def nearest(self, points: Floats) -> Nearest:
-        """Exact nearest places for points (n, 3) m."""
+        """Return exact nearest places for points (n, 3) m."""
         at: Array = np.asarray(points, dtype=np.float64)
         squared, triangle = self._cells.nearest(at)
         edges = self._cells.weights(at, triangle)
@@ -114,7 +114,7 @@ class Surface:
         return Nearest(distance, np.where(outside, distance, -distance), triangle, weights)
 
     def distance(self, points: Floats, *, within: float = np.inf) -> Array:
-        """(n,) m from points (n, 3) to their nearest places; infinite where that is not within `within` [m]."""
+        """Return (n,) m from points (n, 3) to their nearest places; infinite where that is not within `within` [m]."""
         return np.sqrt(self._cells.nearest(points, within=within).squared)
 
     @cached_property
@@ -122,7 +122,7 @@ class Surface:
         return Cells.of_triangles(self.vertices, self.triangles)
 
     def sample(self, count: int, rng: np.random.Generator) -> tuple[Array, Indices]:
-        """(count, 3) points, uniform over the area, and the triangles (count,) that they lie in."""
+        """Return (count, 3) points, uniform over the area, and the triangles (count,) that they lie in."""
         triangle = np.searchsorted(self._shares, rng.random(count), side="right")  # as rng.choice draws them
         v, w = rng.random((2, count))
         v, w = np.where(v + w > 1, 1 - v, v), np.where(v + w > 1, 1 - w, w)
@@ -143,7 +143,7 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def half_of(faces: Floats | Indices, face: Face) -> Any:
-    """Of what is listed for the front face, then for the back face, what belongs to `face`."""
+    """Return what belongs to `face` of what is listed for the front face, then for the back face."""
     half = len(faces) // 2
     return {"both": faces, "front": faces[:half], "back": faces[half:]}[face]
 
@@ -208,15 +208,15 @@ def pierced(points: NDArray[np.floating[Any]]) -> Array | None:
 
 
 def _edges(n: int) -> NDArray[np.intp]:
-    """(m, 2) nodes of the grid's edges."""
+    """Return (m, 2) nodes of the grid's edges."""
     nodes = np.arange(n * n).reshape(n, n)
     pairs = ((nodes[:, :-1], nodes[:, 1:]), (nodes[:-1], nodes[1:]))
     return np.concatenate([np.stack(pair, axis=-1).reshape(-1, 2) for pair in pairs])
 
 
 def _pierces(segments: Array, triangles: Array) -> NDArray[np.bool_]:
-    """(m,) whether segments (m, 2, 3) pass through triangles (m, 3, 3): their ends lie on either side, and the line
-    passes the three sides the same way round."""
+    """Return (m,) whether segments (m, 2, 3) pass through triangles (m, 3, 3): their ends lie on either side, and the
+    line passes the three sides the same way round."""
     (s, e), (a, b, c) = segments.transpose(1, 0, 2), triangles.transpose(1, 0, 2)
     way = [_volume(s, e, p, q) > 0 for p, q in ((a, b), (b, c), (c, a))]
     across = _volume(a, b, c, s) * _volume(a, b, c, e) < 0

@@ -72,7 +72,7 @@ def require_on_cloth(frames: Sequence[Array], time: Array, fabric: Fabric, where
 
 
 def _fault(points: Array, middle: Array, hung: Array, fabric: Fabric, leaning: float) -> str | None:
-    """What points (n, 3) m with the given middle cannot be, and what was expected; None where all is well."""
+    """Return what points (n, 3) m with the given middle cannot be, and what was expected; None where all is well."""
     from scipy.spatial import cKDTree
 
     flat, short = at_rest(fabric, 5, 5), min(fabric.width, fabric.height)
@@ -109,7 +109,8 @@ def _fault(points: Array, middle: Array, hung: Array, fabric: Fabric, leaning: f
 
 
 def _hangs_well(points: Array, middle: Array, hung: Array, fabric: Fabric) -> bool:
-    """Whether points are what a cloth hung as `fabric` gives most often: a likely reading, not just a possible one."""
+    """Return whether points are what a cloth hung as `fabric` gives most often: a likely reading, not just a possible
+    one."""
     below = float(np.linalg.norm(middle - hung.mean(axis=0))) >= _MIDDLE * min(fabric.width, fabric.height)
     return below and _fault(points, middle, hung, fabric, _ALONG) is None
 

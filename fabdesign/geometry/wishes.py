@@ -173,11 +173,11 @@ class Landmarks:
         )
 
     def off(self, points: Floats) -> Array:
-        """(k, 3) m from the goals to the places of a cloth (2 n n, 3) m, 0 where a coordinate does not count."""
+        """Return (k, 3) m from the goals to the places of a cloth (2 n n, 3) m, 0 where a coordinate does not count."""
         return np.where(self.given, at_places(mid_surface(points), self.shares) - self.goals, 0.0)
 
     def distances(self, points: Floats) -> Array:
-        """(k,) m."""
+        """Return (k,) m."""
         return np.asarray(np.linalg.norm(self.off(points), axis=1))
 
     def mean(self, points: Floats) -> float:
@@ -197,7 +197,7 @@ class Landmarks:
         return float(self.weights @ sizes), slope
 
     def _corners(self, side: int) -> Iterator[tuple[NDArray[np.intp], Array]]:
-        """The four nodes (k,) around every place, with their weights (k,): those of `at_places`."""
+        """Yield the four nodes (k,) around every place, with their weights (k,): those of `at_places`."""
         (s, t), (i, j) = cells_of(self.shares, side, side)
         for down, across in ((0, 0), (0, 1), (1, 0), (1, 1)):
             weight = (t if down else 1 - t) * (s if across else 1 - s)

@@ -76,7 +76,7 @@ LAYOUTS = tuple(_LAYOUTS)
 
 @cache
 def standard() -> Design:
-    """The default cloth and muscle type, without muscles (the synthetic rigs' data sheet)."""
+    """Return the default cloth and muscle type, without muscles (the synthetic rigs' data sheet)."""
     with as_file(files("fabdesign") / "data") as folder:
         return read_design(folder / "standard.toml")
 
@@ -92,7 +92,7 @@ def build(
     fixed_point_pitch: float = 0.02,
     name: str | None = None,
 ) -> Design:
-    """A design of a catalogue layout: `basic`, `side`, `cross` or `vertical`.
+    """Return a design of a catalogue layout: `basic`, `side`, `cross` or `vertical`.
 
     width, height: of the cloth [m]; by default those of `fabric`, which is the standard cloth.
     muscles: how many; each has a channel of its own. `basic` and `side` share them between the faces (the front has

@@ -82,7 +82,7 @@ def factor(name: str) -> Column:
 
 
 def of_effect(effect: str, parameter: str, step: float, far: float | None = None) -> Column:
-    """An effect's parameter, in its declared unit; from its value `off` where the case is without the effect."""
+    """Return an effect's parameter, in its declared unit; from its value `off` where the case is without the effect."""
     parameters = effect_named(effect, "column").parameters
     declared = parameters[parameter]
     off = {name: own.off for name, own in parameters.items() if own.off is not None}
@@ -121,7 +121,7 @@ def corner(muscle: int, index: int, along: tuple[float, float]) -> Column:
 
 
 def corner_or_still(muscle: int, index: int, along: tuple[float, float]) -> Column:
-    """The same; a path that no pitch leaves its intervals stays, and its derivative is zero."""
+    """Return the same; a path that no pitch leaves its intervals stays, and its derivative is zero."""
     own = corner(muscle, index, along)
 
     def moved(case: Case, by: float) -> Case:
@@ -134,7 +134,7 @@ def corner_or_still(muscle: int, index: int, along: tuple[float, float]) -> Colu
 
 
 def _with_path(muscle: Muscle, path: tuple[tuple[float, float], ...]) -> Muscle:
-    """The muscle along another path, with as many intervals; raises InputError where no pitch leaves them so."""
+    """Return the muscle along another path, with as many intervals; raises InputError where no pitch leaves them so."""
     before, after = _lengths(muscle.path), _lengths(path)
     counts = np.maximum(1, np.round(before / muscle.fixed_point_pitch))
     least = float((after / (counts + 0.5)).max() * (1 + 1e-9))

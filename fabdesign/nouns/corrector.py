@@ -48,7 +48,7 @@ class Corrector(Protocol):
     def correct(
         self, cases: Sequence[Case], times: Sequence[NDArray[np.float64]], motions: Sequence[Floats]
     ) -> list[NDArray[np.float32]]:
-        """(T, 2 n, 3) points [m] of each case at its `times` (T,) [s after rest].
+        """Return (T, 2 n, 3) points [m] of each case at its `times` (T,) [s after rest].
 
         motions: (U, 2 n, 3) m, simulated, at the instants of `with_history(times, history())`. Where a design is
         beyond the limit of trust, and in frames that hold NaN, the answer is the simulator's, bit by bit.
@@ -56,7 +56,7 @@ class Corrector(Protocol):
         ...
 
     def trust(self, design: Design) -> Trust:
-        """How far the design is from what was learned."""
+        """Return how far the design is from what was learned."""
         ...
 
 
@@ -75,7 +75,8 @@ def with_history(times: NDArray[np.float64], history: Sequence[float]) -> tuple[
 
 
 def central_hash(model: Model) -> str:
-    """SHA-256 of the central values of a model's parameters and effects; intervals and provenance do not count."""
+    """Return the SHA-256 of the central values of a model's parameters and effects; intervals and provenance do not
+    count."""
     central = {
         "parameters": {name: repr(float(p.factor)) for name, p in sorted(model.parameters.items())},
         "effects": [

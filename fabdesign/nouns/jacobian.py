@@ -27,8 +27,8 @@ Jacobians = Callable[[Sequence[Case], Sequence[Column]], list[FacesJacobian]]
 def with_on_top(
     cases: Sequence[Case], columns: Sequence[Column], jacobians: Sequence[FacesJacobian], on_top: OnTop
 ) -> list[FacesJacobian]:
-    """The Jacobians of what `on_top` makes of shapes, which depends on the case too: central differences of it alone,
-    between shapes that move as `found` says, as far as a column's `far`."""
+    """Return the Jacobians of what `on_top` makes of shapes, which depends on the case too: central differences of it
+    alone, between shapes that move as `found` says, as far as a column's `far`."""
     results = []
     for case, one in zip(cases, jacobians, strict=True):
         moves = [move(case, column, column.far) for column in columns]

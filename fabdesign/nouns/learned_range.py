@@ -33,7 +33,7 @@ class LearnedRange:
         return LearnedRange(pressure, rate, channels)
 
     def beyond(self, programs: Sequence[PressureProgram]) -> str | None:
-        """A sentence on what of these programs was not learned from; None where all was."""
+        """Return a sentence on what of these programs was not learned from; None where all was."""
         asked = LearnedRange.of(programs) if programs else self
         parts = []
         if asked.pressure > (1 + _SLIGHT) * self.pressure:

@@ -242,7 +242,8 @@ class Model:
         )
 
     def without(self, parts: Collection[str]) -> "Model":
-        """The model less what belongs to `parts`, of PARTS. A spread is the whole model's: it goes with any of them."""
+        """Return the model less what belongs to `parts`, of PARTS. A spread is the whole model's: it goes with any of
+        them."""
         less = replace(
             self,
             parameters={k: p for k, p in self.parameters.items() if p.scope not in parts},

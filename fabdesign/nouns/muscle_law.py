@@ -49,7 +49,7 @@ class MuscleLaw:
 
     @staticmethod
     def fit(table: "BenchTable") -> "MuscleLaw":
-        """The law of a bench table in any order and layout.
+        """Return the law of a bench table in any order and layout.
 
         Raises InputError for a table with fewer than two pressures, two contractions or four rows.
         """
@@ -93,7 +93,7 @@ class MuscleLaw:
             positive_to = min(last, n)
 
     def tension(self, pressure_pa: ArrayLike, contraction: ArrayLike) -> Array:
-        """Tension [N], positive pulls; the arguments broadcast. Pressures below zero count as zero."""
+        """Return the tension [N], positive pulls; the arguments broadcast. Pressures below zero count as zero."""
         return self._evaluate(pressure_pa, contraction, 0)
 
     def stiffness(self, pressure_pa: ArrayLike, contraction: ArrayLike) -> Array:
@@ -101,7 +101,7 @@ class MuscleLaw:
         return self._evaluate(pressure_pa, contraction, 1)
 
     def extrapolates(self, pressure_pa: ArrayLike, contraction: ArrayLike) -> NDArray[np.bool_]:
-        """Whether the law is asked beyond the table's pressures or contractions."""
+        """Return whether the law is asked beyond the table's pressures or contractions."""
         p, eps = np.broadcast_arrays(np.asarray(pressure_pa, dtype=float), np.asarray(contraction, dtype=float))
         (p0, p1), (e0, e1) = self.pressure_limits, self.contraction_limits
         rounding = 1e-9
@@ -148,7 +148,8 @@ def _penalties(m: int, n: int) -> tuple[Array, Array, Array]:
 
 
 def _cross_validated_penalty(a: Array, b: Array, m: int, n: int) -> Array:
-    """Penalty rows whose two weights minimise the generalised cross-validation score of the unconstrained fit."""
+    """Return the penalty rows whose two weights minimise the generalised cross-validation score of the unconstrained
+    fit."""
     along_p, along_e, rest = _penalties(m, n)
     gram, rhs = a.T @ a, a.T @ b
     gram_p, gram_e, gram_rest = (x.T @ x for x in (along_p, along_e, rest))

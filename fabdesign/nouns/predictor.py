@@ -33,8 +33,8 @@ class Predictor:
     corrector: Corrector | None = None  # the model's, loaded
 
     def motions(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
-        """(T, 3362, 3) points [m] of each case at its `times` [s after rest, rising]. Raises InputError for an unknown
-        effect or a bad value."""
+        """Return (T, 3362, 3) points [m] of each case at its `times` [s after rest, rising]. Raises InputError for an
+        unknown effect or a bad value."""
         own = [self.case(case) for case in cases]
         shown = [np.asarray(t, dtype=float) for t in times]
         if self.sensing:
@@ -45,7 +45,7 @@ class Predictor:
         return [observed(case, points) for case, points in zip(own, motions, strict=True)]
 
     def sheets(self, cases: Sequence[Case], times: Sequence[Array]) -> Sequence[Sheet]:
-        """The same motions as mid-surfaces on the simulator's own grid (fabdesign.geometry.sheet)."""
+        """Return the same motions as mid-surfaces on the simulator's own grid (fabdesign.geometry.sheet)."""
         if self.corrector is not None:
             return [of_faces(points) for points in self.motions(cases, times)]
         own = [self.case(case) for case in cases]
@@ -87,7 +87,7 @@ class Predictor:
         return jacobians
 
     def _on_top(self, cases: Sequence[Case], shapes: Sequence[Floats]) -> list[NDArray[np.float32]]:
-        """What the corrector and sensing make of shapes at rest; the cases with what the model adds."""
+        """Return what the corrector and sensing make of shapes at rest; the cases with what the model adds."""
         if self.corrector is not None:
             shapes = self._corrected_at_rest(self.corrector, cases, shapes)
         if not self.sensing:
@@ -106,18 +106,18 @@ class Predictor:
         return [points[-1] for points in corrector.correct(held, [late] * len(held), still)]
 
     def case(self, case: Case) -> Case:
-        """The case with what the model adds."""
+        """Return the case with what the model adds."""
         factors = {**self.model.factors, **case.factors}
         return replace(case, factors=factors, effects=(*self.model.terms, *case.effects))
 
 
 def _held(program: PressureProgram, duration: float) -> PressureProgram:
-    """The program's last pressures, from the first instant on."""
+    """Return the program's last pressures, from the first instant on."""
     return PressureProgram(np.zeros(1), program.pressure[-1:], duration)
 
 
 def _once(cases: Sequence[Case], times: Sequence[Array]) -> dict[tuple[Any, ...], int]:
-    """The first of the cases that differ in what sensors add alone: they are one motion."""
+    """Return the first of the cases that differ in what sensors add alone: they are one motion."""
     first: dict[tuple[Any, ...], int] = {}
     for i, (case, t) in enumerate(zip(cases, times, strict=True)):
         first.setdefault(_key(case, t), i)

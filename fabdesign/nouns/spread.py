@@ -22,12 +22,13 @@ def half_widths(spread: Spread, deviation: Array, moved: Array, design: str = ""
 
 
 def spread_hash(model: Model) -> str:
-    """SHA-256 of all that a predicted motion and its covariance depend on: central values, covariance, corrector."""
+    """Return the SHA-256 of all that a predicted motion and its covariance depend on: central values, covariance,
+    corrector."""
     covariance = model.covariance
     joint = "" if covariance is None else repr((covariance.names, covariance.matrix.tolist()))
     return sha256(central_hash(model), joint, "" if model.corrector is None else sha256(model.corrector))
 
 
 def spread_of(model: Model) -> Spread | None:
-    """The model's; None also where the model was changed since it was calibrated."""
+    """Return the model's; None also where the model was changed since it was calibrated."""
     return model.spread if model.spread is not None and model.spread.trained_on == spread_hash(model) else None

@@ -46,14 +46,15 @@ def current() -> "Cluster | None":
 
 
 def at_once(least: int) -> int:
-    """Cases that one call should bring: `least` on one machine, as many for each worker, up to MOST."""
+    """Return cases that one call should bring: `least` on one machine, as many for each worker, up to MOST."""
     cluster = current()
     return least if cluster is None else max(least, min(MOST, least * cluster.workers))
 
 
 @contextmanager
 def on_cluster(address: str | None, *, say: Say = lambda line: None) -> Iterator[None]:
-    """A context whose tasks go to the scheduler at `address`; None: as before it. `say` hears what is worth knowing.
+    """Return a context whose tasks go to the scheduler at `address`; None: as before it. `say` hears what is worth
+    knowing.
 
     Raises InputError where nobody answers, or a worker has other versions than this process.
     """
@@ -190,7 +191,7 @@ class Cluster:
                 self.client.cancel(list(under_way))
 
     def _places(self) -> int:
-        """How many tasks may be under way: one for each worker."""
+        """Return how many tasks may be under way: one for each worker."""
         try:
             count = len(self.client.nthreads())
         except _lost() as error:
@@ -223,7 +224,7 @@ class Cluster:
 
 
 def _lost() -> tuple[type[BaseException], ...]:
-    """What is raised where the scheduler no longer answers."""
+    """Return what is raised where the scheduler no longer answers."""
     from distributed.client import FutureCancelledError
     from distributed.comm.core import CommClosedError
 
@@ -270,7 +271,7 @@ def _version(library: str) -> str:
 
 
 def _code() -> str:
-    """What is installed may differ without a version that says so."""
+    """Return a hash of what is installed, which may differ without a version that says so."""
     top = Path(__file__).parents[2]
     return sha256(*sorted(file for package in _CODE for file in (top / package).rglob("*.py")))[:12]
 

@@ -32,7 +32,7 @@ _LATE = 0.9  # of the time expected, from which on a bar no longer follows the c
 
 
 def frame_bytes(points_per_side: int) -> float:
-    """Of one frame of a motion on a grid, at the peak (measured with 41 and 161 points a side)."""
+    """Return the bytes at the peak for a frame of a motion on a grid (measured with 41 and 161 points a side)."""
     return _FACES + _NODE * points_per_side**2
 
 

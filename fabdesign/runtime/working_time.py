@@ -55,7 +55,7 @@ _wall, _processor = Stopwatch(lambda: time.monotonic()), Stopwatch(lambda: time.
 
 
 def seconds() -> float:
-    """Wall-clock s since some instant, without compiling and loading."""
+    """Return Wall-clock s since some instant, without compiling and loading."""
     return _wall.seconds()
 
 
@@ -65,7 +65,7 @@ def processor_seconds() -> float:
 
 
 def compile_seconds() -> float:
-    """Wall-clock s that this process has spent on compiling and loading."""
+    """Return Wall-clock s that this process has spent on compiling and loading."""
     return _wall.excluded
 
 
@@ -76,7 +76,7 @@ def compiling() -> bool:
 
 @contextmanager
 def not_counted() -> Iterator[None]:
-    """A context for which both clocks stand still."""
+    """Return a context for which both clocks stand still."""
     _stop()
     try:
         yield

@@ -25,7 +25,7 @@ class Cell:
     study: Study
 
     def includes(self, other: "Cell") -> bool:
-        """Whether what `other` may lay out this cell may too, with muscles left over."""
+        """Return whether what `other` may lay out this cell may too, with muscles left over."""
         fewer = other.type == self.type and other.muscles <= self.muscles
         return fewer and {*SIDES[other.sides]} <= {*SIDES[self.sides]}
 
@@ -87,7 +87,7 @@ class LayoutsStudy:
 
 
 def _of_type(search: Study, type_: str) -> Study:
-    """The search with one muscle type; the design's muscles begin it where all are of that type."""
+    """Return the search with one muscle type; the design's muscles begin it where all are of that type."""
     design = search.design
     alike = all(muscle.type == type_ for muscle in design.muscles)
     design = replace(

@@ -124,7 +124,7 @@ def read_loop(path: Path | str | Mapping[str, Any]) -> LoopStudy:
 
 
 def _within(search: Study, rig: RigLimits, where: str) -> Study:
-    """The search within what the rig can do: no higher pressure, no faster rise."""
+    """Return the search within what the rig can do: no higher pressure, no faster rise."""
     low, high = search.limits.pressure
     high = min(high, rig.pressure)
     if low >= high:

@@ -236,12 +236,12 @@ def read_study(path: Path | str | Mapping[str, Any]) -> Study:
 
 
 def read_kind(path: Path | str) -> Kind:
-    """The kind of a study. Raises InputError."""
+    """Return the kind of a study. Raises InputError."""
     return _head(path).kind
 
 
 def read_cluster(path: Path | str) -> str | None:
-    """The address of the scheduler whose workers compute a study. Raises InputError."""
+    """Return the address of the scheduler whose workers compute a study. Raises InputError."""
     return _head(path).cluster
 
 

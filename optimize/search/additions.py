@@ -16,8 +16,8 @@ SHIFT = 0.15  # of the cloth, standard deviation from the muscle beside which on
 
 
 def with_idle(best: Start, *, count: int, sides: Sequence[Side], number: int, seed: int) -> list[Start]:
-    """Up to `number` layouts of `count` muscles that hold those of `best`, each with a channel of its own; the further
-    ones are drawn on `sides` and idle, at the lowest pressure. All keep the limits.
+    """Return up to `number` layouts of `count` muscles that hold those of `best`, each with a channel of its own; the
+    further ones are drawn on `sides` and idle, at the lowest pressure. All keep the limits.
 
     A layout that has `count` muscles already comes back alone.
     """
@@ -36,7 +36,7 @@ def with_idle(best: Start, *, count: int, sides: Sequence[Side], number: int, se
 
 
 def pulling(starts: Sequence[Start], muscles: int, share: float) -> list[Start]:
-    """The same layouts with their muscles from number `muscles` on at a share of the pressure range."""
+    """Return the same layouts with their muscles from number `muscles` on at a share of the pressure range."""
     shifted = []
     for start in starts:
         own, pressures = by_muscle(start)

@@ -18,21 +18,21 @@ SHARED = 0.05  # of the pressure range, within which two muscles may share a cha
 
 
 def start_of(layout: Layout, space: DesignSpace) -> tuple[DesignSpace, Vector] | None:
-    """The layout on the cloth of `space`, with a channel for each muscle or, where its limits have fewer, with those on
-    one channel whose pressures are nearest; None where a limit is broken."""
+    """Return the layout on the cloth of `space`, with a channel for each muscle or, where its limits have fewer, with
+    those on one channel whose pressures are nearest; None where a limit is broken."""
     grouped = _on_channels(layout, space, _nearest_groups(layout[1], space.limits.channels))
     return grouped if grouped[0].feasible(grouped[1]) else None
 
 
 def by_muscle(start: tuple[DesignSpace, Vector]) -> Layout:
-    """The muscles of a start, and what acts in each."""
+    """Return the muscles of a start, and what acts in each."""
     design, pressures = start[0].decode(start[1])
     return design.muscles, pressures[:, [muscle.channel for muscle in design.muscles]]
 
 
 def with_shared_channels(start: tuple[DesignSpace, Vector]) -> tuple[DesignSpace, Vector] | None:
-    """The same layout with muscles on one channel whose pressures agree in every pose, at their mean; None where that
-    saves no channel."""
+    """Return the same layout with muscles on one channel whose pressures agree in every pose, at their mean; None where
+    that saves no channel."""
     space = start[0]
     muscles, own = by_muscle(start)
     low, high = space.limits.pressure
@@ -59,7 +59,7 @@ def _nearest_groups(pressures: Pressures, most: int | None) -> Groups:
 
 
 def _on_channels(layout: Layout, space: DesignSpace, groups: Groups) -> tuple[DesignSpace, Vector]:
-    """Groups that share a channel have their mean pressure."""
+    """Return groups that share a channel have their mean pressure."""
     muscles, pressures = layout
     channel_of = {k: channel for channel, group in enumerate(groups) for k in group}
     placed = tuple(replace(muscle, channel=channel_of[k]) for k, muscle in enumerate(muscles))

@@ -53,7 +53,7 @@ class Intervals:
 
 
 def largest_contraction(design: Design, shape: Array) -> float:
-    """Of any interval of any muscle, in any pose of a shape (poses, 2 n n, 3) m."""
+    """Return the largest contraction of any interval of any muscle, in any pose of a shape (poses, 2 n n, 3) m."""
     intervals = Intervals.of(design)
     return float(intervals.contraction(intervals.chords(shape)).max())
 
@@ -73,7 +73,7 @@ class LinearContraction:
         return len(self._chords) * len(self._muscles)
 
     def at(self, x: Array) -> tuple[Array, Array]:
-        """(count,) margins, negative where violated, and their slopes (count, n)."""
+        """Return (count,) margins, negative where violated, and their slopes (count, n)."""
         chords = self._chords + np.tensordot(x - self._centre, self._slopes, axes=1)
         contracted = self._intervals.contraction(chords)  # (poses, k)
         lengths = np.maximum(np.linalg.norm(chords, axis=-1), 1e-12)

@@ -69,7 +69,7 @@ class DesignSpace:
         return np.array([position] * self.position_count + [pressure] * pressures)
 
     def encode(self, design: Design, pressures: NDArray[np.float64]) -> Vector:
-        """(n,) the vector of a layout with this space's muscles and of (poses, channels) pressures [Pa].
+        """Return (n,) the vector of a layout with this space's muscles and of (poses, channels) pressures [Pa].
 
         All pressures of a pose come down alike where they take more air than there is.
         """
@@ -84,7 +84,7 @@ class DesignSpace:
         return np.clip(np.concatenate([*parts, np.empty(0)]), 0.0, 1.0)
 
     def decode(self, x: Vector) -> tuple[Design, NDArray[np.float64]]:
-        """The design and its (poses, channels) pressures [Pa]."""
+        """Return the design and its (poses, channels) pressures [Pa]."""
         design = self.design
         if self.vary_positions:
             design = replace(design, muscles=_with_corners(design.muscles, self._corners(x)))
@@ -126,7 +126,7 @@ class DesignSpace:
         return self.position_count if self.limits.air is None else self.dimension
 
     def _airs(self, design: Design, shares: Vector) -> Vector:
-        """(poses, 1) by which shares (poses, channels) of the pressure range come down to keep the air."""
+        """Return (poses, 1) by which shares (poses, channels) of the pressure range come down to keep the air."""
         if self.limits.air is None:
             return np.ones((len(shares), 1))
         lowest, highest = self.limits.pressure
@@ -143,7 +143,7 @@ class DesignSpace:
         return bool(np.all(self.margins(x) >= -1e-7))
 
     def keeps(self, x: Vector, shape: NDArray[np.float64]) -> bool:
-        """Whether it is feasible with the shape (poses, 2 n n, 3) m that it has."""
+        """Return whether it is feasible with the shape (poses, 2 n n, 3) m that it has."""
         most = self.limits.contraction
         if not self.feasible(x):
             return False

@@ -88,7 +88,7 @@ create table if not exists answer (id integer primary key check (id = 0), evalua
             file.execute("insert or replace into checkpoint values (0, ?, ?, ?)", row)
 
     def load(self) -> Any:
-        """The last checkpoint's state; None where there is none."""
+        """Return the last checkpoint's state; None where there is none."""
         rows = self.rows("select state from checkpoint")
         return json.loads(rows[0][0]) if rows else None
 

@@ -55,7 +55,7 @@ class Margins:
         self.names, self.muscles = tuple(name for name, _ in of), tuple(whom for _, whom in of)
 
     def _segments(self, pairs: list[tuple[int, int]]) -> tuple[list[int], list[int], list[int]]:
-        """Of all pairs of segments, the corners that they start at; and where each pair of muscles begins."""
+        """Return the corners that all pairs of segments start at, and where each pair of muscles begins."""
         first: list[int] = []
         second: list[int] = []
         groups: list[int] = []
@@ -94,7 +94,7 @@ def free_air(design: Design, lengths: Array, pressures: Array) -> Array:
 def constraint_margins(
     design: Design, pressures: Array, limits: Limits, shape: Array | None = None
 ) -> dict[str, float]:
-    """The least margin of every limit by name: m; Pa for `pressure`, m^3 for `air`, none for `contraction` and
+    """Return the least margin of every limit by name: m; Pa for `pressure`, m^3 for `air`, none for `contraction` and
     `channels`. Negative: violated. shape: (poses, 2 n n, 3) m, by which `contraction` goes.
 
     `spacing` is absent where no face has two muscles, `min_bend_radius` and `stock_length` where no type states one,

@@ -90,7 +90,7 @@ def _reason_to_end(evaluations: Evaluations, at: SearchState, floor: Callable[[S
 
 
 def _at_floor(evaluations: Evaluations, at: SearchState, floor: Callable[[Shape], float] | None) -> bool:
-    """Whether the nearest of the searches under way is as near as its own points would be."""
+    """Return whether the nearest of the searches under way is as near as its own points would be."""
     if floor is None:
         return False
     nearest = min(at.searches, key=lambda s: s.value)
@@ -116,7 +116,7 @@ def _run_restart(evaluations: Evaluations, at: SearchState, floor: Callable[[Sha
 
 
 def _begin(evaluations: Evaluations, at: SearchState, further: FurtherStarts | None) -> bool:
-    """The next restart, if it has starts."""
+    """Return the next restart, if it has starts."""
     best = evaluations.best
     if further is None or best is None:
         return False
@@ -141,7 +141,7 @@ def _screen(evaluations: Evaluations, at: SearchState) -> list[LocalSearch]:
 
 
 def _enter(evaluations: Evaluations, number: int, searches: list[LocalSearch]) -> list[LocalSearch]:
-    """The best go on in the stage's space, valued by its forward model.
+    """Return the best go on in the stage's space, valued by its forward model.
 
     They are distinct, and at most half of them have one count of muscles where there are several: few muscles
     come near a target soon, more come nearer later.
@@ -189,8 +189,8 @@ def _round(evaluations: Evaluations, number: int, searches: list[LocalSearch]) -
 def run_rounds(
     evaluations: Evaluations, number: int, searches: Sequence[LocalSearch], rounds: int, *, until: float = 0.0
 ) -> list[LocalSearch]:
-    """Searches that go on from where they stand on the model of a stage, side by side, for up to so many rounds each or
-    until they come to `until` m. What diverges there is left out."""
+    """Return searches that go on from where they stand on the model of a stage, side by side, for up to so many rounds
+    each or until they come to `until` m. What diverges there is left out."""
     spaces = [evaluations.space(s.start, number) for s in searches]
     xs = [space.encode(*s.space.decode(s.x)) for space, s in zip(spaces, searches, strict=True)]
     values = evaluations.evaluate(number, [(s.start, x) for s, x in zip(searches, xs, strict=True)])
@@ -233,7 +233,7 @@ def _evaluate_all(
     xs: list[list[Vector]],
     cheap: ForwardModel | None = None,
 ) -> list[list[tuple[float, Shape]]]:
-    """Each search's own vectors, all in common batches; on the stage's model, or on `cheap`."""
+    """Return each search's own vectors, all in common batches; on the stage's model, or on `cheap`."""
     flat = [(local.start, x) for local, own in zip(searches, xs, strict=True) for x in own]
     results = iter(evaluations.evaluate(number, flat, cheap))
     return [[next(results) for _ in own] for own in xs]

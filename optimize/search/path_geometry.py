@@ -10,7 +10,8 @@ Points = NDArray[np.float64]  # (..., 2) m
 
 
 def clearance(a: Path, b: Path) -> float:
-    """Least distance [m] between two polylines; where they cross, minus the least shift of an end that parts them."""
+    """Return the least distance [m] between two polylines; where they cross, minus the least shift of an end that parts
+    them."""
     i, j = np.array(list(product(range(len(a) - 1), range(len(b) - 1)))).T
     return float(segment_clearance(a[i], a[i + 1], b[j], b[j + 1]).min())
 

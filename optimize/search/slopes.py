@@ -31,7 +31,8 @@ class Slopes(NamedTuple):
 
 
 def jacobians_for(forward: ForwardModel, objective: Objective) -> Jacobians | None:
-    """What derivatives are asked of; None where the model has none, or a target is a frame too early for them."""
+    """Return what derivatives are asked of; None where the model has none, or a target is a frame too early for
+    them."""
     if any(target.time is not None and target.time < LATE for target in objective.targets):
         return None
     offered: Jacobians | None = getattr(forward, "faces_jacobian", None)
@@ -44,7 +45,8 @@ def slopes_of(
     points: Sequence[tuple[DesignSpace, Vector]],
     further: Sequence[Column] = (),
 ) -> list[Slopes]:
-    """Of every point, whatever their layouts, by its variables and by further columns; a batch for each pose."""
+    """Return the slopes of every point, whatever its layout, by its variables and by further columns; a batch for each
+    pose."""
     decoded = [space.decode(x) for space, x in points]
     corners = sorted({corner for space, _ in points for corner in _corners(space)})
     channels = max(space.channels * space.vary_pressures for space, _ in points)
@@ -83,7 +85,7 @@ class ByColumns(NamedTuple):
 
 
 def by_columns(jacobians: Jacobians, cases: Sequence[Case], columns: Sequence[Column]) -> ByColumns:
-    """How the shapes of one design, a case a pose, change with columns."""
+    """Return how the shapes of one design, a case a pose, change with columns."""
     of_cases = [jacobians([case], columns)[0] for case in cases]
     shape = np.array([refined(np.asarray(one.points, float)) for one in of_cases])
     changes = np.stack([np.array([refined(change) for change in one.changes]) for one in of_cases], axis=1)
@@ -112,7 +114,7 @@ def _of_corner(corner: Corner) -> Column:
 
 
 def _inside(corner: Corner) -> Callable[[Case], tuple[float, float]]:
-    """How far the corner may go within the cloth."""
+    """Return how far the corner may go within the cloth."""
     muscle, index, axis = corner
 
     def room(case: Case) -> tuple[float, float]:

@@ -30,12 +30,12 @@ class Lacing:
 
 
 def touched(design: Design, n: int) -> tuple[int, int]:
-    """How many nodes across and down a loop of this design can touch."""
+    """Return how many nodes across and down a loop of this design can touch."""
     return patch_size(n, design.fabric.width / (n - 1)), patch_size(n, design.fabric.height / (n - 1))
 
 
 def lace(design: Design, n: int, across: int, down: int) -> Lacing:
-    """The fixed points with the weights of across x down nodes around each."""
+    """Return the fixed points with the weights of across x down nodes around each."""
     hu, hv = design.fabric.width / (n - 1), design.fabric.height / (n - 1)
     weights = [np.zeros((6, 0, PATCH))]
     base = [np.zeros((0, 2), np.int32)]

@@ -60,8 +60,8 @@ class ContactSheet:
 
 
 def find(x: Array, sheet: ContactSheet, cutoff: float, before: ContactPairs) -> ContactPairs:
-    """Pairs at most `cutoff` [m] apart in the shape x (n, n, 3). A node that was paired with a cell or its neighbours
-    stays on the side where it was then, so that what has slipped through is pushed back."""
+    """Return pairs at most `cutoff` [m] apart in the shape x (n, n, 3). A node that was paired with a cell or its
+    neighbours stays on the side where it was then, so that what has slipped through is pushed back."""
     n = len(x)
     node, row, column = _candidates(x, sheet, cutoff)
     p00, p10, p01, p11 = (x[row + j, column + i] for j, i in ((0, 0), (0, 1), (1, 0), (1, 1)))
@@ -126,7 +126,7 @@ def _candidates(x: Array, sheet: ContactSheet, cutoff: float) -> tuple[Ints, Int
 
 
 def _close(rows: Ints, columns: Ints, sheet: ContactSheet) -> NDArray[np.bool_]:
-    """Whether so many rows and columns apart is the same layer."""
+    """Return whether so many rows and columns apart is the same layer."""
     return np.asarray(np.hypot(columns * sheet.spacing[0], rows * sheet.spacing[1]) <= sheet.near)
 
 
@@ -192,7 +192,8 @@ class Touching:
         put(blocks, index, value)
 
     def _entries(self, index: int) -> tuple[Ints, Array]:
-        """(2, pairs) node and cell, with padding; (PAIR, pairs) place in the cell, side, thickness, stiffness [N/m]."""
+        """Return (2, pairs) node and cell, with padding; (PAIR, pairs) place in the cell, side, thickness, stiffness
+        [N/m]."""
         n, sheet, pairs = self.n, self.sheets[index], self.pairs[index]
         node, layer = np.nonzero((pairs.side != 0) & (pairs.distance < self.far[index]))
         row, column = np.divmod(node, n)

@@ -41,8 +41,8 @@ def differences(
 def completed(
     outcome: Outcome, cases: Sequence[Case], columns: Sequence[Column], solved: Mapping[int, Solved]
 ) -> list[Jacobian]:
-    """Jacobians of all cases: what the tangent `solved`, by case, and differences of the outcome for the rest, but for
-    columns without."""
+    """Return Jacobians of all cases: what the tangent `solved`, by case, and differences of the outcome for the rest,
+    but for columns without."""
     known = {i: own for i, own in solved.items() if own.settled}
     left = [i for i in range(len(cases)) if i not in known]
     middles = dict(zip(left, outcome(left, [cases[i] for i in left]), strict=True)) if left else {}

@@ -105,7 +105,7 @@ class Explicit:
         return LaidCase(case, lane.pressure if same else self._pressure(case), self._n)
 
     def of_cloth(self, moved: Sequence[Sides | None]) -> ClothChange | None:
-        """What one column changes in the lanes' cloths; None where that is nothing."""
+        """Return what one column changes in the lanes' cloths; None where that is nothing."""
         middle = np.array([lane.constants for lane in self._lanes])
         change, weight = np.zeros_like(middle), np.zeros(len(middle))
         for k, own in enumerate(moved):
@@ -129,8 +129,8 @@ class Explicit:
         return np.where(scale > 0, scale, 1.0)
 
     def of_muscles(self, columns: Sequence[Sequence[Sides | None]], middle: Array) -> NDArray[np.float32]:
-        """(columns, lanes, n n, 3) N per unit: what each column changes in the lanes' muscles and weights, at their
-        shapes, middle (lanes, n n, 3) m."""
+        """Return (columns, lanes, n n, 3) N per unit: what each column changes in the lanes' muscles and weights, at
+        their shapes, middle (lanes, n n, 3) m."""
         count = len(self._lanes)
         pulls: list[Pull] = []
         weights = np.zeros((len(columns) * count, *middle.shape[1:]))
@@ -148,7 +148,7 @@ class Explicit:
         return forces.astype(np.float32).reshape(len(columns), count, *middle.shape[1:])
 
     def _mass_change(self, lane: int, low: LaidCase, high: LaidCase) -> Array | None:
-        """(n n,) kg from one side to the other; None where none is."""
+        """Return (n n,) kg from one side to the other; None where none is."""
         if not _same_weight(low.specimen, high.specimen):
             return high.mass - low.mass
         one, other = low.specimen.design.muscles, high.specimen.design.muscles
@@ -161,20 +161,20 @@ class Explicit:
 
 
 def _unlike(low: LaidCase, high: LaidCase) -> tuple[list[Strand], list[Strand]]:
-    """Those muscles of both sides that do not pull alike."""
+    """Return the muscles of both sides that do not pull alike."""
     pairs = [pair for pair in zip(low.strands, high.strands, strict=True) if not pair[0].is_like(pair[1])]
     return [one for one, _ in pairs], [other for _, other in pairs]
 
 
 def _same_cloth(one: Specimen, other: Specimen) -> bool:
-    """Whether their constants are alike, but for those of the solver."""
+    """Return whether their constants are alike, but for those of the solver."""
     own, others = ({k: v for k, v in s.factors.items() if k not in OF_MUSCLES} for s in (one, other))
     curved = all(one.constants.get(name) == other.constants.get(name) for name in REST_CURVATURES)
     return curved and own == others and one.design.fabric is other.design.fabric
 
 
 def _same_weight(one: Specimen, other: Specimen) -> bool:
-    """Whether they weigh the same, but for where their muscles lie."""
+    """Return whether they weigh the same, but for where their muscles lie."""
     factors = [specimen.factors.get("areal_density", 1.0) for specimen in (one, other)]
     return one.design.fabric is other.design.fabric and factors[0] == factors[1] and one.masses == other.masses
 

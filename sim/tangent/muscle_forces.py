@@ -30,7 +30,7 @@ class Strand:
     loss: float  # share of the pressure lost to its far end
 
     def is_like(self, other: "Strand") -> bool:
-        """Whether both pull alike. Comparing types would compare their bench tables."""
+        """Return whether both pull alike. Comparing types would compare their bench tables."""
         own, others = ((s.pressure, s.gain, s.lever, s.loss, s.muscle) for s in (self, other))
         return self.type is other.type and own == others
 
@@ -55,7 +55,8 @@ class Grid:
 
 
 def summed(pulls: Sequence[Pull], shapes: Array, spacing: Array, grid: Grid, sums: int) -> Array:
-    """(sums, n n, 3) N: forces on the nodes, times the weights. shapes (s, n n, 3) m; spacing (s, 2) m along u, v."""
+    """Return (sums, n n, 3) N: forces on the nodes, times the weights. shapes (s, n n, 3) m; spacing (s, 2) m along u,
+    v."""
     nodes = grid.n**2
     total = np.zeros((3, sums * nodes))
     points = _fixed_points(pulls)
@@ -112,7 +113,7 @@ def _offset(strand: Strand) -> float:
 
 
 def _pulls(pulls: Sequence[Pull], at: Array, of: NDArray[np.int_], points: Array) -> Array:
-    """(p, 3) N: what the intervals pull their fixed points with. at: (p, 2) m on the flat cloth."""
+    """Return (p, 3) N: what the intervals pull their fixed points with. at: (p, 2) m on the flat cloth."""
     own = of[1:] == of[:-1]
     begin, of = np.flatnonzero(own), of[1:][own]
     rest = np.linalg.norm(at[begin + 1] - at[begin], axis=1)
@@ -135,7 +136,7 @@ def _pulls(pulls: Sequence[Pull], at: Array, of: NDArray[np.int_], points: Array
 def _tensions(
     benches: Sequence[BenchTable], of: NDArray[np.int_], pressure: Array, gain: Array, contraction: Array
 ) -> Array:
-    """(intervals,) N, each by the bench table of what it is `of`."""
+    """Return (intervals,) N, each by the bench table of what it is `of`."""
     tension = np.zeros(len(of))
     keys = np.array([id(bench) for bench in benches])[of]
     for key, bench in {id(bench): bench for bench in benches}.items():

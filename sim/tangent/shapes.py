@@ -42,14 +42,14 @@ class Solved:
 
 
 def share_out(cases: Sequence[Case], columns: Sequence[Sequence[int]]) -> list[tuple[int, LaneColumns]]:
-    """Lanes for the cases' `columns`, each with its case's index: where there are spare lanes a case takes several,
-    each with some of its columns."""
+    """Return lanes for the cases' `columns`, each with its case's index: where there are spare lanes a case takes
+    several, each with some of its columns."""
     copies = max(1, min(LANES // max(len(cases), 1), *map(len, columns)) if columns else 1)
     return [(i, LaneColumns(case, tuple(columns[i][k::copies]))) for i, case in enumerate(cases) for k in range(copies)]
 
 
 def together(lanes: Sequence[Solved]) -> Solved:
-    """Of one case, from all of its lanes, whose shapes are the same to the last bit."""
+    """Return the solution of one case from all of its lanes, whose shapes are the same to the last bit."""
     changes = {c: change for lane in lanes for c, change in lane.changes.items()}
     return Solved(lanes[0].middle, lanes[0].settled, changes)
 
@@ -82,7 +82,7 @@ def solve_at_rest(
 
 
 def _solve(batch: Batch, host: Explicit, settles: bool, turns: int) -> NDArray[np.int32]:
-    """(lanes, turns) what came of so many linear solves."""
+    """Return (lanes, turns) what came of so many linear solves."""
     solve(
         *batch.grid, batch.points, batch.support, batch.smoothing, int(settles), turns, ITERATIONS, TOLERANCE,
         STIFFENED, host.pressure,
@@ -93,7 +93,7 @@ def _solve(batch: Batch, host: Explicit, settles: bool, turns: int) -> NDArray[n
 
 
 def _positions(batch: Batch, plane: int) -> NDArray[np.float32]:
-    """(lanes, n, n, 3) m in a plane of F.node3."""
+    """Return (lanes, n, n, 3) m in a plane of F.node3."""
     out = np.empty((batch.blocks, LANES, batch.nu * batch.nv, 3), np.float32)
     read(*batch.grid, plane, out)
     return out.reshape(-1, batch.nv, batch.nu, 3)

@@ -38,8 +38,8 @@ class Schedule:
 
 
 def alike(batch: Batch, scheme: Scheme, pressure: Floats, *, anew: bool = True, halts: bool = False) -> Schedule:
-    """The same step for all lanes under `pressure` (S, blocks, channels, LANES) Pa, no frames. anew: whether the steps
-    before it, if any, were others."""
+    """Return the same step for all lanes under `pressure` (S, blocks, channels, LANES) Pa, no frames. anew: whether the
+    steps before it, if any, were others."""
     steps = len(pressure)
     entries = np.array(scheme.entries(batch.support), np.float32)
     work = np.full((steps, batch.blocks), PLAIN, np.int32)
@@ -64,8 +64,8 @@ def by_block(values: NDArray[np.floating[Any]]) -> Floats:
 def of_motions(
     batch: Batch, packed: Sequence[int], motions: Sequence[Steps], *, tick: float, rho: float
 ) -> tuple[Schedule, NDArray[np.int_]]:
-    """The steps of `motions`, of which lane k takes motions[packed[k]], by generalised-alpha with spectral radius rho
-    at infinity and the midpoint rule through jumps; a lane that has come to its end goes on as it was. And
+    """Return the steps of `motions`, of which lane k takes motions[packed[k]], by generalised-alpha with spectral
+    radius rho at infinity and the midpoint rule through jumps; a lane that has come to its end goes on as it was. And
     (motions + 1,) where the frames of each begin among all."""
     lanes = [motions[i] for i in packed]
     count = max(len(motion.ticks) for motion in lanes)

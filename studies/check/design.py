@@ -71,7 +71,7 @@ def part_findings(part: DesignPart, where: str) -> Findings:
 
 
 def _too_wide(types: Mapping[str, MuscleType], side: float) -> list[str]:
-    """Lines on muscles as wide as the cloth's shorter side [m], or wider than any that is laced."""
+    """Return lines on muscles as wide as the cloth's shorter side [m], or wider than any that is laced."""
     return [
         f"muscle_types.{name}: outer_diameter = {kind.outer_diameter:g} m; expected at most {WIDEST:g} m, and less "
         f"than the cloth{diameter_slip(kind.outer_diameter)}"
@@ -81,8 +81,8 @@ def _too_wide(types: Mapping[str, MuscleType], side: float) -> list[str]:
 
 
 def spacing(design: Design, least: float) -> tuple[list[str], list[str]]:
-    """Lines on pairs of muscles on one face that lie in each other's place, and on those that cross or lie less than
-    `least` m apart."""
+    """Return lines on pairs of muscles on one face that lie in each other's place, and on those that cross or lie less
+    than `least` m apart."""
     overlapping, close = [], []
     for (i, a), (j, b) in combinations(enumerate(design.muscles), 2):
         if a.side != b.side:
@@ -130,7 +130,7 @@ def _types(types: Mapping[str, MuscleType]) -> Iterator[str]:
 
 
 def bench_table_lines(bench: BenchTable, diameter: float | None = None) -> Iterator[str]:
-    """What is implausible in a bench table; with a muscle's diameter [m] its forces too."""
+    """Yield what is implausible in a bench table; with a muscle's diameter [m] its forces too."""
     pressure, contraction, force = (np.array(x) for x in (bench.pressure, bench.contraction, bench.force))
     most = pressure >= pressure.max() * (1 - 1e-9)
     pulls = contraction[most & (force > 0)]

@@ -25,7 +25,7 @@ class Findings:
 
 
 def failures(reads: Iterable[Callable[[], object]]) -> Findings:
-    """The lines of those that raise InputError."""
+    """Return the lines of those that raise InputError."""
     messages = []
     for read in reads:
         try:

@@ -58,7 +58,8 @@ BLOCKED = Range(0.3, 40.0, "", "braids of 15 degrees or more")
 
 
 def beyond(name: str, value: float | tuple[float, ...] | None, expected: Range) -> Iterator[str]:
-    """A line where a value, in SI, lies outside its range, with the unit that it may be in; a pair counts as one."""
+    """Yield a line where a value, in SI, lies outside its range, with the unit that it may be in; a pair counts as
+    one."""
     if value is None:
         return
     for number in value if isinstance(value, tuple) else (value,):

@@ -21,7 +21,7 @@ from studies.layout_search.target import load_target
 
 
 def study_findings(path: Path) -> Findings:
-    """Of a study, its design and all its targets. Raises InputError for what reading refuses."""
+    """Return the findings of a study, its design and all its targets. Raises InputError for what reading refuses."""
     kind = read_kind(path)
     if kind == "sensitivity":
         sweep = read_sensitivity(path)

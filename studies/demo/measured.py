@@ -75,7 +75,7 @@ class ShippedErrors:
 
     @staticmethod
     def of_kept(kept: Mapping[str, Any]) -> "ShippedErrors":
-        """Those of the set and the model that are shipped. Raises KeyError, TypeError or ValueError."""
+        """Return the errors of the set and the model that are shipped. Raises KeyError, TypeError or ValueError."""
         data = Path(str(files("fabdesign") / "data"))
         measured = read_set(data / SET)
         trials = {trial.name: trial for trial in measured.trials}
@@ -92,7 +92,7 @@ class ShippedErrors:
         )
 
     def rows(self) -> list[tuple[str, Errors, float | None]]:
-        """Each model's name, errors, and the share of the calibrated model's excess that it closes."""
+        """Return each model's name, errors, and the share of the calibrated model's excess that it closes."""
         base = self.errors[CALIBRATED]
         later = (EFFECTS, CORRECTED)
         return [(name, e, closed(base, e).surface if name in later else None) for name, e in self.errors.items()]
@@ -111,14 +111,14 @@ class ShippedErrors:
 
 
 def far_off(surface: Mapping[str, float]) -> dict[str, float]:
-    """The trials that are off by twice as much as the others, and the others' mean. surface: m, by trial."""
+    """Return the trials that are off by twice as much as the others, and the others' mean. surface: m, by trial."""
     others = {name: [x for key, x in surface.items() if key != name] for name in surface}
     means = {name: float(np.mean(own)) for name, own in others.items() if own}
     return {name: mean for name, mean in means.items() if surface[name] > FAR_OFF * mean}
 
 
 def branch_in_words(found: Branches) -> str:
-    """Whether a trial that is far off lies on another branch, as simulated from starts that differ a little."""
+    """Return whether a trial that is far off lies on another branch, as simulated from starts that differ a little."""
     changed = f"the frame tilted by up to {max(TILTS):g} degrees or the cloth curved by up to {max(CURLS):g} 1/m more"
     nearest = f"{in_mm(found.nearest):.2f} mm, without the change {in_mm(found.own):.2f} mm"
     if found.much_nearer:
@@ -133,7 +133,7 @@ def branch_in_words(found: Branches) -> str:
 
 
 def evaluate_shipped(*, forward: ForwardModel | None = None) -> ShippedErrors:
-    """How far the data sheet and the shipped model, calibrated, with its effects, and with its corrector, are
+    """Return how far the data sheet and the shipped model, calibrated, with its effects, and with its corrector, are
     from the embedded trials. forward: the bare simulator, by default with the shipped model's grid."""
     data = Path(str(files("fabdesign") / "data"))
     measured, shipped = read_set(data / SET), read_model(data / MODEL)
@@ -176,7 +176,7 @@ def _each(
 
 
 def as_text(shipped: ShippedErrors) -> str:
-    """A table for people; mm."""
+    """Return a table for people; mm."""
     lines = [
         f"measured: {shipped.measured.description}",
         f"{'mm':16}{'Chamfer':>9}{'floor':>8}{'surface RMS':>13}{'floor':>8}{'removed':>9}",

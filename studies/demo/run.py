@@ -135,7 +135,7 @@ def _run_studies(
 
 
 def demo_studies(target: Path) -> list[Study]:
-    """Pressures for the catalogue's *basic* layout, and layout and pressures of at most four muscles."""
+    """Return pressures for the catalogue's *basic* layout, and layout and pressures of at most four muscles."""
     cloud = (TargetFile(target, description=SOURCE),)
     basic = build("basic")
     return [
@@ -153,7 +153,7 @@ def demo_studies(target: Path) -> list[Study]:
 
 
 def as_json(demo: Demo) -> dict[str, Any]:
-    """What `demo --json` prints; distances in mm."""
+    """Return what `demo --json` prints; distances in mm."""
     keys = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor", "surface_beyond", "evaluations", "wall_s")
     searches = [(result.study.name, result.as_json()) for result in demo.runs]
     runs = [{"name": name, **{key: values[key] for key in keys}} for name, values in searches]
@@ -161,7 +161,7 @@ def as_json(demo: Demo) -> dict[str, Any]:
 
 
 def as_text(demo: Demo) -> str:
-    """Tables for people; distances in mm."""
+    """Return tables for people; distances in mm."""
     head = f"{'mm':8}{'Chamfer':>9}{'floor':>8}{'surface RMS':>13}{'beyond 10 mm':>14}{'evaluations':>13}{'seconds':>9}"
     rows = [f"target: {SOURCE}", head]
     for run in as_json(demo)["runs"]:

@@ -22,9 +22,9 @@ Array = NDArray[np.float64]
 def bands(
     predictor: Predictor, coarse: ForwardModel, cases: Sequence[Case], times: Sequence[Array], motions: Sequence[Motion]
 ) -> list[Array | None]:
-    """(T, REGIONS, REGIONS) m of each case: 90 % of motions lie within so much of `motions` along their normal, in the
-    mean of a region. None of a model without intervals. motions: `predictor`'s own, at `times` [s]; coarse: moves the
-    drawn models."""
+    """Return (T, REGIONS, REGIONS) m of each case: 90 % of motions lie within so much of `motions` along their normal,
+    in the mean of a region. None of a model without intervals. motions: `predictor`'s own, at `times` [s]; coarse:
+    moves the drawn models."""
     spread = spread_of(predictor.model)
     if spread is None:
         return [None] * len(cases)
@@ -45,9 +45,10 @@ def shapes_with_error(
     *,
     least: float,
 ) -> Array:
-    """(models, 2 n^2, 3) m: shapes of drawn models, spread as the calibrated intervals are: their scatter by its factor
-    (at least `least`), and what the model lacks, along the normal of the shape `predicted` (2 n^2, 3) m. One draw of it
-    moves the whole cloth to one side: how its parts go together is not known. rest: (2 n^2, 3) m, without pressure."""
+    """Return (models, 2 n^2, 3) m: shapes of drawn models, spread as the calibrated intervals are: their scatter by its
+    factor (at least `least`), and what the model lacks, along the normal of the shape `predicted` (2 n^2, 3) m. One
+    draw of it moves the whole cloth to one side: how its parts go together is not known. rest: (2 n^2, 3) m, without
+    pressure."""
     factor = max(spread.covariance / TWO_SIDED, least)
     mean = drawn.mean(axis=0)
     _, moved = region_terms(rest, predicted[None], [], fabric)
@@ -58,7 +59,7 @@ def shapes_with_error(
 
 
 def over_nodes(values: Array, side: int) -> Array:
-    """(side, side) of (REGIONS, REGIONS), linear between the regions' middles."""
+    """Return (side, side) of (REGIONS, REGIONS), linear between the regions' middles."""
     at = np.clip(np.linspace(0, REGIONS, side) - 0.5, 0, REGIONS - 1)
     line = np.array([np.interp(at, np.arange(REGIONS), row) for row in np.eye(REGIONS)]).T
     return np.asarray(line @ values @ line.T)

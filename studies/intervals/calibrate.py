@@ -38,7 +38,7 @@ def with_spread(
     used: Used | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[Model, str]:
-    """The model with its spread, or without one, and a line that says how good it is, or why there is none.
+    """Return the model with its spread, or without one, and a line that says how good it is, or why there is none.
 
     trials: that the model was not fitted to. coarse: a cheap simulator for the drawn models, by default `simulator`.
     """
@@ -65,7 +65,7 @@ def with_spread(
 
 
 def spread_from(every: Sequence[RegionResiduals], folds: Sequence[int], model: Model) -> tuple[Spread, IntervalScore]:
-    """Of trials' residuals, and how good it is where each fold is left out in turn."""
+    """Return the spread of trials' residuals, and how good it is where each fold is left out in turn."""
     widths = calibrated(every, combined, START)
     constant, covariance, motion = TWO_SIDED * widths.factor * np.exp(widths.shape)
     if not any(one.deviation.any() for one in every):
@@ -78,7 +78,7 @@ def spread_from(every: Sequence[RegionResiduals], folds: Sequence[int], model: M
 
 
 def spread_json(model: Model) -> dict[str, Any] | None:
-    """What commands print of it: mm."""
+    """Return what commands print of it: mm."""
     own = model.spread
     if own is None:
         return None
@@ -87,7 +87,7 @@ def spread_json(model: Model) -> dict[str, Any] | None:
 
 
 def _folds(trials: Sequence[Trial]) -> list[int]:
-    """Trials with the same pressures are one fold; of a single program each trial is one."""
+    """Return trials with the same pressures are one fold; of a single program each trial is one."""
     groups = by_program(trials)
     if len(groups) < 2:
         return [*range(len(trials))]

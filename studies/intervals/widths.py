@@ -36,7 +36,7 @@ def combined(shape: Array, one: RegionResiduals) -> Array:
 
 
 def crps(residual: Array, sigma: Array) -> Array:
-    """(n,) m, of a normal distribution about nothing (Gneiting and Raftery 2007, eq. 21)."""
+    """Return (n,) m, of a normal distribution about nothing (Gneiting and Raftery 2007, eq. 21)."""
     z = residual / sigma
     density = np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)
     return np.asarray(sigma * (z * (2 * ndtr(z) - 1) + 2 * density - 1 / np.sqrt(np.pi)))
@@ -52,12 +52,12 @@ class Widths:
     designs: Mapping[str, float]  # times that, of designs with enough trials
 
     def of(self, one: RegionResiduals) -> Array:
-        """(n,) m."""
+        """Return (n,) m."""
         return self.designs.get(one.design, 1.0) * self.factor * self.width(self.shape, one)
 
 
 def calibrated(others: Sequence[RegionResiduals], width: Width, start: Array) -> Widths:
-    """The shape by least CRPS, then the factors."""
+    """Return the shape by least CRPS, then the factors."""
 
     def mean(shape: Array) -> float:
         return float(np.concatenate([crps(one.residual, width(shape, one)) for one in others]).mean())
@@ -72,7 +72,7 @@ def calibrated(others: Sequence[RegionResiduals], width: Width, start: Array) ->
 
 
 def left_out(every: Sequence[RegionResiduals], folds: Sequence[int], width: Width, start: Array) -> list[Array]:
-    """(n,) m of each trial, standard deviations calibrated on the trials of the other folds."""
+    """Return (n,) m of each trial, standard deviations calibrated on the trials of the other folds."""
     found: list[Array] = [np.empty(0)] * len(every)
     for fold in sorted(set(folds)):
         others = [one for one, own in zip(every, folds, strict=True) if own != fold]

@@ -57,7 +57,8 @@ class GridResult:
         return any(f.result is not None and f.result.interrupted for f in self.cells)
 
     def nearest(self, cell: Cell) -> CellResult | None:
-        """The nearest layout that `cell` may have: its own, or that of a cell with fewer muscles or on one face."""
+        """Return the nearest layout that `cell` may have: its own, or that of a cell with fewer muscles or on one
+        face."""
         may = [f for f in self.cells if f.result is not None and cell.includes(f.cell)]
         return min(may, key=lambda f: (f.objective, f.cell.muscles), default=None)
 
@@ -71,7 +72,7 @@ class GridResult:
         return kept
 
     def statements(self, cell: Cell) -> list[str]:
-        """Sentences on where more muscles, or a second face, did not help."""
+        """Return sentences on where more muscles, or a second face, did not help."""
         own, best = next((f for f in self.cells if f.cell is cell), None), self.nearest(cell)
         if own is None or best is None:
             return []
@@ -90,7 +91,7 @@ class GridResult:
         return statements
 
     def as_json(self) -> dict[str, Any]:
-        """What result.json holds: mm."""
+        """Return what result.json holds: mm."""
         front = self.front
         return {
             "cells": [self._cell(f, f in front) for f in self.cells],

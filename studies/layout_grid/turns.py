@@ -62,7 +62,7 @@ def recent_gain(own: CellResult) -> float:
 
 
 def next_turn(result: GridResult, turns: dict[str, CellTurns], seconds: float) -> CellResult | None:
-    """The cell that promises most in a turn of so many seconds; None where none does.
+    """Return the cell that promises most in a turn of so many seconds; None where none does.
 
     A cell promises what it gained a second in its turn before, or, where its neighbours have got ahead of it, what
     it lies behind them.
@@ -86,7 +86,8 @@ CANDIDATES = 12  # of further muscles, drawn for each neighbour's layout: idle, 
 
 
 def seeds_of(cell: Cell, results: Sequence[CellResult]) -> list[Start]:
-    """Of the cells that this one includes, nearest first: their layouts, and with idle muscles up to the cell's number.
+    """Return the layouts of the cells that this one includes, nearest first, and with idle muscles up to the cell's
+    number.
 
     Where a layout without a change has the cell's number of muscles already, it is a seed as it is.
     """
@@ -108,7 +109,7 @@ def seeds_of(cell: Cell, results: Sequence[CellResult]) -> list[Start]:
 
 
 def _nearest(beneath: Sequence[CellResult]) -> list[CellResult]:
-    """Of each choice of sides the nearest layout, and of all others none."""
+    """Return the nearest layout of each choice of sides."""
     best: dict[str, CellResult] = {}
     for f in sorted(beneath, key=lambda f: f.objective):
         best.setdefault(f.cell.sides, f)

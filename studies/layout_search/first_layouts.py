@@ -29,7 +29,7 @@ def limits_of(study: Study) -> Limits:
 
 
 def own_start(study: Study, limits: Limits) -> tuple[DesignSpace, Vector]:
-    """The study's own design under its start pressures, by default the middle of the limits."""
+    """Return the study's own design under its start pressures, by default the middle of the limits."""
     middle = np.mean(study.limits.pressure)
     own = np.full(study.design.channels, middle) if study.start_pressures is None else study.start_pressures
     pressures = np.tile(own, (len(study.targets), 1))
@@ -38,7 +38,7 @@ def own_start(study: Study, limits: Limits) -> tuple[DesignSpace, Vector]:
 
 
 def earlier_starts(study: Study, limits: Limits) -> list[Start]:
-    """The earlier result that the study begins with, if any.
+    """Return the earlier result that the study begins with, if any.
 
     Raises InputError where it is no layout of this study: other muscles where they stay, too many or too few, another
     number of poses, a limit broken.
@@ -69,7 +69,8 @@ def earlier_starts(study: Study, limits: Limits) -> list[Start]:
 
 
 def first_starts(study: Study) -> list[Start]:
-    """The study's own design, an earlier result, the catalogue's layouts, and what is drawn by the study's seed."""
+    """Return the study's own design, an earlier result, the catalogue's layouts, and what is drawn by the study's
+    seed."""
     limits, poses = limits_of(study), len(study.targets)
     space, own = own_start(study, limits)
     if study.muscles is None:
@@ -101,7 +102,7 @@ def _on_fewer_channels(start: Start) -> list[Start]:
 
 
 def further_starts(study: Study) -> FurtherStarts | None:
-    """Starts of further restarts; none where nothing can be drawn anew."""
+    """Return starts of further restarts; none where nothing can be drawn anew."""
     limits, poses, choice = limits_of(study), len(study.targets), study.muscles
     if choice is not None:
 

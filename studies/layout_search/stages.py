@@ -24,7 +24,8 @@ def forward_models(
     hold: float = HOLD,
     coarse_hold: float | None = None,
 ) -> tuple[ForwardModel, ForwardModel]:
-    """The models given, or the simulator, the fine one with `points_per_side`; a single one given serves for both."""
+    """Return the models given, or the simulator, the fine one with `points_per_side`; a single one given serves for
+    both."""
     if fine is not None:
         return fine, coarse or fine
     from sim import Simulator  # here: it loads and starts taichi

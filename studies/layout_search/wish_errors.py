@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 def is_wished(targets: Sequence[TargetFile]) -> bool:
-    """Whether all poses are wishes, so that there is no cloud and no noise."""
+    """Return whether all poses are wishes, so that there is no cloud and no noise."""
     return bool(targets) and all(target.wishes for target in targets)
 
 

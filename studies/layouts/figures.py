@@ -97,7 +97,7 @@ def convergence(name: str, result: StudyResult) -> Chart:
 
 
 def _on_cloth(muscle: Muscle, points: NDArray[np.float64], result: StudyResult) -> NDArray[np.float64]:
-    """(n, 3) m: the muscle's fixed points on its face of the deformed cloth, by bilinear interpolation."""
+    """Return (n, 3) m: the muscle's fixed points on its face of the deformed cloth, by bilinear interpolation."""
     fabric, faces = result.design.fabric, two_faces(points)
     places = muscle.fixed_points() / [fabric.width, fabric.height]
     lifted, middle = at_places(faces[0 if muscle.side == "front" else 1], places), at_places(faces.mean(axis=0), places)

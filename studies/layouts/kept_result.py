@@ -68,7 +68,8 @@ def keep(history: History, result: StudyResult, *, follow: bool) -> None:
 
 
 def answer(history: History, study: Study, targets: Sequence[LoadedTarget], *, follow: bool) -> StudyResult | None:
-    """The result that is kept, where a search within the study's limits would end with it; None where it may not."""
+    """Return the result that is kept, where a search within the study's limits would end with it; None where it may
+    not."""
     kept, limits, kinds = history.answer(), study.limits, get_type_hints(StudyResult)
     try:
         as_far = kept["seconds"] >= limits.seconds and kept["evaluations"] >= limits.evaluations

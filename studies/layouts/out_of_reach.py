@@ -101,7 +101,7 @@ def helps_of(study: Study, point: Start, objective: Objective, forward: ForwardM
 
 
 def _wider(study: Study, space: DesignSpace) -> dict[str, DesignSpace]:
-    """The space with one limit wider, by what that is."""
+    """Return the space with one limit wider, by what that is."""
     limits = space.limits
     low, high = limits.pressure
     spaces: dict[str, DesignSpace] = {}
@@ -117,7 +117,7 @@ def _wider(study: Study, space: DesignSpace) -> dict[str, DesignSpace]:
 
 
 def _of_types(space: DesignSpace) -> dict[str, DesignSpace]:
-    """The space with all muscles of one type, of those that the design has besides."""
+    """Return the space with all muscles of one type, of those that the design has besides."""
     muscles = space.design.muscles
     spaces = {}
     for name in space.design.muscle_types:

@@ -48,7 +48,7 @@ def _rounded(value: float) -> int:
 
 
 def lacking_of(evaluations: Evaluations) -> Lacking | None:
-    """None of a search that has converged."""
+    """Return None of a search that has converged."""
     if has_converged(evaluations):
         return None
     more, done = evaluations_to_converge(evaluations), evaluations.history.evaluations
@@ -97,7 +97,7 @@ class Reach:
         return said
 
     def as_json(self) -> dict[str, Any]:
-        """What `reach` in result.json holds: mm; u and v in m."""
+        """Return what `reach` in result.json holds: mm; u and v in m."""
         return {
             "gap_mm": in_mm(self.gap),
             "out_of_reach": self.out_of_reach,

@@ -38,7 +38,8 @@ def _may_shrink(study: Study) -> bool:
 
 
 def shrunk(study: Study, evaluations: Evaluations) -> Fewer | None:
-    """The layout of fewer muscles that serves, within all of the study's seconds; None where their number is given.
+    """Return the layout of fewer muscles that serves, within all of the study's seconds; None where their number is
+    given.
 
     What was found stands in the history: the same search is not shrunk twice.
     """
@@ -151,5 +152,5 @@ def front_said(fewer: Fewer) -> str:
 
 
 def points_of(fewer: Fewer | None) -> list[tuple[DesignSpace, Vector]]:
-    """The smaller layout, to come before what the search found; none where there is none."""
+    """Return the smaller layout, to come before what the search found; none where there is none."""
     return [] if fewer is None or fewer.ended else [fewer.start]

@@ -102,7 +102,7 @@ class StudyResult:
         }
 
     def _poses(self) -> list[dict[str, float]]:
-        """Of several poses, the errors of each."""
+        """Return the errors of each pose where there are several."""
         if len(self.targets) == 1:
             return []
         each = pose_errors(self.targets, self.points, seed=self.study.seed)
@@ -144,7 +144,7 @@ class StudyResult:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """What result.json holds: distances in mm, pressures in kPa, margins in m (kPa for pressure);
+        """Return what result.json holds: distances in mm, pressures in kPa, margins in m (kPa for pressure);
         `surface_beyond` is a share of the points."""
         return {
             "objective_mm": in_mm(self.objective),
@@ -176,7 +176,7 @@ class StudyResult:
 
 
 def pressures_kpa(pressures: NDArray[np.float64]) -> list[Any]:
-    """One list of kPa for a single pose, else a list a pose."""
+    """Return one list of kPa for a single pose, else a list a pose."""
     kpa = in_kpa(pressures).tolist()
     return kpa[0] if len(kpa) == 1 else kpa
 

@@ -53,14 +53,14 @@ class Copies:
         return scatter, [*normals(scatter, self.study.seed + 2)[:COPIES]]
 
     def shapes(self, xs: Sequence[Vector]) -> list[Shape]:
-        """(COPIES poses, 2 n, 3) m of every vector's copies, in one batch; a diverged one holds NaN."""
+        """Return (COPIES poses, 2 n, 3) m of every vector's copies, in one batch; a diverged one holds NaN."""
         drawn = [self._scatter(x) for x in xs]
         every = [copy for scatter, zs in drawn for copy in scatter.copies(zs)]
         shapes = drawn[0][0].shapes_of(self.objective, self.forward, every)
         return [np.concatenate(shapes[k * COPIES : (k + 1) * COPIES]) for k in range(len(xs))]
 
     def model(self, x: Vector, shape: Shape, jacobians: Jacobians) -> LinearShape:
-        """How `shape`, that of the copies at x, changes with x. What has no derivative has none here."""
+        """Return how `shape`, that of the copies at x, changes with x. What has no derivative has none here."""
         scatter, zs = self._scatter(x)
         copies, poses, space = scatter.copies(zs), len(self.objective.targets), self.space
         columns, pull = self._columns(), np.array([scatter.pull(z) for z in zs])  # (copies, muscles)

@@ -42,7 +42,7 @@ class MoreRobust:
         return len(self.start[0].design.muscles)
 
     def gains_on(self, other: "MoreRobust", robust: Robust, price: float) -> bool:
-        """Whether it is worth the change; price: m of the objective that each further muscle must gain."""
+        """Return whether it is worth the change; price: m of the objective that each further muscle must gain."""
         gained = other.expected - self.expected
         if not gained >= max(0, self.muscles - other.muscles) * price:
             return False
@@ -100,7 +100,8 @@ def more_robust(
 
 
 def _doubled(study: Study, robust: Robust, start: Start, objective: Objective, forward: Predictor) -> Start | None:
-    """Of the layouts with one muscle laid as two, that whose copies are nearest in the mean; None where none fits."""
+    """Return that of the layouts with one muscle laid as two whose copies are nearest in the mean; None where none
+    fits."""
     count = len(start[0].design.muscles)
     found = [own for k in range(count) for share in SHARES if (own := doubled(start, k, share)) is not None]
     values = _or_infinite([objective.value(shape) for shape in objective.shapes(forward, found)]) if found else []

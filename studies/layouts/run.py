@@ -212,8 +212,9 @@ def _result(
     follow: bool = True,
     fewer: Fewer | None = None,
 ) -> StudyResult:
-    """Of `points`, by default what is as near as the best, the first whose loading path is not sensitive, else the
-    first: where its motion leads, valued once more on the full model, and the resting cloth beside it."""
+    """Return the result of the first of `points` whose loading path is not sensitive, else of the first: where its
+    motion leads, valued once more on the full model, and the resting cloth. By default points are what is as near as
+    the best."""
     objective, searched_s = evaluations.objective, evaluations.elapsed
     points = [*points] or evaluations.finalists()
     layouts = [space.decode(x) for space, x in points]

@@ -30,7 +30,7 @@ Say = Callable[[str], None]
 
 
 def together(sets: Sequence[MeasurementSet]) -> MeasurementSet:
-    """All turns' trials as one set, each turn's design by the turn's name."""
+    """Return all turns' trials as one set, each turn's design by the turn's name."""
     if len(sets) == 1:
         return sets[0]
     return MeasurementSet(
@@ -92,15 +92,15 @@ def learn(
 
 
 def model_of(work: WorkFolder, name: str) -> Model:
-    """What was learned in a turn."""
+    """Return what was learned in a turn."""
     return read_model(work.folder / name / MODEL)
 
 
 def _traced(
     study: LoopStudy, measured: MeasurementSet, known: Model, out: Path, simulators: Simulators, say: Say
 ) -> tuple[TracedEffects | None, Model | None, list[str]]:
-    """The verdict, the model with the effects that it has from now on, and lines for people; no model where there was
-    too little to trace."""
+    """Return the verdict, the model with the effects that it has from now on, and lines for people; no model where
+    there was too little to trace."""
     from fabdesign.runtime.fingerprint import OtherContent
     from studies.measured.fit_data import TooLittle
     from studies.tracing.run import Options, trace_set
@@ -170,8 +170,8 @@ def _trained(
     simulators: Simulators,
     say: Say,
 ) -> tuple[str, bool]:
-    """What a network is worth, in a line, and whether it is used: the model with it takes the place of the one without
-    where it brings the trials kept back nearer, of every design."""
+    """Return what a network is worth, in a line, and whether it is used: the model with it takes the place of the one
+    without where it brings the trials kept back nearer, of every design."""
     from studies.training.train import train
 
     assert study.learning.train is not None

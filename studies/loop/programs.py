@@ -77,7 +77,7 @@ def _informative(study: LoopStudy, design: Design, own: Array, rng: np.random.Ge
 
 
 def within_rate(program: PressureProgram, rate: float) -> PressureProgram:
-    """The program as a regulator follows it that changes by at most `rate` Pa/s, in ticks."""
+    """Return the program as a regulator follows it that changes by at most `rate` Pa/s, in ticks."""
     if not np.isfinite(rate):
         return program
     times = np.asarray(TICK * np.arange(max(1, round(program.duration / TICK))), np.float64)

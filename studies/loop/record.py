@@ -102,7 +102,7 @@ class LoopOutcome:
 
 
 def loop_content(study: LoopStudy, targets: Sequence[LoadedTarget]) -> dict[str, str]:
-    """What the pieces depend on, by field; of a rig's ground truth its hash."""
+    """Return what the pieces depend on, by field; of a rig's ground truth its hash."""
     source = study.source
     where: dict[str, Any]
     if isinstance(source, VirtualRig):

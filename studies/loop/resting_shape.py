@@ -34,7 +34,7 @@ _LEAST_FAR = 2.5e-3  # m, below which it is none
 
 
 def resting_faces(points: Array, fabric: Fabric, predicted: Array, *, seed: int = 0) -> Array:
-    """(2 n n, 3) m, front face then back face as a forward model gives them, of measured points (k, 3) m.
+    """Return (2 n n, 3) m, front face then back face as a forward model gives them, of measured points (k, 3) m.
 
     predicted: (2 n n, 3) m, the shape that a model expects: where the fit begins, and whose lengths it keeps.
     """
@@ -75,7 +75,8 @@ def _drawn(points: Array, seed: int) -> Array:
 
 @lru_cache(maxsize=4)
 def _basis(side: int) -> sp.csr_matrix:
-    """(side side, CONTROLS CONTROLS): the mid-surface's nodes from control points, both by rising v, then rising u."""
+    """Return (side side, CONTROLS CONTROLS): the mid-surface's nodes from control points, both by rising v, then rising
+    u."""
     knots = np.concatenate([np.zeros(3), np.linspace(0, 1, CONTROLS - 2), np.ones(3)])
     line = BSpline.design_matrix(np.linspace(0, 1, side), knots, 3)
     return sp.csr_matrix(sp.kron(line, line))
@@ -102,12 +103,12 @@ def _second_differences() -> sp.csr_matrix:
 
 
 def _held(fabric: Fabric, side: int) -> NDArray[np.intp]:
-    """Nodes whose places are known: those of the hung edge."""
+    """Return nodes whose places are known: those of the hung edge."""
     return np.arange(side) if fabric.hung == "top" else np.zeros(0, dtype=np.intp)
 
 
 def _heights(middle: Array, side: int, points: Array) -> tuple[Array, sp.csr_matrix, Array]:
-    """(k, 3) normals of the nearest triangles, (k, nodes) weights of the nearest places, (k,) m heights over the
+    """Return (k, 3) normals of the nearest triangles, (k, nodes) weights of the nearest places, (k,) m heights over the
     triangles' planes: a point beyond a hem counts by its height alone."""
     triangles = front_triangles(side, side)
     surface = Surface(middle, triangles)
@@ -122,7 +123,8 @@ def _heights(middle: Array, side: int, points: Array) -> tuple[Array, sp.csr_mat
 
 
 def _projected(rows: sp.csr_matrix, directions: Array) -> sp.csr_matrix:
-    """(k, 3 controls) of the rows' points along directions (k, 3); unknowns are x, y, z of a control point by turns."""
+    """Return (k, 3 controls) of the rows' points along directions (k, 3); unknowns are x, y, z of a control point by
+    turns."""
     coordinates = [sp.csr_matrix(sp.diags(directions[:, d]) @ rows) for d in range(3)]
     stacked = sp.hstack(coordinates, format="csc")
     count = rows.shape[1]
@@ -149,7 +151,7 @@ def _pinned(held: sp.csr_matrix, controls: Array, where: Array) -> tuple[sp.csr_
 
 
 def _solve(blocks: list[tuple[sp.csr_matrix, Array]], size: int) -> Array:
-    """The least-squares step of all blocks (rows, wanted change)."""
+    """Return the least-squares step of all blocks (rows, wanted change)."""
     normal, right = np.zeros((size, size)), np.zeros(size)
     for rows, wanted in blocks:
         normal += (rows.T @ rows).toarray()

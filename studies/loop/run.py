@@ -113,7 +113,7 @@ def loop_in_words(study: LoopStudy, seconds: float | None = None) -> str:
 
 
 def open_study(study: LoopStudy) -> tuple[LoadedTarget, ...]:
-    """The study's targets. Raises InputError where they, the start, or the rig's ground truth are not sound."""
+    """Return the study's targets. Raises InputError where they, the start, or the rig's ground truth are not sound."""
     search = study.search
     require_searchable(search, search.name)
     targets = tuple(load_target(target, search.design, seed=search.seed) for target in search.targets)

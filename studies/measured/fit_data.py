@@ -95,15 +95,15 @@ class MeasuredData:
         return None if self.accuracy.is_exact else self.accuracy
 
     def without(self, gone: Collection[int]) -> "MeasuredData":
-        """Less some trials, by their places."""
+        """Return less some trials, by their places."""
         return self.only([k for k in range(len(self.trials)) if k not in gone])
 
     def only(self, kept: Sequence[int]) -> "MeasuredData":
-        """Some trials, by their places."""
+        """Return some trials, by their places."""
         return replace(self, trials=tuple(self.trials[k] for k in kept), samples=tuple(self.samples[k] for k in kept))
 
     def until(self, horizon: float) -> "MeasuredData":
-        """The first `horizon` s of each trial."""
+        """Return the first `horizon` s of each trial."""
         return replace(self, samples=tuple(cut(sample, horizon) for sample in self.samples))
 
     @cached_property
@@ -123,7 +123,8 @@ class MeasuredData:
         return np.array(rows, dtype=float)
 
     def provenance(self) -> Provenance:
-        """Every trial that was not fitted counts as held out. Hashes are of the files fitted, before anything else."""
+        """Return what was fitted, where every other trial counts as held out. Hashes are of the files fitted, before
+        anything else."""
         named = [(measured.name, trial) for measured in self.sets for trial in measured.trials]
         files = {trial.file for trial in self.trials}
         return Provenance(
@@ -150,13 +151,13 @@ def use_before(trials: Sequence[Trial]) -> dict[Path, NDArray[np.float64]]:
 
 
 def noise_of(trials: Sequence[Trial]) -> SensorNoise:
-    """The noise of the sensor that saw cloths of one thickness, from frames spread over the trials, the first of each
-    among them: the cloth is flattest there."""
+    """Return the noise of the sensor that saw cloths of one thickness, from frames spread over the trials, the first of
+    each among them: the cloth is flattest there."""
     return estimate_noise(noise_clouds(trials), trials[0].design.fabric.thickness)
 
 
 def noise_clouds(trials: Sequence[Trial]) -> list[NDArray[np.float64]]:
-    """Clouds (n_t, 3) m that the noise is estimated from."""
+    """Return clouds (n_t, 3) m that the noise is estimated from."""
     chosen = [trials[i] for i in np.linspace(0, len(trials) - 1, min(len(trials), NOISE_FRAMES)).astype(int)]
     each = -(-NOISE_FRAMES // len(chosen))
     clouds = []

@@ -44,7 +44,7 @@ class Stretch:
 
 
 def used_mask(stretches: Sequence[Stretch], trial: str, times: Array, *, set_name: str = "") -> Flags:
-    """(T,) whether each frame of a trial, at `times` [s], is used. set_name: as in the stretches."""
+    """Return (T,) whether each frame of a trial, at `times` [s], is used. set_name: as in the stretches."""
     own = [s for s in stretches if (s.set_name, s.trial) == (set_name, trial)]
     inside = [(s.begin - 1e-9 <= times) & (times <= s.end + 1e-9) for s in own]
     return ~np.any(inside, axis=0) if inside else np.ones(len(times), dtype=bool)
@@ -72,12 +72,12 @@ class UsedFrames:
     several: bool = False  # sets: stretches are then named by set and trial
 
     def at(self, measured: MeasurementSet, trial: Trial, times: Array | None = None) -> Flags:
-        """(T,) whether each frame of a trial of the set is used, or what is seen at `times` [s] of it."""
+        """Return (T,) whether each frame of a trial of the set is used, or what is seen at `times` [s] of it."""
         times = trial.times if times is None else times
         return used_mask(self.stretches or (), trial.name, times, set_name=measured.name if self.several else "")
 
     def as_json(self) -> dict[str, Any]:
-        """The keys `unjudged` and `share_unjudged` of every command."""
+        """Return the keys `unjudged` and `share_unjudged` of every command."""
         listed = None if self.stretches is None else [stretch.as_json() for stretch in self.stretches]
         return {"unjudged": listed, "share_unjudged": self.share_left_out}
 

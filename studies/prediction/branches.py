@@ -53,15 +53,15 @@ class Branches:
 
 
 def starts() -> list[tuple[Term, ...]]:
-    """What is added to a case: first nothing, then each change."""
+    """Return what is added to a case: first nothing, then each change."""
     tilts = [(Term("frame_tilt", {"about_x": value}),) for value in TILTS]
     curls = [(Term("rest_curvature", {"down": value}),) for value in CURLS]
     return [(), *tilts, *curls]
 
 
 def branches_of(trials: Sequence[Trial], forward: Predictor, *, every: int = 1) -> Iterator[Branches]:
-    """Of each trial, by every so many of its frames. A curvature of the case takes the place of the model's own, which
-    is added to it."""
+    """Yield the branches of each trial, by every so many of its frames. A curvature of the case takes the place of the
+    model's own, which is added to it."""
     own = next((t.values.get("down", 0.0) for t in forward.model.terms if t.name == "rest_curvature"), 0.0)
     for first in range(0, len(trials), _AT_ONCE):
         some = trials[first : first + _AT_ONCE]

@@ -55,8 +55,8 @@ def enough_points(
     *,
     tell: Callable[[str], None] = lambda line: None,
 ) -> ForwardModel:
-    """The simulator for `trials`: of the model's grid, and for designs whose points that moves by under 0.1 mm RMS, of
-    41 points a side.
+    """Return the simulator for `trials`: of the model's grid, and for designs whose points that moves by under 0.1 mm
+    RMS, of 41 points a side.
 
     Tried on the most strongly driven trial of each design, with the simulators `forward(points a side)`: cloth that
     snaps goes another way on another grid, and it is there that it snaps. `tell` hears a line on what was found. Raises
@@ -83,8 +83,8 @@ def enough_points(
 
 
 def _driven(trials: Sequence[Trial]) -> list[Trial]:
-    """Of each design that many trials have, the one with the highest pressures: the mean over channels of the highest
-    of each."""
+    """Return for each design that many trials have the trial with the highest pressures: the mean over channels of the
+    highest of each."""
     designs: list[tuple[Design, list[Trial]]] = []
     for trial in trials:
         own = next((own for design, own in designs if design == trial.design), None)

@@ -15,7 +15,7 @@ from studies.prediction.forward_model import forward_model
 
 
 def knows_muscles(forward: ForwardModel) -> bool:
-    """Whether it gives more than shapes, as `sim.Simulator` does."""
+    """Return whether it gives more than shapes, as `sim.Simulator` does."""
     return hasattr(forward, "run") and hasattr(forward, "rest")
 
 
@@ -42,8 +42,8 @@ Array = NDArray[np.float64]
 def laced_motions(
     forward: ForwardModel, model: Model | None, cases: Sequence[Case], times: Sequence[Array], *, sensing: bool = False
 ) -> list[MotionData]:
-    """The motions of `forward_model(forward, model, sensing=sensing)`; contraction and tension where `forward` knows
-    them. A motion that diverged holds NaN."""
+    """Return the motions of `forward_model(forward, model, sensing=sensing)`; contraction and tension where `forward`
+    knows them. A motion that diverged holds NaN."""
     kept = WithMuscleStates(forward) if knows_muscles(forward) else None
     predictor = forward_model(kept or forward, model, sensing=sensing)
     motions = predictor.motions(cases, times)
@@ -55,7 +55,7 @@ def laced_motions(
 
 
 def laced_rests(forward: ForwardModel, model: Model | None, cases: Sequence[Case]) -> list[MotionData]:
-    """The shapes at rest, as motions of one frame at the end of the pressures."""
+    """Return the shapes at rest, as motions of one frame at the end of the pressures."""
     kept = WithMuscleStates(forward) if knows_muscles(forward) else None
     shapes = forward_model(kept or forward, model).equilibria(cases)
     return [

@@ -28,7 +28,8 @@ class EvaluationsTable:
 
 
 def read_evaluations(folder: Path) -> EvaluationsTable:
-    """A row an evaluation of `optimize` and `layouts`, or a sample of `sensitivity`. Nothing in the folder changes.
+    """Return a row an evaluation of `optimize` and `layouts`, or a sample of `sensitivity`. Nothing in the folder
+    changes.
 
     part: the cell's folder. x_0, ...: what the evaluated layout varies, 0 to 1 within its bounds, positions first.
     Raises InputError where there is neither.
@@ -85,7 +86,7 @@ def _read(history: Path) -> list[tuple[Any, ...]]:
 
 
 def _samples(path: Path) -> EvaluationsTable:
-    """Numbers where a cell is one: the names of methods are words."""
+    """Return numbers where a cell is one: the names of methods are words."""
     try:
         header, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines())
     except (OSError, ValueError, csv.Error) as error:
@@ -125,7 +126,7 @@ def write_optuna_store(table: EvaluationsTable, path: Path, name: str) -> None:
 
 @contextmanager
 def _unwrapped() -> Iterator[None]:
-    """A context that raises what SQLite raised, which SQLAlchemy and Optuna wrap in errors of their own."""
+    """Return a context that raises what SQLite raised, which SQLAlchemy and Optuna wrap in errors of their own."""
     try:
         yield
     except Exception as error:
@@ -136,7 +137,7 @@ def _unwrapped() -> Iterator[None]:
 
 
 def _trials(rows: Iterator[dict[str, Any]]) -> Iterator[Any]:
-    """One that diverged is a failed trial, without a value."""
+    """Yield one that diverged is a failed trial, without a value."""
     import optuna
 
     for row in rows:

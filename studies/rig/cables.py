@@ -64,7 +64,7 @@ def lace(design: Design, patch: Patch, offset_factor: float) -> Cables:
 
 
 def _loops(points: Array, patch: Patch, width: float, height: float) -> tuple[Ints, Array]:
-    """Control points and weighted basis of each loop, padded to the largest loop's node count."""
+    """Return control points and weighted basis of each loop, padded to the largest loop's node count."""
     g, w = np.polynomial.legendre.leggauss(LOOP_GAUSS)
     gu, gv = np.meshgrid(g, g, indexing="ij")
     weight = np.outer(w, w).ravel() / 4.0

@@ -30,7 +30,7 @@ def _kinematics(x: Array, nodes: Ints, basis: Array, a: Array) -> None:
 
 @njit(cache=True, fastmath=True)
 def _strain(a: Array, e: Array, g: Array) -> tuple[Array, float, float]:
-    """Strains e (6,) and their gradients g (6, 5, 3) with respect to the five derivatives of the surface."""
+    """Return strains e (6,) and their gradients g (6, 5, 3) with respect to the five derivatives of the surface."""
     l1 = math.sqrt(a[0, 0] ** 2 + a[0, 1] ** 2 + a[0, 2] ** 2)
     l2 = math.sqrt(a[1, 0] ** 2 + a[1, 1] ** 2 + a[1, 2] ** 2)
     t1, t2 = a[0] / l1, a[1] / l2

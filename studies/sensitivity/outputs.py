@@ -67,8 +67,8 @@ class Outputs:
         return COLUMNS[name] if name in COLUMNS else ((name,), self._in_words[name].unit, _LEAST_OF_SHAPE)
 
     def of(self, frames: NDArray[np.float32], tension: NDArray[np.float32] | None) -> Array:
-        """(columns,) of (T, 3362, 3) m, and of the intervals' tensions (T, intervals) N where they are watched; NaN
-        where a frame is."""
+        """Return (columns,) of (T, 3362, 3) m, and of the intervals' tensions (T, intervals) N where they are watched;
+        NaN where a frame is."""
         values: list[float] = []
         for k, points in enumerate(frames):
             lost = not np.isfinite(points).all()
@@ -103,7 +103,7 @@ def _distance(target: LoadedTarget, points: NDArray[np.float32]) -> float:
 
 
 def tip(points: NDArray[np.floating], fabric: Fabric) -> Array:
-    """(3,) m: mean position of the edge opposite the hung one; of the lower edge where no edge is hung."""
+    """Return (3,) m: mean position of the edge opposite the hung one; of the lower edge where no edge is hung."""
     middle = mid_surface(points)
     edge = fabric.hung if isinstance(fabric.hung, str) else "top"
     along = middle[:, _FREE[edge]] if edge in ("left", "right") else middle[_FREE.get(edge, -1)]

@@ -134,7 +134,7 @@ def ranked(output: dict[str, Any], method: str, by: str) -> list[tuple[str, dict
 
 
 def _held(study: SensitivityStudy) -> str:
-    """The pressures that do not vary, kPa."""
+    """Return the pressures that do not vary, kPa."""
     varied = {v.name for v in study.varied}
     pressures = enumerate(in_kpa(study.pressures))
     return ", ".join(f"pressure.{k} {kpa:g}" for k, kpa in pressures if f"pressure.{k}" not in varied)

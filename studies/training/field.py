@@ -25,7 +25,7 @@ Coefficients = NDArray[np.float64]
 def train(
     trials: Sequence[Chosen], forward: ForwardModel, plan: Regression, checkpoint: Checkpoint, *, progress: Progress
 ) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
-    """The coefficients, and what is known of them: designs learned from, what was chosen, the limit of trust."""
+    """Return the coefficients, and what is known of them: designs learned from, what was chosen, the limit of trust."""
     check_one_cloth(trials)
     examples = _examples(trials, forward, checkpoint, progress)
     designs = {chosen.trial.design_name: chosen.trial.design for chosen in trials}
@@ -50,8 +50,8 @@ def train(
 
 
 def limit_of(left_out: Sequence[Mapping[str, Any]]) -> float:
-    """The distance up to which every design was predicted better by a corrector that had not seen it; 0 where none
-    was, or where no design could be left out: only designs that were learned from are corrected then."""
+    """Return the distance up to which every design was predicted better by a corrector that had not seen it; 0 where
+    none was, or where no design could be left out: only designs that were learned from are corrected then."""
     limit = 0.0
     for one in sorted(left_out, key=lambda one: one["distance"]):
         if one["after_mm"] > _GAIN * one["before_mm"]:
@@ -61,7 +61,7 @@ def limit_of(left_out: Sequence[Mapping[str, Any]]) -> float:
 
 
 def _folds(trials: Sequence[Chosen], plan: Regression) -> list[list[int]]:
-    """Indices of the trials that are kept back in turn."""
+    """Return indices of the trials that are kept back in turn."""
     index = {id(chosen.trial): i for i, chosen in enumerate(trials)}
     every = [chosen.trial for chosen in trials]
     if len(by_program(every)) < 2:
@@ -75,8 +75,8 @@ def _for_unseen(
     known: Mapping[str, dict[str, Any]],
     plan: Regression,
 ) -> tuple[float, float, list[dict[str, Any]]]:
-    """Penalty and share for layouts not learned from, and each design as it is predicted without its own trials: what
-    the design that gains least gains most by."""
+    """Return penalty and share for layouts not learned from, and each design as it is predicted without its own trials:
+    what the design that gains least gains most by."""
     if len(known) < 2:
         return plan.penalties[-1], 1.0, []
     parts = {}

@@ -64,7 +64,7 @@ class TrainingResult(Tabled):
     skipped: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
-        """What `train --json` prints: mm."""
+        """Return what `train --json` prints: mm."""
 
         def millimetres(errors: Errors) -> dict[str, float]:
             values = {name: in_mm(getattr(errors, name)) for name in ERRORS}
@@ -185,14 +185,14 @@ def _with_spread(
 
 
 def _in_words(base: Model, vector: FitVector | None) -> str:
-    """What the motions were simulated with."""
+    """Return what the motions were simulated with."""
     if vector is not None:
         return f"factors{' and effects' * bool(vector.terms)} fitted to the same trials"
     return "the model's parameters" if base.parameters else "the data sheet's parameters"
 
 
 def _network(network: Network, plan: Any, seed: int) -> tuple[Callable[..., Any], Any]:
-    """The function that trains, and how."""
+    """Return the function that trains, and how."""
     if network == "field":
         from corrector.regression import Regression
         from studies.training import field
@@ -207,7 +207,7 @@ def _network(network: Network, plan: Any, seed: int) -> tuple[Callable[..., Any]
 def _content(
     learned: Sequence[Chosen], base: Model, vector: FitVector | None, network: Network, plan: Any
 ) -> dict[str, str]:
-    """What makes a training the same."""
+    """Return what makes a training the same."""
     return {
         "network": network,
         "trials": ", ".join(chosen.name for chosen in learned),
@@ -230,7 +230,7 @@ def _tested(
     seed: int,
     progress: Progress,
 ) -> dict[str, HeldOutErrors]:
-    """Errors on the trials held out, with and without the corrector."""
+    """Return errors on the trials held out, with and without the corrector."""
     corrector, motions = load_corrector(model), KeptMotions(forward, checkpoint, progress)
     errors: dict[str, HeldOutErrors] = {}
     for name in sorted({chosen.trial.design_name for chosen in held}):

@@ -26,7 +26,7 @@ _THIN = 8  # every so many-th point
 
 
 def slopes(shapes: Sequence[NDArray[np.float32]]) -> Array:
-    """(values, n) m by z, of shapes at +STEP and -STEP of each z in turn; every few points."""
+    """Return (values, n) m by z, of shapes at +STEP and -STEP of each z in turn; every few points."""
     flat = [np.asarray(shape[..., ::_THIN, :], float).ravel() for shape in shapes]
     return np.stack([(up - down) / (2 * STEP) for up, down in zip(flat[::2], flat[1::2], strict=True)], axis=1)
 
@@ -37,7 +37,7 @@ def directions(count: int) -> list[Array]:
 
 
 def pose_slopes(unsewn: Unsewn, draws: Draws, forward: ForwardModel) -> Array:
-    """(values, n) m: B, all poses one after another."""
+    """Return (values, n) m: B, all poses one after another."""
     zs = directions(len(draws.names))
     cases = [draws.case(z, constant_program(pose)) for pose in unsewn.poses for z in zs]
     shapes = forward.equilibria(cases)
@@ -45,7 +45,7 @@ def pose_slopes(unsewn: Unsewn, draws: Draws, forward: ForwardModel) -> Array:
 
 
 def information(candidates: Sequence[CandidateMeasurement], draws: Draws, forward: ForwardModel) -> list[Array]:
-    """(n, n) A^T A / noise^2 of each candidate's motion; NaN where one diverged."""
+    """Return (n, n) A^T A / noise^2 of each candidate's motion; NaN where one diverged."""
     zs = directions(len(draws.names))
     cases = [draws.case(z, c.program, c.design) for c in candidates for z in zs]
     times = [c.program.duration * (np.arange(FRAMES) + 1) / FRAMES for c in candidates for _ in zs]
@@ -81,7 +81,7 @@ def in_turn(b: Array, gained: Mapping[str, Array], count: int) -> dict[str, floa
 
 
 def candidates_of(unsewn: Unsewn, rig: RigLimits) -> list[CandidateMeasurement]:
-    """Those of the study; else steps, staircases and ramps on the design that the rig can do."""
+    """Return the study's measurements; else steps, staircases and ramps on the design that the rig can do."""
     if unsewn.candidates:
         return [*unsewn.candidates]
     named = programs(unsewn.design, rig)

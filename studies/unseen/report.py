@@ -126,7 +126,7 @@ def _effect_rows(effects: list[dict[str, Any]]) -> list[tuple[str, str, str, str
 
 
 def _notes(result: UnseenResult) -> list[str]:
-    """What must be said beside the shapes' intervals."""
+    """Return what must be said beside the shapes' intervals."""
     if not result.get("design"):
         return []
     notes, own, grid = [], result["model_points_per_side"], result["points_per_side"]
@@ -147,7 +147,7 @@ def _notes(result: UnseenResult) -> list[str]:
 
 
 def without_lines(result: UnseenResult) -> UnseenResult:
-    """The result without the middle lines, which are for the picture."""
+    """Return the result without the middle lines, which are for the picture."""
     shown = result.copy()
     if poses := result.get("poses"):
         shown["poses"] = poses = [pose.copy() for pose in poses]

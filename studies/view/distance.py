@@ -64,7 +64,8 @@ def errors_in_words(errors: Errors) -> str:
 
 
 def distances(items: Sequence[Item]) -> list[Distance | None]:
-    """Of every panel to the first one, of a prediction to what it predicts; None of what others are compared with."""
+    """Return the distance of every panel to the first one, of a prediction to what it predicts; None of what others are
+    compared with."""
     by_title = {item.title: item for item in items}
     own: list[Distance | None] = []
     for item in items:
@@ -91,7 +92,7 @@ def _distance(reference: Item, item: Item) -> Distance:
 
 
 def _frame(item: Item, time: float) -> Array:
-    """(n, 3) m: its points as a sensor would give them; of a mesh that is no cloth even draws over its area."""
+    """Return (n, 3) m: its points as a sensor would give them; of a mesh that is no cloth even draws over its area."""
     points = np.asarray(item.frames[item.nearest(time)], np.float64)
     if item.triangles is None or item.is_cloth:
         return points

@@ -184,8 +184,8 @@ class _DrawnPanel:
         draw_room(axes, box)
 
     def _seen_muscles(self, frame: int) -> np.ndarray:
-        """(n, 2, 3) m: intervals on a face that looks towards the viewer. Drawn last, since by their depth matplotlib
-        would sort them half into the cloth; a fold in front does not hide them."""
+        """Return (n, 2, 3) m: intervals on a face that looks towards the viewer. Drawn last, since by their depth
+        matplotlib would sort them half into the cloth; a fold in front does not hide them."""
         muscles, points = self.item.muscles, np.asarray(self.item.frames[frame])
         if muscles is None or not len(muscles.sides):
             return np.zeros((0, 2, 3))
