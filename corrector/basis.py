@@ -1,4 +1,4 @@
-"""What may act in a cloth that a simulator leaves out: fields of curvature and strain that the cloth would like to have
+"""Basis functions of what a simulator leaves out: fields of curvature and strain that the cloth would like to have
 on top of its own, from what is there at the place itself, and a few motions of the whole.
 
 These are the basis functions of the field corrector. Each has one coefficient, which is learned
@@ -97,7 +97,7 @@ def anywhere() -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, eq=False)
 class Combination:
-    """What acts in all: as in `Basis`, without the axis over functions; swings (T, 2), straight and twisting."""
+    """The sum of what acts: as in `Basis`, without the axis over functions; swings (T, 2), straight and twisting."""
 
     curvature: Array
     strain: Array
@@ -106,7 +106,7 @@ class Combination:
 
 
 def _across(tensor: Array) -> Array:
-    """(..., 3, n, n) of what acts across the direction of (..., 3, n, n)."""
+    """Return (..., 3, n, n) of what acts across the direction of (..., 3, n, n)."""
     return np.asarray(tensor[..., [1, 0, 2], :, :] * np.array([1, 1, -1])[:, None, None])
 
 

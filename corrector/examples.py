@@ -1,4 +1,5 @@
-"""What the field corrector learns from: measured heights, their errors, and what each basis function would do."""
+"""Examples that the field corrector learns from: measured heights, their errors, and what each basis function would
+do."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

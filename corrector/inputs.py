@@ -1,4 +1,4 @@
-"""What the corrector sees of a case: the muscles as fields, the shape in its own frames, the recent past.
+"""Inputs of the corrector from a case: the muscles as fields, the shape in its own frames, the recent past.
 
 Everything is local, so that a new layout is a new arrangement of known things: no places on the cloth, no directions in
 the room and no names of muscles, only directions and sides relative to one another.
@@ -64,7 +64,7 @@ class Fields:
 
 @dataclass(frozen=True, eq=False)
 class MuscleFields:
-    """What is the same in every frame of a design."""
+    """The fields that are the same in every frame of a design."""
 
     design: Design
     deposits: Array  # (2, intervals, 3, n, n)
@@ -77,7 +77,7 @@ class MuscleFields:
 
 
 def fields_of(case: Case, layout: MuscleFields, times: Array, motion: NDArray[np.floating]) -> Fields:
-    """Of a case at `times` (T,) s.
+    """Return the fields of a case at `times` (T,) s.
 
     motion: (1 + H, T, 2 side^2, 3) m, simulated at the times themselves, then `HISTORY` seconds before each.
     """
@@ -162,7 +162,7 @@ def _contractions(case: Case, middle: NDArray[np.float32]) -> Array:
 
 
 def _shape_fields(fabric: Fabric, middle: NDArray[np.float32]) -> tuple[Array, Array, Array, Array]:
-    """`Fields.curvature`, `strain`, `changes`, `speeds`."""
+    """Return `Fields.curvature`, `strain`, `changes`, `speeds`."""
     frames = LocalFrames.of(middle, fabric.width, fabric.height, NODES)
     curvature = np.moveaxis(_curvatures(frames, fabric), -1, 2).astype(np.float64)  # (1 + H, T, 3, n, n)
     size_u, size_v = (np.linalg.norm(x[0], axis=-1) for x in (frames.across, frames.down))
@@ -176,7 +176,7 @@ def _shape_fields(fabric: Fabric, middle: NDArray[np.float32]) -> tuple[Array, A
 
 
 def _curvatures(frames: LocalFrames, fabric: Fabric) -> NDArray[np.floating]:
-    """(..., n, n, 3): uu, vv and uv, times `_LENGTH`."""
+    """Return (..., n, n, 3): uu, vv and uv, times `_LENGTH`."""
     n = frames.normal.shape[-2]
     along_u = np.gradient(frames.normal, fabric.width / (n - 1), axis=-2)
     along_v = np.gradient(frames.normal, fabric.height / (n - 1), axis=-3)
@@ -185,7 +185,7 @@ def _curvatures(frames: LocalFrames, fabric: Fabric) -> NDArray[np.floating]:
 
 
 def _common(case: Case, times: Array) -> tuple[Array, Array, Array]:
-    """`Fields.total`, `opened`, `since`."""
+    """Return `Fields.total`, `opened`, `since`."""
     program = case.program
     pressure = program.at(times) if case.design.channels else np.zeros((len(times), 1))
     last = np.searchsorted(program.time, times + 1e-9, side="right") - 1

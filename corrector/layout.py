@@ -17,7 +17,7 @@ _SAMPLES = 8  # an interval between fixed points
 
 @dataclass(frozen=True, eq=False)
 class Interval:
-    """Between two fixed points of one muscle."""
+    """The part of a muscle between two fixed points."""
 
     muscle: int
     start: Array  # (2,) (u, v) m

@@ -1,4 +1,4 @@
-"""From a model to its corrector."""
+"""The corrector of a model, loaded from its file."""
 
 import json
 from collections.abc import Mapping

@@ -53,12 +53,12 @@ def heights_of(basis: Basis, frames: LocalFrames, fabric: Fabric, ratio: float) 
 
 
 def _fine(field: Floats) -> Floats:
-    """(..., FINE, FINE) of (..., n, n)."""
+    """Return (..., FINE, FINE) of (..., n, n)."""
     return refine(field[..., None], FINE)[..., 0]
 
 
 def _put_together(change_u: Floats, change_v: Floats, fabric: Fabric) -> Floats:
-    """`shape.put_together` of (T, K, FINE, FINE, 3) as one product of matrices: ten times faster."""
+    """Return `shape.put_together` of (T, K, FINE, FINE, 3) as one product of matrices: ten times faster."""
     steps_u = (change_u[..., :, 1:, :] + change_u[..., :, :-1, :]) / 2
     steps_v = (change_v[..., 1:, :, :] + change_v[..., :-1, :, :]) / 2
     batch = change_u.shape[:2]

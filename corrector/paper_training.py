@@ -48,7 +48,7 @@ class PaperTraining:
 
 @dataclass(frozen=True, eq=False)
 class TrainingPairs:
-    """Of one trial: simulated and measured clouds of the same T frames."""
+    """The pairs of one trial: simulated and measured clouds of the same T frames."""
 
     simulated: Floats  # (T, n, 3) m
     measured: Sequence[Floats]  # T of (n_t, 3) m

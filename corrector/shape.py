@@ -24,7 +24,7 @@ class LocalFrames:
 
     @staticmethod
     def of(middle: Floats, width: float, height: float, nodes: int) -> "LocalFrames":
-        """middle: (..., side, side, 3) m; side - 1 is a multiple of nodes - 1."""
+        """Return the frames of a mid-surface (..., side, side, 3) m; side - 1 is a multiple of nodes - 1."""
         side = middle.shape[-2]
         every = (side - 1) // (nodes - 1)
         across = _slope(middle, -2)[..., ::every, ::every, :] * (side - 1) / width
@@ -34,7 +34,7 @@ class LocalFrames:
         return LocalFrames(across, down, normal)
 
     def units(self) -> Floats:
-        """(..., nodes, nodes, 3, 3): unit vectors along u, along v and along the normal, in rows."""
+        """Return (..., nodes, nodes, 3, 3): unit vectors along u, along v and along the normal, in rows."""
         across = self.across / np.linalg.norm(self.across, axis=-1, keepdims=True)
         down = self.down / np.linalg.norm(self.down, axis=-1, keepdims=True)
         return np.stack([across, down, self.normal], axis=-2)
@@ -51,7 +51,7 @@ def _slope(x: Floats, axis: int) -> Floats:
 
 
 def middle_of(points: Floats, side: int) -> Floats:
-    """(..., side, side, 3) m mid-surface of two faces (..., 2 side^2, 3)."""
+    """Return the (..., side, side, 3) m mid-surface of two faces (..., 2 side^2, 3)."""
     count = side * side
     return ((points[..., :count, :] + points[..., count:, :]) / 2).reshape(*points.shape[:-2], side, side, 3)
 
@@ -73,8 +73,8 @@ def tangent_changes(tilts: Floats, strains: Floats, frames: LocalFrames) -> tupl
 
 
 def put_together(change_u: Floats, change_v: Floats, fabric: Fabric) -> Floats:
-    """(..., n, n, 3) m displacement whose slopes come closest to the given changes of the tangents; none where the
-    cloth is hung."""
+    """Return the (..., n, n, 3) m displacement whose slopes come closest to the given changes of the tangents; none
+    where the cloth is hung."""
     n = change_u.shape[-2]
     steps_u = (change_u[..., :, 1:, :] + change_u[..., :, :-1, :]) / 2
     steps_v = (change_v[..., 1:, :, :] + change_v[..., :-1, :, :]) / 2
@@ -135,14 +135,14 @@ def refinement(coarse: int, fine: int) -> NDArray[np.float64]:
 
 
 def refine(field: Floats, fine: int) -> Floats:
-    """(..., fine, fine, k) of (..., n, n, k), linear in between."""
+    """Return (..., fine, fine, k) of (..., n, n, k), linear in between."""
     line = refinement(field.shape[-2], fine).astype(field.dtype)
     return np.einsum("ai,...ijk,bj->...abk", line, field, line, optimize=True)
 
 
 def displaced(points: Floats, displacement: Floats, thickness: float) -> NDArray[np.float32]:
-    """(..., 2 side^2, 3) m: both faces of `points` moved by a displacement of the mid-surface (..., n, n, 3), and
-    turned with it."""
+    """Return (..., 2 side^2, 3) m: both faces of `points` moved by a displacement of the mid-surface (..., n, n, 3),
+    and turned with it."""
     count = points.shape[-2] // 2
     side = round(count**0.5)
     middle = middle_of(points, side)

@@ -37,7 +37,7 @@ class Chunk:
         return max(1, *(case.program.pressure.shape[1] for case in self.cases))
 
     def damped(self) -> "Chunk":
-        """With so much air damping that they come to rest soon."""
+        """Return the chunk with so much air damping that they come to rest soon."""
         return replace(self, cases=[damped(case) for case in self.cases])
 
 
@@ -81,7 +81,7 @@ def has_added_force(case: Case) -> bool:
 
 
 def _smoothing(fabric: Fabric, n: int) -> int:
-    """In nodes."""
+    """Return the smoothing in nodes."""
     return max(1, round(SMOOTHING * (n - 1) / fabric.height))
 
 

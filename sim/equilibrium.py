@@ -1,4 +1,4 @@
-"""To rest: the steps that lead to where a motion starts, and to the shape under constant pressures."""
+"""Steps to rest: those that lead to where a motion starts, and to the shape under constant pressures."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -44,7 +44,8 @@ class Start(Enum):
 
 
 def start_of(case: Case, *, patient: bool) -> Start:
-    """patient: by a damped motion, where the cloth leaves its plane."""
+    """Return the state at the start and the steps to it. patient: by a damped motion, where the cloth leaves its
+    plane."""
     support = Support.of(case.design.fabric)
     if support == Support.NONE:
         return Start.FLAT
@@ -54,7 +55,7 @@ def start_of(case: Case, *, patient: bool) -> Start:
 
 
 def to_start(batch: Batch, start: Start, solve: Solve, channels: int) -> Stages:
-    """To rest without pressure in so many channels, velocities then zero."""
+    """Return the steps to rest without pressure in so many channels, velocities then zero."""
     nothing = np.zeros((batch.blocks, channels, LANES), np.float32)
     if start is Start.DAMPED:
         yield from damped_motion(batch, nothing, solve, patient=True, halts=True)
@@ -65,7 +66,7 @@ def to_start(batch: Batch, start: Start, solve: Solve, channels: int) -> Stages:
 def long_steps(
     batch: Batch, pressure: NDArray[np.float32], solve: Solve, stages: tuple[tuple[float, int], ...]
 ) -> Stages:
-    """From the flat cloth to equilibrium, where no buckling is on the way."""
+    """Return the steps from the flat cloth to equilibrium, where no buckling is on the way."""
     for h, steps in stages:
         if not batch.support.is_edge:  # nothing but inertia holds the rigid motions: float32 wants a share of it
             h = min(h, 1 / 30)

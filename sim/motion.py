@@ -1,4 +1,4 @@
-"""What is kept of a motion."""
+"""A simulated motion: its frames and the faces' points."""
 
 from dataclasses import dataclass
 from functools import cache, cached_property

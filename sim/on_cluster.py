@@ -73,7 +73,7 @@ def batches(cases: Sequence[Case], times: Sequence[Array] | None, *, workers: in
 
 
 def _answer(task: _Task) -> list[Any]:
-    """On a worker."""
+    """Return what the model answers, on a worker."""
     model, method, cases, further = task
     asked = getattr(model, method)
     answers: list[Any] = asked(cases) if further is None else asked(cases, further)

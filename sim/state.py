@@ -1,4 +1,4 @@
-"""All that the kernels work on, declared once: name, on what, unit, and how long its values last.
+"""The state that the kernels work on, declared once: name, on what, unit, and how long its values last.
 
 A plane holds a number (or a vector of three) for every place of one sort: nodes and what counts as they do (edges along
 u and v and cells, by the node at which they begin), fixed points and the intervals that begin there. An array holds
@@ -50,7 +50,7 @@ class Plane:
 
     @property
     def field(self) -> str:
-        """Of which field of sim.kernels.fields.F the plane is a part."""
+        """Return the field of sim.kernels.fields.F that the plane is a part of."""
         return ("node" if self.on in BY_NODE else "point") + ("3" if self.vector else "")
 
 
@@ -213,7 +213,7 @@ def remembered(field: str) -> list[Plane]:
 
 
 def offsets(planes: list[Plane], places: int) -> tuple[dict[str, int], int]:
-    """Where each begins in its field, and the field's length."""
+    """Return where each plane begins in its field, and the field's length."""
     begins, total = {}, 0
     for plane in planes:
         begins[plane.name] = total

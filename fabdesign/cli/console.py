@@ -1,4 +1,4 @@
-"""What the commands share: the group, how they print, and how notes are shown."""
+"""Parts that the commands share: the group, how they print, and how notes are shown."""
 
 import warnings
 from collections.abc import Iterator, Mapping
@@ -30,7 +30,7 @@ def print_result(result: Mapping[str, Any], text: str, as_json: bool) -> None:
 
 
 def tell(line: str) -> None:
-    """On standard error."""
+    """Print a line on standard error."""
     click.echo(printable(line), err=True)
 
 

@@ -56,7 +56,7 @@ class _Lines:
 
 
 def bar() -> "Progress":
-    """On standard error, gone when it is closed: what is done is told by the command's result."""
+    """Return a bar on standard error, gone when it is closed: what is done is told by the command's result."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, Task, TextColumn, TimeRemainingColumn
     from rich.text import Text

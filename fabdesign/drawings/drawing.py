@@ -73,7 +73,7 @@ def lines_within(text: str, width: float, size: float) -> list[str]:
 
 
 def cross(centre: Point, size: float, width: float, colour: str) -> list[Shape]:
-    """Upright, `size` from arm's end to arm's end."""
+    """Return an upright cross, `size` from arm's end to arm's end."""
     (x, y), half = centre, size / 2
     return [
         Line(((x - half, y), (x + half, y)), width, colour),

@@ -64,7 +64,7 @@ def _tiling(box: Box, page: tuple[float, float]) -> Tiling:
 
 
 def page_name(row: int, column: int) -> str:
-    """A1, A2, ... in the first row, B1, ... in the second; AA after Z."""
+    """Return a page's name: A1, A2, ... in the first row, B1, ... in the second; AA after Z."""
     letters, rest = "", row + 1
     while rest:
         rest, letter = divmod(rest - 1, 26)

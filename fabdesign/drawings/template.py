@@ -145,7 +145,8 @@ def _place_words(place: tuple[float, float]) -> str:
 
 
 def _label(end: Point, towards: Point, text: str, colour: str) -> Words:
-    """Beside the line, from just inside its `end`: neighbours a few millimetres apart keep theirs apart too."""
+    """Return a label beside the line, from just inside its `end`: neighbours a few millimetres apart keep theirs apart
+    too."""
     angle = degrees(atan2(towards[1] - end[1], towards[0] - end[0]))
     upright = -90 <= angle < 90  # else the words start at their far end, or they would stand on their heads
     turn = angle if upright else angle - 180 if angle > 0 else angle + 180

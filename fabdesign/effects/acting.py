@@ -85,7 +85,7 @@ def is_sensing(name: str) -> bool:
 
 
 def observed(case: Case, points: NDArray[Any]) -> NDArray[Any]:
-    """(..., 3) m: points of the cloth as the sensors give them."""
+    """Return (..., 3) m: points of the cloth as the sensors give them."""
     for effect, values, _ in active(case):
         if effect.observed is not None:
             points = effect.observed(points, values).astype(points.dtype)

@@ -1,4 +1,4 @@
-"""What an effect is: a physical part that a plain model lacks, declared with its parameters and what it changes.
+"""An effect: a physical part that a plain model lacks, declared with its parameters and what it changes.
 
 An effect acts at one or more of four seams: the pressure that acts, constants and geometry of the specimen, forces with
 memory (in the kernels, sim/forces/added.py), and what is observed. Where its strength has the value `off`, the model
@@ -43,7 +43,7 @@ class EffectParameter:
 
     @property
     def centre(self) -> float:
-        """Of the prior."""
+        """Return the prior's centre."""
         return self.typical if self.off is None else self.off
 
 

@@ -1,4 +1,4 @@
-"""What is learned inside the mechanics: coefficients of basis functions, where no physical effect is named.
+"""Learned mechanics: coefficients of basis functions, where no physical effect is named.
 
 The model is linear in each about nothing. Simulated with them, a motion of another layout, a shape at rest and the
 search's derivatives follow from physics; a correction of points after the motion does not.

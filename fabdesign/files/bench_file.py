@@ -156,7 +156,7 @@ def _column(table: LabTable, index: int, heading: Heading) -> tuple[str, TableCo
 
 
 def _require_units(records: tuple[BenchRecord, ...], path: Path, specimen: Specimen) -> None:
-    """Over all records, for one of them may be taken at no pressure or at rest."""
+    """Require plausible units over all records, for one of them may be taken at no pressure or at rest."""
     pressures = [c for record in records for name, c in record.columns.items() if name.startswith("pressure")]
     if pressures:
         require_measured_pressures(np.concatenate(pressures), str(path))

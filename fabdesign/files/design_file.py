@@ -28,7 +28,7 @@ FORMAT = DESIGN
 
 @dataclass(frozen=True)
 class DesignHead:
-    """What a design's file, or one that it includes, has beside the design."""
+    """The keys that a design's file, or one that it includes, has beside the design."""
 
     include: Annotated[tuple[str, ...], "files whose [fabric] keys, muscle types and effects are added"] = ()
     effects: Annotated[
@@ -70,7 +70,7 @@ def read_design(path: Path | str) -> Design:
 
 @dataclass(frozen=True)
 class DesignPart:
-    """What a file holds that designs include: muscle types, and keys of a cloth, checked one by one."""
+    """The content of a file that designs include: muscle types, and keys of a cloth, checked one by one."""
 
     types: Mapping[str, MuscleType]
     fabric: Fabric | None  # where the part has keys of one; those in `keys` are the part's own, the others a stand-in

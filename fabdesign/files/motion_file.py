@@ -108,7 +108,7 @@ def read_band(path: Path) -> NDArray[np.float64] | None:
 
 
 def square_triangles(count: int) -> NDArray[np.intp]:
-    """Of two square faces that have `count` points together."""
+    """Return the triangles of two square faces that have `count` points together."""
     side = isqrt(count // 2)
     return face_triangles(side, side)
 

@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class TrialData:
-    """What was measured in one motion."""
+    """The arrays measured in one motion."""
 
     time: Floats  # (T,) s after rest
     pressure: Floats  # (T, channels) Pa, set point during the interval that ends at that frame
@@ -66,7 +66,7 @@ def read_trial(path: Path, *, size: float | None = None) -> TrialData:
 
 
 def read_trial_pressures(path: Path) -> tuple[Floats, Floats]:
-    """`time` (T,) s and `pressure` (T, channels) Pa of a trial, without its clouds. Raises InputError."""
+    """Return `time` (T,) s and `pressure` (T, channels) Pa of a trial, without its clouds. Raises InputError."""
     with open_npz(path, "a trial's arrays") as arrays:
         return _time_and_pressure(arrays, path)
 

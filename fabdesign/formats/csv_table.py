@@ -37,7 +37,7 @@ class RawTable:
 
     @property
     def written(self) -> str | None:
-        """In words, where it is written otherwise than this program does."""
+        """Return how it is written in words, where that is not as this program writes; else None."""
         if self.mark == "," and not self.decimal_comma:
             return None
         return _MARKS[self.mark] + (" and decimal commas" if self.decimal_comma else "")

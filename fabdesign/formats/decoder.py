@@ -26,7 +26,7 @@ def decode(form: type[Form], table: Table, usual: Form | None = None) -> Form:
 
 
 def decode_part(form: type[Form], table: Table, usual: Form | None = None) -> Form:
-    """As `decode`, where the table may have other keys; not resolved."""
+    """Decode as `decode` does, where the table may have other keys; not resolved."""
     keys = file_keys(form)
     if usual is not None:
         keys = tuple(replace(each, default=getattr(usual, each.field)) for each in keys)

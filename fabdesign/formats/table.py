@@ -121,7 +121,7 @@ def load_toml(path: Path, form: str, *, partial: bool = False) -> Table:
 
 
 def nearest(word: str, known: Sequence[str]) -> str:
-    """' (did you mean X?)' where one of the known words is close, else nothing."""
+    """Return ' (did you mean X?)' where one of the known words is close, else nothing."""
     close = get_close_matches(word, known, n=1)
     return f" (did you mean {close[0]}?)" if close else ""
 

@@ -31,7 +31,7 @@ _COARSER = 3.0  # times as long are the cells that points are looked for in that
 
 
 class NearestItem(NamedTuple):
-    """For each of n points."""
+    """The nearest item of each of n points."""
 
     squared: Array  # (n,) m^2, distance to the nearest item
     item: Indices  # (n,)
@@ -73,7 +73,7 @@ class Cells:
 
     @staticmethod
     def of_triangles(vertices: Array, triangles: Indices) -> "Cells":
-        """Of a mesh: vertices (m, 3) m, and the corners of each triangle (t, 3)."""
+        """Return the cells of a mesh: vertices (m, 3) m, and the corners of each triangle (t, 3)."""
         return Cells(corner_and_edges(vertices, triangles))
 
     @cached_property
@@ -82,8 +82,9 @@ class Cells:
 
     @cached_property
     def _grid(self) -> tuple[Array, float, float, Ints, Ints, Indices, Array, Array]:
-        """What `search_cells` takes: least corner, cells' edge, how far items reach from their centres, how many cells
-        each way, first place of each cell's items in their order, that order, and `bodies_of` and `boxes_of` in it."""
+        """Return what `search_cells` takes: least corner, cells' edge, how far items reach from their centres, how many
+        cells each way, first place of each cell's items in their order, that order, and `bodies_of` and `boxes_of` in
+        it."""
         centres, low, size, widest = self._centred
         long = np.sort(size)[::-1]
         suits = np.sqrt(_PER_CELL * long[0] * max(long[1], 1e-3 * long[0]) / len(centres))

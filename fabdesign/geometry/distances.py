@@ -32,7 +32,7 @@ class ChamferTo:
         self._cloud, self._cells, self._weights = cloud, Cells.of_points(cloud), weights
 
     def of(self, points: Floats) -> float:
-        """`chamfer(points, cloud)` [m]."""
+        """Return `chamfer(points, cloud)` [m]."""
         near = self._cells.nearest(points)
         to_cloud, to_points = np.sqrt(near.squared), nearest_distances(self._cloud, points)
         if self._weights is None:

@@ -78,7 +78,7 @@ def held_places(fabric: Fabric) -> Array:
 
 
 def at_rest(fabric: Fabric, across: int, down: int) -> Array:
-    """(down across, 3) m, places spread evenly over the flat cloth, by rising v, then rising u."""
+    """Return (down across, 3) m, places spread evenly over the flat cloth, by rising v, then rising u."""
     u, v = np.meshgrid(np.linspace(0, fabric.width, across), np.linspace(0, fabric.height, down))
     return on_flat_cloth(np.stack([u.ravel(), v.ravel()], axis=1), fabric)
 
@@ -89,7 +89,7 @@ def on_flat_cloth(places: Array, fabric: Fabric) -> Array:
 
 
 def degrees_between(a: Array, b: Array) -> float:
-    """Between two directions; 0 where one has no length."""
+    """Return the angle between two directions; 0 where one has no length."""
     lengths = float(np.linalg.norm(a) * np.linalg.norm(b))
     return float(np.degrees(np.arccos(np.clip(a @ b / lengths, -1.0, 1.0)))) if lengths else 0.0
 

@@ -27,7 +27,7 @@ class LacedMuscles:
 
     @property
     def spans(self) -> list[slice]:
-        """Of each muscle's points."""
+        """Return the span of each muscle's points."""
         return [slice(int(first), int(last)) for first, last in pairwise(self.begins)]
 
     @property

@@ -175,14 +175,14 @@ def _upper_edge(points: Array, height: float) -> Array:
 
 
 def _slope(x: Array, y: Array) -> float:
-    """Median of the slopes between all pairs (Theil and Sen), which strays do not move."""
+    """Return the median of the slopes between all pairs (Theil and Sen), which strays do not move."""
     i, j = np.triu_indices(len(x), 1)
     return float(np.median((y[j] - y[i]) / (x[j] - x[i]))) if len(i) else 0.0
 
 
 def _strip_gap(points: Array, fabric: Fabric) -> float:
-    """m: mean distance of the hanging cloth's upper strip to the points, and of the points near the held edge to the
-    strip, summed."""
+    """Return the mean distance [m] of the hanging cloth's upper strip to the points, and of the points near the held
+    edge to the strip, summed."""
     half, deep = fabric.width / 2, _STRIP * fabric.height
     x, y = np.meshgrid(np.linspace(-half, half, 41), np.linspace(0, -deep, 9))
     strip = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
@@ -231,7 +231,7 @@ def _below_the_edge(points: Array, fabric: Fabric) -> Array:
 
 
 def _gap(points: Array, fabric: Fabric) -> float:
-    """m: mean distance from the markers to the cloth as it hangs without pressure, flat."""
+    """Return the mean distance [m] from the markers to the cloth as it hangs without pressure, flat."""
     half = fabric.width / 2
     x, y = points[:, 0].clip(-half, half), points[:, 1].clip(-fabric.height, 0)
     return float(np.linalg.norm(points - np.stack([x, y, 0 * x], axis=1), axis=1).mean())

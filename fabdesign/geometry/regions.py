@@ -72,7 +72,7 @@ class Weighting:
 
     @property
     def said(self) -> str:
-        """For people."""
+        """Return the regions in words."""
         return ", ".join(f"{own.weight:g} times in {_where(own)}" for own in self.regions)
 
 

@@ -38,8 +38,8 @@ class RigidMotion:
 
 
 def onto(shape: Floats, target: Floats, *, one_way: bool = False) -> RigidMotion:
-    """That brings a shape (n, 3) m onto a target (k, 3) m. one_way: the target shows a part; its points alone are
-    matched."""
+    """Return the motion that brings a shape (n, 3) m onto a target (k, 3) m. one_way: the target shows a part; its
+    points alone are matched."""
     model = np.asarray(shape[:: max(1, len(shape) // SOME)], float)
     measured = np.asarray(target[:: max(1, len(target) // SOME)], float)
     tree = KDTree(measured)

@@ -50,8 +50,8 @@ class SensorNoise:
         return np.asarray(points)
 
     def stray_offsets(self, counts: Sequence[int], rng: np.random.Generator) -> list[Array]:
-        """Offsets [m] for draws of `counts` points: over all draws together as many strays as their share says and
-        spread evenly; how they fall on the draws is chance. Few strays weigh much in an RMS: with chance in their
+        """Return offsets [m] for draws of `counts` points: over all draws together as many strays as their share says
+        and spread evenly; how they fall on the draws is chance. Few strays weigh much in an RMS: with chance in their
         number too, twenty draws of 1,500 points know their share to 10 %."""
         total = round(self.strays * sum(counts))
         strata = (np.arange(total) + rng.random(total)) / max(total, 1)
@@ -106,7 +106,7 @@ def estimate_noise(frames: Sequence[Floats], thickness: float) -> SensorNoise:
 
 @dataclass(frozen=True, eq=False)
 class _Neighbours:
-    """Of a frame's points those that do not lie alone, each with its nearest ones; it comes first itself."""
+    """The points of a frame that do not lie alone, each with its nearest ones; it comes first itself."""
 
     frame: Array  # (n, 3) m
     index: NDArray[np.intp]  # (m, neighbours)
@@ -120,7 +120,7 @@ class _Neighbours:
         return _Neighbours(frame, index[~lone], cKDTree(frame[~lone]).query(frame[lone])[0])
 
     def patches(self, rows: NDArray[np.intp] | slice) -> Array:
-        """(rows, neighbours, 3) m, each in its own principal axes about its middle, the normal last."""
+        """Return (rows, neighbours, 3) m, each in its own principal axes about its middle, the normal last."""
         patch = self.frame[self.index[rows]]
         patch = patch - np.median(patch, axis=1, keepdims=True)
         _, axes = np.linalg.eigh(patch.transpose(0, 2, 1) @ patch)
@@ -141,7 +141,7 @@ class _Sheets:
 
     @staticmethod
     def of(patches: Array, half: float, *, middle: bool = True) -> "_Sheets":
-        """`middle`: whether the point that a patch lies around counts in its fit."""
+        """Return the sheets of patches. `middle`: whether the point that a patch lies around counts in its fit."""
         x, y, z = np.moveaxis(patches, 2, 0)
         x, y = x / np.abs(x).max(), y / np.abs(y).max()
         basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=2)
@@ -175,7 +175,7 @@ class _Sheets:
 
 
 def _near_strays(around: _Neighbours, half: float, sigma: float, strays: float) -> Array:
-    """m off their faces, of the points that are strays and yet not alone."""
+    """Return how far [m] off their faces the points lie that are strays and yet not alone."""
     every = around.patches(slice(None))
     off = _Sheets.of(every, half, middle=False).off()
     suspicious = off > half + _HIDDEN * sigma / 2  # the first fit is rough
@@ -189,12 +189,12 @@ def _near_strays(around: _Neighbours, half: float, sigma: float, strays: float) 
 
 
 def _fitted(basis: Array, z: Array, weight: Array) -> Array:
-    """Values of each patch's weighted least-squares quadric."""
+    """Return the values of each patch's weighted least-squares quadric."""
     weighted, matrix = _normal(basis, weight)
     return np.asarray((basis @ np.linalg.solve(matrix, weighted @ z[..., None]))[..., 0])
 
 
 def _normal(basis: Array, weight: Array) -> tuple[Array, Array]:
-    """Weighted basis (n, 6, neighbours) and the normal equations' matrix (n, 6, 6)."""
+    """Return the weighted basis (n, 6, neighbours) and the normal equations' matrix (n, 6, 6)."""
     weighted = (basis * weight[..., None]).transpose(0, 2, 1)
     return weighted, weighted @ basis + 1e-9 * np.eye(_TERMS)

@@ -1,4 +1,5 @@
-"""What a fit asks of a motion: the mid-surface on the simulator's own grid, and the faces only where clouds ask."""
+"""Motions as sheets, which fits ask for: the mid-surface on the simulator's own grid, and the faces only where clouds
+ask."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -120,7 +120,7 @@ class TubeKeys:
 
 
 def _of_edge(edge: str, fabric: Fabric) -> Array:
-    """(ALONG, 2) m."""
+    """Return (ALONG, 2) m along an edge."""
     share = np.linspace(0, 1, ALONG)
     u = {"left": 0 * share, "right": 0 * share + 1}.get(edge, share) * fabric.width
     v = {"top": 0 * share, "bottom": 0 * share + 1}.get(edge, share) * fabric.height
@@ -152,7 +152,7 @@ def _require_reachable(wish: Wish, fabric: Fabric, where: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Landmarks:
-    """All wishes of a target as arrays: `goals` (k, 3) m of `shares` (k, 2) of width and height, `given` (k, 3),
+    """The wishes of a target as arrays: `goals` (k, 3) m of `shares` (k, 2) of width and height, `given` (k, 3),
     `weights` (k,) with sum 1: a wish counts by its weight, however many places it has."""
 
     shares: Array
@@ -181,11 +181,11 @@ class Landmarks:
         return np.asarray(np.linalg.norm(self.off(points), axis=1))
 
     def mean(self, points: Floats) -> float:
-        """m, by the weights."""
+        """Return the mean distance [m], by the weights."""
         return float(self.weights @ self.distances(points))
 
     def gradient(self, points: Floats) -> tuple[float, Array]:
-        """`mean`, and its derivative by each coordinate (2 n n, 3)."""
+        """Return `mean`, and its derivative by each coordinate (2 n n, 3)."""
         off = self.off(points)
         sizes = np.linalg.norm(off, axis=1)
         pull = (self.weights / np.maximum(sizes, 1e-12))[:, None] * off
@@ -205,5 +205,5 @@ class Landmarks:
 
     @cached_property
     def key(self) -> str:
-        """What makes two of them the same."""
+        """Return what makes two of them the same."""
         return repr([a.tolist() for a in (self.shares, self.goals, self.given, self.weights)])

@@ -1,4 +1,4 @@
-"""What all verbs do alike: read what came, open output, say how far they are, and compute here or elsewhere."""
+"""The steps that all verbs share: read what came, open output, say how far they are, and compute here or elsewhere."""
 
 from __future__ import annotations
 

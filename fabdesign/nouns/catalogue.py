@@ -30,7 +30,7 @@ _STOCK = (0.2, 0.8)  # where the outermost muscles of *vertical* lie, as shares 
 
 
 def _spread(n: int) -> list[float]:
-    """Middles of n equal strips."""
+    """Return the middles of n equal strips."""
     return [(i + 0.5) / n for i in range(n)]
 
 

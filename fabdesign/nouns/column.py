@@ -45,19 +45,19 @@ class Move:
 
     @property
     def width(self) -> float:
-        """Between both, in the column's unit."""
+        """Return the width between both sides, in the column's unit."""
         return self.by[1] - self.by[0]
 
 
 def move(case: Case, column: Column, step: float) -> Move:
-    """To both sides by `step`, or as far as the column goes."""
+    """Return the case moved to both sides by `step`, or as far as the column goes."""
     least, most = column.room(case)
     low, high = max(-step, least), min(step, most)
     return Move((column.moved(case, low), column.moved(case, high)), (low, high))
 
 
 def pressure(channel: int) -> Column:
-    """Pa, all set points of a channel together."""
+    """Return the column [Pa] of all set points of a channel together."""
 
     def moved(case: Case, by: float) -> Case:
         program = case.program
@@ -72,7 +72,7 @@ def pressure(channel: int) -> Column:
 
 
 def factor(name: str) -> Column:
-    """1, a factor on a declared value, by its name in Case.factors."""
+    """Return the column of a factor on a declared value, by its name in Case.factors."""
 
     def moved(case: Case, by: float) -> Case:
         factors: Mapping[str, float] = case.factors
@@ -106,7 +106,8 @@ def of_effect(effect: str, parameter: str, step: float, far: float | None = None
 
 
 def corner(muscle: int, index: int, along: tuple[float, float]) -> Column:
-    """m, a corner (or an end) of a muscle's path along a direction (u, v); the intervals stay as many as they are."""
+    """Return the column [m] of a corner (or an end) of a muscle's path along a direction (u, v); the intervals stay as
+    many as they are."""
 
     def moved(case: Case, by: float) -> Case:
         muscles = list(case.design.muscles)

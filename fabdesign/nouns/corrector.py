@@ -1,4 +1,4 @@
-"""What corrects a simulator's motions: the protocol, and the instants that it wants to see. Numpy only."""
+"""The corrector of a simulator's motions: the protocol, and the instants that it wants to see. Numpy only."""
 
 import json
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ class Corrector(Protocol):
         ...
 
     def history(self) -> tuple[float, ...]:
-        """Seconds before each frame at which it wants the simulated points too (`with_history`)."""
+        """Return the seconds before each frame at which it wants the simulated points too (`with_history`)."""
         ...
 
     def correct(
@@ -61,8 +61,8 @@ class Corrector(Protocol):
 
 
 def with_history(times: NDArray[np.float64], history: Sequence[float]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """(U,) s, rising: all of `times` (T,) and those `history` seconds before, rest (0 s) where that is earlier; and
-    (1 + H, T) where in them each is, the frames themselves first.
+    """Return (U,) s, rising: all of `times` (T,) and those `history` seconds before, rest (0 s) where that is earlier;
+    and (1 + H, T) where in them each is, the frames themselves first.
 
     >>> with_history(np.array([0.1, 0.2]), [0.1])[0].tolist()
     [0.0, 0.1, 0.2]

@@ -14,7 +14,7 @@ OnTop = Callable[[Sequence[Case], Sequence[Floats]], list[NDArray[np.float32]]] 
 
 
 class FacesJacobian(NamedTuple):
-    """Of one case at rest. exact: which columns are the tangent's, not differences of shapes."""
+    """The changes of one case at rest. exact: which columns are the tangent's, not differences of shapes."""
 
     points: Floats  # (2 n, 3) m: front face, then back face
     changes: Floats  # (p, 2 n, 3) m per unit of the column; NaN where a moved case diverged

@@ -97,7 +97,7 @@ class MuscleLaw:
         return self._evaluate(pressure_pa, contraction, 0)
 
     def stiffness(self, pressure_pa: ArrayLike, contraction: ArrayLike) -> Array:
-        """dF/dcontraction [N], always negative; at the kink that of the contracted side."""
+        """Return dF/dcontraction [N], always negative; at the kink that of the contracted side."""
         return self._evaluate(pressure_pa, contraction, 1)
 
     def extrapolates(self, pressure_pa: ArrayLike, contraction: ArrayLike) -> NDArray[np.bool_]:
@@ -121,7 +121,7 @@ class MuscleLaw:
 
 @lru_cache(maxsize=64)
 def law_of(table: "BenchTable") -> MuscleLaw:
-    """`MuscleLaw.fit`, once for each table: a search makes thousands of designs of one muscle type."""
+    """Return `MuscleLaw.fit`, computed once for each table: a search makes thousands of designs of one muscle type."""
     return MuscleLaw.fit(table)
 
 
@@ -139,7 +139,8 @@ def _check(p: Array, eps: Array, force: Array) -> None:
 
 
 def _penalties(m: int, n: int) -> tuple[Array, Array, Array]:
-    """Roughness of S along pressure and along contraction and of K, and a slight pull that makes the fit unique."""
+    """Return the roughness of S along pressure and along contraction and of K, and a slight pull that makes the fit
+    unique."""
     second_p, second_e = np.diff(np.eye(m), 2, axis=0), np.diff(np.eye(n), 2, axis=0)
     along_p = np.hstack([np.kron(second_p, np.eye(n)), np.zeros((len(second_p) * n, m))])
     along_e = np.hstack([np.kron(np.eye(m), second_e), np.zeros((m * len(second_e), m))])
@@ -167,7 +168,7 @@ def _cross_validated_penalty(a: Array, b: Array, m: int, n: int) -> Array:
 
 
 def _shape_constraints(m: int, n: int, positive_to: int, min_fall: float, stretched: bool) -> tuple[Array, Array]:
-    """Inequalities G x >= h on the coefficients [S row by row, then K]."""
+    """Return the inequalities G x >= h on the coefficients [S row by row, then K]."""
     s = np.eye(m * n + m)[: m * n].reshape(m, n, -1)
     k = np.eye(m * n + m)[m * n :]
     fall = s[:, :-1] - s[:, 1:]

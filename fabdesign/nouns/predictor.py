@@ -65,7 +65,7 @@ class Predictor:
         return self.corrector.correct(cases, times, self.simulator.motions(cases, wanted))
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
-        """(3362, 3) points [m] of each case at rest, as `motions` gives them."""
+        """Return (3362, 3) points [m] of each case at rest, as `motions` gives them."""
         own = [self.case(case) for case in cases]
         return self._on_top(own, self.simulator.equilibria(own))
 
@@ -98,7 +98,7 @@ class Predictor:
     def _corrected_at_rest(
         corrector: Corrector, cases: Sequence[Case], shapes: Sequence[Floats]
     ) -> list[NDArray[np.float32]]:
-        """Of motions that have stood still for as long as the corrector looks back."""
+        """Return the corrected last shapes of motions that have stood still for as long as the corrector looks back."""
         late = np.array([1.0 + max(corrector.history(), default=0.0)])
         instants = len(with_history(late, corrector.history())[0])
         held = [replace(case, program=_held(case.program, float(late[0]))) for case in cases]

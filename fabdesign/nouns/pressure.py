@@ -62,8 +62,8 @@ def rising_program(
 
 
 def sequence_program(rows: NDArray[np.float64], rise: float, hold: float) -> PressureProgram:
-    """From 0 to each of `rows` (k, channels) Pa in turn, linearly within `rise` s in RISE_STEPS rows, and `hold` s at
-    each."""
+    """Return a program from 0 to each of `rows` (k, channels) Pa in turn, linearly within `rise` s in RISE_STEPS rows,
+    and `hold` s at each."""
     share = (np.arange(RISE_STEPS) + 1)[:, None] / RISE_STEPS
     before = np.concatenate([np.zeros_like(rows[:1]), rows[:-1]])
     steps = np.concatenate([a + share * (b - a) for a, b in zip(before, rows, strict=True)])

@@ -15,8 +15,9 @@ TWO_SIDED = NormalDist().inv_cdf(0.5 + INSIDE / 2)  # half-width of an interval,
 
 
 def half_widths(spread: Spread, deviation: Array, moved: Array, design: str = "") -> Array:
-    """m, of any shape. deviation: m, standard deviation over models drawn from the joint covariance. moved: m since
-    rest. design: its name; one that the spread does not know has the width of all together."""
+    """Return half-widths [m], of any shape. deviation: m, standard deviation over models drawn from the joint
+    covariance. moved: m since rest. design: its name; one that the spread does not know has the width of all
+    together."""
     squares = spread.constant**2 + (spread.covariance * deviation) ** 2 + (spread.motion * moved) ** 2
     return np.asarray(spread.designs.get(design, 1.0) * np.sqrt(squares))
 

@@ -1,5 +1,5 @@
-"""What a command may write over: files that the mark of their folder, `.fabdesign`, lists as this program's own, and
-never an input, or a file that an input names."""
+"""Files that a command may write over: those that the mark of their folder, `.fabdesign`, lists as this program's own,
+and never an input, or a file that an input names."""
 
 import json
 import os

@@ -220,7 +220,7 @@ def _require_free_folder(folder: Path, force: bool, shown: Path | None = None) -
 
 
 def _anew(held: Scratch, path: Path) -> Path:
-    """Where new content of the folder `path` lies until it is complete."""
+    """Return where new content of the folder `path` lies until it is complete."""
     return held.at / "new" / path.resolve().name
 
 

@@ -41,7 +41,7 @@ _thread = threading.local()
 
 
 def current() -> "Cluster | None":
-    """Where tasks go now; None: they stay here, as within a task."""
+    """Return where tasks go now; None: they stay here, as within a task."""
     return None if not _current or getattr(_thread, "computes", False) else _current[-1]
 
 
@@ -112,7 +112,7 @@ def _require_greeting(address: str) -> None:
 
 @dataclass(frozen=True)
 class WorkerInfo:
-    """What a worker says of itself. threads: of its simulator."""
+    """The facts that a worker says of itself. threads: of its simulator."""
 
     versions: Mapping[str, str]
     processor: str
@@ -151,14 +151,14 @@ class Cluster:
 
     @cached_property
     def threads(self) -> int:
-        """Of a worker's simulator: of the one that has the most."""
+        """Return the threads of the worker's simulator that has the most."""
         described: dict[str, WorkerInfo] = self.client.run(this_worker)
         return max((worker.threads for worker in described.values()), default=1)
 
     def map(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], name: Callable[[Task], str]
     ) -> Iterator[Result]:
-        """function(task) of every task, in their order, computed in any. function: of a module that workers have.
+        """Yield function(task) of every task, in their order, computed in any. function: of a module that workers have.
 
         A worker has one task at a time: one that waited there would be blamed for the death of another. Raises what a
         task raises; SimulationError for a task that two workers died with, with its `name`, and for a lost scheduler.
@@ -232,7 +232,7 @@ def _lost() -> tuple[type[BaseException], ...]:
 
 
 def _computed(function: Callable[[Task], Result], task: Task, versions: Mapping[str, str], effects: Any) -> Result:
-    """On a worker."""
+    """Return a function's result, computed on a worker."""
     _require_alike(this_worker().versions, versions, f"worker {platform.node()}")  # it may have come later
     for source in effects:
         register_source(*source)
@@ -250,14 +250,14 @@ def _require_alike(there: Mapping[str, str], here: Mapping[str, str], where: str
 
 
 def _set_limits(dask_scheduler: Any) -> None:
-    """On the scheduler: a task may outlive one worker. A worker that computes, or compiles kernels, is not heard of."""
+    """Set the scheduler's limits: a task may outlive one worker, and one that computes or compiles may be silent."""
     dask_scheduler.allowed_failures = 1
     dask_scheduler.worker_ttl = max(dask_scheduler.worker_ttl or SILENCE, SILENCE)
 
 
 @cache
 def this_worker() -> WorkerInfo:
-    """Of this process."""
+    """Return what this process says of itself."""
     libraries = {name: _version(name) for name in _LIBRARIES}
     own = {"fabdesign": __version__, "simulator": SIMULATOR, "code": _code(), "python": platform.python_version()}
     return WorkerInfo(own | libraries, _processor(), _threads())
@@ -285,7 +285,7 @@ def _processor() -> str:
 
 
 def _threads() -> int:
-    """Of Taichi in this process."""
+    """Return the threads of Taichi in this process."""
     given = os.environ.get("TI_CPU_MAX_NUM_THREADS", "")
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return int(given) if given.isdecimal() and int(given) else cores

@@ -21,7 +21,7 @@ class Stopwatch:
         self._stops, self._stopped_at, self._excluded = 0, 0.0, 0.0
 
     def seconds(self) -> float:
-        """s since some instant, without those for which it stood still."""
+        """Return the seconds since some instant, without those for which the clock stood still."""
         with self._lock:
             return (self._stopped_at if self._stops else self._clock()) - self._excluded
 

@@ -73,7 +73,7 @@ class LayoutsStudy:
 
     @property
     def cells(self) -> Iterator[Cell]:
-        """Each after all that it includes."""
+        """Yield the cells, each after all that it includes."""
         count = len(self.muscles) * len(self.types) * len(self.sides)
         limits = self.search.limits
         limits = replace(limits, seconds=limits.seconds / count, evaluations=max(1, limits.evaluations // count))

@@ -48,7 +48,7 @@ def with_shared_channels(start: tuple[DesignSpace, Vector]) -> tuple[DesignSpace
 
 
 def _nearest_groups(pressures: Pressures, most: int | None) -> Groups:
-    """At most so many: the two groups whose mean pressures are nearest become one until they are that few."""
+    """Return at most so many groups: the two whose mean pressures are nearest become one until they are that few."""
     groups: Groups = [[k] for k in range(pressures.shape[1])]
     while most is not None and len(groups) > most:
         means = [pressures[:, group].mean(axis=1) for group in groups]

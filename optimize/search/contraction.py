@@ -13,8 +13,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Intervals:
-    """Of all muscles of a design, one after another. lengths (k,) m on the flat cloth; muscle (k,): whose they are;
-    ends (k, 2): numbers of their fixed points."""
+    """The intervals of all muscles of a design, one after another. lengths (k,) m on the flat cloth; muscle (k,): whose
+    they are; ends (k, 2): numbers of their fixed points."""
 
     places: Array  # (m, 2) of the fixed points, shares of width and height
     offsets: Array  # (m,) of the axis there from the mid-surface, towards the front, in thicknesses
@@ -41,14 +41,14 @@ class Intervals:
         )
 
     def chords(self, shape: Array) -> Array:
-        """(..., k, 3) m of a shape (..., 2 n n, 3) m, and linear in it."""
+        """Return (..., k, 3) m of a shape (..., 2 n n, 3) m, and linear in it."""
         faces = two_faces(shape)
         front, back = (at_places(faces[..., face, :, :, :], self.places) for face in (0, 1))
         axis = (front + back) / 2 + self.offsets[:, None] * (front - back)
         return np.asarray(axis[..., self.ends[:, 1], :] - axis[..., self.ends[:, 0], :])
 
     def contraction(self, chords: Array) -> Array:
-        """(..., k), negative where stretched."""
+        """Return (..., k), negative where stretched."""
         return np.asarray(1 - np.linalg.norm(chords, axis=-1) / self.lengths)
 
 

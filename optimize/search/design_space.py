@@ -1,4 +1,5 @@
-"""What a search may change, and what it must respect: a vector in [0, 1]^n stands for a design and its pressures."""
+"""The design space: what a search may change and must respect. A vector in [0, 1]^n stands for a design and its
+pressures."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -95,8 +96,8 @@ class DesignSpace:
         return np.full(2, edge), np.array([fabric.width, fabric.height]) - 2 * edge
 
     def margins(self, x: Vector) -> Vector:
-        """(..., k) of vectors (..., n), nowhere negative for what may be built: m of all geometry, and shares of the
-        air that are left. Empty where nothing that is limited varies."""
+        """Return (..., k) of vectors (..., n), nowhere negative for what may be built: m of all geometry, and shares of
+        the air that are left. Empty where nothing that is limited varies."""
         parts = [np.empty((*x.shape[:-1], 0))]
         if self.vary_positions:
             parts.append(self._margins.at(self._corners(x)))
@@ -106,14 +107,14 @@ class DesignSpace:
         return np.concatenate(parts, axis=-1)
 
     def _corners(self, x: Vector) -> Vector:
-        """(..., corners, 2) m of vectors (..., n)."""
+        """Return (..., corners, 2) m of vectors (..., n)."""
         if not self.vary_positions:
             return np.concatenate([np.array(m.path) for m in self.design.muscles])
         low, span = self._position_range()
         return np.asarray(low + span * x[..., : self.position_count].reshape(*x.shape[:-1], -1, 2))
 
     def _pressures(self, x: Vector) -> Vector:
-        """(..., poses, channels) Pa of vectors (..., n)."""
+        """Return (..., poses, channels) Pa of vectors (..., n)."""
         if not self.vary_pressures:
             return self.start_pressures
         lowest, highest = self.limits.pressure

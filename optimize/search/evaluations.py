@@ -56,7 +56,7 @@ class Best:
     stage: int
 
     def as_row(self) -> list[Any]:
-        """For a checkpoint."""
+        """Return a row for a checkpoint."""
         return [self.start, self.x.tolist(), self.value, self.stage]
 
     @staticmethod
@@ -113,7 +113,7 @@ class Evaluations:
 
     @property
     def share(self) -> float:
-        """Of the limit that is nearer, spent: 0 to 1."""
+        """Return the share spent of the limit that is nearer: 0 to 1."""
         return min(1.0, max(self.elapsed / self.seconds, self.history.evaluations / self._most))
 
     def best_point(self) -> tuple[DesignSpace, Vector]:
@@ -159,8 +159,8 @@ class Evaluations:
         return results
 
     def _expected(self, number: int, size: int, own: bool) -> float:
-        """s that a batch of a size is thought to take: as the smallest that was no smaller, else as the largest
-        that was smaller; 0 before any."""
+        """Return the seconds that a batch of a size is expected to take: as the smallest that was no smaller, else as
+        the largest that was smaller; 0 before any."""
         known = {n: seconds for (stage, n, cheap), seconds in self._pace.items() if (stage, cheap) == (number, own)}
         above = [known[n] for n in sorted(known) if n >= size]
         below = [known[n] for n in sorted(known) if n < size]
@@ -201,7 +201,7 @@ class Evaluations:
 
     @contextmanager
     def aside(self) -> Iterator[None]:
-        """Within it nothing becomes `best`."""
+        """Return a context within which nothing becomes `best`."""
         self._noting = False
         try:
             yield
@@ -284,7 +284,8 @@ class Evaluations:
         return front
 
     def _better(self, number: int, value: float) -> bool:
-        """Than the best so far; of different forward models a later stage's knows better, whatever it says."""
+        """Return whether it is better than the best so far; of different forward models a later stage's knows better,
+        whatever it says."""
         if self.best is None:
             return True
         if self.stages[self.best.stage].values_as(self.stages[number]):

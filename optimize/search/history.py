@@ -1,4 +1,5 @@
-"""What a search has evaluated, and where it stands, on disk: an interrupted search goes on from its last round."""
+"""The history of a search on disk, its evaluations and where it stands: an interrupted search goes on from its last
+round."""
 
 import json
 from collections.abc import Iterable, Mapping

@@ -73,7 +73,7 @@ class LocalSearch:
         self.model = LinearShape(self.x, self.shape, self._slopes(place, around, shapes))
 
     def _slopes(self, x: Vector, shape: Shape, ahead: list[Shape]) -> NDArray[np.float64]:
-        """By the shapes ahead of x. A diverged one says nothing: its variable stays for a round."""
+        """Return slopes by the shapes ahead of x. A diverged one says nothing: its variable stays for a round."""
         slopes = np.array([(other - shape) / h for other, h in zip(ahead, self._steps(x), strict=True)])
         slopes[~np.isfinite(slopes).all(axis=(1, 2, 3))] = 0.0
         return slopes
@@ -124,7 +124,7 @@ class LocalSearch:
             self.done = promised < LEAST_GAIN or self.radius < LEAST_RADIUS
 
     def _kept(self, x: Vector, shape: Shape) -> bool:
-        """Where the shape has a limit too, which the model does not foresee for sure."""
+        """Return whether the shape keeps a limit that it has too, which the model does not foresee for sure."""
         return self.space.limits.contraction is None or self.space.keeps(x, shape)
 
     def learn(self, shapes: list[Shape]) -> None:

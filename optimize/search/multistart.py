@@ -76,7 +76,7 @@ def evaluations_to_converge(evaluations: Evaluations) -> int | None:
 
 
 def _reason_to_end(evaluations: Evaluations, at: SearchState, floor: Callable[[Shape], float] | None) -> str:
-    """After a restart; empty while there is none."""
+    """Return why the search ends after a restart; empty where it does not."""
     best = evaluations.best
     if best is None:
         return ""
@@ -100,7 +100,8 @@ def _at_floor(evaluations: Evaluations, at: SearchState, floor: Callable[[Shape]
 
 
 def _run_restart(evaluations: Evaluations, at: SearchState, floor: Callable[[Shape], float] | None) -> None:
-    """From where it stands through all stages; no round follows one that has come to the floor on the last."""
+    """Run a restart from where it stands through all stages; no round follows one that has come to the floor on the
+    last."""
     for number in range(at.stage, len(evaluations.stages)):
         if number > at.stage or not at.searches:
             at.searches = _enter(evaluations, number, at.searches or _screen(evaluations, at))

@@ -1,5 +1,5 @@
-"""What would bring a result nearer: the objective to first order, where a limit were wider or a constant another one,
-with the design's own variables adjusted to it.
+"""Changes that would bring a result nearer: the objective to first order, where a limit were wider or a constant
+another one, with the design's own variables adjusted to it.
 
 The shape is linear in the change and in the variables; NLopt takes the best step of it (`step.py`), so that no
 simulation but one Jacobian is needed. To first order only: good for saying what matters, not for how much.
@@ -45,8 +45,8 @@ def what_helps(
     wider: Mapping[str, DesignSpace],
     others: Mapping[str, DesignSpace] | None = None,
 ) -> tuple[float, list[Nearer]]:
-    """m that the same step comes to without any change, and what each change, each wider space of the same design and
-    each other design of as many muscles and corners, by their names, would; the nearest first."""
+    """Return the value [m] that the same step comes to without any change, and what each change, each wider space of
+    the same design and each other design of as many muscles and corners, by their names, would; the nearest first."""
     space, x = point
     layout = space.decode(x)
     columns = {own.column.name: own.column for own in changes}

@@ -23,7 +23,7 @@ Corner = tuple[int, int, int]  # muscle, corner of its path, axis
 
 
 class Slopes(NamedTuple):
-    """Of one point of a space."""
+    """The slopes at one point of a space."""
 
     shape: Shape  # (poses, 2 n, 3) m, at rest
     by_variable: NDArray[np.float64]  # (n, poses, 2 n, 3) m; 0 where a derivative is not there
@@ -77,7 +77,7 @@ def slopes_of(
 
 
 class ByColumns(NamedTuple):
-    """Of one design, a case a pose. exact: whether every column is a definite tangent's in every pose."""
+    """The slopes of one design, a case a pose. exact: whether every column is a definite tangent's in every pose."""
 
     shape: Shape  # (poses, 2 n, 3) m, at rest
     changes: NDArray[np.float64]  # (columns, poses, 2 n, 3) m per unit; NaN where that diverged
@@ -93,14 +93,14 @@ def by_columns(jacobians: Jacobians, cases: Sequence[Case], columns: Sequence[Co
 
 
 def _corners(space: DesignSpace) -> list[Corner]:
-    """In the order of the space's variables."""
+    """Return the corners in the order of the space's variables."""
     if not space.vary_positions:
         return []
     return [(m, k, axis) for m, own in enumerate(space.design.muscles) for k in range(len(own.path)) for axis in (0, 1)]
 
 
 def _of_corner(corner: Corner) -> Column:
-    """m. A case without that corner stays: its derivative is zero."""
+    """Return the column [m] of a corner. A case without that corner stays: its derivative is zero."""
     muscle, index, axis = corner
     own = column.corner_or_still(muscle, index, ((1.0, 0.0), (0.0, 1.0))[axis])
 
@@ -128,7 +128,8 @@ def _inside(corner: Corner) -> Callable[[Case], tuple[float, float]]:
 
 
 def _of_channel(channel: int, far: float) -> Column:
-    """Pa. A case without that channel stays. far: Pa, for differences, above what a corrector's steps are of."""
+    """Return the column [Pa] of a channel. A case without that channel stays. far: Pa, for differences, above what a
+    corrector's steps are of."""
     own = column.pressure(channel)
 
     def moved(case: Case, by: float) -> Case:

@@ -104,7 +104,7 @@ def thinned_starts(
 
 
 def _even(design: Design, limits: Limits, poses: int, count: int, sides: Sequence[Side]) -> list[Start]:
-    """Upright and level lines."""
+    """Return upright and level lines."""
     kind = next(iter(design.muscle_types))
     gaps = (np.arange(count) + 0.5) / count - 0.5
     starts = [

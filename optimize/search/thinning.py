@@ -102,7 +102,7 @@ def _searched(evaluations: Evaluations, local: LocalSearch | None, allowed: floa
 
 
 def _searches(evaluations: Evaluations, stage: int, starts: Sequence[Start]) -> list[LocalSearch]:
-    """From starts that the evaluations get to know, valued on the model of a stage."""
+    """Return searches from starts that the evaluations get to know, valued on the model of a stage."""
     first = len(evaluations.starts)
     evaluations.starts += starts
     spaces = [evaluations.space(first + k, stage) for k in range(len(starts))]

@@ -118,7 +118,7 @@ def _moved(
 
 
 def _bent(muscle: Muscle, off: float) -> Muscle:
-    """With a corner in the middle of its longest leg, off it by a share of its length."""
+    """Return the muscle with a corner in the middle of its longest leg, off it by a share of its length."""
     path = _path(muscle)
     legs = np.diff(path, axis=0)
     k = int(np.argmax(np.linalg.norm(legs, axis=1)))
@@ -131,6 +131,6 @@ def _path(muscle: Muscle) -> Vector:
 
 
 def _with_path(muscle: Muscle, path: Vector, limits: Limits, size: Vector) -> Muscle:
-    """Kept within the cloth less its edge."""
+    """Return the muscle with its path within the cloth less its edge."""
     inside = np.clip(path, limits.edge, size - limits.edge)
     return replace(muscle, path=tuple((float(u), float(v)) for u, v in inside))

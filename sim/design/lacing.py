@@ -64,7 +64,8 @@ def lace(design: Design, n: int, across: int, down: int) -> Lacing:
 def _loops(
     muscle: Muscle, n: int, hu: float, hv: float, across: int, down: int
 ) -> tuple[NDArray[np.int32], Array, Array]:
-    """Of the muscle's fixed points: first node (p, 2), weights (6, p, PATCH); lengths of its intervals [m]."""
+    """Return of the muscle's fixed points the first node (p, 2), weights (6, p, PATCH); lengths of its intervals
+    [m]."""
     points = muscle.fixed_points()
     i, wu, du, eu = line_weights(points[:, 0], n, hu, across)
     j, wv, dv, ev = line_weights(points[:, 1], n, hv, down)

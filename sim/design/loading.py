@@ -1,4 +1,4 @@
-"""What a batch of cases puts into the fields."""
+"""The contents of the fields for a batch of cases."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -28,7 +28,7 @@ from sim.state import COARSE_DOWN, GREEN, PATCH
 
 @lru_cache(maxsize=64)
 def bench_grid(table: BenchTable) -> NDArray[np.float32]:
-    """(pressures, contractions) N: the muscle law on the kernels' grid."""
+    """Return (pressures, contractions) N: the muscle law on the kernels' grid."""
     pressure = np.arange(f.TABLE[0])[:, None] * f.PRESSURE_STEP
     contraction = f.FIRST_CONTRACTION + np.arange(f.TABLE[1]) * f.CONTRACTION_STEP
     return law_of(table).tension(pressure, contraction[None]).astype(np.float32)

@@ -16,7 +16,7 @@ FINE = 0.0025  # m between the points over which a node's mean is taken
 
 
 def node_arrays(specimen: Specimen, n: int) -> tuple[Array, Array, Array]:
-    """Rest positions (n n, 3) m, lumped masses (n n,) kg and free (n n,), rows of rising v."""
+    """Return the rest positions (n n, 3) m, lumped masses (n n,) kg and free (n n,), rows of rising v."""
     fabric = specimen.design.fabric
     u, v = np.linspace(0, fabric.width, n), np.linspace(0, fabric.height, n)
     uu, vv = np.meshgrid(u, v)

@@ -23,7 +23,7 @@ SLIP = 0.25  # thicknesses that a node may move before pairs are found anew
 
 @dataclass(frozen=True, eq=False)
 class ContactPairs:
-    """Of every node (n n, LAYERS): the cell it meets, where in the cell, and from which side."""
+    """The contacts of every node (n n, LAYERS): the cell it meets, where in the cell, and from which side."""
 
     row: Ints
     column: Ints
@@ -40,7 +40,7 @@ class ContactPairs:
 
 @dataclass(frozen=True)
 class ContactSheet:
-    """What contact knows of a design."""
+    """The facts of a design that contact needs."""
 
     spacing: tuple[float, float]  # m, along u and v
     thickness: float  # m
@@ -104,7 +104,7 @@ def find(x: Array, sheet: ContactSheet, cutoff: float, before: ContactPairs) -> 
 
 
 def _candidates(x: Array, sheet: ContactSheet, cutoff: float) -> tuple[Ints, Ints, Ints]:
-    """Nodes, and rows and columns of cells around the nodes of other layers that are near."""
+    """Return nodes, and rows and columns of cells around the nodes of other layers that are near."""
     from scipy.spatial import cKDTree  # half a second that only contact needs
 
     n = len(x)
@@ -180,7 +180,7 @@ class Touching:
         return paired or bool(self.pairs[index].side.any())
 
     def _put(self, blocks: int) -> None:
-        """All pairs into the fields."""
+        """Put all pairs into the fields."""
         entries = [self._entries(i) for i in range(len(self.sheets))]
         room = max(1, *(index.shape[1] for index, _ in entries))
         index = np.zeros((blocks, 2, room, LANES), np.int32)

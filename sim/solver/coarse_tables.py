@@ -1,4 +1,4 @@
-"""What the coarse space (sim/solver/coarse_space.py) has of the grid alone: modes, and products at the samples."""
+"""Tables of the coarse space (sim/solver/coarse_space.py) from the grid alone: modes, and products at the samples."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -58,8 +58,8 @@ def by_four(modes: Modes) -> NDArray[np.float64]:
 
 
 def _eigenvectors(stiffness: Array, keep: slice) -> tuple[Array, Array]:
-    """Of K phi = lambda W phi with the nodes outside `keep` held: eigenvalues (n,), columns (n, n); zero columns for
-    held nodes come last. Even vectors, then odd ones, where no node is held."""
+    """Return the solutions of K phi = lambda W phi with the nodes outside `keep` held: eigenvalues (n,), columns (n,
+    n); zero columns for held nodes come last. Even vectors, then odd ones, where no node is held."""
     n = len(stiffness)
     root = np.ones(n)
     root[[0, -1]] = np.sqrt(0.5)

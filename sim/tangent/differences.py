@@ -19,7 +19,8 @@ Outcome = Callable[[Sequence[int], Sequence[Case]], list[Shapes]]  # of moved ca
 
 
 class Jacobian(NamedTuple):
-    """Of one case: mid-surfaces, how they change, and which columns are the tangent's, not differences."""
+    """The derivatives of one case: mid-surfaces, how they change, and which columns are the tangent's, not
+    differences."""
 
     middle: Shapes  # ([T,] n, n, 3) m
     changes: Shapes  # (p, [T,] n, n, 3) m per unit of the column; NaN where a moved case diverged
@@ -29,7 +30,8 @@ class Jacobian(NamedTuple):
 def differences(
     outcome: Outcome, cases: Sequence[Case], columns: Sequence[Column], pairs: Sequence[tuple[int, int]]
 ) -> dict[tuple[int, int], Shapes]:
-    """By (case, column) of `pairs`: over as much to both sides as the column's `far` says, in one batch."""
+    """Return differences by (case, column) of `pairs`: over as much to both sides as the column's `far` says, in one
+    batch."""
     moves = [move(cases[i], columns[c], columns[c].far) for i, c in pairs]
     shapes = outcome([i for i, _ in pairs for _ in range(2)], [side for own in moves for side in own.sides])
     return {

@@ -1,4 +1,4 @@
-"""What a column changes in the forces before anything moves: the right sides of the linear solves.
+"""The change of the forces by a column before anything moves: the right sides of the linear solves.
 
 On the host: central differences between a case and the case moved along the column. Forces of muscles and weights
 differ in float64 (sim/tangent/muscle_forces.py). The forces of the cloth are linear in its stiffnesses and in its rest
@@ -39,7 +39,7 @@ class LaidCase:
 
     @cached_property
     def constants(self) -> Array:
-        """In the order of CONSTANTS; 0 for those that no force takes."""
+        """Return the constants in the order of CONSTANTS; 0 for those that no force takes."""
         lane = Lane(self.specimen, self.n)
         return np.array([0.0 if name in OF_SOLVER else own.value(lane) for name, own in CONSTANTS.items()])
 
@@ -93,7 +93,7 @@ class Explicit:
         self.constants = side_by_side([lane_constants(Lane(lane.specimen, n)) for lane in self._lanes])
 
     def moved(self, moves: Sequence[Move | None]) -> list[Sides | None]:
-        """Of a move for each lane; None where there is none."""
+        """Return both sides of a move for each lane; None where there is none."""
         return [
             None if own is None else Sides(self._side(lane, own.sides[0]), self._side(lane, own.sides[1]), own.width)
             for lane, own in zip(self._lanes, moves, strict=True)

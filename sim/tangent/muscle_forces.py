@@ -37,7 +37,7 @@ class Strand:
 
 @dataclass(frozen=True, eq=False)
 class Pull:
-    """What a strand does to one shape, with a weight, and to which sum of forces that is added."""
+    """The pull of a strand on one shape, with a weight, and to which sum of forces that is added."""
 
     strand: Strand
     shape: int
@@ -73,8 +73,8 @@ def summed(pulls: Sequence[Pull], shapes: Array, spacing: Array, grid: Grid, sum
 def _on_nodes(
     pulls: Sequence[Pull], points: Sequence[Array], shapes: Array, spacing: Array, grid: Grid
 ) -> tuple[NDArray[np.int_], Array]:
-    """Of the nodes around each fixed point: their place among all sums' nodes (p, down, across), forces (3, p, down,
-    across) N times the weights."""
+    """Return of the nodes around each fixed point their place among all sums' nodes (p, down, across), forces (3, p,
+    down, across) N times the weights."""
     of = np.repeat(np.arange(len(pulls)), [len(own) for own in points])  # (p,) the pull that a fixed point belongs to
     at = np.concatenate(points)
     shape = np.array([pull.shape for pull in pulls])[of]
@@ -108,7 +108,7 @@ def _fixed_points(pulls: Sequence[Pull]) -> list[Array]:
 
 
 def _offset(strand: Strand) -> float:
-    """m, positive on the front."""
+    """Return the offset [m], positive on the front."""
     return (1 if strand.muscle.side == "front" else -1) * strand.lever * strand.type.axis_offset
 
 

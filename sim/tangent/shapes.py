@@ -34,7 +34,7 @@ class LaneColumns:
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """What came of one lane. settled: whether the forces balance at `middle`, near where the lane came to rest."""
+    """The solution of one lane. settled: whether the forces balance at `middle`, near where the lane came to rest."""
 
     middle: NDArray[np.float32]  # (n, n, 3) m
     settled: bool
@@ -57,7 +57,7 @@ def together(lanes: Sequence[Solved]) -> Solved:
 def solve_at_rest(
     batch: Batch, lanes: Sequence[LaneColumns], columns: Sequence[Column], pressure: Callable[[Case], Array]
 ) -> list[Solved]:
-    """Of the lanes of a batch at rest. pressure(case): (channels,) Pa that act there."""
+    """Return the solutions of the lanes of a batch at rest. pressure(case): (channels,) Pa that act there."""
     fields.allocate()
     still(*batch.grid)
     cases = [lane.case for lane in lanes]
@@ -102,7 +102,7 @@ def _positions(batch: Batch, plane: int) -> NDArray[np.float32]:
 def _put_right_sides(
     batch: Batch, cases: Sequence[Case], own: Sequence[Sequence[Column]], host: Explicit, middle: NDArray[np.float32]
 ) -> None:
-    """What each column changes in the forces at the shape as it is, to the columns' places in the fields."""
+    """Put what each column changes in the forces, at the shape as it is, at the columns' places in the fields."""
     slots = max(map(len, own))
     moved = [
         host.moved(

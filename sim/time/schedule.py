@@ -1,4 +1,4 @@
-"""What the lanes of a batch do step by step: each takes steps of its own, all of them their k-th together."""
+"""The schedule of a batch's lanes, step by step: each takes steps of its own, all of them their k-th together."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -56,7 +56,7 @@ def alike(batch: Batch, scheme: Scheme, pressure: Floats, *, anew: bool = True, 
 
 
 def by_block(values: NDArray[np.floating[Any]]) -> Floats:
-    """(..., entries, lanes) -> (..., blocks, entries, LANES), as the fields have it."""
+    """Return (..., entries, lanes) as (..., blocks, entries, LANES), as the fields have it."""
     apart = values.reshape(*values.shape[:-1], -1, LANES)
     return np.ascontiguousarray(np.swapaxes(apart, -3, -2), np.float32)
 

@@ -24,7 +24,7 @@ _NAMED = 3  # pairs of muscles; of more the number is said
 
 
 def design_findings(design: Design, where: str) -> Findings:
-    """Of a design as a whole."""
+    """Return the findings on a design as a whole."""
     warnings = [*_fabric(design.fabric, FABRIC), *_types(design.muscle_types), *_scene(design)]
     problems = [
         f"muscle_types.{name}: bench has {len(kind.bench.force)} rows; expected at least {_ROWS}, for a law"
@@ -63,7 +63,7 @@ def design_findings(design: Design, where: str) -> Findings:
 
 
 def part_findings(part: DesignPart, where: str) -> Findings:
-    """Of a file that designs include."""
+    """Return the findings on a file that designs include."""
     known = {key: expected for key, expected in FABRIC.items() if key in part.keys}
     lines = [*(_fabric(part.fabric, known) if part.fabric else ()), *_types(part.types)]
     wide = tuple(f"{where}: {line}" for line in _too_wide(part.types, np.inf))

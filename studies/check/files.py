@@ -1,4 +1,4 @@
-"""Every kind of file that a command reads: how it is recognised, and what is asked of it."""
+"""The kinds of files that commands read: how it is recognised, and what is asked of it."""
 
 import hashlib
 import warnings

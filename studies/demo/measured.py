@@ -1,4 +1,4 @@
-"""What the demo's measured trials say about its model: calibrated, with effects, corrected; none of them has
+"""The demo's model on measured trials: calibrated, with effects, corrected; none of them has
 seen these."""
 
 from collections.abc import Mapping, Sequence
@@ -38,7 +38,7 @@ SHEET, CALIBRATED, EFFECTS, CORRECTED = "data sheet", "calibrated", "with effect
 
 @dataclass(frozen=True, eq=False)
 class ShippedErrors:
-    """Of a measured set: each model's errors, means over the trials; `with effects` only where it has some."""
+    """The errors of each model on a measured set, means over the trials; `with effects` only where it has some."""
 
     measured: MeasurementSet
     shipped: Model
@@ -49,7 +49,7 @@ class ShippedErrors:
 
     @property
     def effects_in_words(self) -> str:
-        """What the shipped model has besides its factors."""
+        """Return what the shipped model has besides its factors."""
         names = [name.replace("_", " ") for name in acting_effects(self.shipped.terms)]
         return f"Effects in the model: {', '.join(names)}." if names else "The model has no effects."
 
@@ -98,7 +98,7 @@ class ShippedErrors:
         return [(name, e, closed(base, e).surface if name in later else None) for name, e in self.errors.items()]
 
     def as_json(self) -> dict[str, Any]:
-        """mm."""
+        """Return what files hold of it: mm."""
         return {
             "set": self.measured.name,
             "trials": len(self.measured.trials),
@@ -165,7 +165,8 @@ def evaluate_shipped(*, forward: ForwardModel | None = None) -> ShippedErrors:
 def _each(
     trials: Sequence[Trial], frames: Mapping[str, NDArray[np.intp]], noise: SensorNoise, model: Predictor
 ) -> list[Errors]:
-    """Over the used `frames` of each trial; each is simulated once, and its errors are those of `evaluate`."""
+    """Return the mean errors over the used `frames` of each trial; each is simulated once, and its errors are those of
+    `evaluate`."""
     cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
     motions = model.motions(cases, [trial.times for trial in trials])
     each = []

@@ -66,7 +66,7 @@ def over_nodes(values: Array, side: int) -> Array:
 
 
 def mean_width(widths: Sequence[Array]) -> float:
-    """m, from end to end, over motions, frames and regions. widths: m, half."""
+    """Return the mean width [m] from end to end, over motions, frames and regions. widths: m, half."""
     return 2 * float(np.concatenate([each.ravel() for each in widths]).mean())
 
 

@@ -21,7 +21,7 @@ MOST = 10  # of a design
 
 
 def chosen(trials: Sequence[Trial], most: int = MOST) -> list[Trial]:
-    """At most so many of a design, spread over the session."""
+    """Return at most so many trials of a design, spread over the session."""
     found = []
     for name in sorted({trial.design_name for trial in trials}):
         own = [trial for trial in trials if trial.design_name == name]

@@ -1,5 +1,5 @@
-"""What intervals are said of: the mean height of the cloth over the predicted one in each of nine regions, along the
-normal of the predicted mid-surface."""
+"""Regions that intervals are said of: the mean height of the cloth over the predicted one in each of nine regions,
+along the normal of the predicted mid-surface."""
 
 from collections.abc import Sequence
 

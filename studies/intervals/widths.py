@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class RegionResiduals:
-    """Of one trial, (n,) each, a region at a frame."""
+    """The residuals of one trial, (n,) each, a region at a frame."""
 
     design: str
     residual: Array  # m, measured less predicted
@@ -30,7 +30,7 @@ START = np.log([0.5e-3, 1.0, 0.01])  # of `combined`
 
 
 def combined(shape: Array, one: RegionResiduals) -> Array:
-    """Constant, what the covariance says, and a share of the motion, in quadrature."""
+    """Return in quadrature the constant, what the covariance says, and a share of the motion."""
     least, times, share = np.exp(shape)
     return np.asarray(np.sqrt(least**2 + (times * one.deviation) ** 2 + (share * one.moved) ** 2))
 
@@ -84,7 +84,7 @@ def left_out(every: Sequence[RegionResiduals], folds: Sequence[int], width: Widt
 
 @dataclass(frozen=True)
 class IntervalScore:
-    """Of 90 % intervals, over regions and frames. width: m, from end to end; crps: m."""
+    """The score of 90 % intervals, over regions and frames. width: m, from end to end; crps: m."""
 
     count: int
     inside: float
@@ -98,7 +98,7 @@ class IntervalScore:
 
     @staticmethod
     def of(residual: Array, sigma: Array) -> "IntervalScore":
-        """residual, sigma: (n,) m, n > 0."""
+        """Return the score of intervals. residual, sigma: (n,) m, n > 0."""
         sigma = np.maximum(sigma, 1e-9)
         inside = float((np.abs(residual) <= TWO_SIDED * sigma).mean())
         width, score = (float(x.mean()) for x in (2 * TWO_SIDED * sigma, crps(residual, sigma)))
@@ -106,7 +106,7 @@ class IntervalScore:
 
     @staticmethod
     def pooled(scores: Sequence["IntervalScore"]) -> "IntervalScore | None":
-        """Of all of their regions together; None where there are none."""
+        """Return the score of all of their regions together; None where there are none."""
         counts = np.array([score.count for score in scores])
         if not counts.sum():
             return None

@@ -127,7 +127,7 @@ def _nearest(result: GridResult, own: CellResult) -> float:
 
 
 def as_text(result: GridResult) -> str:
-    """For people: the front, a line a cell."""
+    """Return the front in words, a line a cell."""
     lines = [
         f"{f.cell.muscles} muscles, {f.cell.type}, {f.cell.sides}: {in_mm(f.objective):.3f} mm" for f in result.front
     ]

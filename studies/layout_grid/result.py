@@ -1,4 +1,4 @@
-"""What a grid of searches found."""
+"""The result of a grid of searches."""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -118,7 +118,8 @@ class _Grid:
         return result if result.interrupted else self._followed(result)
 
     def _followed(self, result: GridResult) -> GridResult:
-        """With the motions that lead to what is on the front, the nearest first, while there is time for another."""
+        """Return the result with the motions that lead to what is on the front, the nearest first, while there is time
+        for another."""
         while ahead := [f for f in reversed(result.front) if f.result is not None and f.result.loading_path is None]:
             begin = working_time.seconds()
             if self._spent + self._to_follow > self._limit:
@@ -150,7 +151,7 @@ class _Grid:
         return GridResult(self._study, tuple(self._found), len(self._cells), self._spent)
 
     def _time_for_another(self) -> float:
-        """s of search in another turn, 0 where there is no time."""
+        """Return the seconds of search in another turn, 0 where there is no time."""
         seconds = self._study.search.limits.seconds
         until = self._limit - max(FOLLOWED * seconds, self._to_follow)
         left, turn = until - self._spent - self._end, max(FURTHER * seconds, WORTH_A_TURN * self._end)
@@ -184,7 +185,7 @@ class _Grid:
         self._keep()
 
     def _further_turn(self, chosen: CellResult, seconds: float) -> None:
-        """On from where it stands; or anew from what its neighbours have found since."""
+        """Search on from where it stands; or anew from what its neighbours have found since."""
         cell, own = chosen.cell, self._turns[chosen.cell.name]
         beneath = best_beneath(cell, self._result())
         anew = chosen.objective - beneath > 0 and beneath < own.beneath

@@ -28,8 +28,8 @@ ENDED = ("converged", "at the floor", "ended", "nothing gained", "the limit of",
 
 @dataclass
 class CellTurns:
-    """Of one cell. seconds: of search, all turns together, as `run_study` takes them. gained: m, in the last turn.
-    seeds: what its search began with besides its own draws (drawn: whether there were any)."""
+    """The turns of one cell. seconds: of search, all turns together, as `run_study` takes them. gained: m, in the last
+    turn. seeds: what its search began with besides its own draws (drawn: whether there were any)."""
 
     seeds: list[StartRow] = field(default_factory=list)
     drawn: bool = True
@@ -40,17 +40,18 @@ class CellTurns:
     beneath: float = float("inf")  # m, of the nearest layout that its seeds were made of
 
     def as_row(self) -> dict[str, Any]:
-        """For JSON: infinite values are absent."""
+        """Return a row for JSON: infinite values are absent."""
         return {name: value for name, value in vars(self).items() if value != float("inf")}
 
 
 def best_beneath(cell: Cell, result: GridResult) -> float:
-    """m, of the nearest layout of the other cells that `cell` includes."""
+    """Return the error [m] of the nearest layout of the other cells that `cell` includes."""
     return min((f.objective for f in result.cells if f.cell is not cell and cell.includes(f.cell)), default=np.inf)
 
 
 def recent_gain(own: CellResult) -> float:
-    """m that the full model's best fell by in the latter half of the search; all of it where it came only then."""
+    """Return how far [m] the full model's best fell in the latter half of the search; all of it where it came only
+    then."""
     assert own.result is not None
     entries = [entry for entry in own.result.history if not entry.diverged]
     last = [(e.seconds, e.objective) for e in entries if e.stage == "full model"]

@@ -94,7 +94,8 @@ def first_starts(study: Study) -> list[Start]:
 
 
 def _on_fewer_channels(start: Start) -> list[Start]:
-    """It alone, with shared channels where it has more than its limits; none where that breaks another limit."""
+    """Return the layout alone, with shared channels where it has more than its limits; none where that breaks another
+    limit."""
     if start[0].design.channels <= (start[0].limits.channels or MUSCLES):
         return [start]
     shared = start_of(by_muscle(start), start[0])
@@ -107,7 +108,8 @@ def further_starts(study: Study) -> FurtherStarts | None:
     if choice is not None:
 
         def added(best: Start, seed: int) -> list[Start]:
-            """With one muscle more at a share of the pressure: what it promises shows when these are screened."""
+            """Return layouts with one muscle more at a share of the pressure: what it promises shows when these are
+            screened."""
             count = len(best[0].design.muscles)
             if count + 1 not in choice.counts:
                 return []

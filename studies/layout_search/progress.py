@@ -19,7 +19,8 @@ QUIET_INTERVAL = 10.0  # s between lines where standard error is no terminal
 def saying_a_tenth(
     floor: Callable[[Shape], float], progress: Callable[[Evaluations], None]
 ) -> Callable[[Evaluations], None]:
-    """Progress of a search that also tells, after a tenth of its limits, how far it is. floor: m, of a shape."""
+    """Return the progress of a search that also tells, after a tenth of its limits, how far it is. floor: m, of a
+    shape."""
 
     def report(evaluations: Evaluations) -> None:
         best, shape = evaluations.best, evaluations.best_shape

@@ -37,13 +37,14 @@ def forward_models(
 
 
 def coarse_hold_of(study: Study, targets: Sequence[LoadedTarget]) -> float:
-    """s for which pressures hold where shapes at rest stand for frames of the targets (optimize.search.objective)."""
+    """Return the seconds for which pressures hold where shapes at rest stand for frames of the targets
+    (optimize.search.objective)."""
     times = [target.time for target in targets if target.time is not None]
     return study.hold if len(times) < len(targets) else min(study.hold, max(0.0, max(times) - study.rise))
 
 
 def stages_of(study: Study, coarse: Predictor, fine: Predictor, objective: Objective) -> list[Stage]:
-    """Slopes are those without forces against motion, where derivatives are known."""
+    """Return the stages. Slopes are those without forces against motion, where derivatives are known."""
     known = jacobians_for(coarse, objective) is not None
     own = without_resistance(coarse) if known else None
     if study.muscles is not None:

@@ -43,7 +43,7 @@ class LoadedTarget:
 
     @property
     def sought(self) -> Target:
-        """What a search comes close to."""
+        """Return the target that a search comes close to."""
         return Target(self.points, self.time, self.markers, self.face, self.landmarks, self.free, self.weighting)
 
     def beside(self, shape: NDArray[np.float64]) -> "LoadedTarget":
@@ -57,7 +57,7 @@ class LoadedTarget:
 
     @property
     def measured(self) -> bool:
-        """By a sensor, whose noise it shows."""
+        """Return whether a sensor measured it, whose noise it shows."""
         return self.noise.sigma > 0
 
     @property
@@ -119,7 +119,7 @@ def target_errors(
 def pose_errors(
     targets: Sequence[LoadedTarget], shapes: NDArray[np.float64], *, seed: int = 0, draws: int = DRAWS
 ) -> list[Errors]:
-    """Of each target beside its shape. draws: of each floor."""
+    """Return the errors of each target beside its shape. draws: of each floor."""
     return [
         _errors(target, shape, seed=seed + pose, draws=draws)
         for pose, (target, shape) in enumerate(zip(targets, shapes, strict=True))

@@ -1,4 +1,4 @@
-"""What a result is measured by, in words, and beside wishes: what each asked for, and how far the cloth is from it."""
+"""Errors of a result in words, and beside wishes: what each asked for, and how far the cloth is from it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

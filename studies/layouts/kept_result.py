@@ -1,5 +1,5 @@
-"""What a search depends on, and the result of one that has ended, kept in its history: the same call answers without
-a simulation."""
+"""The content that a search depends on, and the result of one that has ended, kept in its history: the same call
+answers without a simulation."""
 
 from collections.abc import Sequence
 from dataclasses import fields
@@ -26,7 +26,8 @@ _ABSENT = ("limits.contraction", "limits.channels", "limits.air")  # where there
 
 
 def study_content(study: Study, targets: Sequence[LoadedTarget]) -> dict[str, str]:
-    """Field (`limits.spacing`, `design.fabric.thickness`, `target.points`) to value, as text; pressures in kPa."""
+    """Return field (`limits.spacing`, `design.fabric.thickness`, `target.points`) to value, as text; pressures in
+    kPa."""
     more: dict[str, Any] = {"limits.pressure": [in_kpa(pressure) for pressure in study.limits.pressure]}
     if study.start_pressures is not None:
         more["start_pressures"] = in_kpa(study.start_pressures).tolist()

@@ -1,4 +1,4 @@
-"""Of a target that is out of reach: where the nearest shape misses it, and what would bring it nearer."""
+"""A target that is out of reach: where the nearest shape misses it, and what would bring it nearer."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -66,8 +66,8 @@ class Helps:
 
 
 def missed_at(shape: NDArray[np.float64], target: LoadedTarget, size: tuple[float, float]) -> Missed:
-    """Of one pose: shape (2 n, 3) m beside its target, both ways, of wishes the one that lies farthest off; size:
-    (width, height) m of the cloth."""
+    """Return where one pose misses: shape (2 n, 3) m beside its target, both ways, of wishes the one that lies farthest
+    off; size: (width, height) m of the cloth."""
     if target.landmarks is not None:
         off = target.landmarks.distances(shape)
         worst = int(np.argmax(off))
@@ -87,7 +87,8 @@ def missed_at(shape: NDArray[np.float64], target: LoadedTarget, size: tuple[floa
 
 
 def helps_of(study: Study, point: Start, objective: Objective, forward: ForwardModel) -> Helps | None:
-    """Of a result; None where the forward model has no derivatives, or the targets are frames too early for them."""
+    """Return what helps a result; None where the forward model has no derivatives, or the targets are frames too early
+    for them."""
     jacobians = jacobians_for(forward, objective)
     if jacobians is None:
         return None
@@ -128,7 +129,7 @@ def _of_types(space: DesignSpace) -> dict[str, DesignSpace]:
 
 
 def missed_said(missed: Sequence[Missed]) -> list[str]:
-    """For people."""
+    """Return where the shape misses, in words."""
     said = []
     for pose, own in enumerate(missed, start=1):
         of = f" in pose {pose}" if len(missed) > 1 else ""

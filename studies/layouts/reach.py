@@ -1,4 +1,4 @@
-"""What a search reached: how far over the floor, what holds it back, and whether the shape can be."""
+"""The reach of a search: how far over the floor, what holds it back, and whether the shape can be."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -120,7 +120,8 @@ def reach_of(
     margins: Mapping[str, float],
     lacking: Lacking | None = None,
 ) -> Reach:
-    """pressures (poses, channels) Pa, shapes (poses, 2 n, 3) m and `margins` (`constraint_margins`) of the result."""
+    """Return the reach. pressures (poses, channels) Pa, shapes (poses, 2 n, 3) m and `margins` (`constraint_margins`)
+    of the result."""
     chamfer = study.objective == "chamfer"
     value, floor = (errors.chamfer, errors.chamfer_floor) if chamfer else (errors.surface_rms, errors.surface_floor)
     size = design.fabric.width, design.fabric.height

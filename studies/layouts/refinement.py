@@ -1,4 +1,4 @@
-"""What follows a search: no more muscles than needed, and a robust layout where it is asked for."""
+"""The refinement after a search: no more muscles than needed, and a robust layout where it is asked for."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -27,7 +27,7 @@ NEAR = 0.1  # of the nearest value: so near they lie
 
 
 def search_seconds(study: Study) -> float:
-    """s for the search itself."""
+    """Return the seconds for the search itself."""
     kept = (SHRINKING if _may_shrink(study) else 0.0) + (ROBUST if study.robust else 0.0)
     return study.limits.seconds * (1 - kept)
 
@@ -97,7 +97,7 @@ def kept_fewer(study: Study, state: Mapping[str, Any]) -> Fewer | None:
 def made_robust(
     study: Study, robust: Robust, evaluations: Evaluations, points: Sequence[Start], coarse: Predictor
 ) -> tuple[list[Start], int]:
-    """`points` with the robust layout first, and how often one of its muscles was laid as two; within all of the
+    """Return `points` with the robust layout first, and how often one of its muscles was laid as two; within all of the
     study's seconds. What was found stands in the history."""
     objective, history, best = evaluations.objective, evaluations.history, evaluations.best
     state = history.load() or {}
@@ -123,7 +123,8 @@ def _channels(count: int) -> str:
 
 
 def fewer_said(study: Study, fewer: Fewer, *, converged: bool = True) -> str:
-    """For people. converged: whether the search ended by itself, so that what it did not find is not enough."""
+    """Return how many muscles serve, in words. converged: whether the search ended by itself, so that what it did not
+    find is not enough."""
     space = fewer.start[0]
     count = len(space.design.muscles)
     near = f"within {study.price.tolerance:.0%} of it" if not study.price.muscle else "for the price of a muscle"
@@ -146,7 +147,7 @@ def fewer_said(study: Study, fewer: Fewer, *, converged: bool = True) -> str:
 
 
 def front_said(fewer: Fewer) -> str:
-    """For people; empty where there is one number of muscles."""
+    """Return the front in words; empty where there is one number of muscles."""
     each = ", ".join(f"{count}: {in_mm(value):.2f}" for count, value in fewer.front)
     return f"Reached, in mm, by number of muscles: {each}." if len(fewer.front) > 1 else ""
 

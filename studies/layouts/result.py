@@ -1,4 +1,4 @@
-"""What a study found, and its files."""
+"""The result of a study, and its files."""
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -61,12 +61,12 @@ class StudyResult:
 
     @property
     def search_time(self) -> str:
-        """For people: the time searched against its limit, both without compiling and loading."""
+        """Return in words the time searched against its limit, both without compiling and loading."""
         return f"{self.wall_s:.0f} of at most {self.study.limits.seconds:g} s of search time (without compilation)"
 
     @property
     def interrupted(self) -> bool:
-        """By Ctrl-C."""
+        """Return whether Ctrl-C ended the search."""
         return self.stop_reason.startswith(INTERRUPTED)
 
     @property
@@ -89,7 +89,7 @@ class StudyResult:
 
     @property
     def outputs(self) -> dict[str, list[str]]:
-        """What the study asks for of the result's shapes, by name: of each pose, with its unit."""
+        """Return what the study asks for of the result's shapes, by name: of each pose, with its unit."""
         every = self.output_values.items()
         return {name: [f"{value:.1f} {of['unit']}" for value in of["values"]] for name, of in every}
 
@@ -127,7 +127,7 @@ class StudyResult:
 
     @property
     def fewer_in_words(self) -> str:
-        """For people; empty where the number of muscles is given."""
+        """Return how many muscles serve, in words; empty where their number is given."""
         if self.fewer is None:
             return ""
         said = fewer_said(self.study, self.fewer, converged=self.reach.lacking is None), front_said(self.fewer)
@@ -135,7 +135,7 @@ class StudyResult:
 
     @property
     def within_said(self) -> str | None:
-        """For people."""
+        """Return the expected deviation in words."""
         if self.within is None:
             return None
         return (
@@ -205,8 +205,8 @@ def write_best(
 
 
 def expected_within(result: StudyResult, objective: Objective, coarse: Predictor) -> float | None:
-    """m: half the width of the 90 % intervals along the cloth's normal, mean over poses and regions. None of a model
-    without. coarse: moves the drawn models."""
+    """Return half the width [m] of the 90 % intervals along the cloth's normal, mean over poses and regions. None of a
+    model without. coarse: moves the drawn models."""
     spread = spread_of(coarse.model)
     if spread is None:
         return None

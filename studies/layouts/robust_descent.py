@@ -1,4 +1,5 @@
-"""From a layout to one whose copies come nearer: a local search of the mean value over copies that stay the same.
+"""A descent from a layout to one whose copies come nearer: a local search of the mean value over copies that stay the
+same.
 
 Sample average approximation (Shapiro, Dentcheva, Ruszczynski, Lectures on Stochastic Programming, 2009, chapter 5): the
 scatter is drawn once, each copy moves along with the layout, and the mean over the copies is an objective like any
@@ -81,7 +82,8 @@ class Copies:
         return LinearShape(x, shape, slopes.reshape(len(x), *shape.shape))
 
     def _columns(self) -> list[Column]:
-        """Of a copy's case: corners as the space has them, and the pressure of every muscle, which has a channel."""
+        """Return the columns of a copy's case: corners as the space has them, and the pressure of every muscle, which
+        has a channel."""
         muscles = self.space.design.muscles
         corners = [(m, k) for m, own in enumerate(muscles) for k in range(len(own.path)) if self.space.vary_positions]
         return [
@@ -99,8 +101,8 @@ def descend(
     *,
     going: Callable[[], bool] = lambda: True,
 ) -> Start:
-    """Where the mean over the copies is least near `start`, on `forward`; `start` itself where the forward model has no
-    derivatives or it does not gain. objective: of shapes at rest. going: asked before every round."""
+    """Return where the mean over the copies is least near `start`, on `forward`; `start` itself where the forward model
+    has no derivatives or it does not gain. objective: of shapes at rest. going: asked before every round."""
     jacobians = replace(forward, model=Model()).faces_jacobian
     space, x = start
     if jacobians is None or not space.dimension:

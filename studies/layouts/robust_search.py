@@ -61,9 +61,9 @@ def more_robust(
     tolerance: float,
     going: Going = lambda: True,
 ) -> MoreRobust:
-    """On `forward`, the coarse model. Muscles are doubled where the study lets their number vary, up to its most, and
-    while that gains. tolerance: m. going: asked before every round; what it cuts is no worse than `start`. Of targets
-    that are frames of a motion too early to be near rest it is `start` itself."""
+    """Return a more robust layout, by `forward`, the coarse model. Muscles are doubled where the study lets their
+    number vary, up to its most, and while that gains. tolerance: m. going: asked before every round; what it cuts is no
+    worse than `start`. Of targets that are frames of a motion too early to be near rest it is `start` itself."""
     objective = objective.at_rest
     if any(target.time is not None for target in objective.targets):
         return MoreRobust(start, np.inf, 0.0)

@@ -167,7 +167,7 @@ def _search_in(
 def _keeping_best(
     work: WorkFolder, targets: tuple[LoadedTarget, ...], rise: float, progress: Callable[[Evaluations], None]
 ) -> Callable[[Evaluations], None]:
-    """Progress that also writes the best so far, as often as it changes."""
+    """Return progress that also writes the best so far, as often as it changes."""
     written: list[float] = []
 
     def report(evaluations: Evaluations) -> None:
@@ -192,7 +192,7 @@ def _keeping_best(
 
 
 def _floor(study: Study, targets: tuple[LoadedTarget, ...]) -> Callable[[NDArray[np.float64]], float]:
-    """m of a result's shapes (poses, 2 n, 3) m, in the measure that is searched."""
+    """Return the floor [m] of a result's shapes (poses, 2 n, 3) m, in the measure that is searched."""
 
     def floor(shapes: NDArray[np.float64]) -> float:
         errors = target_errors(targets, shapes, study.design, seed=study.seed)

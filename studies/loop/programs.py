@@ -1,4 +1,5 @@
-"""What is run on a design: the rise to its own pressures, and a few programs that say what its model lacks."""
+"""The pressure programs that are run on a design: the rise to its own pressures, and a few programs that say what its
+model lacks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,8 +38,8 @@ class Asked:
 def programs_for(
     study: LoopStudy, design: Design, pressures: Array, times: Sequence[float | None], *, seed: int, last: bool = False
 ) -> Asked:
-    """pressures (poses, channels) Pa, and the targets' times [s], None of a shape at rest. last: nothing is learned
-    from what is measured, so that only the rises are asked for."""
+    """Return the programs for pressures (poses, channels) Pa, and the targets' times [s], None of a shape at rest.
+    last: nothing is learned from what is measured, so that only the rises are asked for."""
     search, rate, trials = study.search, study.rig_limits.rate, study.trials
     rises = [
         rising_program(row, search.rise, search.rise + search.hold) if time is None else constant_program(row, time)
@@ -50,8 +51,8 @@ def programs_for(
 
 
 def _informative(study: LoopStudy, design: Design, own: Array, rng: np.random.Generator) -> list[PressureProgram]:
-    """By turns: a step on and off, a staircase up and down, random levels; of pressures about the design's own and of
-    any others. Channels differ, so that no trial is near a bifurcation."""
+    """Return by turns a step on and off, a staircase up and down, random levels; of pressures about the design's own
+    and of any others. Channels differ, so that no trial is near a bifurcation."""
     highest = np.minimum(limits(design), study.highest)
     seconds = study.trials.seconds
     chosen = []

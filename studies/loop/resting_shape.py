@@ -83,7 +83,8 @@ def _basis(side: int) -> sp.csr_matrix:
 
 
 def _differences(side: int, basis: sp.csr_matrix) -> sp.csr_matrix:
-    """Between neighbours along u, along v, and across both diagonals, of nodes from control points."""
+    """Return the differences between neighbours along u, along v, and across both diagonals, of nodes from control
+    points."""
     index = np.arange(side * side).reshape(side, side)
     pairs = [
         (index[:, 1:], index[:, :-1]),

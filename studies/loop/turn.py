@@ -64,7 +64,7 @@ SHAPES = "shapes.npz"
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """What a turn's search came to. predicted: against the target, m; shapes (poses, 2 n, 3) m."""
+    """The result of a turn's search. predicted: against the target, m; shapes (poses, 2 n, 3) m."""
 
     folder: Path
     design: Design

@@ -1,4 +1,5 @@
-"""What a fit takes of measurement sets: trials, points of their frames, the sensor's noise, folds, provenance."""
+"""The data that a fit takes of measurement sets: trials, points of their frames, the sensor's noise, folds,
+provenance."""
 
 import importlib.metadata
 import platform
@@ -32,7 +33,7 @@ class TooLittle(InputError):
 
 @dataclass(frozen=True)
 class Density:
-    """What is drawn of each trial: frames spread over its first `until` s, and random points of each."""
+    """The sample that is drawn of each trial: frames spread over its first `until` s, and random points of each."""
 
     until: float  # s
     frames: int
@@ -57,7 +58,7 @@ class MeasuredData:
     def of(
         sets: Sequence[MeasurementSet], trials: Sequence[Trial], used: UsedFrames, density: Density, *, seed: int
     ) -> "MeasuredData":
-        """Drawn by `seed`. Raises TooLittle where no trial has a frame that is used."""
+        """Return the data drawn by `seed`. Raises TooLittle where no trial has a frame that is used."""
         rng = np.random.default_rng(seed)
         samples: list[Sample] = []
         for trial in trials:
@@ -91,7 +92,7 @@ class MeasuredData:
 
     @property
     def weighed(self) -> Accuracy | None:
-        """What a fit weighs errors of the inputs by; None where these are exact."""
+        """Return what a fit weighs errors of the inputs by; None where these are exact."""
         return None if self.accuracy.is_exact else self.accuracy
 
     def without(self, gone: Collection[int]) -> "MeasuredData":
@@ -108,7 +109,7 @@ class MeasuredData:
 
     @cached_property
     def folds(self) -> tuple[int, ...]:
-        """Of each trial: those with the same pressures are one fold."""
+        """Return the fold of each trial: those with the same pressures are one fold."""
         fold = {id(trial): k for k, group in enumerate(by_program(self.trials)) for trial in group}
         return tuple(fold[id(trial)] for trial in self.trials)
 

@@ -52,7 +52,8 @@ def split(trials: Sequence[Trial], held_out: float, *, seed: int = 0) -> Split:
 
 
 def folds(trials: Sequence[Trial], count: int, *, seed: int = 0) -> tuple[Split, ...]:
-    """Cross-validation: `count` splits (or as many as there are programs), each fit trial held out once."""
+    """Return the splits of a cross-validation, `count` (or as many as there are programs), each fit trial held out
+    once."""
     groups = by_program(fit_trials(trials))
     if len(groups) < 2:
         raise InputError("all trials to fit have the same pressures; expected at least two programs to hold one out")

@@ -38,7 +38,7 @@ class Stretch:
 
     @property
     def named(self) -> str:
-        """For people."""
+        """Return its name for people."""
         trial = f"{self.set_name}/{self.trial}" if self.set_name else self.trial
         return f"{trial} {self.begin:.1f} to {self.end:.1f} s"
 
@@ -51,13 +51,13 @@ def used_mask(stretches: Sequence[Stretch], trial: str, times: Array, *, set_nam
 
 
 def share_left_out(stretches: Sequence[Stretch], trials: Sequence[Trial], *, set_name: str = "") -> float:
-    """Of all frames of the trials of one set."""
+    """Return the share of all frames of the trials of one set."""
     used = [used_mask(stretches, trial.name, trial.times, set_name=set_name) for trial in trials]
     return float(1 - np.concatenate(used).mean()) if used else 0.0
 
 
 def left_out_in_words(stretches: Sequence[Stretch], share: float) -> str:
-    """In a line for people. share: of the frames that are left out."""
+    """Return a line for people. share: of the frames that are left out."""
     if not stretches:
         return "all frames are used: no stretch is sensitive to small changes of the inputs"
     return f"left out as sensitive, {share:.0%} of the frames: {', '.join(s.named for s in stretches)}; {WHY}"

@@ -83,7 +83,7 @@ def _beside(added: tuple[Term, ...], own: float) -> tuple[Term, ...]:
 
 
 def _error(trial: Trial, motion: NDArray[np.float32], every: int) -> float:
-    """m, root of the mean square over frames; NaN of a motion that diverged."""
+    """Return the root mean square [m] over frames; NaN of a motion that diverged."""
     if not np.isfinite(motion).all():
         return float("nan")
     clouds = trial.load().frames[::every]

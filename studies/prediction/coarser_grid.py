@@ -27,7 +27,7 @@ class ByDesign:
     calm: tuple[Design, ...]  # for which the coarse one is as good
 
     def motions(self, cases: Sequence[Case], times: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float32]]:
-        """As the simulator of each case's design gives them."""
+        """Return what the simulator of each case's design gives."""
         by_case: dict[int, NDArray[np.float32]] = {}
         for own, simulator in self._parts(cases):
             motions = simulator.motions([cases[i] for i in own], [times[i] for i in own])
@@ -35,7 +35,7 @@ class ByDesign:
         return [by_case[i] for i in range(len(cases))]
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
-        """As the simulator of each case's design gives them."""
+        """Return what the simulator of each case's design gives."""
         by_case: dict[int, NDArray[np.float32]] = {}
         for own, simulator in self._parts(cases):
             by_case |= dict(zip(own, simulator.equilibria([cases[i] for i in own]), strict=True))
@@ -100,6 +100,6 @@ def _drive(trial: Trial) -> float:
 
 
 def _rms(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
-    """m; infinite where a motion diverged."""
+    """Return the RMS [m]; infinite where a motion diverged."""
     square = float(np.mean(np.square(a - b).sum(axis=2)))
     return float(np.sqrt(square)) if np.isfinite(square) else float("inf")

@@ -51,7 +51,7 @@ class TrialResult:
 
 @dataclass(frozen=True)
 class DesignResult:
-    """All trials of one design; the statistics leave out trials that diverged or have no frame that is used."""
+    """The trials of one design; the statistics leave out trials that diverged or have no frame that is used."""
 
     source: str  # name and description of the set
     noise: SensorNoise
@@ -62,7 +62,7 @@ class DesignResult:
 
     @property
     def intervals(self) -> IntervalScore | None:
-        """Of all trials' frames and regions together."""
+        """Return the score of all trials' frames and regions together."""
         return IntervalScore.pooled([t.intervals for t in self.trials if t.intervals is not None])
 
     @property
@@ -190,7 +190,8 @@ def _jobs(sets: Sequence[MeasurementSet], roles: Sequence[str]) -> list[_Job]:
 
 
 def _noises(jobs: Sequence[_Job], threads: ThreadPoolExecutor) -> list["Future[SensorNoise]"]:
-    """Of each job; what one set has of cloths of one thickness was seen by one sensor, and is estimated once."""
+    """Return the noise of each job; what one set has of cloths of one thickness was seen by one sensor, and is
+    estimated once."""
     alike: dict[tuple[int, float], list[Trial]] = {}
     keys = []
     for job in jobs:

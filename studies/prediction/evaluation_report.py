@@ -1,4 +1,4 @@
-"""What an evaluation leaves in a folder: numbers, tables and a picture."""
+"""The folder of an evaluation: numbers, tables and a picture."""
 
 from pathlib import Path
 from typing import Any

@@ -12,7 +12,7 @@ from fabdesign.nouns.pressure import PressureProgram
 
 
 def forward_model(simulator: ForwardModel, model: Model | None, *, sensing: bool = False) -> Predictor:
-    """`simulator` with all of `model`: factors, effects, corrector, and where asked for what its sensors add.
+    """Return `simulator` with all of `model`: factors, effects, corrector, and where asked for what its sensors add.
 
     Raises InputError for a model with a part that cannot be used.
     """

@@ -65,7 +65,8 @@ def laced_rests(forward: ForwardModel, model: Model | None, cases: Sequence[Case
 
 
 def _motion(case: Case, at: Array, points: NDArray[np.float32], state: Any, seen: Array) -> MotionData:
-    """state: the simulator's own motion, whose instants hold those that are `seen` (T,) s, and perhaps more."""
+    """Return the motion with its muscles. state: the simulator's own motion, whose instants hold those that are `seen`
+    (T,) s, and perhaps more."""
     fabric, own = case.design.fabric, {}
     if state is not None:
         frames = np.abs(state.time[:, None] - seen).argmin(axis=0)

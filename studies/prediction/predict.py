@@ -142,7 +142,7 @@ def trials_of(source: MeasurementSet | Path, design: Design | None) -> tuple[str
 
 
 def folders_of(sources: Sequence[tuple[str, tuple[Trial, ...]]]) -> dict[str, tuple[Trial, ...]]:
-    """Where the motions of each source (name, trials) go: of a lone one to ".", else under its name.
+    """Return where the motions of each source (name, trials) go: of a lone one to ".", else under its name.
 
     Raises InputError where two have one name.
     """

@@ -1,4 +1,4 @@
-"""Every evaluation of a search or sweep as one table, read from its folder, and as a store of Optuna studies, which its
+"""The evaluations of a search or sweep as one table, read from its folder, and as a store of Optuna studies, which its
 dashboard opens. Only this file knows Optuna, the extra `optuna`."""
 
 import csv

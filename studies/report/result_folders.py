@@ -37,7 +37,7 @@ class ResultFolder:
 
 
 def read_folder(path: Path) -> ResultFolder:
-    """Raises InputError for what no command made, and for a damaged result."""
+    """Read a folder of results. Raises InputError for what no command made, and for a damaged result."""
     mark = read_mark(path)
     if mark is None:
         raise InputError(f"{path}: is no folder that fabdesign made (without {MARK}); expected a result's folder")

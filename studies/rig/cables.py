@@ -34,7 +34,7 @@ class Cables:
 
 
 def lace(design: Design, patch: Patch, offset_factor: float) -> Cables:
-    """Fixed points of all muscles on the patch."""
+    """Return the fixed points of all muscles on the patch."""
     width, height = design.fabric.width, design.fabric.height
     uv: list[Array] = []
     offset, first, rest, muscle, along = [], [], [], [], []

@@ -59,7 +59,7 @@ def _friction(scene: Scene, limit: Array, contraction: Array) -> tuple[Array, ND
 
 @njit(cache=True)
 def _interpolate(table: Array, p: Array, contraction: Array) -> tuple[Array, Array]:
-    """Bilinear; linear beyond the table in contraction. Returns tension and its slope with contraction."""
+    """Return bilinear, beyond the table in contraction linear, tension and its slope with contraction."""
     value, slope = np.empty(p.shape[0]), np.empty(p.shape[0])
     for i in range(p.shape[0]):
         a = min(max(p[i], 0.0) / PRESSURE_STEP, table.shape[0] - 1.000001)

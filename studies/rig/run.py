@@ -126,7 +126,7 @@ def _by_name(designs: Sequence[Design]) -> dict[str, Design]:
 def _recording_places(
     recording: Path | None, out: Path, force: bool, inputs: Sequence[Path | str]
 ) -> Iterator[tuple[Path, Path] | None]:
-    """Where the recording, if any, and the true poses are to be written."""
+    """Yield where the recording, if any, and the true poses are to be written."""
     if recording is None:
         yield None
         return
@@ -233,7 +233,7 @@ _FRAME, _POINT = 48, 120  # bytes of a frame: of each control point, and of each
 
 
 def trial_bytes(task: TrialTask, resolution: Resolution) -> float:
-    """At the peak of a trial."""
+    """Return the bytes at the peak of a trial."""
     blocks, within, reach = control_counts(task.design, resolution)
     controls, frames = blocks * within, len(task.times)
     steps = float(task.times[-1]) / resolution.step

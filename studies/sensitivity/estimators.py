@@ -90,7 +90,7 @@ def indices(values: Array, *, seed: int = 0) -> Indices:
 
 
 def _indices(values: Array) -> tuple[Array, Array]:
-    """First order by Saltelli et al. 2010, total by Jansen 1999 (their table 2, b and f)."""
+    """Return the first order by Saltelli et al. 2010, total by Jansen 1999 (their table 2, b and f)."""
     centred = values - values[:, :2].mean()
     a, b, mixed = centred[:, :1], centred[:, 1:2], centred[:, 2:]
     variance = max(float(centred[:, :2].var()), np.finfo(float).tiny)

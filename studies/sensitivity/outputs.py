@@ -1,4 +1,4 @@
-"""What a sweep watches of a shape: numbers for people, in mm, 1/m and N."""
+"""The outputs of a shape that a sweep watches: numbers for people, in mm, 1/m and N."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -93,7 +93,7 @@ class Outputs:
 
 
 def _distance(target: LoadedTarget, points: NDArray[np.float32]) -> float:
-    """m."""
+    """Return the distance [m]."""
     if target.landmarks is not None:
         return target.landmarks.mean(points)
     target = target.beside(np.asarray(points, float))
@@ -111,7 +111,8 @@ def tip(points: NDArray[np.floating], fabric: Fabric) -> Array:
 
 
 def mean_curvature(points: NDArray[np.floating]) -> float:
-    """1/m: mean curvature of the mid-surface, mean over its area; positive where it is hollow to the front."""
+    """Return the mean curvature [1/m] of the mid-surface, mean over its area; positive where it is hollow to the
+    front."""
     middle = mid_surface(points)
     inner = slice(1, -1)
     u = (middle[inner, 2:] - middle[inner, :-2]) / 2

@@ -141,7 +141,7 @@ def _held(study: SensitivityStudy) -> str:
 
 
 def as_text(result: SensitivityResult) -> str:
-    """For people: of every output the parameters that matter most."""
+    """Return in words of every output the parameters that matter most."""
     lines = []
     for column, output in result.as_json()["outputs"].items():
         lines.append(

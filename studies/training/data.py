@@ -1,4 +1,4 @@
-"""From measured sets to what a network learns from: trials chosen, a base fitted to them, its motions, each once."""
+"""Training data from measured sets: trials chosen, a base fitted to them, its motions, each once."""
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
@@ -157,7 +157,7 @@ class KeptMotions:
             self.progress("simulated", done, len(trials))
 
     def of(self, trials: Sequence[Chosen]) -> list[NDArray[np.float32]]:
-        """(U, 2 n, 3) m of each."""
+        """Return (U, 2 n, 3) m of each."""
         self.simulate(trials)
         return [self.checkpoint.arrays(self._name(c), partial(self._again, c))["points"] for c in trials]
 

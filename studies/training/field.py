@@ -101,7 +101,7 @@ def _for_unseen(
 
 
 def errors_mm(examples: Sequence[Examples], coefficients: Coefficients | None = None) -> float:
-    """mm, RMS over the nodes of how far the cloth is off along the normal, mean over frames."""
+    """Return in mm the RMS over the nodes of how far the cloth is off along the normal, mean over frames."""
     return float(np.mean(np.concatenate([e.errors(coefficients) for e in examples])))
 
 

@@ -49,7 +49,7 @@ def about(plan: PaperTraining, rate: float, known: list[dict[str, Any]]) -> dict
 
 
 def _frame_rate(trials: Sequence[Chosen]) -> float:
-    """Hz, that of all trials."""
+    """Return the frame rate [Hz] of all trials."""
     steps = np.concatenate([np.diff(chosen.trial.times) for chosen in trials])
     for chosen in trials:
         if len(chosen.trial.times) <= FRAMES:

@@ -1,4 +1,4 @@
-"""What a training found, in words."""
+"""The result of a training, in words."""
 
 from fabdesign.units import in_mm
 from studies.training.train import HeldOutErrors, TrainingResult

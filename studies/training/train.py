@@ -40,7 +40,7 @@ ALGORITHM = 13  # of what an unfinished training keeps: raised where it is no lo
 
 @dataclass(frozen=True)
 class HeldOutErrors:
-    """Of one design: the trials that took no part, before and after the corrector."""
+    """The errors of a design's trials that took no part, before and after the corrector."""
 
     trials: int
     trust: Trust
@@ -52,7 +52,7 @@ class HeldOutErrors:
 
 @dataclass(frozen=True)
 class TrainingResult(Tabled):
-    """What a training came to. skipped: bad trials left out, a line each."""
+    """The result of a training. skipped: bad trials left out, a line each."""
 
     model: Model
     about: Mapping[str, Any]  # as the weights' file says it
@@ -172,7 +172,7 @@ def train(
 def _with_spread(
     model: Model, held: Sequence[Chosen], forward: ForwardModel, coarse: ForwardModel | None, progress: Progress
 ) -> tuple[Model, str]:
-    """Calibrated on the trials that were kept back and that the base was not fitted to either."""
+    """Return the model calibrated on the trials that were kept back and that the base was not fitted to either."""
     used = {c.trial.file: c.used for c in held if c.name not in model.provenance.fitted}
     return with_spread(
         model,
@@ -268,7 +268,7 @@ def _tested(
 def unordered_errors(
     clouds: Sequence[NDArray[np.floating]], answer: NDArray[np.float32], chamfer_floor: float
 ) -> Errors:
-    """m. An unordered answer has no surface, and its floor is that of the simulated surface."""
+    """Return the errors [m]. An unordered answer has no surface, and its floor is that of the simulated surface."""
     apart = float(np.mean([chamfer(cloud, points) for cloud, points in zip(clouds, answer, strict=True)]))
     return Errors(apart, chamfer_floor, np.nan, np.nan, np.nan)
 

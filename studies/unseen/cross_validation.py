@@ -1,4 +1,4 @@
-"""Each design of a measured set left out in turn: calibrated on the others, evaluated on it."""
+"""Cross-validation by design, each of a measured set left out in turn: calibrated on the others, evaluated on it."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -32,7 +32,7 @@ def slopes(shapes: Sequence[NDArray[np.float32]]) -> Array:
 
 
 def directions(count: int) -> list[Array]:
-    """+STEP and -STEP of each z in turn."""
+    """Return +STEP and -STEP of each z in turn."""
     return [sign * STEP * row for row in np.eye(count) for sign in (1, -1)]
 
 
@@ -59,18 +59,18 @@ def information(candidates: Sequence[CandidateMeasurement], draws: Draws, forwar
 
 
 def spread(b: Array, covariance: Array) -> float:
-    """m RMS over points, of shapes B z with z of this covariance."""
+    """Return the RMS [m] over points, of shapes B z with z of this covariance."""
     return float(np.sqrt(3 * np.einsum("ij,jk,ik->i", b, covariance, b).mean()))
 
 
 def after(b: Array, gained: Array) -> float:
-    """m RMS of what a measurement of this information leaves of the shapes' spread."""
+    """Return the RMS [m] of what a measurement of this information leaves of the shapes' spread."""
     return spread(b, np.asarray(np.linalg.inv(np.eye(len(gained)) + gained)))
 
 
 def in_turn(b: Array, gained: Mapping[str, Array], count: int) -> dict[str, float]:
-    """At most `count` measurements, each the one that tells most beside those before it, and m RMS that they leave
-    together. gained: (n, n), what `information` says of each."""
+    """Return at most `count` measurements, each the one that tells most beside those before it, and m RMS that they
+    leave together. gained: (n, n), what `information` says of each."""
     found: dict[str, float] = {}
     known = np.zeros((b.shape[1], b.shape[1]))
     while len(found) < min(count, len(gained)):

@@ -183,7 +183,7 @@ def _histogram_figure(sizes: dict[str, Any]) -> Figure:
 
 
 def as_text(result: UnseenResult) -> str:
-    """For people."""
+    """Return the result in words."""
     lines = []
     for pose in result.get("poses") or []:
         low, middle, high = pose["tip_mm"]["z"]

@@ -132,7 +132,8 @@ class _Scene:
         return self._accessor(array.astype(np.float32), "VEC3", gltf.ARRAY_BUFFER, limits=True)
 
     def _accessor(self, array: NDArray[Any], kind: str, target: int | None = None, *, limits: bool = False) -> int:
-        """Of an array that is appended to the buffer; its smallest and largest entries where glTF asks for them."""
+        """Return the accessor of an array that is appended to the buffer; its smallest and largest entries where glTF
+        asks for them."""
         offset = len(self._bytes)
         self._bytes += np.ascontiguousarray(array).tobytes()
         self._asset.bufferViews.append(

@@ -1,4 +1,4 @@
-"""What is looked at: motions, trials, clouds and predictions, each as frames of points with their times."""
+"""The items that are looked at: motions, trials, clouds and predictions, each as frames of points with their times."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

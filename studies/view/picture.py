@@ -1,4 +1,4 @@
-"""The same side by side as a picture (PNG) of some instants, or an animation (GIF, MP4)."""
+"""Items side by side as a picture (PNG) of some instants, or an animation (GIF, MP4)."""
 
 import shutil
 import subprocess
@@ -147,7 +147,7 @@ def _distance_in_words(distance: Distance) -> str:
 
 
 def _head(item: Item, distance: Distance | None) -> str:
-    """As many lines for every panel, so that all stay alike."""
+    """Return a head of as many lines for every panel, so that all stay alike."""
     more = ["", "", ""]
     if distance is not None:
         more = [f"from {distance.reference}, {distance.when}:", *errors_in_words(distance.whole).split(", ")]

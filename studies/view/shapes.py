@@ -1,4 +1,4 @@
-"""What a panel is drawn from: triangles in parts of one colour, the muscles as thin tubes on the cloth."""
+"""The parts that a panel is drawn from: triangles in parts of one colour, the muscles as thin tubes on the cloth."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ def key_of(items: Sequence[Item], *, overlay: bool) -> list[tuple[str, RGB]]:
 
 
 def parts_of(item: Item) -> list[MeshPart]:
-    """Of a panel with triangles; empty for a cloud."""
+    """Return the parts of a panel with triangles; none of a cloud."""
     if item.triangles is None:
         return []
     triangles = np.asarray(item.triangles, np.int64)

@@ -50,7 +50,7 @@ def orthotropy_of_bending(scene: Scene, order: int, values: Mapping[str, float])
 
 
 def droop_by_flow(scene: Scene, order: int, values: Mapping[str, float]) -> None:
-    """Every other channel takes of a channel's pressure by its own pressure, `share` at 400 kPa."""
+    """Other channels take of a channel's pressure by its own pressure, `share` at 400 kPa."""
 
     def droop(pressure: Array, step: float) -> Array:
         others = (pressure.sum(axis=1, keepdims=True) - pressure) / FULL_PRESSURE
