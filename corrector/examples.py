@@ -62,12 +62,12 @@ def _heights(middle: Floats, cloud: Floats) -> tuple[Floats, Floats, Floats]:
     side = middle.shape[0]
     triangles = front_triangles(side, side)
     surface = Surface(middle.reshape(-1, 3).astype(np.float64), triangles)
-    near = surface.nearest(cloud)
-    corners = triangles[near.triangle]
-    place = np.einsum("nc,ncd->nd", near.weights, surface.vertices[corners])
-    height = np.einsum("nd,nd->n", cloud - place, surface.normals_of(near.triangle))
+    nearest = surface.nearest(cloud)
+    corners = triangles[nearest.triangle]
+    place = np.einsum("nc,ncd->nd", nearest.weights, surface.vertices[corners])
+    height = np.einsum("nd,nd->n", cloud - place, surface.normals_of(nearest.triangle))
     rows, cols = np.divmod(corners, side)
-    return height, (near.weights * rows).sum(axis=1), (near.weights * cols).sum(axis=1)
+    return height, (nearest.weights * rows).sum(axis=1), (nearest.weights * cols).sum(axis=1)
 
 
 _MOST = 8.0  # points, more of which do not make a node count more: its error is the model's then
@@ -109,10 +109,12 @@ class Examples:
 
     def errors(self, coefficients: Floats | None = None) -> NDArray[np.float64]:
         """Return (T,) mm RMS that is left with these coefficients (K,); by default without any."""
-        left = self.goal
+        remainder = self.goal
         if coefficients is not None:
-            left = left - np.einsum("tkn,k->tn", self.heights.astype(np.float32), coefficients.astype(np.float32))
-        return np.asarray(np.sqrt((left**2 * self.weight).sum(axis=1)), dtype=np.float64)
+            remainder = remainder - np.einsum(
+                "tkn,k->tn", self.heights.astype(np.float32), coefficients.astype(np.float32)
+            )
+        return np.asarray(np.sqrt((remainder**2 * self.weight).sum(axis=1)), dtype=np.float64)
 
     @cached_property
     def equations(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

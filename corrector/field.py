@@ -68,8 +68,8 @@ class FieldCorrector:
 
     def coefficients(self, distance: float) -> NDArray[np.float64]:
         """Return (K,) for a design so far from those learned from."""
-        near = max(1 - distance / NEAR, 0.0)
-        return near * self.seen + (1 - near) * self.unseen
+        nearness = max(1 - distance / NEAR, 0.0)
+        return nearness * self.seen + (1 - nearness) * self.unseen
 
     def _known(self, design: Design) -> tuple[MuscleFields, Trust]:
         """Return what is the same in all motions of a design, worked out once."""

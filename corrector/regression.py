@@ -59,10 +59,10 @@ def best_penalty(examples: Sequence[Examples], folds: Sequence[Sequence[int]], p
     largest where there is nothing to try it on."""
     if not folds:
         return plan.penalties[-1]
-    left = np.zeros(len(plan.penalties))
+    remaining = np.zeros(len(plan.penalties))
     for kept_back in folds:
         rest = [e for i, e in enumerate(examples) if i not in set(kept_back)]
         own = [examples[i] for i in kept_back]
         for k, penalty in enumerate(plan.penalties):
-            left[k] += len(own) * relative_error(own, coefficients_of(rest, penalty, least))
-    return plan.penalties[int(left.argmin())]
+            remaining[k] += len(own) * relative_error(own, coefficients_of(rest, penalty, least))
+    return plan.penalties[int(remaining.argmin())]

@@ -40,16 +40,16 @@ MOST = 10  # lines of a command: a set may have one a trial
 @contextmanager
 def notes_told() -> Iterator[None]:
     """Show each `InputNote` once, as "note: ...", and MOST of them; other warnings as Python does."""
-    told: set[str] = set()
+    shown: set[str] = set()
 
     def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
         if not isinstance(message, InputNote):
             before(message, category, *place, **more)
-        elif str(message) not in told:
-            told.add(str(message))
-            if len(told) <= MOST:
+        elif str(message) not in shown:
+            shown.add(str(message))
+            if len(shown) <= MOST:
                 tell(f"note: {' '.join(str(message).split())}")
-            elif len(told) == MOST + 1:
+            elif len(shown) == MOST + 1:
                 tell("note: there are more of these; fabdesign check lists all of a file or folder")
 
     with warnings.catch_warnings():

@@ -32,8 +32,8 @@ def _of_set_point(pressure: Array, values: Values) -> Array:
 
 
 def _pressure(acting: ActingPressure, values: Values) -> ActingPressure:
-    told = acting.program
-    program = PressureProgram(told.time, _of_set_point(told.pressure, values), told.duration)
+    set_points = acting.program
+    program = PressureProgram(set_points.time, _of_set_point(set_points.pressure, values), set_points.duration)
     quick, slow = values["quick"], values["slow"]
     if quick == 0 and slow == 0:
         return acting.through(program, None if acting.smooth is None else _of_set_point(acting.smooth, values))

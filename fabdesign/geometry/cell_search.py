@@ -39,7 +39,7 @@ def search_cells(
     Points near each other are asked together about the items around their box: first those that come within a short way
     of it, then, as long as one may be nearer to any of them than what it has, those within twice the way.
     """
-    left, unsure, several = np.empty_like(asked), 0, len(start) > 2
+    unfinished, unsure, several = np.empty_like(asked), 0, len(start) > 2
     farthest = _WIDE * edge if several else np.inf
     at, best, nearest = np.empty((3, _GROUP)), np.empty(_GROUP), np.empty(_GROUP, dtype=np.int64)
     lower, upper = np.empty(3), np.empty(3)
@@ -57,7 +57,7 @@ def search_cells(
                 if nowhere or off > np.sqrt(squared[i]) * ROUNDED_UP:  # or farther than what is looked for
                     continue
                 if off > farthest:
-                    left[unsure] = i
+                    unfinished[unsure] = i
                     unsure += 1
                     continue
                 best[j] = squared[i]
@@ -74,9 +74,9 @@ def search_cells(
                 if nearest[j] >= 0:
                     squared[own[j]], item[own[j]] = best[j], order[nearest[j]]
                 if best[j] >= 0 and np.sqrt(best[j]) * ROUNDED_UP > done:
-                    left[unsure] = own[j]
+                    unfinished[unsure] = own[j]
                     unsure += 1
-    return left[:unsure]
+    return unfinished[:unsure]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -118,7 +118,7 @@ def _around(
         begin[a] = int(min(max(np.floor(least / edge), 0.0), shape[a] - 1.0))
         end[a] = int(min(max(np.floor(most / edge), 0.0), shape[a] - 1.0)) + 1
     l0, l1, l2, u0, u1, u2 = lower[0], lower[1], lower[2], upper[0], upper[1], upper[2]
-    past, near = done * abs(done), reach * reach
+    past, reach_squared = done * abs(done), reach * reach
     for u in range(begin[0], end[0]):
         for v in range(begin[1], end[1]):
             column = (u * shape[1] + v) * shape[2]
@@ -130,7 +130,7 @@ def _around(
                 apart[k] = d0 * d0 + d1 * d1 + d2 * d2
             for k in range(some, others):
                 which[count] = k
-                count += (apart[k] > past) & (apart[k] <= near)
+                count += (apart[k] > past) & (apart[k] <= reach_squared)
     return count
 
 

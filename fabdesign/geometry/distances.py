@@ -33,11 +33,11 @@ class ChamferTo:
 
     def of(self, points: Floats) -> float:
         """Return `chamfer(points, cloud)` [m]."""
-        near = self._cells.nearest(points)
-        to_cloud, to_points = np.sqrt(near.squared), nearest_distances(self._cloud, points)
+        nearest = self._cells.nearest(points)
+        to_cloud, to_points = np.sqrt(nearest.squared), nearest_distances(self._cloud, points)
         if self._weights is None:
             return float(to_cloud.mean() + to_points.mean())
-        one, other = self._weights[near.item], self._weights
+        one, other = self._weights[nearest.item], self._weights
         return float(one @ to_cloud / one.sum() + other @ to_points / other.sum())
 
 

@@ -95,12 +95,12 @@ def fit_placement(
     if fits[0][0] <= least + _GAIN:
         least, turn, shift = fits[0]
     placement = placement_of(factor, turn, shift)
-    near = [(gap, other, placement_of(factor, other, s)) for gap, other, s in fits if gap < least + CLEAR]
-    over = [p for gap, other, p in near if gap < least + 3 * TIE and differ(other, OVER * turn) < SAME]
+    candidates = [(gap, other, placement_of(factor, other, s)) for gap, other, s in fits if gap < least + CLEAR]
+    over = [p for gap, other, p in candidates if gap < least + 3 * TIE and differ(other, OVER * turn) < SAME]
     at = placement.apply(points)
     rivals = [
         p
-        for _, other, p in near
+        for _, other, p in candidates
         if min(differ(other, turn), differ(other, OVER * turn)) >= SAME
         and not (_opposite(other, turn) and _same_shape(p.apply(points), at))
     ]
@@ -187,11 +187,11 @@ def _strip_gap(points: Array, fabric: Fabric) -> float:
     x, y = np.meshgrid(np.linspace(-half, half, 41), np.linspace(0, -deep, 9))
     strip = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
     away = np.linalg.norm(points - np.stack([points[:, 0].clip(-half, half), *np.zeros((2, len(points)))], 1), axis=1)
-    near = points[away <= deep]
-    if not len(near):
+    edge = points[away <= deep]
+    if not len(edge):
         return np.inf
-    nearest = np.stack([near[:, 0].clip(-half, half), near[:, 1].clip(-deep, 0), 0 * near[:, 2]], axis=1)
-    to_strip = np.linalg.norm(near - nearest, axis=1).mean()
+    nearest = np.stack([edge[:, 0].clip(-half, half), edge[:, 1].clip(-deep, 0), 0 * edge[:, 2]], axis=1)
+    to_strip = np.linalg.norm(edge - nearest, axis=1).mean()
     return float(cKDTree(points).query(strip)[0].mean() + to_strip)
 
 
@@ -216,9 +216,9 @@ def fit_markers(
     best = min(gap for gap, _, _ in laid)
     sound = [candidate for candidate in own if candidate[0] <= best + _OWN * spacing] or laid
     least, turn, shift = min(sound, key=lambda candidate: candidate[0])
-    near = [(gap, other, placement_of(factor, other, s)) for gap, other, s in sound if gap < least + CLEAR]
-    over = [p for _, other, p in near if differ(other, OVER * turn) < SAME]
-    rivals = [p for _, other, p in near if min(differ(other, turn), differ(other, OVER * turn)) >= SAME]
+    candidates = [(gap, other, placement_of(factor, other, s)) for gap, other, s in sound if gap < least + CLEAR]
+    over = [p for _, other, p in candidates if differ(other, OVER * turn) < SAME]
+    rivals = [p for _, other, p in candidates if min(differ(other, turn), differ(other, OVER * turn)) >= SAME]
     return PlacementFit(placement_of(factor, turn, shift), over[0] if over else None, rivals[0] if rivals else None)
 
 

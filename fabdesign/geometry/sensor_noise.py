@@ -95,8 +95,8 @@ def estimate_noise(frames: Sequence[Floats], thickness: float) -> SensorNoise:
             break
     hidden = _HIDDEN * sigma
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        near = threads.map(lambda n: _near_strays(n, half, sigma, strays), around)
-        off = np.concatenate([*(n.alone[n.alone > hidden] for n in around), *near])
+        strays_by_frame = threads.map(lambda n: _near_strays(n, half, sigma, strays), around)
+        off = np.concatenate([*(n.alone[n.alone > hidden] for n in around), *strays_by_frame])
     if not len(off):
         return SensorNoise(sigma, 0.0, 0.0)
     # even ones are seen from `hidden` to the reach outwards, and to the thickness less inwards, off the other face

@@ -91,8 +91,8 @@ def _fault(points: Array, middle: Array, hung: Array, fabric: Fabric, leaning: f
     if across > _ACROSS * diagonal:
         return f"the points are {in_mm(across):.0f} mm across; expected the cloth's diagonal, {in_mm(diagonal):.0f} mm"
     sparse = 2 * np.sqrt(fabric.width * fabric.height / len(points))  # of points drawn by chance, the widest gaps
-    near = cKDTree(points, balanced_tree=False, compact_nodes=False)  # built twice as fast, for few questions
-    gap = float(np.quantile(near.query(hung)[0], 0.75))
+    tree = cKDTree(points, balanced_tree=False, compact_nodes=False)  # built twice as fast, for few questions
+    gap = float(np.quantile(tree.query(hung)[0], 0.75))
     if gap > max(_HELD * short, sparse):
         return f"no point within {in_mm(gap):.0f} mm of where the cloth is held; expected some along all of it"
     gravity = np.array(fabric.gravity)

@@ -98,9 +98,9 @@ def require_apart(goal: Path, inputs: Iterable[Path | str]) -> None:
 def _with_named(path: Path) -> Iterator[Path]:
     """Yield the file or folder, and the files that it names, that those name, and so on: resolved, each once."""
     seen: set[Path] = set()
-    left = [path]
-    while left:
-        file = left.pop()
+    pending = [path]
+    while pending:
+        file = pending.pop()
         try:
             file = file.resolve()
             if file in seen or not (file.is_file() or (file.is_dir() and not seen)):
@@ -110,24 +110,24 @@ def _with_named(path: Path) -> Iterator[Path]:
         seen.add(file)
         yield file
         if file.is_dir():
-            left += [file / head for head in _HEADS]
+            pending += [file / head for head in _HEADS]
         elif file.suffix == ".toml":
-            left += [file.parent / text for text in _texts(file)]
+            pending += [file.parent / text for text in _texts(file)]
 
 
 def _texts(path: Path) -> Iterator[str]:
     """Yield all strings in a TOML file; of one that cannot be read, none: whoever reads it says so."""
     try:
-        left: list[Any] = [parse_toml(path)]
+        pending: list[Any] = [parse_toml(path)]
     except InputError:
         return
-    while left:
-        value = left.pop()
+    while pending:
+        value = pending.pop()
         if isinstance(value, str) and value:
             yield value
         elif isinstance(value, dict):
-            left += [entry for key, entry in value.items() if key not in ("name", "description")]
+            pending += [entry for key, entry in value.items() if key not in ("name", "description")]
             if isinstance(start := value.get("start"), str):  # of a study: the folder of a result
                 yield f"{start}/design.toml"
         elif isinstance(value, list):
-            left += value
+            pending += value

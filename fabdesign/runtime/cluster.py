@@ -166,13 +166,13 @@ class Cluster:
         from distributed import as_completed
 
         call, versions, effects = uuid.uuid4().hex[:12], this_worker().versions, registered_sources()
-        left, done, due = [*range(len(tasks))][::-1], {}, 0
+        waiting, done, due = [*range(len(tasks))][::-1], {}, 0
         under_way: dict[Any, int] = {}
         completed = as_completed(loop=self.client.loop)
         try:
             while due < len(tasks):
-                while left and len(under_way) < self._places():
-                    number = left.pop()
+                while waiting and len(under_way) < self._places():
+                    number = waiting.pop()
                     key = f"fabdesign-{call}-{number}"
                     future = self.client.submit(
                         _computed, function, tasks[number], versions, effects, key=key, pure=False

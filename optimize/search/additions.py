@@ -61,10 +61,10 @@ def _drawn(muscles: Sequence[Muscle], space: DesignSpace, sides: Sequence[Side],
     fabric = space.design.fabric
     side = sides[int(rng.integers(len(sides)))]
     if muscles and rng.random() < BESIDE:
-        near = muscles[int(rng.integers(len(muscles)))]
-        shift = SHIFT * np.array([fabric.width, fabric.height]) * rng.standard_normal((len(near.path), 2))
-        path = np.array(near.path) + shift
-        kind, pitch = near.type, near.fixed_point_pitch
+        neighbour = muscles[int(rng.integers(len(muscles)))]
+        shift = SHIFT * np.array([fabric.width, fabric.height]) * rng.standard_normal((len(neighbour.path), 2))
+        path = np.array(neighbour.path) + shift
+        kind, pitch = neighbour.type, neighbour.fixed_point_pitch
     else:
         path = random_line(space.design, space.limits, rng)
         kind = str(rng.choice(list(space.design.muscle_types)))

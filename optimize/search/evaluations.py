@@ -194,10 +194,10 @@ class Evaluations:
 
     def _room(self) -> int:
         """Return evaluations that the next batch may have. Raises Stop where none are left."""
-        left = self._most - self.history.evaluations
-        if left <= 0:
+        remaining = self._most - self.history.evaluations
+        if remaining <= 0:
             raise Stop(f"the limit of {self._most} evaluations is reached")
-        return min(BATCH, left)
+        return min(BATCH, remaining)
 
     @contextmanager
     def aside(self) -> Iterator[None]:

@@ -68,8 +68,8 @@ def best_step(model: LinearShape, objective: Objective, space: DesignSpace, radi
             moved = x + MARGIN_STEP * np.eye(space.limited, len(x))
             gradient[: len(margins), : space.limited] = -(space.margins(moved) - margins).T / MARGIN_STEP
         if contraction is not None:
-            left, slopes = contraction.at(x)
-            result[len(margins) :] = -left
+            slack, slopes = contraction.at(x)
+            result[len(margins) :] = -slack
             if gradient.size:
                 gradient[len(margins) :] = -slopes
 

@@ -85,12 +85,12 @@ def find(x: Array, sheet: ContactSheet, cutoff: float, before: ContactPairs) -> 
     r = position - sum(w[:, None] * p for w, p in zip(weights, (p00, p10, p01, p11), strict=True))
     distance = np.linalg.norm(r, axis=1)
     side = np.where(np.einsum("kc,kc->k", r, np.cross(b, a)) < 0, -1.0, 1.0)
-    left = np.flatnonzero(beside & (distance < cutoff))
-    left = left[np.lexsort((distance[left], node[left]))]
+    close = np.flatnonzero(beside & (distance < cutoff))
+    close = close[np.lexsort((distance[close], node[close]))]
     pairs = ContactPairs.none(n * n)
     for layer in range(LAYERS):
-        nodes, first = np.unique(node[left], return_index=True)
-        chosen = left[first]
+        nodes, first = np.unique(node[close], return_index=True)
+        chosen = close[first]
         pairs.row[nodes, layer], pairs.column[nodes, layer] = row[chosen], column[chosen]
         pairs.xi[nodes, layer], pairs.eta[nodes, layer] = xi[chosen], eta[chosen]
         pairs.side[nodes, layer], pairs.distance[nodes, layer] = side[chosen], distance[chosen]
@@ -98,8 +98,8 @@ def find(x: Array, sheet: ContactSheet, cutoff: float, before: ContactPairs) -> 
             kept = before.side[nodes, then]
             same = _close(row[chosen] - before.row[nodes, then], column[chosen] - before.column[nodes, then], sheet)
             pairs.side[nodes, layer] = np.where(same & (kept != 0), kept, pairs.side[nodes, layer])
-        i = node[left]
-        left = left[~_close(row[left] - pairs.row[i, layer], column[left] - pairs.column[i, layer], sheet)]
+        i = node[close]
+        close = close[~_close(row[close] - pairs.row[i, layer], column[close] - pairs.column[i, layer], sheet)]
     return pairs
 
 

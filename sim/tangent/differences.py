@@ -46,8 +46,8 @@ def completed(
     """Return Jacobians of all cases: what the tangent `solved`, by case, and differences of the outcome for the rest,
     but for columns without."""
     known = {i: own for i, own in solved.items() if own.settled}
-    left = [i for i in range(len(cases)) if i not in known]
-    middles = dict(zip(left, outcome(left, [cases[i] for i in left]), strict=True)) if left else {}
+    missing = [i for i in range(len(cases)) if i not in known]
+    middles = dict(zip(missing, outcome(missing, [cases[i] for i in missing]), strict=True)) if missing else {}
     middles |= {i: own.middle for i, own in known.items()}
     pairs = [
         (i, c) for i in range(len(cases)) for c in range(len(columns)) if i not in known or c not in known[i].changes

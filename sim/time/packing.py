@@ -19,11 +19,11 @@ def pack(patterns: Sequence[tuple]) -> list[list[int]]:
     order = sorted(range(len(patterns)), key=lambda i: (patterns[i], i))
     groups = [list(group) for _, group in groupby(order, key=lambda i: patterns[i])]
     blocks = [group[k : k + LANES] for group in groups for k in range(0, len(group) - LANES + 1, LANES)]
-    left = [group[len(group) // LANES * LANES :] for group in groups]
-    rest = [i for group in left for i in group]
+    remainders = [group[len(group) // LANES * LANES :] for group in groups]
+    rest = [i for group in remainders for i in group]
     if rest:
         count = -(-len(rest) // LANES)
-        if sum(map(bool, left)) > 1:
+        if sum(map(bool, remainders)) > 1:
             threads = os.cpu_count() or 1
             count = min(count + -(len(blocks) + count) % threads, len(rest))
         blocks += [part.tolist() for part in np.array_split(rest, count)]

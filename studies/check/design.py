@@ -101,8 +101,8 @@ def spacing(design: Design, least: float) -> tuple[list[str], list[str]]:
 
 
 def _first(lines: list[str]) -> list[str]:
-    left = len(lines) - _NAMED
-    return lines if left <= 1 else [*lines[:_NAMED], f"and so {left} more pairs of muscles on one face"]
+    others = len(lines) - _NAMED
+    return lines if others <= 1 else [*lines[:_NAMED], f"and so {others} more pairs of muscles on one face"]
 
 
 def _fabric(fabric: Fabric, ranges: Mapping[str, object]) -> Iterator[str]:

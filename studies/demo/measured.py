@@ -105,7 +105,7 @@ class ShippedErrors:
             "unjudged_share": self.share_left_out,
             "effects": acting_effects(self.shipped.terms),
             "by_trial": {name: e.millimetres() for name, e in self.by_trial.items()},
-            "another_branch": {name: found.much_nearer for name, found in self.branches.items()},
+            "another_branch": {name: branch.much_nearer for name, branch in self.branches.items()},
             "models": [{"name": name, **errors.millimetres(), "closed": share} for name, errors, share in self.rows()],
         }
 
@@ -117,11 +117,11 @@ def far_off(surface: Mapping[str, float]) -> dict[str, float]:
     return {name: mean for name, mean in means.items() if surface[name] > FAR_OFF * mean}
 
 
-def branch_in_words(found: Branches) -> str:
+def branch_in_words(branch: Branches) -> str:
     """Return whether a trial that is far off lies on another branch, as simulated from starts that differ a little."""
     changed = f"the frame tilted by up to {max(TILTS):g} degrees or the cloth curved by up to {max(CURLS):g} 1/m more"
-    nearest = f"{in_mm(found.nearest):.2f} mm, without the change {in_mm(found.own):.2f} mm"
-    if found.much_nearer:
+    nearest = f"{in_mm(branch.nearest):.2f} mm, without the change {in_mm(branch.own):.2f} mm"
+    if branch.much_nearer:
         return (
             "It took another stable shape (branch): a small change of the start leads there. With "
             f"{changed}, the model without its corrector comes to {nearest}."
@@ -158,7 +158,7 @@ def evaluate_shipped(*, forward: ForwardModel | None = None) -> ShippedErrors:
     far = far_off({name: e.surface_rms for name, e in by_trial.items()})
     other = branches_of([t for t in trials if t.name in far], forward_model(fine, uncorrected, sensing=True))
     return ShippedErrors(
-        measured, shipped, means, used.share_left_out, by_trial, {found.trial.name: found for found in other}
+        measured, shipped, means, used.share_left_out, by_trial, {branch.trial.name: branch for branch in other}
     )
 
 
@@ -183,10 +183,10 @@ def as_text(shipped: ShippedErrors) -> str:
         f"{'mm':16}{'Chamfer':>9}{'floor':>8}{'surface RMS':>13}{'floor':>8}{'removed':>9}",
     ]
     for name, e, share in shipped.rows():
-        told = "" if share is None else f"{share:.0%}"
+        shown = "" if share is None else f"{share:.0%}"
         lines.append(
             f"{name:16}{in_mm(e.chamfer):9.2f}{in_mm(e.chamfer_floor):8.2f}{in_mm(e.surface_rms):13.2f}"
-            f"{in_mm(e.surface_floor):8.2f}{told:>9}"
+            f"{in_mm(e.surface_floor):8.2f}{shown:>9}"
         )
     return "\n".join([*lines, *shipped.far_off, shipped.effects_in_words])
 

@@ -28,11 +28,11 @@ def bands(
     spread = spread_of(predictor.model)
     if spread is None:
         return [None] * len(cases)
-    found: list[Array | None] = []
+    results: list[Array | None] = []
     for case, at, motion, rest in zip(cases, times, motions, rests(predictor, cases), strict=True):
         others = drawn_motions(predictor, coarse, [case], [at])[0] if spread.covariance else []
-        found.append(half_widths(spread, *region_terms(rest, motion, others, case.design.fabric), case.design.name))
-    return found
+        results.append(half_widths(spread, *region_terms(rest, motion, others, case.design.fabric), case.design.name))
+    return results
 
 
 def shapes_with_error(

@@ -22,11 +22,11 @@ MOST = 10  # of a design
 
 def chosen(trials: Sequence[Trial], most: int = MOST) -> list[Trial]:
     """Return at most so many trials of a design, spread over the session."""
-    found = []
+    selected = []
     for name in sorted({trial.design_name for trial in trials}):
         own = [trial for trial in trials if trial.design_name == name]
-        found += [own[k] for k in evenly(len(own), most)]
-    return found
+        selected += [own[k] for k in evenly(len(own), most)]
+    return selected
 
 
 def with_spread(

@@ -73,13 +73,13 @@ def calibrated(others: Sequence[RegionResiduals], width: Width, start: Array) ->
 
 def left_out(every: Sequence[RegionResiduals], folds: Sequence[int], width: Width, start: Array) -> list[Array]:
     """Return (n,) m of each trial, standard deviations calibrated on the trials of the other folds."""
-    found: list[Array] = [np.empty(0)] * len(every)
+    residuals: list[Array] = [np.empty(0)] * len(every)
     for fold in sorted(set(folds)):
         others = [one for one, own in zip(every, folds, strict=True) if own != fold]
         widths = calibrated(others, width, start)
         for k in (k for k, own in enumerate(folds) if own == fold):
-            found[k] = widths.of(every[k])
-    return found
+            residuals[k] = widths.of(every[k])
+    return residuals
 
 
 @dataclass(frozen=True)

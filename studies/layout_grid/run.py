@@ -154,8 +154,8 @@ class _Grid:
         """Return the seconds of search in another turn, 0 where there is no time."""
         seconds = self._study.search.limits.seconds
         until = self._limit - max(FOLLOWED * seconds, self._to_follow)
-        left, turn = until - self._spent - self._end, max(FURTHER * seconds, WORTH_A_TURN * self._end)
-        return min(turn, left) if left > WORTH_A_TURN * self._end and left > 0.01 * seconds else 0.0
+        remaining, turn = until - self._spent - self._end, max(FURTHER * seconds, WORTH_A_TURN * self._end)
+        return min(turn, remaining) if remaining > WORTH_A_TURN * self._end and remaining > 0.01 * seconds else 0.0
 
     def _first_turn(self, cell: Cell) -> None:
         own = self._turns.get(cell.name)

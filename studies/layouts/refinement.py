@@ -103,7 +103,7 @@ def made_robust(
     state = history.load() or {}
     known, row = state.get("robust"), None if best is None else best.as_row()
     if not known or known["best"] != row or known["seconds"] < study.limits.seconds:
-        found = more_robust(
+        outcome = more_robust(
             study,
             robust,
             points[most_robust(study, robust, points, objective, coarse)],
@@ -112,7 +112,7 @@ def made_robust(
             tolerance=tolerance_of(robust, np.inf if best is None else best.value),
             going=lambda: evaluations.elapsed < study.limits.seconds,
         )
-        known = {"best": row, "row": as_rows([found.start])[0], "doubled": found.doubled}
+        known = {"best": row, "row": as_rows([outcome.start])[0], "doubled": outcome.doubled}
         state["robust"] = known | {"seconds": study.limits.seconds}
         history.save(state, evaluations.elapsed)
     return [*of_rows([known["row"]], study.design, limits_of(study)), *points], known["doubled"]
@@ -127,23 +127,23 @@ def fewer_said(study: Study, fewer: Fewer, *, converged: bool = True) -> str:
     find is not enough."""
     space = fewer.start[0]
     count = len(space.design.muscles)
-    near = f"within {study.price.tolerance:.0%} of it" if not study.price.muscle else "for the price of a muscle"
+    bound = f"within {study.price.tolerance:.0%} of it" if not study.price.muscle else "for the price of a muscle"
     if count < fewer.count:
         mm = f"{in_mm(fewer.value):.2f} mm instead of {in_mm(fewer.before):.2f}"
         cut = ", not tried to the end" if fewer.cut else ""
         on = f" on {_channels(space.channels)}" if space.channels < count else ""
-        return f"{count} muscles{on} are enough, where the search came to {fewer.count}: {mm}, {near}{cut}."
+        return f"{count} muscles{on} are enough, where the search came to {fewer.count}: {mm}, {bound}{cut}."
     if not fewer.ended:
         straight = "" if any(len(own.path) > 2 for own in space.design.muscles) else ", straight,"
         mm = f"{in_mm(fewer.value):.2f} mm instead of {in_mm(fewer.before):.2f}"
-        return f"The {count} muscles{straight} are enough on {_channels(space.channels)}: {mm}, {near}." + (
+        return f"The {count} muscles{straight} are enough on {_channels(space.channels)}: {mm}, {bound}." + (
             " Fewer muscles are not enough." if converged else ""
         )
     if fewer.cut:
         return f"Layouts of fewer than {fewer.count} muscles were not tried to the end: {fewer.ended}."
     if not converged:
-        return f"No layout of fewer than {fewer.count} muscles came {near} so far."
-    return f"Fewer than {fewer.count} muscles are not enough: no smaller layout came {near}."
+        return f"No layout of fewer than {fewer.count} muscles came {bound} so far."
+    return f"Fewer than {fewer.count} muscles are not enough: no smaller layout came {bound}."
 
 
 def front_said(fewer: Fewer) -> str:

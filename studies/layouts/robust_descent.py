@@ -69,8 +69,8 @@ class Copies:
         slopes = np.zeros((space.dimension, COPIES, poses, *shape.shape[1:]))
         for pose in range(poses):
             cases = [scatter.case_of(self.objective, pose, copy) for copy in copies]
-            found = jacobians(cases, columns)
-            for k, changes in enumerate(np.array([refined(c) for c in one.changes]) for one in found):
+            derivatives = jacobians(cases, columns)
+            for k, changes in enumerate(np.array([refined(c) for c in one.changes]) for one in derivatives):
                 slopes[: space.position_count, k, pose] = changes[: space.position_count]
                 by_muscle = changes[space.position_count :]
                 for m, (channel, share) in enumerate(zip(own, pull[k], strict=True)):

@@ -103,9 +103,9 @@ def _doubled(study: Study, robust: Robust, start: Start, objective: Objective, f
     """Return that of the layouts with one muscle laid as two whose copies are nearest in the mean; None where none
     fits."""
     count = len(start[0].design.muscles)
-    found = [own for k in range(count) for share in SHARES if (own := doubled(start, k, share)) is not None]
-    values = _or_infinite([objective.value(shape) for shape in objective.shapes(forward, found)]) if found else []
-    nearest = [found[i] for i in np.argsort(values)[:TRIED]]
+    starts = [own for k in range(count) for share in SHARES if (own := doubled(start, k, share)) is not None]
+    values = _or_infinite([objective.value(shape) for shape in objective.shapes(forward, starts)]) if starts else []
+    nearest = [starts[i] for i in np.argsort(values)[:TRIED]]
     if not nearest:
         return None
     means = []

@@ -53,9 +53,9 @@ def resting_faces(points: Array, fabric: Fabric, predicted: Array, *, seed: int 
         normals, rows, height = _heights(middle, side, points)
         face = np.tanh(height * half / _SOFT**2) if number >= _SIDED else np.zeros(len(height))
         off = height - half * face
-        near = np.abs(off) < max(_FAR * float(np.median(np.abs(off))), _LEAST_FAR)
+        kept = np.abs(off) < max(_FAR * float(np.median(np.abs(off))), _LEAST_FAR)
         blocks = [
-            (_projected(rows[near] @ basis, normals[near]) / _HEIGHT, off[near] / _HEIGHT),
+            (_projected(rows[kept] @ basis, normals[kept]) / _HEIGHT, off[kept] / _HEIGHT),
             _kept(along, controls, lengths),
             _bending(controls, curved),
             _pinned(basis[held], controls, start[held]),
@@ -113,13 +113,13 @@ def _heights(middle: Array, side: int, points: Array) -> tuple[Array, sp.csr_mat
     triangles' planes: a point beyond a hem counts by its height alone."""
     triangles = front_triangles(side, side)
     surface = Surface(middle, triangles)
-    near = surface.nearest(points)
-    corners = triangles[near.triangle]
-    normals = surface.normals_of(near.triangle)
-    place = np.einsum("kc,kcd->kd", near.weights, middle[corners])
+    nearest = surface.nearest(points)
+    corners = triangles[nearest.triangle]
+    normals = surface.normals_of(nearest.triangle)
+    place = np.einsum("kc,kcd->kd", nearest.weights, middle[corners])
     height = np.einsum("kd,kd->k", points - place, normals)
     index = np.repeat(np.arange(len(points)), 3)
-    rows = sp.csr_matrix((near.weights.ravel(), (index, corners.ravel())), shape=(len(points), len(middle)))
+    rows = sp.csr_matrix((nearest.weights.ravel(), (index, corners.ravel())), shape=(len(points), len(middle)))
     return normals, rows, height
 
 
@@ -142,13 +142,13 @@ def _kept(along: sp.csr_matrix, controls: Array, lengths: Array) -> tuple[sp.csr
 
 def _bending(controls: Array, curved: Array) -> tuple[sp.csr_matrix, Array]:
     second = _second_differences()
-    left = (curved - second @ controls) / _SMOOTH
-    return sp.csr_matrix(sp.kron(second, sp.identity(3)) / _SMOOTH), left.ravel()
+    residual = (curved - second @ controls) / _SMOOTH
+    return sp.csr_matrix(sp.kron(second, sp.identity(3)) / _SMOOTH), residual.ravel()
 
 
 def _pinned(held: sp.csr_matrix, controls: Array, where: Array) -> tuple[sp.csr_matrix, Array]:
-    left = (where - held @ controls) / _PINNED
-    return sp.csr_matrix(sp.kron(held, sp.identity(3)) / _PINNED), left.ravel()
+    residual = (where - held @ controls) / _PINNED
+    return sp.csr_matrix(sp.kron(held, sp.identity(3)) / _PINNED), residual.ravel()
 
 
 def _solve(blocks: list[tuple[sp.csr_matrix, Array]], size: int) -> Array:

@@ -122,12 +122,12 @@ def _examples(
         layout = layouts[id(design)]
         return vars(Examples.of(chosen.case, layout, _times_learned(chosen), motion, _clouds(chosen)))
 
-    found = []
+    collected = []
     for k, (chosen, name) in enumerate(zip(trials, names, strict=True)):
-        found.append(Examples(**checkpoint.arrays(name, partial(examples, chosen))))
+        collected.append(Examples(**checkpoint.arrays(name, partial(examples, chosen))))
         if chosen in missing:
             progress("matched", k + 1, len(trials))
-    return found
+    return collected
 
 
 def _times_learned(chosen: Chosen) -> NDArray[np.float64]:

@@ -71,13 +71,13 @@ def after(b: Array, gained: Array) -> float:
 def in_turn(b: Array, gained: Mapping[str, Array], count: int) -> dict[str, float]:
     """Return at most `count` measurements, each the one that tells most beside those before it, and m RMS that they
     leave together. gained: (n, n), what `information` says of each."""
-    found: dict[str, float] = {}
+    chosen: dict[str, float] = {}
     known = np.zeros((b.shape[1], b.shape[1]))
-    while len(found) < min(count, len(gained)):
-        left = {name: after(b, known + own) for name, own in gained.items() if name not in found}
-        best = min(left, key=lambda name: left[name])
-        found[best], known = left[best], known + gained[best]
-    return found
+    while len(chosen) < min(count, len(gained)):
+        remaining = {name: after(b, known + own) for name, own in gained.items() if name not in chosen}
+        best = min(remaining, key=lambda name: remaining[name])
+        chosen[best], known = remaining[best], known + gained[best]
+    return chosen
 
 
 def candidates_of(unsewn: Unsewn, rig: RigLimits) -> list[CandidateMeasurement]:

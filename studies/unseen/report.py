@@ -65,7 +65,7 @@ def _measurement(measurement: Measurement) -> Iterator[page.Block]:
     yield page.Text(_MEASURED.format(measurement["spread_mm"]))
     rows = [(name, c["design"], c["left_mm"]) for name, c in measurement["candidates"].items()]
     yield page.TableBlock(("program", "on", "left, mm"), rows, left=(1,))
-    in_turn = ", ".join(f"{name} (leaves {left:.2f} mm)" for name, left in measurement["in_turn_mm"].items())
+    in_turn = ", ".join(f"{name} (leaves {remaining:.2f} mm)" for name, remaining in measurement["in_turn_mm"].items())
     yield page.Text(f"Measured one after another, each telling most beside those before it: {in_turn}.")
     head = "unknown, in the covariance's order", "spread by its own part, mm"
     yield page.TableBlock(head, [*measurement["due_to_mm"].items()])
@@ -209,13 +209,13 @@ def as_text(result: UnseenResult) -> str:
         more = [f"{name} ({mm:.2f})" for name, mm in [*measurement["in_turn_mm"].items()][1:]]
         if more:
             lines.append(f"beside it, in this order: {', '.join(more)}")
-    for name, left in (result.get("left_out") or {}).items():
-        if left is None:
+    for name, errors in (result.get("left_out") or {}).items():
+        if errors is None:
             lines.append(f"{name} left out: not started, because the time was used")
             continue
-        before, after = left["before"]["surface_rms"]["mean"], left["after"]["surface_rms"]["mean"]
-        floor = left["after"]["surface_floor"]["mean"]
-        alone = left.get("without_effects")
+        before, after = errors["before"]["surface_rms"]["mean"], errors["after"]["surface_rms"]["mean"]
+        floor = errors["after"]["surface_floor"]["mean"]
+        alone = errors.get("without_effects")
         between = f"{alone['surface_rms']['mean']:.2f} with factors alone, " if alone else ""
         lines.append(f"{name} left out: surface RMS {before:.2f} -> {between}{after:.2f} mm, noise floor {floor:.2f}")
     return "\n".join(lines)

@@ -45,8 +45,8 @@ class Distance:
     def as_json(self) -> dict[str, object]:
         """Return the distance as JSON, in mm; null: not known."""
         names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
-        told = {name: in_mm(getattr(self.whole, name)) for name in names}
-        values = {name: value if np.isfinite(value) else None for name, value in told.items()}
+        in_file = {name: in_mm(getattr(self.whole, name)) for name in names}
+        values = {name: value if np.isfinite(value) else None for name, value in in_file.items()}
         return {"from": self.reference, "of": self.when or "still shapes", "unit": "mm", **values}
 
 

@@ -102,8 +102,8 @@ def _tube(axis: NDArray[np.float32], radius: float) -> NDArray[np.float32]:
 
 def _across(vector: Array, along: Array) -> Array:
     """Return the part of `vector` (..., 3) square to `along` (..., 3), of unit length."""
-    left = vector - (vector * along).sum(axis=-1, keepdims=True) * along
-    return np.asarray(left / np.linalg.norm(left, axis=-1, keepdims=True))
+    across = vector - (vector * along).sum(axis=-1, keepdims=True) * along
+    return np.asarray(across / np.linalg.norm(across, axis=-1, keepdims=True))
 
 
 def _tube_triangles(count: int) -> Triangles:

@@ -21,9 +21,9 @@ def lag_of_two_volumes(scene: Scene, order: int, values: Mapping[str, float]) ->
     def lag(pressure: Array, step: float) -> Array:
         out = pressure
         for time in (values["line"], values["muscle"]):
-            told, out = out, np.zeros_like(out)
+            wanted, out = out, np.zeros_like(out)
             for k in range(1, len(out)):
-                out[k] = out[k - 1] - np.expm1(-step / time) * (told[k] - out[k - 1])
+                out[k] = out[k - 1] - np.expm1(-step / time) * (wanted[k] - out[k - 1])
         return out
 
     scene.pressure_hooks.append(lag)
