@@ -121,9 +121,9 @@ class Examples:
         """(K, K) and (K,): normal equations of all frames, each by its error before."""
         matrix, right = 0.0, 0.0
         for heights, goal, weight, error in zip(self.heights, self.goal, self.weight, self.errors(), strict=True):
-            own = heights.astype(np.float32)
-            by = own * weight / max(error, _GOOD) ** 2
-            matrix, right = matrix + by @ own.T, right + by @ goal
+            single = heights.astype(np.float32)
+            by = single * weight / max(error, _GOOD) ** 2
+            matrix, right = matrix + by @ single.T, right + by @ goal
         return np.asarray(matrix, dtype=np.float64), np.asarray(right, dtype=np.float64)
 
     def __len__(self) -> int:

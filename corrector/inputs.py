@@ -101,10 +101,10 @@ def _muscle_fields(case: Case, layout: MuscleFields, times: Array, middle: NDArr
     tension = np.empty_like(pressure)
     types = np.array([design.muscles[i.muscle].type for i in intervals])
     for name, law in layout.laws.items():
-        own = types == name
-        idle = law.tension(0.0, contraction[0][:, own])
-        tension[:, own] = idle + _factor(case, name, "muscle_gain") * (
-            law.tension(pressure[:, own], contraction[0][:, own]) - idle
+        of_type = types == name
+        idle = law.tension(0.0, contraction[0][:, of_type])
+        tension[:, of_type] = idle + _factor(case, name, "muscle_gain") * (
+            law.tension(pressure[:, of_type], contraction[0][:, of_type]) - idle
         )
     p, short = pressure / _PRESSURE, contraction[0] / _CONTRACTION
     along = 2 * np.array([i.along for i in intervals]) - 1

@@ -43,11 +43,11 @@ def heights_of(basis: Basis, frames: LocalFrames, fabric: Fabric, ratio: float) 
     )
     change_u = tilts[:, :, 0, ..., None] * (size_u * frames.normal)[:, None]
     change_v = tilts[:, :, 1, ..., None] * (size_v * frames.normal)[:, None]
-    own = slice(by_curvature.shape[1], by_curvature.shape[1] + strain.shape[1])
+    span = slice(by_curvature.shape[1], by_curvature.shape[1] + strain.shape[1])
     unit_u, unit_v = frames.across / size_u, frames.down / size_v
     shear = strain[:, :, 2, ..., None] / 2
-    change_u[:, own] = (strain[:, :, 0, ..., None] * unit_u[:, None] + shear * unit_v[:, None]) * size_u[:, None]
-    change_v[:, own] = (strain[:, :, 1, ..., None] * unit_v[:, None] + shear * unit_u[:, None]) * size_v[:, None]
+    change_u[:, span] = (strain[:, :, 0, ..., None] * unit_u[:, None] + shear * unit_v[:, None]) * size_u[:, None]
+    change_v[:, span] = (strain[:, :, 1, ..., None] * unit_v[:, None] + shear * unit_u[:, None]) * size_v[:, None]
     heights = np.einsum("tkabi,tabi->tkab", _put_together(change_u, change_v, fabric), frames.normal)
     return np.concatenate([heights, _fine(basis.displacements).astype(np.float32)], axis=1)
 

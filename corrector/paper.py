@@ -120,8 +120,8 @@ class PaperCorrector:
         code = int(about["code"])
         parts = {"simulated": Autoencoder(code), "following": NextCode(code), "measured": Autoencoder(code)}
         for name, part in parts.items():
-            own = {k.removeprefix(f"{name}."): v for k, v in weights.items() if k.startswith(f"{name}.")}
-            part.load_state_dict({k: torch.from_numpy(np.array(v)) for k, v in own.items()})
+            tensors = {k.removeprefix(f"{name}."): v for k, v in weights.items() if k.startswith(f"{name}.")}
+            part.load_state_dict({k: torch.from_numpy(np.array(v)) for k, v in tensors.items()})
             part.eval()
         return PaperCorrector(
             **parts,  # type: ignore[arg-type]

@@ -74,7 +74,11 @@ def train_paper(
         part.to(device)
     for name, network in parts.items():
         clouds = [
-            [np.asarray(c, dtype=np.float32) for c, own in zip(getattr(trial, name), trial.learned, strict=True) if own]
+            [
+                np.asarray(c, dtype=np.float32)
+                for c, used in zip(getattr(trial, name), trial.learned, strict=True)
+                if used
+            ]
             for trial in trials
         ]
         learned = [c for i, trial in enumerate(clouds) for c in trial if i not in check]

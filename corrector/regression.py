@@ -62,7 +62,7 @@ def best_penalty(examples: Sequence[Examples], folds: Sequence[Sequence[int]], p
     remaining = np.zeros(len(plan.penalties))
     for kept_back in folds:
         rest = [e for i, e in enumerate(examples) if i not in set(kept_back)]
-        own = [examples[i] for i in kept_back]
+        held_out = [examples[i] for i in kept_back]
         for k, penalty in enumerate(plan.penalties):
-            remaining[k] += len(own) * relative_error(own, coefficients_of(rest, penalty, least))
+            remaining[k] += len(held_out) * relative_error(held_out, coefficients_of(rest, penalty, least))
     return plan.penalties[int(remaining.argmin())]

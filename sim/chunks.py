@@ -59,9 +59,9 @@ def chunks_of(cases: Sequence[Case], n: int, patterns: Mapping[int, tuple] | Non
         blocks = pack([patterns[i] for i in group])
         for k in range(0, len(blocks), BLOCKS):
             lanes = [i for block in blocks[k : k + BLOCKS] for i in block]
-            own = list(dict.fromkeys(lanes))
-            places = [group[i] for i in own]
-            chunks.append(Chunk(places, [cases[i] for i in places], [own.index(i) for i in lanes]))
+            distinct = list(dict.fromkeys(lanes))
+            places = [group[i] for i in distinct]
+            chunks.append(Chunk(places, [cases[i] for i in places], [distinct.index(i) for i in lanes]))
     return chunks
 
 

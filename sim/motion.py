@@ -78,8 +78,8 @@ def motion_of(case: Case, time: Array, middle: NDArray[np.float32], state: NDArr
         row, column = np.argwhere(bad[first].any(axis=-1))[0]
         diverged = (float(time[first]), (int(row), int(column)))
         middle[first:], state[first:] = np.nan, np.nan
-    own = [k for m in _spans(case) for k in m]
-    return SimulatedMotion(time, middle, state[:, own, 0], state[:, own, 1], case.design.fabric.thickness, diverged)
+    kept = [k for m in _spans(case) for k in m]
+    return SimulatedMotion(time, middle, state[:, kept, 0], state[:, kept, 1], case.design.fabric.thickness, diverged)
 
 
 def _spans(case: Case) -> list[range]:

@@ -16,8 +16,8 @@ from fabdesign.nouns.forward import MUSCLE_TYPES, Case, Term
 def terms_of(case: Case) -> tuple[Term, ...]:
     """Return what acts in a case: what its design's benches found, then its own. An effect of the case replaces the
     design's of the same name and scope; one without a scope those of any."""
-    own = {(term.name, term.scope) for term in case.effects}
-    declared = (t for t in case.design.effects if not {(t.name, t.scope), (t.name, None)} & own)
+    acting = {(term.name, term.scope) for term in case.effects}
+    declared = (t for t in case.design.effects if not {(t.name, t.scope), (t.name, None)} & acting)
     return (*declared, *case.effects)
 
 
@@ -58,8 +58,8 @@ def specimen_of(case: Case) -> Specimen:
 def muscles_of(case: Case, term: Term) -> NDArray[np.bool_]:
     """Return (m,) whether a term acts on each muscle of the case's design."""
     scope = term.scope
-    own = scope.removeprefix(MUSCLE_TYPES) if scope is not None and scope.startswith(MUSCLE_TYPES) else None
-    return np.array([own is None or muscle.type == own for muscle in case.design.muscles], dtype=bool)
+    type_name = scope.removeprefix(MUSCLE_TYPES) if scope is not None and scope.startswith(MUSCLE_TYPES) else None
+    return np.array([type_name is None or muscle.type == type_name for muscle in case.design.muscles], dtype=bool)
 
 
 def acting_pressure(case: Case, ticks: int, tick: float) -> ActingPressure:

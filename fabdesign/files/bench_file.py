@@ -148,9 +148,9 @@ def _column(table: LabTable, index: int, heading: Heading) -> tuple[str, TableCo
     """Return a column and its name: as the format writes it, or as a laboratory does where that names a quantity."""
     text = table.header[index]
     bare, power = _bare(text)
-    own = power or bare != text or heading.symbol is None
+    renamed = power or bare != text or heading.symbol is None
     quantity = heading.quantity
-    if own or quantity is None or heading.unit is None:
+    if renamed or quantity is None or heading.unit is None:
         return bare, TableColumn(index, heading, Decimal(1).scaleb(power))
     return quantity, table.take(index, quantity)
 

@@ -130,10 +130,10 @@ def _contents(root: Table, above: tuple[Path, ...]) -> tuple[list[Table], dict[s
         types |= more_types
     if decode_key(Mapping[str, Any], root, "fabric") is not None:
         fabrics.append(root.inner("fabric"))
-    own = decode_key(Mapping[str, MuscleType], root, "muscle_types", {})
-    if again := next((name for name in own if name in types), None):
+    declared = decode_key(Mapping[str, MuscleType], root, "muscle_types", {})
+    if again := next((name for name in declared if name in types), None):
         raise InputError(f"{path}: muscle type {again} is in an included file too")
-    types |= own
+    types |= declared
     for number, effect in enumerate(head.effects):
         effects.append(_of_bench(effect.term, types, where := root.inner("effects", number)))
         if [(e.name, e.scope) for e in effects].count((effects[-1].name, effects[-1].scope)) > 1:

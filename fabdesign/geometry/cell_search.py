@@ -46,12 +46,12 @@ def search_cells(
     apart, which = np.empty(len(order)), np.empty(len(order), dtype=np.int64)
     for cell in range(len(first) - 1):
         for group in range(first[cell], first[cell + 1], _GROUP):
-            own = asked[group : min(group + _GROUP, first[cell + 1])]
-            lanes = np.uint64((len(own) + _ABREAST - 1) // _ABREAST * _ABREAST)
+            members = asked[group : min(group + _GROUP, first[cell + 1])]
+            lanes = np.uint64((len(members) + _ABREAST - 1) // _ABREAST * _ABREAST)
             best[:], nearest[:] = -1.0, -1  # of lanes that no point fills: nothing is nearer
             lower[:], upper[:] = np.inf, -np.inf
-            for j in range(len(own)):
-                i = own[j]
+            for j in range(len(members)):
+                i = members[j]
                 off = _off_cells(points[i], low, edge, shape) - widest
                 nowhere = not np.isfinite(points[i, 0] + points[i, 1] + points[i, 2])
                 if nowhere or off > np.sqrt(squared[i]) * ROUNDED_UP:  # or farther than what is looked for
@@ -70,11 +70,11 @@ def search_cells(
                 count = _around(boxes, low, edge, widest, shape, start, lower, upper, done, reach, apart, which)
                 _ask(bodies, which, count, lanes, at[0], at[1], at[2], best, nearest)
                 done, way = reach, 2 * way
-            for j in range(len(own)):
+            for j in range(len(members)):
                 if nearest[j] >= 0:
-                    squared[own[j]], item[own[j]] = best[j], order[nearest[j]]
+                    squared[members[j]], item[members[j]] = best[j], order[nearest[j]]
                 if best[j] >= 0 and np.sqrt(best[j]) * ROUNDED_UP > done:
-                    unfinished[unsure] = own[j]
+                    unfinished[unsure] = members[j]
                     unsure += 1
     return unfinished[:unsure]
 

@@ -167,10 +167,10 @@ def _upper_edge(points: Array, height: float) -> Array:
     column = np.floor((points[:, 0] - low) / max(high - low, 1e-12) * _COLUMNS)
     tops = []
     for k in range(_COLUMNS):
-        own = points[column == k]
-        if len(own):
-            highest = own[np.argmax(own[:, 1])]
-            tops.append(highest + [0, height / (len(own) + 1), 0])
+        strip = points[column == k]
+        if len(strip):
+            highest = strip[np.argmax(strip[:, 1])]
+            tops.append(highest + [0, height / (len(strip) + 1), 0])
     return np.array(tops)
 
 
@@ -204,17 +204,17 @@ def fit_markers(
     """
     given = Rotation.from_euler("xyz", rotation or np.zeros(3), degrees=True)
     metres = given.apply(factor * points)
-    own, laid = [], []
+    sizes, laid = [], []
     for turn in right_angles()[: 1 if rotation is not None else None]:
         turned = turn.apply(metres)
         tie = TIE * float(turn.magnitude()) / (np.pi / 2)
         if misplaced(turned, fabric) is None:
-            own.append((_gap(turned, fabric) + tie, turn * given, np.zeros(3)))
+            sizes.append((_gap(turned, fabric) + tie, turn * given, np.zeros(3)))
         shift = _below_the_edge(turned, fabric)
         laid.append((_gap(turned + shift, fabric) + tie, turn * given, shift))
     spacing = float(np.sqrt(fabric.width * fabric.height / len(points)))
     best = min(gap for gap, _, _ in laid)
-    sound = [candidate for candidate in own if candidate[0] <= best + _OWN * spacing] or laid
+    sound = [candidate for candidate in sizes if candidate[0] <= best + _OWN * spacing] or laid
     least, turn, shift = min(sound, key=lambda candidate: candidate[0])
     candidates = [(gap, other, placement_of(factor, other, s)) for gap, other, s in sound if gap < least + CLEAR]
     over = [p for _, other, p in candidates if differ(other, OVER * turn) < SAME]

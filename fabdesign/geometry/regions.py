@@ -73,7 +73,7 @@ class Weighting:
     @property
     def said(self) -> str:
         """Return the regions in words."""
-        return ", ".join(f"{own.weight:g} times in {_where(own)}" for own in self.regions)
+        return ", ".join(f"{region.weight:g} times in {_where(region)}" for region in self.regions)
 
 
 @lru_cache(maxsize=32)

@@ -47,8 +47,8 @@ Sheets = Callable[[Sequence[Case], Sequence[NDArray[np.float64]]], Sequence[Shee
 def sheets_of(forward: ForwardModel) -> Sheets:
     """Return what gives motions of cases at their `times` [s]: the forward model's own `sheets`. One that has none is
     asked for faces, whose mean is the mid-surface."""
-    own: Sheets | None = getattr(forward, "sheets", None)
-    return own or (lambda cases, times: [of_faces(points) for points in forward.motions(cases, times)])
+    native: Sheets | None = getattr(forward, "sheets", None)
+    return native or (lambda cases, times: [of_faces(points) for points in forward.motions(cases, times)])
 
 
 def of_faces(points: Floats) -> Sheet:

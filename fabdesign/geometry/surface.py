@@ -196,8 +196,8 @@ def pierced(points: NDArray[np.floating[Any]]) -> Array | None:
     reach = np.linalg.norm(triangles - centres[:, None], axis=2).max()
     reach += np.linalg.norm(segments[:, 0] - segments[:, 1], axis=1).max() / 2
     neighbours = cKDTree(centres).query_ball_point(middles, reach)
-    edge = np.repeat(np.arange(len(ends)), [len(own) for own in neighbours])
-    triangle = np.concatenate([np.asarray(own, np.intp) for own in neighbours])
+    edge = np.repeat(np.arange(len(ends)), [len(indices) for indices in neighbours])
+    triangle = np.concatenate([np.asarray(indices, np.intp) for indices in neighbours])
     places = np.stack(np.divmod(np.arange(n * n), n)[::-1], axis=1)  # column and row
     apart = np.abs(places[ends].mean(axis=1)[edge] - places[corners].mean(axis=1)[triangle]).max(axis=1) > NEIGHBOURS
     edge, triangle = edge[apart], triangle[apart]

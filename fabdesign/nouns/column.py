@@ -85,21 +85,21 @@ def of_effect(effect: str, parameter: str, step: float, far: float | None = None
     """Return an effect's parameter, in its declared unit; from its value `off` where the case is without the effect."""
     parameters = effect_named(effect, "column").parameters
     declared = parameters[parameter]
-    off = {name: own.off for name, own in parameters.items() if own.off is not None}
+    off = {name: one.off for name, one in parameters.items() if one.off is not None}
 
-    def own(case: Case) -> tuple[Term, float]:
+    def acting(case: Case) -> tuple[Term, float]:
         terms = [term for term in terms_of(case) if term.name == effect]
         term = terms[0] if terms else Term(effect, {**off, parameter: declared.centre})
         return term, term.values.get(parameter, declared.typical)
 
     def moved(case: Case, by: float) -> Case:
-        term, value = own(case)
+        term, value = acting(case)
         others = tuple(t for t in case.effects if (t.name, t.scope) != (effect, term.scope))
         return replace(case, effects=(*others, Term(effect, {**term.values, parameter: value + by}, term.scope)))
 
     def room(case: Case) -> tuple[float, float]:
         low, high = declared.bounds
-        _, value = own(case)
+        _, value = acting(case)
         return low - value, high - value
 
     return Column(f"{effect} {parameter}", declared.unit, step, far or step, moved, room)
@@ -111,11 +111,11 @@ def corner(muscle: int, index: int, along: tuple[float, float]) -> Column:
 
     def moved(case: Case, by: float) -> Case:
         muscles = list(case.design.muscles)
-        own = muscles[muscle]
-        path = list(own.path)
+        laced = muscles[muscle]
+        path = list(laced.path)
         u, v = path[index]
         path[index] = u + by * along[0], v + by * along[1]
-        muscles[muscle] = _with_path(own, tuple(path))
+        muscles[muscle] = _with_path(laced, tuple(path))
         return replace(case, design=replace(case.design, muscles=tuple(muscles)))
 
     return Column(f"muscle {muscle} corner {index}", "m", 1e-5, 1e-3, moved)
@@ -123,15 +123,15 @@ def corner(muscle: int, index: int, along: tuple[float, float]) -> Column:
 
 def corner_or_still(muscle: int, index: int, along: tuple[float, float]) -> Column:
     """Return the same; a path that no pitch leaves its intervals stays, and its derivative is zero."""
-    own = corner(muscle, index, along)
+    moving = corner(muscle, index, along)
 
     def moved(case: Case, by: float) -> Case:
         try:
-            return own.moved(case, by)
+            return moving.moved(case, by)
         except InputError:
             return case
 
-    return replace(own, moved=moved)
+    return replace(moving, moved=moved)
 
 
 def _with_path(muscle: Muscle, path: tuple[tuple[float, float], ...]) -> Muscle:

@@ -32,9 +32,9 @@ def with_on_top(
     results = []
     for case, one in zip(cases, jacobians, strict=True):
         moves = [move(case, column, column.far) for column in columns]
-        shifts = np.array([own.by for own in moves]).reshape(-1, 2)  # (p, 2) units, down and up
-        sides = [one.points + by * change for own, change in zip(shifts, one.changes, strict=True) for by in own]
-        points, *moved = on_top([case, *(side for own in moves for side in own.sides)], [one.points, *sides])
+        shifts = np.array([steps.by for steps in moves]).reshape(-1, 2)  # (p, 2) units, down and up
+        sides = [one.points + by * change for steps, change in zip(shifts, one.changes, strict=True) for by in steps]
+        points, *moved = on_top([case, *(side for steps in moves for side in steps.sides)], [one.points, *sides])
         widths = np.ptp(shifts, axis=1)[:, None, None]
         pairs = np.array(moved, dtype=float).reshape(len(columns), 2, *points.shape)
         with np.errstate(invalid="ignore"):  # of columns that are NaN

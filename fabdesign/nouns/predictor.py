@@ -35,28 +35,28 @@ class Predictor:
     def motions(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
         """Return (T, 3362, 3) points [m] of each case at its `times` [s after rest, rising]. Raises InputError for an
         unknown effect or a bad value."""
-        own = [self.case(case) for case in cases]
+        modelled = [self.case(case) for case in cases]
         shown = [np.asarray(t, dtype=float) for t in times]
         if self.sensing:
-            shown = [seen_at(case, t) for case, t in zip(own, shown, strict=True)]
-        motions = self._corrected(own, shown)
+            shown = [seen_at(case, t) for case, t in zip(modelled, shown, strict=True)]
+        motions = self._corrected(modelled, shown)
         if not self.sensing:
             return motions
-        return [observed(case, points) for case, points in zip(own, motions, strict=True)]
+        return [observed(case, points) for case, points in zip(modelled, motions, strict=True)]
 
     def sheets(self, cases: Sequence[Case], times: Sequence[Array]) -> Sequence[Sheet]:
         """Return the same motions as mid-surfaces on the simulator's own grid (fabdesign.geometry.sheet)."""
         if self.corrector is not None:
             return [of_faces(points) for points in self.motions(cases, times)]
-        own = [self.case(case) for case in cases]
+        modelled = [self.case(case) for case in cases]
         shown = [np.asarray(t, dtype=float) for t in times]
         if not self.sensing:
-            return sheets_of(self.simulator)(own, shown)
-        shown = [seen_at(case, t) for case, t in zip(own, shown, strict=True)]
-        once = _once(own, shown)
-        moved = sheets_of(self.simulator)([own[i] for i in once.values()], [shown[i] for i in once.values()])
+            return sheets_of(self.simulator)(modelled, shown)
+        shown = [seen_at(case, t) for case, t in zip(modelled, shown, strict=True)]
+        once = _once(modelled, shown)
+        moved = sheets_of(self.simulator)([modelled[i] for i in once.values()], [shown[i] for i in once.values()])
         by_key = dict(zip(once, moved, strict=True))
-        return [_seen(case, by_key[_key(case, t)]) for case, t in zip(own, shown, strict=True)]
+        return [_seen(case, by_key[_key(case, t)]) for case, t in zip(modelled, shown, strict=True)]
 
     def _corrected(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
         if self.corrector is None:
@@ -66,8 +66,8 @@ class Predictor:
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
         """Return (3362, 3) points [m] of each case at rest, as `motions` gives them."""
-        own = [self.case(case) for case in cases]
-        return self._on_top(own, self.simulator.equilibria(own))
+        modelled = [self.case(case) for case in cases]
+        return self._on_top(modelled, self.simulator.equilibria(modelled))
 
     @property
     def faces_jacobian(self) -> Jacobians | None:
@@ -78,11 +78,11 @@ class Predictor:
             return None
 
         def jacobians(cases: Sequence[Case], columns: Sequence[Column]) -> list[FacesJacobian]:
-            own = [self.case(case) for case in cases]
-            simulated = bare(own, columns)
+            modelled = [self.case(case) for case in cases]
+            simulated = bare(modelled, columns)
             if self.corrector is None and not self.sensing:
                 return simulated
-            return with_on_top(own, columns, simulated, self._on_top)
+            return with_on_top(modelled, columns, simulated, self._on_top)
 
         return jacobians
 

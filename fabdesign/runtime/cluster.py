@@ -259,8 +259,8 @@ def _set_limits(dask_scheduler: Any) -> None:
 def this_worker() -> WorkerInfo:
     """Return what this process says of itself."""
     libraries = {name: _version(name) for name in _LIBRARIES}
-    own = {"fabdesign": __version__, "simulator": SIMULATOR, "code": _code(), "python": platform.python_version()}
-    return WorkerInfo(own | libraries, _processor(), _threads())
+    facts = {"fabdesign": __version__, "simulator": SIMULATOR, "code": _code(), "python": platform.python_version()}
+    return WorkerInfo(facts | libraries, _processor(), _threads())
 
 
 def _version(library: str) -> str:

@@ -81,8 +81,8 @@ class LayoutsStudy:
             for muscles in self.muscles:
                 for sides in sorted(self.sides, key=lambda sides: len(SIDES[sides])):
                     name = f"{muscles}_{type_}_{sides}"
-                    own = replace(_of_type(self.search, type_), name=name, limits=limits)
-                    study = replace(own, muscles=MuscleChoice(muscles, muscles, SIDES[sides]))
+                    search = replace(_of_type(self.search, type_), name=name, limits=limits)
+                    study = replace(search, muscles=MuscleChoice(muscles, muscles, SIDES[sides]))
                     yield Cell(name, muscles, type_, sides, study)
 
 

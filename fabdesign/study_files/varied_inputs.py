@@ -124,12 +124,14 @@ def _meaning(name: str, where: str, design: Design, model: Model) -> _Meaning:
         parameter = effect.parameters[rest[1]]
         if parameter.whole:
             raise InputError(f"{where}: {name} is a choice, not a quantity; expected one that can be varied")
-        own = [e.parameters[rest[1]].interval90 for e in model.effects if e.name == rest[0] and rest[1] in e.parameters]
-        return "effect", (rest[0], rest[1]), parameter.unit, parameter.bounds, own[0] if own else None
+        intervals = [
+            e.parameters[rest[1]].interval90 for e in model.effects if e.name == rest[0] and rest[1] in e.parameters
+        ]
+        return "effect", (rest[0], rest[1]), parameter.unit, parameter.bounds, intervals[0] if intervals else None
     plain = name.rpartition(".")[2] if name.startswith(MUSCLE_TYPES) else name
     kind_of_muscle = name.removeprefix(MUSCLE_TYPES).removesuffix(f".{plain}")
     if plain in PARAMETERS and (plain == name or (plain in OF_MUSCLES and kind_of_muscle in design.muscle_types)):
-        if hiding := [own for own in model.factors if plain == name and own.endswith(f".{name}")]:
+        if hiding := [factor for factor in model.factors if plain == name and factor.endswith(f".{name}")]:
             raise InputError(f"{where}: the model has {', '.join(hiding)}; expected that name")
         return "factor", (name,), "", FACTOR_RANGE, _interval(model, name)
     raise InputError(f"{where}: unknown parameter {name}; expected {_FORMS}{nearest(name, PARAMETERS)}")

@@ -39,10 +39,10 @@ def pulling(starts: Sequence[Start], muscles: int, share: float) -> list[Start]:
     """Return the same layouts with their muscles from number `muscles` on at a share of the pressure range."""
     shifted = []
     for start in starts:
-        own, pressures = by_muscle(start)
+        single, pressures = by_muscle(start)
         low, high = start[0].limits.pressure
         pressures[:, muscles:] = low + share * (high - low)
-        shifted.append(start_of((own, pressures), start[0]))
+        shifted.append(start_of((single, pressures), start[0]))
     return [start for start in shifted if start is not None]
 
 

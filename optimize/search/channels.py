@@ -34,17 +34,17 @@ def with_shared_channels(start: tuple[DesignSpace, Vector]) -> tuple[DesignSpace
     """Return the same layout with muscles on one channel whose pressures agree in every pose, at their mean; None where
     that saves no channel."""
     space = start[0]
-    muscles, own = by_muscle(start)
+    muscles, levels = by_muscle(start)
     low, high = space.limits.pressure
     groups: Groups = []
     for k in range(len(muscles)):
-        alike = (g for g in groups if np.all(np.abs(own[:, k] - own[:, g[0]]) <= SHARED * (high - low)))
+        alike = (g for g in groups if np.all(np.abs(levels[:, k] - levels[:, g[0]]) <= SHARED * (high - low)))
         group = next(alike, None)
         if group is None:
             groups.append([k])
         else:
             group.append(k)
-    return _on_channels((muscles, own), space, groups) if len(groups) < space.channels else None
+    return _on_channels((muscles, levels), space, groups) if len(groups) < space.channels else None
 
 
 def _nearest_groups(pressures: Pressures, most: int | None) -> Groups:
@@ -64,5 +64,5 @@ def _on_channels(layout: Layout, space: DesignSpace, groups: Groups) -> tuple[De
     channel_of = {k: channel for channel, group in enumerate(groups) for k in group}
     placed = tuple(replace(muscle, channel=channel_of[k]) for k, muscle in enumerate(muscles))
     shared = np.stack([pressures[:, group].mean(axis=1) for group in groups], axis=1)
-    own = replace(space, design=replace(space.design, muscles=placed), start_pressures=shared, vary_positions=True)
-    return own, own.encode(own.design, shared)
+    reduced = replace(space, design=replace(space.design, muscles=placed), start_pressures=shared, vary_positions=True)
+    return reduced, reduced.encode(reduced.design, shared)

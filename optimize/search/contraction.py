@@ -26,7 +26,7 @@ class Intervals:
     def of(design: Design) -> "Intervals":
         fabric = design.fabric
         points = [muscle.fixed_points() for muscle in design.muscles]
-        counts = [len(own) for own in points]
+        counts = [len(chain) for chain in points]
         first = np.cumsum([0, *counts[:-1]])
         begins = np.concatenate([k + np.arange(n - 1) for k, n in zip(first, counts, strict=True)])
         every = np.concatenate(points)
@@ -80,8 +80,8 @@ class LinearContraction:
         margins, slopes = [], []
         for pose, row in enumerate(contracted):
             for muscle in self._muscles:
-                own = np.flatnonzero(self._intervals.muscle == muscle)
-                k = int(own[np.argmax(row[own])])
+                members = np.flatnonzero(self._intervals.muscle == muscle)
+                k = int(members[np.argmax(row[members])])
                 margins.append(self._allowed - row[k])
                 along = chords[pose, k] / (lengths[pose, k] * self._intervals.lengths[k])
                 slopes.append(self._slopes[:, pose, k] @ along)

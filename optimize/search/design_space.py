@@ -118,8 +118,8 @@ class DesignSpace:
         if not self.vary_pressures:
             return self.start_pressures
         lowest, highest = self.limits.pressure
-        own = x[..., self.position_count :].reshape(*x.shape[:-1], *self.start_pressures.shape)
-        return np.asarray(lowest + (highest - lowest) * own)
+        shares = x[..., self.position_count :].reshape(*x.shape[:-1], *self.start_pressures.shape)
+        return np.asarray(lowest + (highest - lowest) * shares)
 
     @property
     def limited(self) -> int:

@@ -158,10 +158,10 @@ class Evaluations:
             self._on_progress(self)
         return results
 
-    def _expected(self, number: int, size: int, own: bool) -> float:
+    def _expected(self, number: int, size: int, exact: bool) -> float:
         """Return the seconds that a batch of a size is expected to take: as the smallest that was no smaller, else as
         the largest that was smaller; 0 before any."""
-        known = {n: seconds for (stage, n, cheap), seconds in self._pace.items() if (stage, cheap) == (number, own)}
+        known = {n: seconds for (stage, n, cheap), seconds in self._pace.items() if (stage, cheap) == (number, exact)}
         above = [known[n] for n in sorted(known) if n >= size]
         below = [known[n] for n in sorted(known) if n < size]
         return (above or below[-1:] or [0.0])[0]

@@ -61,9 +61,9 @@ class Margins:
         groups: list[int] = []
         for j, i in pairs:
             groups.append(len(first))
-            own = list(product(*(range(a, b - 1) for a, b in (self._corners[j], self._corners[i]))))
-            first += [p for p, _ in own]
-            second += [q for _, q in own]
+            segment_pairs = list(product(*(range(a, b - 1) for a, b in (self._corners[j], self._corners[i]))))
+            first += [p for p, _ in segment_pairs]
+            second += [q for _, q in segment_pairs]
         return first, second, groups
 
     def lengths(self, corners: Array) -> Array:
@@ -88,8 +88,8 @@ def free_air(design: Design, lengths: Array, pressures: Array) -> Array:
     muscles of lengths (..., muscles) m anyway: of cylinders of the outer diameter, which a muscle that swells
     exceeds."""
     areas = np.array([np.pi / 4 * design.muscle_types[muscle.type].outer_diameter ** 2 for muscle in design.muscles])
-    own = pressures[..., [muscle.channel for muscle in design.muscles]]
-    return np.asarray((own * (areas * lengths)[..., None, :]).sum(axis=-1) / ATMOSPHERE)
+    by_muscle = pressures[..., [muscle.channel for muscle in design.muscles]]
+    return np.asarray((by_muscle * (areas * lengths)[..., None, :]).sum(axis=-1) / ATMOSPHERE)
 
 
 def constraint_margins(

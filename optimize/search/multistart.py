@@ -129,15 +129,15 @@ def _begin(evaluations: Evaluations, at: SearchState, further: FurtherStarts | N
 
 
 def _screen(evaluations: Evaluations, at: SearchState) -> list[LocalSearch]:
-    own = range(at.first, len(evaluations.starts))
-    spaces = [evaluations.space(i, 0) for i in own]
+    numbers = range(at.first, len(evaluations.starts))
+    spaces = [evaluations.space(i, 0) for i in numbers]
     xs = [
         mine.encode(*space.decode(x)) for mine, (space, x) in zip(spaces, evaluations.starts[at.first :], strict=True)
     ]
-    values = evaluations.evaluate(0, list(zip(own, xs, strict=True)))
+    values = evaluations.evaluate(0, list(zip(numbers, xs, strict=True)))
     return [
         LocalSearch(i, space, x, value, shape=shape)
-        for i, space, x, (value, shape) in zip(own, spaces, xs, values, strict=True)
+        for i, space, x, (value, shape) in zip(numbers, spaces, xs, values, strict=True)
     ]
 
 
@@ -213,8 +213,8 @@ def _find_slopes(evaluations: Evaluations, number: int, searches: list[LocalSear
         local.shape = shape
     if evaluations.jacobians(number) is not None:
         slopes = evaluations.slopes(number, [(s.start, s.x) for s in searches])
-        for local, own in zip(searches, slopes, strict=True):
-            local.take(own)
+        for local, slope in zip(searches, slopes, strict=True):
+            local.take(slope)
     else:
         cheap = evaluations.stages[number].slopes
         wanted = [s.lacks(known=cheap is None) for s in searches]
@@ -235,6 +235,6 @@ def _evaluate_all(
     cheap: ForwardModel | None = None,
 ) -> list[list[tuple[float, Shape]]]:
     """Return each search's own vectors, all in common batches; on the stage's model, or on `cheap`."""
-    flat = [(local.start, x) for local, own in zip(searches, xs, strict=True) for x in own]
+    flat = [(local.start, x) for local, vectors in zip(searches, xs, strict=True) for x in vectors]
     results = iter(evaluations.evaluate(number, flat, cheap))
-    return [[next(results) for _ in own] for own in xs]
+    return [[next(results) for _ in vectors] for vectors in xs]

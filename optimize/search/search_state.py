@@ -97,7 +97,7 @@ def load_state(evaluations: Evaluations, further: FurtherStarts | None) -> Searc
             rounds,
             done,
             slopes_at=None if slopes_at is None else np.array(slopes_at),
-            learned=[np.array(x) for own in learned for x in own],
+            learned=[np.array(x) for rows in learned for x in rows],
         )
         for start, x, value, radius, rounds, done, slopes_at, *learned in state["searches"]
     ]

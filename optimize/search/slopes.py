@@ -56,7 +56,7 @@ def slopes_of(
     jacobian_of = [jacobians(objective.cases(pose, decoded), columns) for pose in range(len(objective.targets))]
     results = []
     for i, (space, x) in enumerate(points):
-        own = [place[corner] for corner in _corners(space)]
+        corner_rows = [place[corner] for corner in _corners(space)]
         shape = np.array([refined(np.asarray(pose[i].points, float)) for pose in jacobian_of])
         by_variable = np.zeros((len(x), *shape.shape))
         by_further = np.zeros((len(further), *shape.shape))
@@ -64,7 +64,9 @@ def slopes_of(
         for pose, jacobian in enumerate(one[i] for one in jacobian_of):
             changes = np.array([refined(change) for change in jacobian.changes]).reshape(len(columns), -1, 3)
             by_further[:, pose] = changes[len(columns) - len(further) :]
-            by_variable[: space.position_count, pose] = changes[own] * space.units[: space.position_count, None, None]
+            by_variable[: space.position_count, pose] = (
+                changes[corner_rows] * space.units[: space.position_count, None, None]
+            )
             if space.vary_pressures:
                 many = space.channels
                 by_variable[at : at + many, pose] = (
@@ -96,21 +98,26 @@ def _corners(space: DesignSpace) -> list[Corner]:
     """Return the corners in the order of the space's variables."""
     if not space.vary_positions:
         return []
-    return [(m, k, axis) for m, own in enumerate(space.design.muscles) for k in range(len(own.path)) for axis in (0, 1)]
+    return [
+        (m, k, axis)
+        for m, muscle in enumerate(space.design.muscles)
+        for k in range(len(muscle.path))
+        for axis in (0, 1)
+    ]
 
 
 def _of_corner(corner: Corner) -> Column:
     """Return the column [m] of a corner. A case without that corner stays: its derivative is zero."""
     muscle, index, axis = corner
-    own = column.corner_or_still(muscle, index, ((1.0, 0.0), (0.0, 1.0))[axis])
+    moving = column.corner_or_still(muscle, index, ((1.0, 0.0), (0.0, 1.0))[axis])
 
     def moved(case: Case, by: float) -> Case:
         muscles = case.design.muscles
         if muscle >= len(muscles) or index >= len(muscles[muscle].path):
             return case
-        return own.moved(case, by)
+        return moving.moved(case, by)
 
-    return replace(own, name=f"{own.name} along {'uv'[axis]}", moved=moved, room=_inside(corner))
+    return replace(moving, name=f"{moving.name} along {'uv'[axis]}", moved=moved, room=_inside(corner))
 
 
 def _inside(corner: Corner) -> Callable[[Case], tuple[float, float]]:
@@ -130,12 +137,12 @@ def _inside(corner: Corner) -> Callable[[Case], tuple[float, float]]:
 def _of_channel(channel: int, far: float) -> Column:
     """Return the column [Pa] of a channel. A case without that channel stays. far: Pa, for differences, above what a
     corrector's steps are of."""
-    own = column.pressure(channel)
+    raised = column.pressure(channel)
 
     def moved(case: Case, by: float) -> Case:
-        return own.moved(case, by) if channel < case.program.pressure.shape[1] else case
+        return raised.moved(case, by) if channel < case.program.pressure.shape[1] else case
 
     def room(case: Case) -> tuple[float, float]:
-        return own.room(case) if channel < case.program.pressure.shape[1] else (-np.inf, np.inf)
+        return raised.room(case) if channel < case.program.pressure.shape[1] else (-np.inf, np.inf)
 
-    return replace(own, far=far, moved=moved, room=room)
+    return replace(raised, far=far, moved=moved, room=room)

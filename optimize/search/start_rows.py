@@ -34,7 +34,7 @@ def of_rows(rows: Sequence[StartRow], cloth: Design, limits: Limits) -> list[Sta
     starts = []
     for row in rows:
         paths = [tuple((float(u), float(v)) for u, v in muscle["path"]) for muscle in row["muscles"]]
-        muscles = [Muscle(**{**own, "path": path}) for own, path in zip(row["muscles"], paths, strict=True)]
+        muscles = [Muscle(**{**keys, "path": path}) for keys, path in zip(row["muscles"], paths, strict=True)]
         design, pressures = replace(cloth, muscles=tuple(muscles)), np.array(row["pressures"], dtype=float)
         space = DesignSpace(design, limits, pressures, vary_positions=True)
         starts.append((space, space.encode(design, pressures)))

@@ -97,9 +97,9 @@ def thinned_starts(
     starts = []
     for subset in subsets:
         kept = [design.muscles[i] for i in subset]
-        own = pressures[:, [muscle.channel for muscle in kept]]
+        by_muscle = pressures[:, [muscle.channel for muscle in kept]]
         muscles = tuple(replace(muscle, channel=channel) for channel, muscle in enumerate(kept))
-        starts.append(_start_with(design, limits, muscles, own))
+        starts.append(_start_with(design, limits, muscles, by_muscle))
     return [start for start in starts if start is not None]
 
 

@@ -106,11 +106,11 @@ def _searches(evaluations: Evaluations, stage: int, starts: Sequence[Start]) -> 
     first = len(evaluations.starts)
     evaluations.starts += starts
     spaces = [evaluations.space(first + k, stage) for k in range(len(starts))]
-    xs = [own.encode(*space.decode(x)) for own, (space, x) in zip(spaces, starts, strict=True)]
+    xs = [reduced.encode(*space.decode(x)) for reduced, (space, x) in zip(spaces, starts, strict=True)]
     results = evaluations.evaluate(stage, [(first + k, x) for k, x in enumerate(xs)])
     return [
-        LocalSearch(first + k, own, x, value, shape=shape)
-        for k, (own, x, (value, shape)) in enumerate(zip(spaces, xs, results, strict=True))
+        LocalSearch(first + k, reduced, x, value, shape=shape)
+        for k, (reduced, x, (value, shape)) in enumerate(zip(spaces, xs, results, strict=True))
     ]
 
 
@@ -150,7 +150,7 @@ def _merges(layout: Layout, space: DesignSpace) -> list[Layout]:
         path = tuple((float(u), float(v)) for u, v in (one + other) / 2)
         kept = [*muscles[:j], *muscles[j + 1 :]]
         kept[i] = replace(a, path=path)
-        own = np.delete(pressures, j, axis=1)
-        own[:, i] = np.maximum(pressures[:, i], pressures[:, j])
-        merged.append((kept, own))
+        thinned = np.delete(pressures, j, axis=1)
+        thinned[:, i] = np.maximum(pressures[:, i], pressures[:, j])
+        merged.append((kept, thinned))
     return merged

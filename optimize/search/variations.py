@@ -46,7 +46,7 @@ def with_corners(best: Start, corners: int) -> list[Start]:
     """Return the same layout with a corner in the middle of every muscle that has fewer than `corners`, where it lies:
     for a search by derivatives to move. None where no muscle may have one more."""
     muscles, pressures = by_muscle(best)
-    bent = [_bent(own, 0.0) if len(own.path) - 2 < corners else own for own in muscles]
+    bent = [_bent(muscle, 0.0) if len(muscle.path) - 2 < corners else muscle for muscle in muscles]
     start = start_of((bent, pressures), best[0]) if bent != [*muscles] else None
     return [] if start is None else [start]
 
@@ -54,7 +54,7 @@ def with_corners(best: Start, corners: int) -> list[Start]:
 def straightened(start: Start) -> Start | None:
     """Return the same layout without corners between the ends; None where there are none, or that breaks a limit."""
     muscles, pressures = by_muscle(start)
-    straight = [replace(own, path=(own.path[0], own.path[-1])) for own in muscles]
+    straight = [replace(muscle, path=(muscle.path[0], muscle.path[-1])) for muscle in muscles]
     return start_of((straight, pressures), start[0]) if straight != [*muscles] else None
 
 

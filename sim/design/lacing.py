@@ -39,13 +39,13 @@ def lace(design: Design, n: int, across: int, down: int) -> Lacing:
     hu, hv = design.fabric.width / (n - 1), design.fabric.height / (n - 1)
     weights = [np.zeros((6, 0, PATCH))]
     base = [np.zeros((0, 2), np.int32)]
-    offset, active, rest, channel, types, own, along = [], [], [], [], [], [], []
+    offset, active, rest, channel, types, kinds, along = [], [], [], [], [], [], []
     for index, muscle in enumerate(design.muscles):
         first, touching, lengths = _loops(muscle, n, hu, hv, across, down)
         count = len(first)
         base.append(first)
         weights.append(touching)
-        own += [index] * count
+        kinds += [index] * count
         along += [*((np.cumsum(lengths) - lengths / 2) / lengths.sum()), 0.0]
         side = 1.0 if muscle.side == "front" else -1.0
         offset += [side * design.muscle_types[muscle.type].axis_offset] * count
@@ -56,7 +56,7 @@ def lace(design: Design, n: int, across: int, down: int) -> Lacing:
     return Lacing(
         np.concatenate(base), np.concatenate(weights, axis=1),
         np.array(offset), np.array(active), np.array(rest), np.array(channel, np.int32), tuple(types),
-        np.array(own, np.int32), np.array(along),
+        np.array(kinds, np.int32), np.array(along),
     )  # fmt: skip
 
 

@@ -67,7 +67,7 @@ def contents_of(cases: Sequence[Case], n: int, *, support: Support, blocks: int)
         across, down, modes.odd,
         basis=by_four(modes).astype(np.float32),
         eigen=np.stack([modes.stretching, modes.bending, modes.slopes], axis=1).astype(np.float32),
-        table=np.array([bench_grid(own.bench) for _, own in types], np.float32).reshape(-1, *TABLE),
+        table=np.array([bench_grid(kind.bench) for _, kind in types], np.float32).reshape(-1, *TABLE),
         coarse=coarse, place=place,
         rows=_rows(lacings, n, len(cases) // LANES, points, down),
     )  # fmt: skip
@@ -134,8 +134,8 @@ def fixed_points(
     spare[:2, 0], spare[2:4, 0], spare[2:4, 1] = 1, -1, 1  # at a node, tangents to the next
     weights = np.concatenate([lacing.weights[:4], np.repeat(spare[:, None], room - count, axis=1)], axis=1)
     base = np.concatenate([lacing.base, np.full((room - count, 2), first, np.int32)])
-    own = {name: specimen.design.muscle_types[name] for name in dict.fromkeys(lacing.muscle_type)}
-    place = {named[0]: types[named] for named in own.items()}  # hashing a bench table takes long
+    kinds = {name: specimen.design.muscle_types[name] for name in dict.fromkeys(lacing.muscle_type)}
+    place = {named[0]: types[named] for named in kinds.items()}  # hashing a bench table takes long
 
     def filled(values: NDArray, spare: float = 0) -> NDArray:
         return np.pad(values, (0, room - count), constant_values=spare)
@@ -151,7 +151,7 @@ def fixed_points(
         "rest": filled(lacing.rest, 1.0),
         "gain": filled(of_muscles("gain")),
         "pressure_share": filled(1 - of_muscles("pressure_loss") * lacing.along),
-        "viscosity": filled(damping * np.array([own[name].viscosity for name in lacing.muscle_type])),
+        "viscosity": filled(damping * np.array([kinds[name].viscosity for name in lacing.muscle_type])),
         "base": (base[:, 0] + 1) * (n + 2) + base[:, 1] + 1,
         "channel": filled(lacing.channel),
         "muscle_type": filled(np.array([place[name] for name in lacing.muscle_type], np.int32)),
@@ -178,9 +178,9 @@ def _rows(lacings: Sequence[Lacing], n: int, blocks: int, points: int, down: int
     first, last = np.full((blocks, points), n), np.zeros((blocks, points), int)
     for lane, lacing in enumerate(lacings):
         block, row = lane // LANES, lacing.base[:, 0]
-        own = slice(len(row))
-        first[block, own] = np.minimum(first[block, own], row)
-        last[block, own] = np.maximum(last[block, own], np.minimum(row + down, n))
+        used = slice(len(row))
+        first[block, used] = np.minimum(first[block, used], row)
+        last[block, used] = np.maximum(last[block, used], np.minimum(row + down, n))
     begin = first // 4  # at multiples of four: sums are the same whatever the other lanes hold
     fours = np.clip(-(-last // 4) - begin, 0, None)
     return np.stack([4 * begin, fours], axis=-1).astype(np.int32)

@@ -146,16 +146,17 @@ class Touching:
     def refresh(self, blocks: int, h: NDArray[np.floating[Any]]) -> None:
         """Before a step of h (lanes,) s."""
         n = self.n
-        own = [self.packed.index(i) for i in range(len(self.sheets))]
+        lanes = [self.packed.index(i) for i in range(len(self.sheets))]
         out = np.empty((blocks, LANES, n * n, 3), np.float32)
         read(blocks, n, n, F.x0, out)
-        shapes = out.reshape(-1, n, n, 3)[own].astype(float)
+        shapes = out.reshape(-1, n, n, 3)[lanes].astype(float)
         anew = [
-            self._refresh(i, x, float(h[lane] / self.h[i])) for i, (lane, x) in enumerate(zip(own, shapes, strict=True))
+            self._refresh(i, x, float(h[lane] / self.h[i]))
+            for i, (lane, x) in enumerate(zip(lanes, shapes, strict=True))
         ]
         if any(anew):
             self._put(blocks)
-        self.h = h[own]
+        self.h = h[lanes]
 
     def _refresh(self, index: int, x: Array, ratio: float) -> bool:
         """Find the pairs of one design in the shape x (n, n, 3) if it has moved; whether there were or are any.

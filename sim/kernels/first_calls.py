@@ -49,5 +49,5 @@ def _mark(costly: str, sizes: tuple[int, ...]) -> Path:
 @functools.cache
 def _sources() -> str:
     """Return a hash of what kernels are made of: this package, Taichi's version, its processor."""
-    own = repr((ti.__version__, ti.lang.impl.current_cfg().arch))
-    return sha256(own, *sorted(Path(__file__).parents[1].rglob("*.py")))
+    compiler = repr((ti.__version__, ti.lang.impl.current_cfg().arch))
+    return sha256(compiler, *sorted(Path(__file__).parents[1].rglob("*.py")))

@@ -33,10 +33,10 @@ def differences(
     """Return differences by (case, column) of `pairs`: over as much to both sides as the column's `far` says, in one
     batch."""
     moves = [move(cases[i], columns[c], columns[c].far) for i, c in pairs]
-    shapes = outcome([i for i, _ in pairs for _ in range(2)], [side for own in moves for side in own.sides])
+    shapes = outcome([i for i, _ in pairs for _ in range(2)], [side for both in moves for side in both.sides])
     return {
-        pair: (shapes[2 * k + 1].astype(float) - shapes[2 * k]) / own.width
-        for k, (pair, own) in enumerate(zip(pairs, moves, strict=True))
+        pair: (shapes[2 * k + 1].astype(float) - shapes[2 * k]) / both.width
+        for k, (pair, both) in enumerate(zip(pairs, moves, strict=True))
     }
 
 
@@ -45,10 +45,10 @@ def completed(
 ) -> list[Jacobian]:
     """Return Jacobians of all cases: what the tangent `solved`, by case, and differences of the outcome for the rest,
     but for columns without."""
-    known = {i: own for i, own in solved.items() if own.settled}
+    known = {i: solution for i, solution in solved.items() if solution.settled}
     missing = [i for i in range(len(cases)) if i not in known]
     middles = dict(zip(missing, outcome(missing, [cases[i] for i in missing]), strict=True)) if missing else {}
-    middles |= {i: own.middle for i, own in known.items()}
+    middles |= {i: solution.middle for i, solution in known.items()}
     pairs = [
         (i, c) for i in range(len(cases)) for c in range(len(columns)) if i not in known or c not in known[i].changes
     ]

@@ -41,7 +41,7 @@ class LaidCase:
     def constants(self) -> Array:
         """Return the constants in the order of CONSTANTS; 0 for those that no force takes."""
         lane = Lane(self.specimen, self.n)
-        return np.array([0.0 if name in OF_SOLVER else own.value(lane) for name, own in CONSTANTS.items()])
+        return np.array([0.0 if name in OF_SOLVER else constant.value(lane) for name, constant in CONSTANTS.items()])
 
     @cached_property
     def mass(self) -> Array:
@@ -57,8 +57,8 @@ class LaidCase:
         design, numbers = self.specimen.design, self.specimen.muscles
         values = zip(*(numbers[name].tolist() for name in ("gain", "lever", "pressure_loss")), strict=True)
         return [
-            Strand(muscle, design.muscle_types[muscle.type], float(self.pressure[muscle.channel]), *own)
-            for muscle, own in zip(design.muscles, values, strict=True)
+            Strand(muscle, design.muscle_types[muscle.type], float(self.pressure[muscle.channel]), *row)
+            for muscle, row in zip(design.muscles, values, strict=True)
         ]
 
 
@@ -95,8 +95,10 @@ class Explicit:
     def moved(self, moves: Sequence[Move | None]) -> list[Sides | None]:
         """Return both sides of a move for each lane; None where there is none."""
         return [
-            None if own is None else Sides(self._side(lane, own.sides[0]), self._side(lane, own.sides[1]), own.width)
-            for lane, own in zip(self._lanes, moves, strict=True)
+            None
+            if change is None
+            else Sides(self._side(lane, change.sides[0]), self._side(lane, change.sides[1]), change.width)
+            for lane, change in zip(self._lanes, moves, strict=True)
         ]
 
     def _side(self, lane: LaidCase, case: Case) -> LaidCase:
@@ -108,10 +110,10 @@ class Explicit:
         """Return what one column changes in the lanes' cloths; None where that is nothing."""
         middle = np.array([lane.constants for lane in self._lanes])
         change, weight = np.zeros_like(middle), np.zeros(len(middle))
-        for k, own in enumerate(moved):
-            if own is None or _same_cloth(own.low.specimen, own.high.specimen):
+        for k, changed in enumerate(moved):
+            if changed is None or _same_cloth(changed.low.specimen, changed.high.specimen):
                 continue
-            slope = (own.high.constants - own.low.constants) / own.width
+            slope = (changed.high.constants - changed.low.constants) / changed.width
             largest = np.max(np.abs(slope) / self._scale[k], initial=0.0)
             if largest > 0:
                 change[k], weight[k] = slope * LARGE / largest, largest / (2 * LARGE)
@@ -135,15 +137,15 @@ class Explicit:
         pulls: list[Pull] = []
         weights = np.zeros((len(columns) * count, *middle.shape[1:]))
         for slot, moved in enumerate(columns):
-            for k, own in enumerate(moved):
-                if own is None:
+            for k, sides in enumerate(moved):
+                if sides is None:
                     continue
                 at = slot * count + k
-                for strands, sign in zip(_unlike(own.low, own.high), (-1, 1), strict=True):
-                    pulls += [Pull(strand, k, sign / own.width, at) for strand in strands]
-                change = self._mass_change(k, own.low, own.high)
+                for strands, sign in zip(_unlike(sides.low, sides.high), (-1, 1), strict=True):
+                    pulls += [Pull(strand, k, sign / sides.width, at) for strand in strands]
+                change = self._mass_change(k, sides.low, sides.high)
                 if change is not None:
-                    weights[at] = change[:, None] / own.width * self._lanes[k].gravity
+                    weights[at] = change[:, None] / sides.width * self._lanes[k].gravity
         forces = weights + summed(pulls, middle, self._spacing, self._grid, len(weights))
         return forces.astype(np.float32).reshape(len(columns), count, *middle.shape[1:])
 
@@ -155,7 +157,7 @@ class Explicit:
         moved = [(a, b) for a, b in zip(one, other, strict=True) if a.path != b.path]
         if not moved:
             return None
-        density = {name: own.mass_per_length for name, own in low.specimen.design.muscle_types.items()}
+        density = {name: kind.mass_per_length for name, kind in low.specimen.design.muscle_types.items()}
         changes = [(m, sign * density[m.type]) for pair in moved for m, sign in zip(pair, (-1, 1), strict=True)]
         return muscle_masses(changes, tuple(self._spacing[lane]), self._n)
 
@@ -168,9 +170,9 @@ def _unlike(low: LaidCase, high: LaidCase) -> tuple[list[Strand], list[Strand]]:
 
 def _same_cloth(one: Specimen, other: Specimen) -> bool:
     """Return whether their constants are alike, but for those of the solver."""
-    own, others = ({k: v for k, v in s.factors.items() if k not in OF_MUSCLES} for s in (one, other))
+    ours, others = ({k: v for k, v in s.factors.items() if k not in OF_MUSCLES} for s in (one, other))
     curved = all(one.constants.get(name) == other.constants.get(name) for name in REST_CURVATURES)
-    return curved and own == others and one.design.fabric is other.design.fabric
+    return curved and ours == others and one.design.fabric is other.design.fabric
 
 
 def _same_weight(one: Specimen, other: Specimen) -> bool:
@@ -181,4 +183,4 @@ def _same_weight(one: Specimen, other: Specimen) -> bool:
 
 def _by_lane(pressures: Sequence[Array]) -> NDArray[np.float32]:
     channels = max(1, *map(len, pressures))
-    return side_by_side([np.pad(own, (0, channels - len(own))) for own in pressures]).astype(np.float32)
+    return side_by_side([np.pad(pressure, (0, channels - len(pressure))) for pressure in pressures]).astype(np.float32)

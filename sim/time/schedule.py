@@ -70,8 +70,8 @@ def of_motions(
     lanes = [motions[i] for i in packed]
     count = max(len(motion.ticks) for motion in lanes)
     whole = np.minimum(np.arange(count)[:, None], [len(m.ticks) - 1 for m in lanes])  # (S, lanes) their own steps
-    own = list(enumerate(lanes))
-    scheme_of = np.stack([2 * m.ticks[whole[:, k]] + m.jumps[whole[:, k]] for k, m in own], axis=1)
+    numbered = list(enumerate(lanes))
+    scheme_of = np.stack([2 * m.ticks[whole[:, k]] + m.jumps[whole[:, k]] for k, m in numbered], axis=1)
     distinct, code = np.unique(scheme_of, return_inverse=True)
     schemes = [
         Scheme(tick * float(k // 2), Integrator.MIDPOINT if k % 2 else Integrator.GENERALISED_ALPHA, rho)
@@ -80,7 +80,7 @@ def of_motions(
     entries = np.array([scheme.entries(batch.support) for scheme in schemes], np.float32)
     channels = max(1, *(m.pressure.shape[1] for m in lanes))
     pressure = np.zeros((count, channels, len(lanes)))
-    for k, m in own:
+    for k, m in numbered:
         pressure[:, : m.pressure.shape[1], k] = m.pressure[whole[:, k]]
     begins = np.concatenate([[0], np.cumsum([len(m.due) for m in motions])])
     first = np.zeros((count + 1, len(lanes)), np.int32)

@@ -65,12 +65,12 @@ class ShippedErrors:
 
     def kept(self) -> dict[str, Any]:
         """Return what `of_kept` takes: JSON, to the last bit."""
-        own = {name: {"own": one.own, "others": as_json(one.others)} for name, one in self.branches.items()}
+        branches = {name: {"own": one.unchanged, "others": as_json(one.others)} for name, one in self.branches.items()}
         return {
             "errors": as_json(self.errors),
             "share_left_out": self.share_left_out,
             "by_trial": as_json(self.by_trial),
-            "branches": own,
+            "branches": branches,
         }
 
     @staticmethod
@@ -113,14 +113,14 @@ class ShippedErrors:
 def far_off(surface: Mapping[str, float]) -> dict[str, float]:
     """Return the trials that are off by twice as much as the others, and the others' mean. surface: m, by trial."""
     others = {name: [x for key, x in surface.items() if key != name] for name in surface}
-    means = {name: float(np.mean(own)) for name, own in others.items() if own}
+    means = {name: float(np.mean(errors)) for name, errors in others.items() if errors}
     return {name: mean for name, mean in means.items() if surface[name] > FAR_OFF * mean}
 
 
 def branch_in_words(branch: Branches) -> str:
     """Return whether a trial that is far off lies on another branch, as simulated from starts that differ a little."""
     changed = f"the frame tilted by up to {max(TILTS):g} degrees or the cloth curved by up to {max(CURLS):g} 1/m more"
-    nearest = f"{in_mm(branch.nearest):.2f} mm, without the change {in_mm(branch.own):.2f} mm"
+    nearest = f"{in_mm(branch.nearest):.2f} mm, without the change {in_mm(branch.unchanged):.2f} mm"
     if branch.much_nearer:
         return (
             "It took another stable shape (branch): a small change of the start leads there. With "
@@ -152,9 +152,11 @@ def evaluate_shipped(*, forward: ForwardModel | None = None) -> ShippedErrors:
     frames = {trial.name: np.flatnonzero(used.at(measured, trial)) for trial in measured.trials}
     trials = [trial for trial in measured.trials if len(frames[trial.name])]
     noise = noise_of(measured.trials)
-    each = {name: _each(trials, frames, noise, forward_model(fine, own, sensing=True)) for name, own in models.items()}
-    by_trial = {trial.name: own for trial, own in zip(trials, each[CORRECTED], strict=True)}
-    means = {name: mean_errors(own) for name, own in each.items()}
+    each = {
+        name: _each(trials, frames, noise, forward_model(fine, model, sensing=True)) for name, model in models.items()
+    }
+    by_trial = {trial.name: errors for trial, errors in zip(trials, each[CORRECTED], strict=True)}
+    means = {name: mean_errors(errors) for name, errors in each.items()}
     far = far_off({name: e.surface_rms for name, e in by_trial.items()})
     other = branches_of([t for t in trials if t.name in far], forward_model(fine, uncorrected, sensing=True))
     return ShippedErrors(

@@ -24,8 +24,8 @@ def chosen(trials: Sequence[Trial], most: int = MOST) -> list[Trial]:
     """Return at most so many trials of a design, spread over the session."""
     selected = []
     for name in sorted({trial.design_name for trial in trials}):
-        own = [trial for trial in trials if trial.design_name == name]
-        selected += [own[k] for k in evenly(len(own), most)]
+        of_design = [trial for trial in trials if trial.design_name == name]
+        selected += [of_design[k] for k in evenly(len(of_design), most)]
     return selected
 
 
@@ -46,18 +46,18 @@ def with_spread(
     predictor = forward_model(simulator, bare, sensing=True)
     if predictor.corrector is not None and not predictor.corrector.ordered:
         return bare, "intervals of motions are not calibrated: the corrector's points have no order"
-    own = [trial for trial in chosen(trials) if len(looked_at(trial, used))]
+    usable = [trial for trial in chosen(trials) if len(looked_at(trial, used))]
     every: list[RegionResiduals] = []
-    if len(own) >= LEAST:
-        every = residuals(own, predictor, coarse or simulator, used=used, progress=progress)
+    if len(usable) >= LEAST:
+        every = residuals(usable, predictor, coarse or simulator, used=used, progress=progress)
     kept = [k for k, one in enumerate(every) if len(one.residual)]
     if len(kept) < LEAST:
-        count = len(kept) if every else len(own)
+        count = len(kept) if every else len(usable)
         return (
             bare,
             f"intervals of motions are not calibrated: {count} trials of role fit are left for it; expected {LEAST}",
         )
-    spread, score = spread_from([every[k] for k in kept], _folds([own[k] for k in kept]), bare)
+    spread, score = spread_from([every[k] for k in kept], _folds([usable[k] for k in kept]), bare)
     return replace(bare, spread=spread), (
         f"90 % intervals calibrated on {spread.trials} trials that were not fitted: mean width "
         f"{in_mm(score.width):.2f} mm; {spread.held:.0%} inside where each trial is left out in turn"
@@ -79,11 +79,11 @@ def spread_from(every: Sequence[RegionResiduals], folds: Sequence[int], model: M
 
 def spread_json(model: Model) -> dict[str, Any] | None:
     """Return what commands print of it: mm."""
-    own = model.spread
-    if own is None:
+    spread = model.spread
+    if spread is None:
         return None
-    shape = {"constant_mm": in_mm(own.constant), "covariance": own.covariance, "motion": own.motion}
-    return shape | {"trials": own.trials, "held": own.held, "designs": dict(own.designs)}
+    shape = {"constant_mm": in_mm(spread.constant), "covariance": spread.covariance, "motion": spread.motion}
+    return shape | {"trials": spread.trials, "held": spread.held, "designs": dict(spread.designs)}
 
 
 def _folds(trials: Sequence[Trial]) -> list[int]:

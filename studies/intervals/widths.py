@@ -66,18 +66,18 @@ def calibrated(others: Sequence[RegionResiduals], width: Width, start: Array) ->
     ratios: dict[str, list[Array]] = {}
     for one in others:
         ratios.setdefault(one.design, []).append(np.abs(one.residual) / width(shape, one))
-    whole = float(np.quantile(np.concatenate([r for own in ratios.values() for r in own]), INSIDE))
-    own = {name: float(np.quantile(np.concatenate(r), INSIDE)) for name, r in ratios.items() if len(r) >= LEAST}
-    return Widths(width, shape, whole / TWO_SIDED, {name: value / whole for name, value in own.items()})
+    whole = float(np.quantile(np.concatenate([r for parts in ratios.values() for r in parts]), INSIDE))
+    factors = {name: float(np.quantile(np.concatenate(r), INSIDE)) for name, r in ratios.items() if len(r) >= LEAST}
+    return Widths(width, shape, whole / TWO_SIDED, {name: value / whole for name, value in factors.items()})
 
 
 def left_out(every: Sequence[RegionResiduals], folds: Sequence[int], width: Width, start: Array) -> list[Array]:
     """Return (n,) m of each trial, standard deviations calibrated on the trials of the other folds."""
     residuals: list[Array] = [np.empty(0)] * len(every)
     for fold in sorted(set(folds)):
-        others = [one for one, own in zip(every, folds, strict=True) if own != fold]
+        others = [one for one, fold_of in zip(every, folds, strict=True) if fold_of != fold]
         widths = calibrated(others, width, start)
-        for k in (k for k, own in enumerate(folds) if own == fold):
+        for k in (k for k, fold_of in enumerate(folds) if fold_of == fold):
             residuals[k] = widths.of(every[k])
     return residuals
 

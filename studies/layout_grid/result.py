@@ -33,8 +33,8 @@ class CellResult:
         if self.result is None:
             return ()
         low, high = self.result.study.limits.pressure
-        own = self.result.pressures[:, [muscle.channel for muscle in self.result.design.muscles]].max(axis=0)
-        return tuple(np.flatnonzero(own > low + PULLS * (high - low)).tolist())
+        highest = self.result.pressures[:, [muscle.channel for muscle in self.result.design.muscles]].max(axis=0)
+        return tuple(np.flatnonzero(highest > low + PULLS * (high - low)).tolist())
 
     @property
     def sides_used(self) -> str:
@@ -73,12 +73,12 @@ class GridResult:
 
     def statements(self, cell: Cell) -> list[str]:
         """Return sentences on where more muscles, or a second face, did not help."""
-        own, best = next((f for f in self.cells if f.cell is cell), None), self.nearest(cell)
-        if own is None or best is None:
+        this, best = next((f for f in self.cells if f.cell is cell), None), self.nearest(cell)
+        if this is None or best is None:
             return []
         statements, count = [], f"{cell.muscles} muscles" if cell.muscles > 1 else "1 muscle"
-        if best is not own:
-            came = f"its own search came to {in_mm(own.objective):.2f} mm" if own.result else own.why
+        if best is not this:
+            came = f"its own search came to {in_mm(this.objective):.2f} mm" if this.result else this.why
             statements.append(
                 f"{count} {WORDS[cell.sides]} did not help: {best.cell.muscles} {WORDS[best.cell.sides]} are nearer, "
                 f"at {in_mm(best.objective):.2f} mm; {came}."
@@ -110,7 +110,7 @@ class GridResult:
             entry["why_not"] = one.why
         if best is None or best.result is None:
             return entry
-        result, own = best.result, one.result
+        result, searched = best.result, one.result
         entry |= {
             "objective_mm": in_mm(result.objective),
             **result.errors.millimetres(),
@@ -118,7 +118,7 @@ class GridResult:
         }
         entry |= {"of": best.cell.name, "sides_used": best.sides_used, "muscles_used": len(best.pulling)}
         entry |= {"said": [*self.statements(cell), *result.reach.sentences], "front": on_front}
-        if own is not None:
-            entry |= {"searched_mm": in_mm(own.objective), "stop_reason": own.stop_reason}
-            entry |= {"evaluations": len(own.history), "wall_s": own.wall_s}
+        if searched is not None:
+            entry |= {"searched_mm": in_mm(searched.objective), "stop_reason": searched.stop_reason}
+            entry |= {"evaluations": len(searched.history), "wall_s": searched.wall_s}
         return entry

@@ -49,15 +49,15 @@ def best_beneath(cell: Cell, result: GridResult) -> float:
     return min((f.objective for f in result.cells if f.cell is not cell and cell.includes(f.cell)), default=np.inf)
 
 
-def recent_gain(own: CellResult) -> float:
+def recent_gain(cell: CellResult) -> float:
     """Return how far [m] the full model's best fell in the latter half of the search; all of it where it came only
     then."""
-    assert own.result is not None
-    entries = [entry for entry in own.result.history if not entry.diverged]
+    assert cell.result is not None
+    entries = [entry for entry in cell.result.history if not entry.diverged]
     last = [(e.seconds, e.objective) for e in entries if e.stage == "full model"]
     if not last:
-        return own.objective
-    half = own.result.wall_s / 2
+        return cell.objective
+    half = cell.result.wall_s / 2
     before = [value for seconds, value in last if seconds <= half] or [last[0][1]]
     return max(0.0, min(before) - min(value for _, value in last))
 
@@ -70,14 +70,14 @@ def next_turn(result: GridResult, turns: dict[str, CellTurns], seconds: float) -
     """
     promised = []
     for f in result.cells:
-        own = turns.get(f.cell.name)
-        if f.result is None or own is None:
+        taken = turns.get(f.cell.name)
+        if f.result is None or taken is None:
             continue
         behind = f.objective - best_beneath(f.cell, result)
-        if behind > GAINS * f.objective and best_beneath(f.cell, result) < (1 - GAINS) * own.beneath:
+        if behind > GAINS * f.objective and best_beneath(f.cell, result) < (1 - GAINS) * taken.beneath:
             promised.append((behind, f))
-        elif not f.result.stop_reason.startswith(ENDED) and own.gained > GAINS * f.objective:
-            per_second = own.gained / max(own.seconds / max(1, own.turns), 1e-9)
+        elif not f.result.stop_reason.startswith(ENDED) and taken.gained > GAINS * f.objective:
+            per_second = taken.gained / max(taken.seconds / max(1, taken.turns), 1e-9)
             promised.append((per_second * seconds - max(0.0, behind), f))
     best = max(promised, key=lambda pair: pair[0], default=None)
     return best[1] if best is not None and best[0] > 0 else None

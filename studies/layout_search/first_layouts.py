@@ -24,15 +24,15 @@ THINNED_STARTS = 72  # of the design's own muscles, where it has more than the l
 
 
 def limits_of(study: Study) -> Limits:
-    own = study.limits
-    return Limits(own.pressure, own.spacing, own.edge, own.contraction, own.channels, own.air)
+    limits = study.limits
+    return Limits(limits.pressure, limits.spacing, limits.edge, limits.contraction, limits.channels, limits.air)
 
 
 def own_start(study: Study, limits: Limits) -> tuple[DesignSpace, Vector]:
     """Return the study's own design under its start pressures, by default the middle of the limits."""
     middle = np.mean(study.limits.pressure)
-    own = np.full(study.design.channels, middle) if study.start_pressures is None else study.start_pressures
-    pressures = np.tile(own, (len(study.targets), 1))
+    stated = np.full(study.design.channels, middle) if study.start_pressures is None else study.start_pressures
+    pressures = np.tile(stated, (len(study.targets), 1))
     space = DesignSpace(study.design, limits, pressures, vary_pressures=study.pressures)
     return space, space.encode(study.design, pressures)
 
@@ -72,7 +72,7 @@ def first_starts(study: Study) -> list[Start]:
     """Return the study's own design, an earlier result, the catalogue's layouts, and what is drawn by the study's
     seed."""
     limits, poses = limits_of(study), len(study.targets)
-    space, own = own_start(study, limits)
+    space, stated = own_start(study, limits)
     if study.muscles is None:
         drawn = pressure_starts(space, PRESSURE_STARTS if study.pressures else 0, study.seed)
         return [*earlier_starts(study, limits), *drawn]
@@ -83,7 +83,7 @@ def first_starts(study: Study) -> list[Start]:
     )
     sides = {muscle.side for muscle in design.muscles}
     if len(design.muscles) in choice.counts and sides <= set(choice.sides):
-        drawn = [*_on_fewer_channels((space, own)), *drawn]
+        drawn = [*_on_fewer_channels((space, stated)), *drawn]
     elif len(design.muscles) > choice.most and sides <= set(choice.sides):
         given = space.start_pressures
         drawn += thinned_starts(design, limits, given, choice.most, number=THINNED_STARTS, seed=study.seed)

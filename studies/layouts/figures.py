@@ -85,8 +85,8 @@ def convergence(name: str, result: StudyResult) -> Chart:
     dots = {"size": 3, "color": GREY}
     curves = [curve("evaluations", numbers[shown].tolist(), values[shown], mode="markers", marker=dots)]
     for stage in dict.fromkeys(entry.stage for entry in entries):
-        own = np.array([entry.stage == stage for entry in entries])
-        curves.append(curve(stage, numbers[own], np.minimum.accumulate(values[own])))
+        in_stage = np.array([entry.stage == stage for entry in entries])
+        curves.append(curve(stage, numbers[in_stage], np.minimum.accumulate(values[in_stage])))
     floor, sound = in_mm(result.floor), values[shown]
     if floor > 0 and entries:  # of a mesh under surface RMS, and of wishes, there is none
         curves.append(curve("noise floor", [1, len(entries)], [floor, floor], DARK, line_dash="dash"))

@@ -57,12 +57,12 @@ class Helps:
     def sentences(self) -> list[str]:
         if not self.nearer:
             return [f"By derivatives no limit or constant that is changed by {BY:.0%} gains {WORTH:.0%}."]
-        gains = [f"{own.what}: {in_mm(self.before - own.value):.1f} mm" for own in self.nearer[:SAID]]
+        gains = [f"{change.what}: {in_mm(self.before - change.value):.1f} mm" for change in self.nearer[:SAID]]
         return [f"What would bring it nearer, by derivatives: {'; '.join(gains)}."]
 
     def as_json(self) -> list[dict[str, Any]]:
         """Return a row a change."""
-        return [{"what": own.what, "gain_mm": in_mm(self.before - own.value)} for own in self.nearer]
+        return [{"what": change.what, "gain_mm": in_mm(self.before - change.value)} for change in self.nearer]
 
 
 def missed_at(shape: NDArray[np.float64], target: LoadedTarget, size: tuple[float, float]) -> Missed:
@@ -98,7 +98,7 @@ def helps_of(study: Study, point: Start, objective: Objective, forward: ForwardM
         for sign in (1, -1)
     ]
     before, nearer = what_helps(jacobians, objective, point, changes, _wider(study, point[0]), _of_types(point[0]))
-    return Helps(before, tuple(own for own in nearer if before - own.value > WORTH * before))
+    return Helps(before, tuple(change for change in nearer if before - change.value > WORTH * before))
 
 
 def _wider(study: Study, space: DesignSpace) -> dict[str, DesignSpace]:
@@ -123,16 +123,16 @@ def _of_types(space: DesignSpace) -> dict[str, DesignSpace]:
     spaces = {}
     for name in space.design.muscle_types:
         if any(muscle.type != name for muscle in muscles):
-            own = tuple(replace(muscle, type=name) for muscle in muscles)
-            spaces[f"muscles of type {name}"] = replace(space, design=replace(space.design, muscles=own))
+            changed = tuple(replace(muscle, type=name) for muscle in muscles)
+            spaces[f"muscles of type {name}"] = replace(space, design=replace(space.design, muscles=changed))
     return spaces
 
 
 def missed_said(missed: Sequence[Missed]) -> list[str]:
     """Return where the shape misses, in words."""
     said = []
-    for pose, own in enumerate(missed, start=1):
+    for pose, miss in enumerate(missed, start=1):
         of = f" in pose {pose}" if len(missed) > 1 else ""
-        u, v = (in_mm(x) for x in own.place)
-        said.append(f"It misses the target most{of} around u {u:.0f}, v {v:.0f} mm: {in_mm(own.off):.1f} mm.")
+        u, v = (in_mm(x) for x in miss.place)
+        said.append(f"It misses the target most{of} around u {u:.0f}, v {v:.0f} mm: {in_mm(miss.off):.1f} mm.")
     return said

@@ -75,8 +75,8 @@ def _fewest(fewer: Fewer, earlier: Fewer | None, price: Price) -> Fewer:
     if earlier is None or earlier.ended:
         return fewer
 
-    def rank(own: Fewer) -> tuple[int, int, float]:
-        return len(own.start[0].design.muscles), own.start[0].channels, own.value
+    def rank(option: Fewer) -> tuple[int, int, float]:
+        return len(option.start[0].design.muscles), option.start[0].channels, option.value
 
     allowed = price.allowed(fewer.before, fewer.count - rank(earlier)[0])
     if earlier.value > allowed or rank(earlier) >= rank(fewer):
@@ -134,7 +134,7 @@ def fewer_said(study: Study, fewer: Fewer, *, converged: bool = True) -> str:
         on = f" on {_channels(space.channels)}" if space.channels < count else ""
         return f"{count} muscles{on} are enough, where the search came to {fewer.count}: {mm}, {bound}{cut}."
     if not fewer.ended:
-        straight = "" if any(len(own.path) > 2 for own in space.design.muscles) else ", straight,"
+        straight = "" if any(len(muscle.path) > 2 for muscle in space.design.muscles) else ", straight,"
         mm = f"{in_mm(fewer.value):.2f} mm instead of {in_mm(fewer.before):.2f}"
         return f"The {count} muscles{straight} are enough on {_channels(space.channels)}: {mm}, {bound}." + (
             " Fewer muscles are not enough." if converged else ""

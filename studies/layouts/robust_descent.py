@@ -46,8 +46,8 @@ class Copies:
     @property
     def together(self) -> Objective:
         """The mean over the copies."""
-        own = self.objective
-        return replace(own, targets=[*own.targets] * COPIES, weights=[*own.shares] * COPIES)
+        objective = self.objective
+        return replace(objective, targets=[*objective.targets] * COPIES, weights=[*objective.shares] * COPIES)
 
     def _scatter(self, x: Vector) -> tuple[Scatter, list[Array]]:
         scatter = Scatter(self.study, self.robust, *self.space.decode(x))
@@ -65,7 +65,7 @@ class Copies:
         scatter, zs = self._scatter(x)
         copies, poses, space = scatter.copies(zs), len(self.objective.targets), self.space
         columns, pull = self._columns(), np.array([scatter.pull(z) for z in zs])  # (copies, muscles)
-        own = [muscle.channel for muscle in space.design.muscles]
+        channels = [muscle.channel for muscle in space.design.muscles]
         slopes = np.zeros((space.dimension, COPIES, poses, *shape.shape[1:]))
         for pose in range(poses):
             cases = [scatter.case_of(self.objective, pose, copy) for copy in copies]
@@ -73,7 +73,7 @@ class Copies:
             for k, changes in enumerate(np.array([refined(c) for c in one.changes]) for one in derivatives):
                 slopes[: space.position_count, k, pose] = changes[: space.position_count]
                 by_muscle = changes[space.position_count :]
-                for m, (channel, share) in enumerate(zip(own, pull[k], strict=True)):
+                for m, (channel, share) in enumerate(zip(channels, pull[k], strict=True)):
                     if space.vary_pressures:
                         at = space.position_count + pose * space.channels + channel
                         slopes[at, k, pose] += share * by_muscle[m]
@@ -85,7 +85,9 @@ class Copies:
         """Return the columns of a copy's case: corners as the space has them, and the pressure of every muscle, which
         has a channel."""
         muscles = self.space.design.muscles
-        corners = [(m, k) for m, own in enumerate(muscles) for k in range(len(own.path)) if self.space.vary_positions]
+        corners = [
+            (m, k) for m, muscle in enumerate(muscles) for k in range(len(muscle.path)) if self.space.vary_positions
+        ]
         return [
             *(corner_or_still(m, k, way) for m, k in corners for way in ((1.0, 0.0), (0.0, 1.0))),
             *(pressure(m) for m in range(len(muscles)) if self.space.vary_pressures),

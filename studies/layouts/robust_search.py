@@ -103,15 +103,15 @@ def _doubled(study: Study, robust: Robust, start: Start, objective: Objective, f
     """Return that of the layouts with one muscle laid as two whose copies are nearest in the mean; None where none
     fits."""
     count = len(start[0].design.muscles)
-    starts = [own for k in range(count) for share in SHARES if (own := doubled(start, k, share)) is not None]
+    starts = [option for k in range(count) for share in SHARES if (option := doubled(start, k, share)) is not None]
     values = _or_infinite([objective.value(shape) for shape in objective.shapes(forward, starts)]) if starts else []
     nearest = [starts[i] for i in np.argsort(values)[:TRIED]]
     if not nearest:
         return None
     means = []
-    for own in nearest:
-        copies = Copies(study, robust, objective, forward, own[0])
-        means.append(copies.together.value(copies.shapes([own[1]])[0]))
+    for option in nearest:
+        copies = Copies(study, robust, objective, forward, option[0])
+        means.append(copies.together.value(copies.shapes([option[1]])[0]))
     return nearest[int(np.argmin(_or_infinite(means)))]
 
 

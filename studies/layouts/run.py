@@ -160,8 +160,8 @@ def _search_in(
     nearest = evaluations.best.value if evaluations.best else result.objective
     layout = (result.design, result.pressures)
     robust = robustness_of(study, study.robust, layout, objective, quick, fine, nominal=nearest)
-    own = len(result.design.muscles) == len(points[0][0].design.muscles)
-    return replace(result, robust=replace(robust, doubled=doubled if own else 0))
+    same_count = len(result.design.muscles) == len(points[0][0].design.muscles)
+    return replace(result, robust=replace(robust, doubled=doubled if same_count else 0))
 
 
 def _keeping_best(

@@ -50,7 +50,7 @@ def programs_for(
     return Asked(design, tuple(programs), len(rises), 0 if last else trials.held_out)
 
 
-def _informative(study: LoopStudy, design: Design, own: Array, rng: np.random.Generator) -> list[PressureProgram]:
+def _informative(study: LoopStudy, design: Design, levels: Array, rng: np.random.Generator) -> list[PressureProgram]:
     """Return by turns a step on and off, a staircase up and down, random levels; of pressures about the design's own
     and of any others. Channels differ, so that no trial is near a bifurcation."""
     highest = np.minimum(limits(design), study.highest)
@@ -58,19 +58,19 @@ def _informative(study: LoopStudy, design: Design, own: Array, rng: np.random.Ge
     chosen = []
     for number in range(study.trials.number):
         if number % 2 == 0:
-            most = np.minimum(own * rng.uniform(*NEAR, len(own)), highest)
+            most = np.minimum(levels * rng.uniform(*NEAR, len(levels)), highest)
         else:
-            most = highest * np.where(rng.random(len(own)) < IDLE, 0.0, rng.uniform(LEAST_SHARE, 1.0, len(own)))
+            most = highest * np.where(rng.random(len(levels)) < IDLE, 0.0, rng.uniform(LEAST_SHARE, 1.0, len(levels)))
         if not most.any():
             most = LEAST_SHARE * highest
         if number % 3 == 0:
-            shares: Array = np.outer([1.0, 0.0], np.ones(len(own)))
+            shares: Array = np.outer([1.0, 0.0], np.ones(len(levels)))
             times = np.array([0.0, 2 * seconds / 3])
         elif number % 3 == 1:
-            shares = np.outer(_STAIRS, np.ones(len(own)))
+            shares = np.outer(_STAIRS, np.ones(len(levels)))
             times = seconds * np.arange(len(_STAIRS)) / len(_STAIRS)
         else:
-            shares = rng.uniform(0.0, 1.0, (3, len(own)))
+            shares = rng.uniform(0.0, 1.0, (3, len(levels)))
             times = seconds * np.arange(3) / 3
         rows = 100.0 * np.round(shares * most / 100.0)  # of a regulator that resolves 0.1 kPa
         chosen.append(PressureProgram(times, rows, seconds))

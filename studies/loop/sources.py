@@ -151,10 +151,10 @@ def _require_asked(measured: MeasurementSet, asked: Asked, place: Path) -> None:
 
 
 def _require_same(sewn: Design, asked: Design, place: Path) -> None:
-    own, wanted = ([(m.type, m.side, m.channel) for m in design.muscles] for design in (sewn, asked))
-    if own != wanted:
+    made, wanted = ([(m.type, m.side, m.channel) for m in design.muscles] for design in (sewn, asked))
+    if made != wanted:
         raise InputError(
-            f"{place}: design {sewn.name} has {len(own)} muscles of other types, sides or channels than the "
+            f"{place}: design {sewn.name} has {len(made)} muscles of other types, sides or channels than the "
             f"{len(wanted)} asked for; expected to_measure/design.toml, its paths corrected at most"
         )
 

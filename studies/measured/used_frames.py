@@ -45,8 +45,8 @@ class Stretch:
 
 def used_mask(stretches: Sequence[Stretch], trial: str, times: Array, *, set_name: str = "") -> Flags:
     """Return (T,) whether each frame of a trial, at `times` [s], is used. set_name: as in the stretches."""
-    own = [s for s in stretches if (s.set_name, s.trial) == (set_name, trial)]
-    inside = [(s.begin - 1e-9 <= times) & (times <= s.end + 1e-9) for s in own]
+    of_trial = [s for s in stretches if (s.set_name, s.trial) == (set_name, trial)]
+    inside = [(s.begin - 1e-9 <= times) & (times <= s.end + 1e-9) for s in of_trial]
     return ~np.any(inside, axis=0) if inside else np.ones(len(times), dtype=bool)
 
 

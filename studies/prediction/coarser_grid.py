@@ -29,23 +29,23 @@ class ByDesign:
     def motions(self, cases: Sequence[Case], times: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float32]]:
         """Return what the simulator of each case's design gives."""
         by_case: dict[int, NDArray[np.float32]] = {}
-        for own, simulator in self._parts(cases):
-            motions = simulator.motions([cases[i] for i in own], [times[i] for i in own])
-            by_case |= dict(zip(own, motions, strict=True))
+        for numbers, simulator in self._parts(cases):
+            motions = simulator.motions([cases[i] for i in numbers], [times[i] for i in numbers])
+            by_case |= dict(zip(numbers, motions, strict=True))
         return [by_case[i] for i in range(len(cases))]
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
         """Return what the simulator of each case's design gives."""
         by_case: dict[int, NDArray[np.float32]] = {}
-        for own, simulator in self._parts(cases):
-            by_case |= dict(zip(own, simulator.equilibria([cases[i] for i in own]), strict=True))
+        for numbers, simulator in self._parts(cases):
+            by_case |= dict(zip(numbers, simulator.equilibria([cases[i] for i in numbers]), strict=True))
         return [by_case[i] for i in range(len(cases))]
 
     def _parts(self, cases: Sequence[Case]) -> list[tuple[list[int], ForwardModel]]:
         calm = [case.design in self.calm for case in cases]
         parts = [([i for i, is_calm in enumerate(calm) if not is_calm], self.fine)]
         parts.append(([i for i, is_calm in enumerate(calm) if is_calm], self.coarse))
-        return [(own, simulator) for own, simulator in parts if own]
+        return [(numbers, simulator) for numbers, simulator in parts if numbers]
 
 
 def enough_points(
@@ -87,12 +87,12 @@ def _driven(trials: Sequence[Trial]) -> list[Trial]:
     highest of each."""
     designs: list[tuple[Design, list[Trial]]] = []
     for trial in trials:
-        own = next((own for design, own in designs if design == trial.design), None)
-        if own is None:
+        trials_of = next((trials_of for design, trials_of in designs if design == trial.design), None)
+        if trials_of is None:
             designs.append((trial.design, [trial]))
         else:
-            own.append(trial)
-    return [max(own, key=_drive) for _, own in designs if len(own) >= _FEWEST]
+            trials_of.append(trial)
+    return [max(trials_of, key=_drive) for _, trials_of in designs if len(trials_of) >= _FEWEST]
 
 
 def _drive(trial: Trial) -> float:

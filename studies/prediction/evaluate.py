@@ -162,8 +162,8 @@ def evaluate_sets(
             jobs, noises = jobs[:begun], noises[:begun]
     tables: dict[str, dict[str, DesignResult]] = {"test": {}, "fit": {}}
     for job, noise in zip(jobs, noises, strict=True):
-        own, results = results[: len(job.trials)], results[len(job.trials) :]
-        tables[job.role][job.title] = _summarise(job.title, job.measured, noise.result(), own)
+        of_set, results = results[: len(job.trials)], results[len(job.trials) :]
+        tables[job.role][job.title] = _summarise(job.title, job.measured, noise.result(), of_set)
     return SetEvaluation(tables["test"], tables["fit"], used, model.unreliable)
 
 

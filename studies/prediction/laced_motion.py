@@ -67,9 +67,9 @@ def laced_rests(forward: ForwardModel, model: Model | None, cases: Sequence[Case
 def _motion(case: Case, at: Array, points: NDArray[np.float32], state: Any, seen: Array) -> MotionData:
     """Return the motion with its muscles. state: the simulator's own motion, whose instants hold those that are `seen`
     (T,) s, and perhaps more."""
-    fabric, own = case.design.fabric, {}
+    fabric, states = case.design.fabric, {}
     if state is not None:
         frames = np.abs(state.time[:, None] - seen).argmin(axis=0)
-        own = {"contraction": state.contraction[frames], "tension": state.tension[frames]}
-    muscles: LacedMuscles = laced_muscles(case.design, points, **own)
+        states = {"contraction": state.contraction[frames], "tension": state.tension[frames]}
+    muscles: LacedMuscles = laced_muscles(case.design, points, **states)
     return MotionData(at, points, square_triangles(points.shape[1]), (fabric.width, fabric.height), muscles)

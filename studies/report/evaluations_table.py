@@ -115,11 +115,11 @@ def write_optuna_store(table: EvaluationsTable, path: Path, name: str) -> None:
     with writing(path), _unwrapped():
         storage = optuna.storages.RDBStorage("sqlite:///of-the-creator", engine_kwargs=opened)
         try:
-            for part, own in groupby(rows, key=lambda row: row["part"]):
+            for part, group in groupby(rows, key=lambda row: row["part"]):
                 study_name = name if part == "." else part
                 study = optuna.create_study(storage=storage, study_name=study_name, direction="minimize")
                 study.set_user_attr("objective", OBJECTIVE)
-                study.add_trials([*_trials(own)])
+                study.add_trials([*_trials(group)])
         finally:
             storage.engine.dispose()
 

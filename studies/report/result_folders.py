@@ -65,8 +65,8 @@ def folders_below(paths: Sequence[Path]) -> list[ResultFolder]:
 def compared(folders: Sequence[ResultFolder]) -> dict[str, list[Figure]]:
     """Return figures in which the results differ, by name: one of each folder, None where it has none."""
     figures = [folder.figures for folder in folders]
-    names = dict.fromkeys(name for own in figures for name in own)
-    rows = {name: [own.get(name) for own in figures] for name in names}
+    names = dict.fromkeys(name for figure in figures for name in figure)
+    rows = {name: [figure.get(name) for figure in figures] for name in names}
     return {name: row for name, row in rows.items() if any(value != row[0] for value in row)}
 
 

@@ -51,13 +51,13 @@ class Outputs:
     @property
     def columns(self) -> list[OutputColumn]:
         moments = [f" at {t:g} s" for t in self.at] or [""]
-        own = [
+        asked = [
             OutputColumn(column + moment, unit, least)
             for moment in moments
             for columns, unit, least in map(self._columns_of, self.names)
             for column in columns
         ]
-        return own + [OutputColumn(name, "", ROUNDING) for name in self.functions]
+        return asked + [OutputColumn(name, "", ROUNDING) for name in self.functions]
 
     @cached_property
     def _in_words(self) -> dict[str, ShapeOutput]:

@@ -81,20 +81,22 @@ def _for_unseen(
         return plan.penalties[-1], 1.0, []
     parts = {}
     for name in known:
-        own = [e for e, chosen in zip(examples, trials, strict=True) if chosen.trial.design_name == name]
+        of_design = [e for e, chosen in zip(examples, trials, strict=True) if chosen.trial.design_name == name]
         rest = [e for e, chosen in zip(examples, trials, strict=True) if chosen.trial.design_name != name]
         parts[name] = (
-            own,
+            of_design,
             {penalty: coefficients_of(rest, penalty, least_effects(), anywhere()) for penalty in plan.penalties},
         )
 
     def worst(penalty: float, share: float) -> float:
-        return max(relative_error(own, share * coefficients[penalty]) for own, coefficients in parts.values())
+        return max(
+            relative_error(of_design, share * coefficients[penalty]) for of_design, coefficients in parts.values()
+        )
 
     penalty, share = min(((p, s) for p in plan.penalties for s in plan.shares), key=lambda both: worst(*both))
     left_out = []
-    for name, (own, coefficients) in parts.items():
-        before, after = errors_mm(own), errors_mm(own, share * coefficients[penalty])
+    for name, (of_design, coefficients) in parts.items():
+        before, after = errors_mm(of_design), errors_mm(of_design, share * coefficients[penalty])
         away = distance(known[name], [other for key, other in known.items() if key != name])
         left_out.append({"design": name, "distance": away, "before_mm": before, "after_mm": after})
     return penalty, share, left_out

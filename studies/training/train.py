@@ -234,14 +234,14 @@ def _tested(
     corrector, motions = load_corrector(model), KeptMotions(forward, checkpoint, progress)
     errors: dict[str, HeldOutErrors] = {}
     for name in sorted({chosen.trial.design_name for chosen in held}):
-        own = [chosen for chosen in held if chosen.trial.design_name == name]
-        noise = noise_of([chosen.trial for chosen in own])
+        of_design = [chosen for chosen in held if chosen.trial.design_name == name]
+        noise = noise_of([chosen.trial for chosen in of_design])
         sheet, before, after = list[Errors](), list[Errors](), list[Errors]()
-        plain = motions.of(own)
-        by_sheet = [replace(c, key=f"{c.key}-sheet", case=case_of(c.trial, Model())) for c in own]
+        plain = motions.of(of_design)
+        by_sheet = [replace(c, key=f"{c.key}-sheet", case=case_of(c.trial, Model())) for c in of_design]
         declared = motions.of(by_sheet) if model.parameters else None
-        wanted = replace(motions, history=corrector.history()).of(own)
-        for k, (chosen, simple, motion) in enumerate(zip(own, plain, wanted, strict=True)):
+        wanted = replace(motions, history=corrector.history()).of(of_design)
+        for k, (chosen, simple, motion) in enumerate(zip(of_design, plain, wanted, strict=True)):
             trial = chosen.trial
             answer = corrector.correct([chosen.case], [trial.times], [motion])[0]
             kept = np.flatnonzero(chosen.used & (trial.times >= corrector.starts))
@@ -259,7 +259,7 @@ def _tested(
         if not before:
             continue
         means = [mean_errors(each) for each in (before, after)]
-        trust = corrector.trust(own[0].trial.design)
+        trust = corrector.trust(of_design[0].trial.design)
         known = mean_errors(sheet) if sheet else None
         errors[name] = HeldOutErrors(len(before), trust, known, means[0], means[1], _closed(*means))
     return errors

@@ -74,7 +74,7 @@ def in_turn(b: Array, gained: Mapping[str, Array], count: int) -> dict[str, floa
     chosen: dict[str, float] = {}
     known = np.zeros((b.shape[1], b.shape[1]))
     while len(chosen) < min(count, len(gained)):
-        remaining = {name: after(b, known + own) for name, own in gained.items() if name not in chosen}
+        remaining = {name: after(b, known + information) for name, information in gained.items() if name not in chosen}
         best = min(remaining, key=lambda name: remaining[name])
         chosen[best], known = remaining[best], known + gained[best]
     return chosen

@@ -76,7 +76,7 @@ def _left_out(result: UnseenResult, pictures: Path) -> Iterator[page.Block]:
     left_out = result.get("left_out") or {}
     if not left_out:
         return
-    done = {name: own for name, own in left_out.items() if own}
+    done = {name: entry for name, entry in left_out.items() if entry}
     yield page.Title("Each design left out in turn")
     free = ", ".join(result.get("free") or [])
     states = f" Without effects: factors fitted alone. After: factors and effects ({free}) fitted together."
@@ -86,26 +86,26 @@ def _left_out(result: UnseenResult, pictures: Path) -> Iterator[page.Block]:
         why = "Not started, because the time was used"
         yield page.Text(f"{why}: {waiting}. The same command with more seconds goes on.", "note")
     head = "left out", "error", "", *_STATISTICS, "noise floor", "excess removed"
-    yield page.TableBlock(head, [row for name, own in done.items() for row in _error_rows(name, own)], left=(1, 2))
-    for name, own in done.items():
+    yield page.TableBlock(head, [row for name, entry in done.items() for row in _error_rows(name, entry)], left=(1, 2))
+    for name, entry in done.items():
         yield page.Title(name)
-        bent = f", without {100 * own['share_unjudged']:.0f} % of their frames, which are near a bifurcation"
-        used = f"{len(own['trials'])} evaluated{bent if own['share_unjudged'] else ''}."
-        doubts = f" The intervals are not reliable: {'; '.join(own['doubts'])}." if own["doubts"] else ""
-        yield page.Text(f"{own['source']}. {own['fitted']} trials of the others fitted, {used}{doubts}", "quiet")
-        if own["effects"]:
-            yield page.TableBlock(("effect", "value", "90 %", ""), _effect_rows(own["effects"]))
-        yield page.Picture(_histogram_figure(own))
+        bent = f", without {100 * entry['share_unjudged']:.0f} % of their frames, which are near a bifurcation"
+        used = f"{len(entry['trials'])} evaluated{bent if entry['share_unjudged'] else ''}."
+        doubts = f" The intervals are not reliable: {'; '.join(entry['doubts'])}." if entry["doubts"] else ""
+        yield page.Text(f"{entry['source']}. {entry['fitted']} trials of the others fitted, {used}{doubts}", "quiet")
+        if entry["effects"]:
+            yield page.TableBlock(("effect", "value", "90 %", ""), _effect_rows(entry["effects"]))
+        yield page.Picture(_histogram_figure(entry))
         overlay = (pictures / f"left_out_{file_stem(name)}.png").read_bytes()
         yield page.Picture(overlay, f"{name}, measured over model")
 
 
-def _error_rows(name: str, own: dict[str, Any]) -> Iterator[tuple[object, ...]]:
+def _error_rows(name: str, entry: dict[str, Any]) -> Iterator[tuple[object, ...]]:
     """Yield a row for each error and state of a design left out, mm."""
     for kind, error, word in (("chamfer", "chamfer", "Chamfer"), ("surface", "surface_rms", "surface RMS")):
-        share = own["closed"][kind]
+        share = entry["closed"][kind]
         for state in ("before", "without_effects", "after"):
-            if values := own.get(state):
+            if values := entry.get(state):
                 removed = "" if state != "after" or share is None else f"{100 * share:.0f} %"
                 statistics = [values[error][key] for key in _STATISTICS]
                 yield name, word, state.replace("_", " "), *statistics, values[f"{kind}_floor"]["mean"], removed
@@ -129,15 +129,15 @@ def _notes(result: UnseenResult) -> list[str]:
     """Return what must be said beside the shapes' intervals."""
     if not result.get("design"):
         return []
-    notes, own, grid = [], result["model_points_per_side"], result["points_per_side"]
+    notes, fitted_grid, grid = [], result["model_points_per_side"], result["points_per_side"]
     notes.append(result["intervals"])
     if result["doubted"] and not result["calibrated"]:
         notes.append(
             f"the model's intervals of {', '.join(result['doubted'])} are not reliable: its fit left more than "
             "noise. The intervals here follow from them and are probably too narrow"
         )
-    if own != grid:
-        notes.append(f"the model's factors belong to a grid of {own} points a side; these shapes have {grid}")
+    if fitted_grid != grid:
+        notes.append(f"the model's factors belong to a grid of {fitted_grid} points a side; these shapes have {grid}")
     if result["unknown"]:
         unknown = ", ".join(result["unknown"])
         notes.append(

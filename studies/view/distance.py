@@ -67,11 +67,11 @@ def distances(items: Sequence[Item]) -> list[Distance | None]:
     """Return the distance of every panel to the first one, of a prediction to what it predicts; None of what others are
     compared with."""
     by_title = {item.title: item for item in items}
-    own: list[Distance | None] = []
+    compared: list[Distance | None] = []
     for item in items:
         reference = by_title.get(item.predicts, items[0])
-        own.append(None if reference is item else _distance(reference, item))
-    return own
+        compared.append(None if reference is item else _distance(reference, item))
+    return compared
 
 
 def _distance(reference: Item, item: Item) -> Distance:

@@ -53,8 +53,8 @@ def render_page(
         None if distance is None else titles.index(distance.reference) for distance in apart or [None] * len(items)
     ]
     packed = [
-        {**_packed(item, scale), "apart": own, "reference": reference}
-        for item, own, reference in zip(items, compared, references, strict=True)
+        {**_packed(item, scale), "apart": apart_by, "reference": reference}
+        for item, apart_by, reference in zip(items, compared, references, strict=True)
     ]
     data = {"scale": scale, "cloud": CLOUD, "overlay": OVERLAY, "items": packed}
     template = Environment(autoescape=True).from_string(

@@ -98,7 +98,9 @@ def save_animation(
     figure = plt.figure(figsize=(max(3.4 * len(items), _LEAST_WIDTH), height), layout="constrained")
     panels = figure.subplots(1, len(items), squeeze=False)[0]
     _draw_key(figure, items, overlay=overlay)
-    drawn = [_DrawnPanel(item, _reference(items, own, overlay)) for item, own in zip(items, apart, strict=True)]
+    drawn = [
+        _DrawnPanel(item, _reference(items, apart_by, overlay)) for item, apart_by in zip(items, apart, strict=True)
+    ]
     heads = [_head(item, distance) for item, distance in zip(items, apart, strict=True)]
 
     def show(instant: float) -> list[Any]:
@@ -193,7 +195,7 @@ class _DrawnPanel:
         normals = vertex_normals(points, self._corners)
         half, seen = len(points) // 2, np.zeros(len(ends), dtype=bool)
         for side, face in ((1, slice(0, half)), (-1, slice(half, None))):
-            own = muscles.sides[muscles.owners] == side
-            nearest = cKDTree(points[face]).query(ends[own].mean(axis=1))[1]
-            seen[own] = normals[face][nearest] @ TO_VIEWER > 0
+            on_side = muscles.sides[muscles.owners] == side
+            nearest = cKDTree(points[face]).query(ends[on_side].mean(axis=1))[1]
+            seen[on_side] = normals[face][nearest] @ TO_VIEWER > 0
         return np.asarray(ends[seen])

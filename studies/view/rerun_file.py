@@ -25,13 +25,13 @@ def save_recording(items: Sequence[Item], path: Path) -> None:
                 recording.log([name, "cloud"], rerun.Points3D(item.frames[k], colors=_bytes(CLOUD), radii=0.0005))
             for part in parts:
                 used, corners = np.unique(part.triangles, return_inverse=True)
-                own, triangles = vertices[k][used], corners.reshape(-1, 3)
+                nodes, triangles = vertices[k][used], corners.reshape(-1, 3)
                 recording.log(
                     [name, part.name],
                     rerun.Mesh3D(
-                        vertex_positions=own,
+                        vertex_positions=nodes,
                         triangle_indices=triangles,
-                        vertex_normals=vertex_normals(own, triangles),
+                        vertex_normals=vertex_normals(nodes, triangles),
                         albedo_factor=_bytes(part.colour),
                     ),
                 )
