@@ -74,11 +74,7 @@ def train_paper(
         part.to(device)
     for name, network in parts.items():
         clouds = [
-            [
-                np.asarray(c, dtype=np.float32)
-                for c, used in zip(getattr(trial, name), trial.learned, strict=True)
-                if used
-            ]
+            [np.asarray(c, dtype=np.float32) for c, use in zip(getattr(trial, name), trial.learned, strict=True) if use]
             for trial in trials
         ]
         learned = [c for i, trial in enumerate(clouds) for c in trial if i not in check]

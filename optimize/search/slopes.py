@@ -56,7 +56,7 @@ def slopes_of(
     jacobian_of = [jacobians(objective.cases(pose, decoded), columns) for pose in range(len(objective.targets))]
     results = []
     for i, (space, x) in enumerate(points):
-        corner_rows = [place[corner] for corner in _corners(space)]
+        rows = [place[corner] for corner in _corners(space)]
         shape = np.array([refined(np.asarray(pose[i].points, float)) for pose in jacobian_of])
         by_variable = np.zeros((len(x), *shape.shape))
         by_further = np.zeros((len(further), *shape.shape))
@@ -64,9 +64,7 @@ def slopes_of(
         for pose, jacobian in enumerate(one[i] for one in jacobian_of):
             changes = np.array([refined(change) for change in jacobian.changes]).reshape(len(columns), -1, 3)
             by_further[:, pose] = changes[len(columns) - len(further) :]
-            by_variable[: space.position_count, pose] = (
-                changes[corner_rows] * space.units[: space.position_count, None, None]
-            )
+            by_variable[: space.position_count, pose] = changes[rows] * space.units[: space.position_count, None, None]
             if space.vary_pressures:
                 many = space.channels
                 by_variable[at : at + many, pose] = (
@@ -98,12 +96,7 @@ def _corners(space: DesignSpace) -> list[Corner]:
     """Return the corners in the order of the space's variables."""
     if not space.vary_positions:
         return []
-    return [
-        (m, k, axis)
-        for m, muscle in enumerate(space.design.muscles)
-        for k in range(len(muscle.path))
-        for axis in (0, 1)
-    ]
+    return [(m, k, axis) for m, one in enumerate(space.design.muscles) for k in range(len(one.path)) for axis in (0, 1)]
 
 
 def _of_corner(corner: Corner) -> Column:

@@ -69,14 +69,14 @@ def solve_at_rest(
     settled &= moved < FARTHEST  # NaN compares false
     changes: list[dict[int, NDArray[np.float32]]] = [{} for _ in lanes]
     for first in range(0, max(len(lane.columns) for lane in lanes), fields.SLOTS):
-        columns_by_lane = [lane.columns[first : first + fields.SLOTS] for lane in lanes]
-        slots = max(map(len, columns_by_lane))
-        _put_right_sides(batch, cases, [[columns[c] for c in some] for some in columns_by_lane], host, middle)
+        wanted = [lane.columns[first : first + fields.SLOTS] for lane in lanes]
+        slots = max(map(len, wanted))
+        _put_right_sides(batch, cases, [[columns[c] for c in some] for some in wanted], host, middle)
         iterations = _solve(batch, host, False, slots)
         shapes = np.empty((batch.blocks, slots, LANES, batch.nu * batch.nv, 3), np.float32)
         read_columns(*batch.grid, slots, shapes)
         by_lane = shapes.swapaxes(1, 2).reshape(len(lanes), slots, *middle.shape[1:])
-        for i, some in enumerate(columns_by_lane):
+        for i, some in enumerate(wanted):
             changes[i] |= {c: by_lane[i, k] for k, c in enumerate(some) if iterations[i, k] == SOLVED}
     return [Solved(middle[i], bool(settled[i]), changes[i]) for i in range(len(lanes))]
 
@@ -100,19 +100,15 @@ def _positions(batch: Batch, plane: int) -> NDArray[np.float32]:
 
 
 def _put_right_sides(
-    batch: Batch,
-    cases: Sequence[Case],
-    columns_by_lane: Sequence[Sequence[Column]],
-    host: Explicit,
-    middle: NDArray[np.float32],
+    batch: Batch, cases: Sequence[Case], wanted: Sequence[Sequence[Column]], host: Explicit, middle: NDArray[np.float32]
 ) -> None:
     """Put what each column changes in the forces, at the shape as it is, at the columns' places in the fields."""
-    slots = max(map(len, columns_by_lane))
+    slots = max(map(len, wanted))
     moved = [
         host.moved(
             [
                 move(case, columns[slot], columns[slot].step) if slot < len(columns) else None
-                for case, columns in zip(cases, columns_by_lane, strict=True)
+                for case, columns in zip(cases, wanted, strict=True)
             ]
         )
         for slot in range(slots)

@@ -46,25 +46,15 @@ def coarse_hold_of(study: Study, targets: Sequence[LoadedTarget]) -> float:
 def stages_of(study: Study, coarse: Predictor, fine: Predictor, objective: Objective) -> list[Stage]:
     """Return the stages. Slopes are those without forces against motion, where derivatives are known."""
     known = jacobians_for(coarse, objective) is not None
-    conservative = without_resistance(coarse) if known else None
+    bare = without_resistance(coarse) if known else None
     if study.muscles is not None:
         return [
-            Stage(
-                "pressures of drawn layouts", coarse, keep=10, rounds=1, until=0.4, slopes=conservative, at_rest=True
-            ),
-            Stage("layouts", coarse, keep=4, rounds=4, vary_positions=study.positions, until=0.5, slopes=conservative),
-            Stage(
-                "best layouts",
-                coarse,
-                keep=2,
-                rounds=12,
-                vary_positions=study.positions,
-                until=0.65,
-                slopes=conservative,
-            ),
-            Stage("full model", fine, keep=1, rounds=32, vary_positions=study.positions, slopes=conservative or coarse),
+            Stage("pressures of drawn layouts", coarse, keep=10, rounds=1, until=0.4, slopes=bare, at_rest=True),
+            Stage("layouts", coarse, keep=4, rounds=4, vary_positions=study.positions, until=0.5, slopes=bare),
+            Stage("best layouts", coarse, keep=2, rounds=12, vary_positions=study.positions, until=0.65, slopes=bare),
+            Stage("full model", fine, keep=1, rounds=32, vary_positions=study.positions, slopes=bare or coarse),
         ]
     return [
-        Stage("coarse model", coarse, keep=2, rounds=8, vary_positions=study.positions, until=0.5, slopes=conservative),
-        Stage("full model", fine, keep=2, rounds=8, vary_positions=study.positions, slopes=conservative or coarse),
+        Stage("coarse model", coarse, keep=2, rounds=8, vary_positions=study.positions, until=0.5, slopes=bare),
+        Stage("full model", fine, keep=2, rounds=8, vary_positions=study.positions, slopes=bare or coarse),
     ]
