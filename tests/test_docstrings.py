@@ -23,6 +23,7 @@ UNREAD = (  # rooms and files that nobody has read for this yet; the list may on
     "optimize/search/objective.py", "sim/design/loops.py", "sim/kernels/__init__.py", "sim/kernels/fields.py",
     "sim/kernels/frontend.py", "sim/kernels/transfer.py", "sim/simulator.py", "sim/time/steps.py",
     "studies/benches/", "studies/calibration/", "studies/follow/", "studies/fusion/", "studies/intervals/draws.py",
+    "studies/intervals/judge.py",
     "studies/layouts/loading_path.py", "studies/layouts/robustness.py", "studies/layouts/scatter.py",
     "studies/measured/sensitive_stretches.py", "studies/report/oblique.py", "studies/rig/cameras.py",
     "studies/rig/scene.py", "studies/sensitivity/", "studies/studio/model_choice.py", "studies/tracing/",

@@ -7,20 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.nouns.forward import Case, ForwardModel
-from fabdesign.nouns.model import Model, Spread
+from fabdesign.nouns.model import Model
 from fabdesign.nouns.model_sampling import drawn, joint_root
 from fabdesign.nouns.predictor import Predictor
-from fabdesign.nouns.spread import TWO_SIDED, half_widths, spread_of
 from fabdesign.nouns.trial import Trial
 from fabdesign.runtime.effort import batches
 from studies.intervals.regions import region_residuals, region_terms
-from studies.intervals.widths import IntervalScore, RegionResiduals
+from studies.intervals.widths import RegionResiduals
 
 Array = NDArray[np.float64]
 Motion = NDArray[np.float32]
 Used = Callable[[Trial], NDArray[np.bool_]]
-# of a trial's clouds and the frames that are used
-IntervalJudge = Callable[[Sequence[NDArray[np.float64]], NDArray[np.intp]], IntervalScore | None]
 DRAWS = 8
 FIRST, EVERY = 5, 6  # frames
 _AT_ONCE = 16  # trials, whose drawn motions are in memory
@@ -101,38 +98,3 @@ def residuals_of(
     residual = region_residuals(predicted, clouds, trial.design.fabric)
     seen = np.isfinite(residual)
     return RegionResiduals(trial.design_name, residual[seen], deviation[seen], moved[seen])
-
-
-def interval_judges(
-    trials: Sequence[Trial], predictor: Predictor, coarse: ForwardModel, motions: Sequence[Motion]
-) -> list[IntervalJudge]:
-    """Return a function a trial, which scores the model's intervals at every sixth frame; None of a model without.
-
-    motions: `predictor`'s, at the trials' times; coarse: moves the drawn models.
-    """
-    spread = spread_of(predictor.model)
-    if spread is None:
-        return [lambda clouds, used: None for _ in trials]
-    cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
-    frames = [looked_at(trial) for trial in trials]
-    times = [trial.times[k] for trial, k in zip(trials, frames, strict=True)]
-    others = drawn_motions(predictor, coarse, cases, times) if spread.covariance else [[]] * len(trials)
-    shapes = zip(rests(predictor, cases), motions, others, strict=True)
-    return [
-        _judge(spread, trial, looked, *motion) for trial, looked, motion in zip(trials, frames, shapes, strict=True)
-    ]
-
-
-def _judge(
-    spread: Spread, trial: Trial, frames: NDArray[np.intp], rest: Motion, motion: Motion, others: Sequence[Motion]
-) -> IntervalJudge:
-    def score(clouds: Sequence[NDArray[np.float64]], used: NDArray[np.intp]) -> IntervalScore | None:
-        chosen = np.isin(frames, used)
-        kept = frames[chosen]
-        drawn_ones = [other[chosen] for other in others]
-        rows = residuals_of(trial, [clouds[k] for k in kept.tolist()], rest, motion[kept], drawn_ones)
-        if not len(rows.residual):
-            return None
-        return IntervalScore.of(rows.residual, half_widths(spread, rows.deviation, rows.moved, rows.design) / TWO_SIDED)
-
-    return score
