@@ -1,0 +1,99 @@
+"""Words a sentence on every page of the site, as `make lint` asks: 15 in the mean of a page, 40 in any sentence.
+
+python scripts/sentences.py               # a table, and an error where a page breaks the rule
+python scripts/sentences.py PAGE...       # of these pages
+"""
+
+import re
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[1]
+MEAN, LONGEST = 15.0, 40
+OTHERS = "README.md", "CONTRIBUTING.md", "SECURITY.md"
+ABBREVIATIONS = re.compile(r"\b(e\.g|i\.e|et al|cf|vs|Fig|Eq|No|approx|St)\.")
+FENCE = re.compile(r"^ {0,3}(`{3,}|~{3,})")
+# tables, headings, comments, pictures, front matter and equations, which are no sentences
+NO_PROSE = re.compile(r"^\s*(\||#|<|!\[|---\s*$|\$\$|:::| {4}\S)")
+ITEM = re.compile(r"^\s*([-*+]|\d+\.)\s+")
+WORD = re.compile(r"[^\W_](?:[\w.,'/-]*\w)?")
+
+
+class Count(NamedTuple):
+    """The sentences of a page: how many, words in the mean, and the longest one."""
+
+    sentences: int
+    mean: float
+    longest: int
+    text: str  # of the longest
+
+
+def site() -> list[Path]:
+    """Return the pages in the site's navigation, as the toctrees of docs/index.md name them, and those beside it."""
+    docs = ROOT / "docs"
+    trees = re.findall(r"```\{toctree\}\n(.*?)```", (docs / "index.md").read_text(encoding="utf-8"), re.DOTALL)
+    names = [line.split("<")[-1].rstrip(">").strip() for tree in trees for line in tree.splitlines()]
+    pages = [docs / f"{name}.md" for name in ["index", *names]]
+    return [page for page in [*pages, *(ROOT / name for name in OTHERS)] if page.is_file()]
+
+
+def paragraphs(page: str) -> list[str]:
+    """Return the page's prose, a text for each paragraph or item of a list."""
+    blocks, fence = [""], ""
+    for line in page.splitlines():
+        mark = FENCE.match(line)
+        if mark and not fence:
+            fence = mark[1]
+        elif fence:
+            fence = "" if mark and mark[1].startswith(fence) and line.strip() == mark[1] else fence
+        elif NO_PROSE.match(line) and not (line.startswith("    ") and blocks[-1]):
+            blocks.append("")
+        elif ITEM.match(line):
+            blocks.append(ITEM.sub("", line))
+        elif not line.strip():
+            blocks.append("")
+        else:
+            blocks[-1] = f"{blocks[-1]} {line.strip()}".strip()
+    return [block for block in blocks if block]
+
+
+def sentences(page: str) -> list[str]:
+    """Return the page's sentences. Code in backticks is one word, a link is its text."""
+    ends = re.compile(r"(?<=[.!?])[*_\"')\]]*\s+(?=[\"'*_(`]*[A-Z0-9`\[])")
+    found = []
+    for block in paragraphs(page):
+        text = re.sub(r"`[^`]*`", "code", re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", block))
+        text = ABBREVIATIONS.sub(r"\1", text)
+        found += [sentence for sentence in ends.split(text) if sentence and WORD.search(sentence)]
+    return found
+
+
+def count(page: str) -> Count:
+    """Return what a page's sentences come to."""
+    words = [(len(WORD.findall(sentence)), sentence) for sentence in sentences(page)] or [(0, "")]
+    longest = max(words)
+    return Count(len(words), sum(number for number, _ in words) / len(words), *longest)
+
+
+def too_long(name: str, counted: Count) -> list[str]:
+    """Return what breaks the rule, a line each."""
+    lines = [f"{name}: {counted.mean:.1f} words a sentence, at most {MEAN:g}"] if counted.mean > MEAN else []
+    if counted.longest > LONGEST:
+        lines.append(f"{name}: a sentence of {counted.longest} words, at most {LONGEST}: {counted.text[:90]}...")
+    return lines
+
+
+def main(names: list[str]) -> int:
+    pages = [Path(name).resolve() for name in names] or site()
+    counts = {page.relative_to(ROOT).as_posix(): count(page.read_text(encoding="utf-8")) for page in pages}
+    wrong = [line for name, counted in counts.items() for line in too_long(name, counted)]
+    print("| page | sentences | words a sentence | longest |\n|---|---|---|---|")
+    for name, counted in counts.items():
+        print(f"| {name} | {counted.sentences} | {counted.mean:.1f} | {counted.longest} |")
+    print("\n".join(wrong), file=sys.stderr)
+    return bool(wrong)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
