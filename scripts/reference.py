@@ -1,0 +1,171 @@
+"""The tables of docs that are made from the code: commands, effects, and thresholds of the methods.
+
+python scripts/reference.py            # writes them between their marks
+python scripts/reference.py --check    # exits with 1 where they are not current
+"""
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+
+from fabdesign.cli import commands
+from fabdesign.effects.registry import EFFECTS
+from fabdesign.effects.table import markdown_table
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = tuple(sorted((ROOT / "docs").glob("*.md")))
+MARKED = re.compile(r"(<!-- (commands|effects|thresholds)(?:: ([a-z -]+))? -->\n).*?(<!-- end -->)", re.DOTALL)
+SHARED = ("--force", "--json", "--effects", "--cluster")  # said once, above the commands
+
+
+class Threshold(NamedTuple):
+    """A constant of the code that a page names: where it stands, its unit in words, and what it decides."""
+
+    file: str
+    name: str
+    decides: str
+    unit: str = ""
+    factor: float = 1.0
+
+
+THRESHOLDS = {
+    "trace": (
+        Threshold("studies/tracing/run.py", "TOLERANCE", "excess that counts as nothing (`--tolerance`)", "mm", 1e3),
+        Threshold("studies/tracing/bench.py", "TOLERANCE", "the same on a bench", "% of the largest output", 100),
+        Threshold("studies/tracing/run.py", "TRIALS", "trials used, at most"),
+        Threshold("studies/tracing/run.py", "LEAST_TRIALS", "trials with different pressures, at least"),
+        Threshold("studies/tracing/run.py", "GRID", "grid of the simulator (`--grid`)", "points a side"),
+        Threshold("studies/rest_fit.py", "LEAST", "shapes at rest from which on they are fitted first"),
+        Threshold("optimize/fit/standing.py", "HELD", "time that a cloth must stand to be at rest", "s"),
+        Threshold("optimize/fit/needed.py", "NEEDED", "an effect that costs less to drop is dropped", "log likelihood"),
+        Threshold("studies/tracing/backwards.py", "CAUSE", "a weaker effect is no cause", "deviations of its prior"),
+        Threshold("studies/tracing/decoys.py", "CHANCE", "share of the decoys that an effect must beat", "%", 100),
+        Threshold("studies/tracing/verdict.py", "SHARE_OF_A_CAUSE", "excess that effects must remove", "%", 100),
+        Threshold(
+            "studies/tracing/verdict.py", "LEAST_SHARE", "the same, where the baseline removes less than that", "%", 100
+        ),
+        Threshold(
+            "studies/tracing/verdict.py", "STRUCTURE", "excess from which on one kind of feature is structure", "%", 100
+        ),
+        Threshold("optimize/fit/needed.py", "ALIKE", "cosine from which on two effects look the same"),
+        Threshold("studies/tracing/discovered.py", "SHARE", "excess that a formula may leave", "%", 100),
+        Threshold("studies/tracing/experiment.py", "LEAST_DIFFERENCE", "an experiment must show more", "mm RMS", 1e3),
+    ),
+    "sensitive stretches": (
+        Threshold("studies/sensitive_stretches.py", "TILT", "tilt of gravity that is tried", "degrees"),
+        Threshold("studies/sensitive_stretches.py", "PRESSURE", "change of each pressure that is tried", "%", 100),
+        Threshold("studies/sensitive_stretches.py", "DRAWS", "draws of the data sheet's prior"),
+        Threshold("studies/sensitive_stretches.py", "SHARE", "share of the draws that must be sensitive", "%", 100),
+        Threshold("studies/sensitive_stretches.py", "APART", "distance of two motions, of their size", "%", 100),
+        Threshold("studies/sensitive_stretches.py", "LEAST_MOTION", "smallest size of a motion", "mm", 1e3),
+    ),
+    "calibrate": (
+        Threshold("studies/calibration/calibrate.py", "TRIALS", "trials fitted without effects, at most"),
+        Threshold("studies/calibration/calibrate.py", "MOST_TRIALS", "trials fitted with effects, at most"),
+        Threshold("studies/calibration/intervals.py", "EXCESS", "excess of a reliable fit, at most", "mm", 1e3),
+        Threshold("studies/calibration/intervals.py", "OUTLYING", "outlying frames of a reliable fit", "%", 100),
+        Threshold("optimize/fit/clouds.py", "FAR", "an outlying frame has more", "times the median residual"),
+        Threshold("optimize/fit/normal.py", "BLOCK", "time that counts as one observation of a trial", "s"),
+        Threshold("optimize/fit/normal.py", "MODES", "observations in such a block, at most"),
+        Threshold("studies/intervals/widths.py", "LEAST", "trials from which on motions get intervals"),
+    ),
+    "search": (
+        Threshold("optimize/search.py", "AGREE", "restarts that must agree"),
+        Threshold("optimize/search.py", "ALIKE", "how near they must be", "%", 100),
+        Threshold("optimize/search.py", "IDLE", "restarts without a gain that end a search"),
+        Threshold("optimize/search.py", "NO_GAIN", "a smaller gain is none", "%", 100),
+        Threshold("studies/layouts/begin.py", "PRESSURE_STARTS", "starts drawn for pressures"),
+        Threshold("studies/layouts/begin.py", "LAYOUT_STARTS", "layouts drawn"),
+        Threshold("studies/layouts/stages.py", "COARSE", "coarse model", "points a side"),
+        Threshold("studies/layouts/after.py", "SHRINKING", "seconds kept for fewer muscles", "%", 100),
+        Threshold("studies/layouts/after.py", "ROBUST", "seconds kept for a robust layout", "%", 100),
+        Threshold("studies/layouts/reach.py", "LEAST_GAP", "out of reach: gap over the noise floor", "mm", 1e3),
+        Threshold("studies/layouts/reach.py", "GAP", "and share of the noise floor", "%", 100),
+        Threshold("studies/layouts/loading_path.py", "OFF", "change of the pressures of a copy", "%", 100),
+        Threshold("studies/layouts/loading_path.py", "LEAST_CHANGE", "another stable shape: distance", "mm RMS", 1e3),
+        Threshold("studies/layouts/loading_path.py", "OTHER_BRANCH", "and share of the motion", "%", 100),
+    ),
+    "sensitivity": (
+        Threshold("studies/sensitivity/result.py", "WIDE", "width of a Sobol interval that is warned of"),
+        Threshold("studies/sensitivity/snapping.py", "OFF", "change of the pressures that is tried", "%", 100),
+        Threshold("studies/sensitivity/snapping.py", "ASYMMETRIC", "sum of both moves that is a snap", "mm RMS", 1e3),
+        Threshold("studies/sensitivity/result.py", "MANY_SNAP", "share of snaps that is warned of", "%", 100),
+    ),
+}
+
+
+def with_tables(page: str) -> str:
+    """Return the page with every marked table as the code has it now."""
+    made = {"commands": command_tables, "effects": lambda _: markdown_table(EFFECTS) + "\n", "thresholds": thresholds}
+    return MARKED.sub(lambda mark: mark[1] + made[mark[2]](mark[3]) + mark[4], page)
+
+
+def thresholds(of: str) -> str:
+    """Return the table of the thresholds of a method, with the file of each."""
+    rows = [f"| {each.decides} | {value_of(each)} | `{each.file}` |\n" for each in THRESHOLDS[of]]
+    return "| what | value | where |\n|---|---|---|\n" + "".join(rows)
+
+
+def value_of(each: Threshold) -> str:
+    """Return the constant's value as it stands in its file, in the table's unit."""
+    for node in ast.parse((ROOT / each.file).read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == each.name:
+            number = f"{each.factor * ast.literal_eval(node.value):g}"
+            return f"{number} {each.unit}".strip()
+    raise ValueError(f"{each.file} has no {each.name}")
+
+
+def command_tables(_: str | None) -> str:
+    """Return a heading, a sentence, the usage and the options of every command."""
+    return "\n".join(_command(name, command) for name, command in _commands(commands, ""))
+
+
+def _commands(group: Any, before: str) -> Iterator[tuple[str, click.Command]]:
+    for name, command in sorted(group.commands.items()):
+        if isinstance(command, click.Group):
+            yield from _commands(command, f"{before}{name} ")
+        else:
+            yield before + name, command
+
+
+def _command(name: str, command: click.Command) -> str:
+    context = click.Context(command, info_name=f"fabdesign {name}")
+    usage = " ".join(piece for piece in command.collect_usage_pieces(context) if piece != "[OPTIONS]")
+    records = (each.get_help_record(context) for each in command.params if isinstance(each, click.Option))
+    rows = [record for record in records if record is not None]
+    flags = [option.split(" ")[0] for option, _ in rows]
+    own = [row for row, flag in zip(rows, flags, strict=True) if flag not in SHARED]
+    shared = [f"`{flag}`" for flag in SHARED if flag in flags]
+    lines = [
+        f"### {name}\n",
+        f"{' '.join((command.help or '').split())}\n",
+        f"```\n{f'fabdesign {name} {usage}'.strip()}\n```\n",
+    ]
+    if own:
+        lines += [
+            "| option | means |",
+            "|---|---|",
+            *(f"| `{_cell(option)}` | {_cell(text)} |" for option, text in own),
+            "",
+        ]
+    return "\n".join([*lines, f"Also: {', '.join(shared)}.\n"])
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("  ", " ")
+
+
+if __name__ == "__main__":
+    wrong = 0
+    for page in PAGES:
+        old = page.read_text(encoding="utf-8")
+        if (new := with_tables(old)) != old:
+            wrong += 1
+            if "--check" not in sys.argv:
+                page.write_text(new, encoding="utf-8")
+    sys.exit(bool(wrong) and "--check" in sys.argv)
