@@ -8,7 +8,6 @@ import base64
 import html
 import io
 import json
-import os
 import sys
 import tempfile
 import warnings
@@ -28,7 +27,7 @@ def run(notebook: dict[str, Any]) -> dict[str, Any]:
     cells = [cell | {"outputs": []} if cell["cell_type"] == "code" else cell for cell in notebook["cells"]]
     with tempfile.TemporaryDirectory() as folder, chdir(folder), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        os.symlink(ROOT / "examples", "examples")
+        Path("examples").symlink_to(ROOT / "examples")
         for number, cell in enumerate((cell for cell in cells if cell["cell_type"] == "code"), start=1):
             cell |= {"execution_count": number, "outputs": list(_outputs("".join(cell["source"]), names, number))}
     return notebook | {"cells": cells}
