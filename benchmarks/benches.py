@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.machine import commit, processor
 from benchmarks.made_benches import BEGIN
-from fabdesign.bench_file import read_bench
+from fabdesign.files.bench_file import read_bench
 from fabdesign.output import write_text
 from studies.benches.actuator import StaticCurve, hold_of
 from studies.benches.cylinder import CylinderLaw, area_alone

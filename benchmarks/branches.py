@@ -2,7 +2,7 @@
 
     python -m benchmarks.branches SET [--model MODEL] [--design NAME ...] [--grid N]
 
-Each trial is simulated as the model says and with the small changes of `studies.branches`. Prints a table by design; on
+Each trial is simulated as the model says and with its small changes. Prints a table by design; on
 synthetic rigs unless the set says otherwise.
 """
 
@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from fabdesign.measurement_set import read_set
-from fabdesign.model_file import read_model
-from fabdesign.predictor import Predictor
+from fabdesign.files.measurement_set import read_set
+from fabdesign.files.model_file import read_model
+from fabdesign.nouns.predictor import Predictor
 from fabdesign.units import in_mm
 from sim import Simulator
-from studies.branches import FAR, Branches, branches_of, root_mean_square
+from studies.prediction.branches import FAR, Branches, branches_of, root_mean_square
 
 EVERY = 5  # frames
 

@@ -24,10 +24,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.machine import ROOT, commit, processor
-from fabdesign.catalogue import build
-from fabdesign.cluster import current, on_cluster
-from fabdesign.forward import Case
-from fabdesign.pressure_file import constant_program
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case
+from fabdesign.runtime.cluster import current, on_cluster
 
 PAGE = ROOT / "docs" / "lab" / "machines.md"
 ADDRESS = "tcp://127.0.0.1:18790"

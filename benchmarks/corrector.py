@@ -25,18 +25,18 @@ from benchmarks.machine import commit
 from corrector.examples import offsets
 from corrector.load import load_corrector
 from corrector.shape import FINE, LocalFrames, displaced, middle_of
-from fabdesign.corrector import central_hash, with_history
-from fabdesign.forward import Case
-from fabdesign.measurement_set import read_set
-from fabdesign.metrics import Errors, closed, mean_errors, trial_errors
-from fabdesign.model import Model
-from fabdesign.model_file import read_model
+from fabdesign.files.measurement_set import read_set
+from fabdesign.files.model_file import read_model
+from fabdesign.geometry.metrics import Errors, closed, mean_errors, trial_errors
+from fabdesign.geometry.sensor_noise import SensorNoise
+from fabdesign.nouns.corrector import central_hash, with_history
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.output import write_text
-from fabdesign.predictor import Predictor
-from fabdesign.sensor_noise import SensorNoise
-from fabdesign.trial import MeasurementSet, Trial
 from fabdesign.units import in_mm
-from studies.measured_data import noise_of
+from studies.measured.fit_data import noise_of
 from studies.training.train import unordered_errors
 
 FIRST, EVERY = 5, 6  # frames: the sixth, and every sixth from there on

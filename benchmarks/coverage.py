@@ -24,20 +24,20 @@ from scipy.stats import t as student
 
 from benchmarks.engines import write_column
 from benchmarks.machine import commit
-from fabdesign.catalogue import build
-from fabdesign.forward import PARAMETERS, Case
-from fabdesign.measurement_set import read_set
-from fabdesign.metrics import trial_errors
-from fabdesign.model import POINTS_PER_SIDE, Model, Parameter
+from fabdesign.files.measurement_set import read_set
+from fabdesign.geometry.metrics import trial_errors
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import PARAMETERS, Case
+from fabdesign.nouns.model import POINTS_PER_SIDE, Model, Parameter
+from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.output import write_text
-from fabdesign.pressure import PressureProgram
-from fabdesign.trial import MeasurementSet
 from optimize.fit.parameters import PRIOR
 from sim import Simulator
 from studies.calibration.calibrate import calibrate
 from studies.calibration.fitted_model import QUANTILE
 from studies.calibration.intervals import data_share, engine_difference
-from studies.measured_data import noise_of
+from studies.measured.fit_data import noise_of
 from studies.rig import run_rig
 from studies.rig.ground_truth import GroundTruth
 from studies.rig.run import end_with_parent

@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from fabdesign import interface
-from fabdesign.measurement_set import NewTrial, read_set, write_set
-from fabdesign.model import Model
-from fabdesign.model_file import read_model, write_model
-from fabdesign.trial import MeasurementSet, Trial
-from fabdesign.trial_file import TrialData
+from fabdesign.files.measurement_set import NewTrial, read_set, write_set
+from fabdesign.files.model_file import read_model, write_model
+from fabdesign.files.trial_file import TrialData
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.trial import MeasurementSet, Trial
 from studies.demo.measured import MODEL, SET
 
 DESIGN = "basic"

@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.machine import commit, processor
-from fabdesign import column
-from fabdesign.catalogue import build
-from fabdesign.column import Column
-from fabdesign.forward import PARAMETERS, Case, Term
-from fabdesign.pressure import PressureProgram
+from fabdesign.nouns import column
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.column import Column
+from fabdesign.nouns.forward import PARAMETERS, Case, Term
+from fabdesign.nouns.pressure import PressureProgram
 from sim import Simulator
 from tests.derivatives_reference import kinds, kinds_of_effects, lacking
 
@@ -112,7 +112,7 @@ def page(sizes: Sequence[int]) -> list[str]:
         "# Derivatives: what a column costs, and whether it is right",
         "",
         f"`python -m benchmarks.derivatives` at {commit()}, {processor()}. A column is a direction in the parameters",
-        "(`fabdesign/column.py`); the tangent and its equations are in [model.md](../model.md#derivatives).",
+        "(`fabdesign/nouns/column.py`); the tangent and its equations are in [model.md](../model.md#derivatives).",
         "",
         "## Cost",
         "",

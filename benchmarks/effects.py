@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.catalogue import build
 from fabdesign.effects import BUILT_IN, EFFECTS
-from fabdesign.forward import Case, Term
-from fabdesign.model import Model
-from fabdesign.predictor import Predictor
-from fabdesign.pressure import PressureProgram
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case, Term
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.nouns.pressure import PressureProgram
 from sim import Simulator
 
 DESIGN = build("side", muscles=4)

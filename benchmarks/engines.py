@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fabdesign.csv_table import write_rows
-from fabdesign.forward import PARAMETERS
-from fabdesign.model import Model
-from fabdesign.model_file import read_model
+from fabdesign.files.model_file import read_model
+from fabdesign.formats.csv_table import write_rows
+from fabdesign.nouns.forward import PARAMETERS
+from fabdesign.nouns.model import Model
 from studies.calibration.fitted_model import QUANTILE
 from studies.calibration.intervals import FILE, data_share, engine_columns, engine_difference
 

@@ -26,21 +26,21 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.machine import commit
-from fabdesign.forward import Case, ForwardModel
-from fabdesign.measurement_set import read_set
-from fabdesign.metrics import Errors, closed, mean_errors, trial_errors
-from fabdesign.model import Model
-from fabdesign.model_file import read_model, write_model
+from fabdesign.files.measurement_set import read_set
+from fabdesign.files.model_file import read_model, write_model
+from fabdesign.geometry.metrics import Errors, closed, mean_errors, trial_errors
+from fabdesign.nouns.forward import Case, ForwardModel
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.output import write_text
-from fabdesign.predictor import Predictor
-from fabdesign.trial import MeasurementSet, Trial
+from fabdesign.study_files.unseen_file import CandidateMeasurement
 from fabdesign.units import in_mm
-from fabdesign.unseen_file import CandidateMeasurement
-from optimize.fit.free import fit_vector
+from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
 from studies.calibration.calibrate import calibrate
-from studies.measured_data import noise_of
-from studies.sensitive_stretches import GRID, find_used_frames
+from studies.measured.fit_data import noise_of
+from studies.measured.sensitive_stretches import GRID, find_used_frames
 from studies.training.data import choose
 from studies.training.train import KEPT_BACK
 from studies.unseen.draws import Draws

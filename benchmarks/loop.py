@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 
 from benchmarks.machine import ROOT, commit, processor
-from fabdesign.catalogue import build
-from fabdesign.design import Design
-from fabdesign.design_file import write_design
-from fabdesign.loop_file import LoopStudy, read_loop
-from fabdesign.measurement_set import read_set
+from fabdesign.files.design_file import write_design
+from fabdesign.files.measurement_set import read_set
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.pressure import rising_program
 from fabdesign.output import write_text
-from fabdesign.pressure import rising_program
-from optimize.margins import Limits, constraint_margins
+from fabdesign.study_files.loop_file import LoopStudy, read_loop
+from optimize.search.margins import Limits, constraint_margins
 from studies.loop.run import run_loop
 
 PAGE = ROOT / "docs" / "lab" / "loop.md"

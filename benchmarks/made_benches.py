@@ -15,11 +15,11 @@ from collections.abc import Callable
 import numpy as np
 
 from benchmarks.machine import ROOT, commit, processor
-from fabdesign.bench import Bench, BenchRecord, Specimen
+from fabdesign.nouns.bench import Bench, BenchRecord, Specimen
 from fabdesign.output import write_text
 from studies.benches.cylinder import friction_state
-from studies.tracing.bench import examine
-from studies.tracing.bench_outcome import BenchOutcome
+from studies.benches.trace_outcome import BenchOutcome
+from studies.benches.tracing import examine
 
 PAGE = ROOT / "docs" / "lab" / "benches.md"
 BEGIN, END = "<!-- made benches -->", "<!-- end of made benches -->"

@@ -17,16 +17,16 @@ from numpy.typing import NDArray
 from benchmarks.machine import commit
 from corrector.paper import PaperCorrector
 from corrector.paper_training import PaperTraining
-from fabdesign.corrector import central_hash, with_history
-from fabdesign.measurement_set import read_set
-from fabdesign.metrics import Errors, mean_errors, trial_errors
-from fabdesign.model_file import read_model
+from fabdesign.files.measurement_set import read_set
+from fabdesign.files.model_file import read_model
+from fabdesign.geometry.metrics import Errors, mean_errors, trial_errors
+from fabdesign.nouns.corrector import central_hash, with_history
+from fabdesign.nouns.predictor import Predictor
 from fabdesign.output import work_folder, write_text
-from fabdesign.predictor import Predictor
-from fabdesign.store import Checkpoint
+from fabdesign.runtime.store import Checkpoint
 from sim import Simulator
-from studies.measured_data import noise_of
-from studies.sensitive_stretches import GRID
+from studies.measured.fit_data import noise_of
+from studies.measured.sensitive_stretches import GRID
 from studies.training import paper
 from studies.training.data import Chosen, KeptMotions, choose
 from studies.training.train import unordered_errors

@@ -18,10 +18,10 @@ import numpy as np
 
 from benchmarks.machine import commit
 from benchmarks.trace_sets import RIGS, Rig, make, measure
-from fabdesign.measurement_set import NewTrial, read_set, write_set
+from fabdesign.files.measurement_set import NewTrial, read_set, write_set
+from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.output import write_text
-from fabdesign.pressure import PressureProgram
-from fabdesign.trial import MeasurementSet
 from fabdesign.units import from_kpa
 from studies.tracing.run import trace_set
 

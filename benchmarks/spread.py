@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.machine import commit
-from fabdesign.measurement_set import read_set
-from fabdesign.model import Model
-from fabdesign.model_file import read_model
+from fabdesign.files.measurement_set import read_set
+from fabdesign.files.model_file import read_model
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.output import write_text
-from fabdesign.predictor import Predictor
-from fabdesign.trial import MeasurementSet, Trial
 from fabdesign.units import in_mm
 from studies.intervals.calibrate import chosen
 from studies.intervals.draws import residuals

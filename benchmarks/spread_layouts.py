@@ -20,25 +20,25 @@ import numpy as np
 
 from benchmarks.machine import commit
 from benchmarks.spread import constant
-from fabdesign.catalogue import standard
-from fabdesign.design import Design
+from fabdesign.files.measurement_set import read_set
+from fabdesign.files.model_file import read_model
 from fabdesign.interface import calibrate
-from fabdesign.measurement_set import read_set
-from fabdesign.model import Model
-from fabdesign.model_file import read_model
-from fabdesign.muscle import Muscle
+from fabdesign.nouns.catalogue import standard
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.muscle import Muscle
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.nouns.spread import TWO_SIDED, half_widths
+from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.output import write_text
-from fabdesign.predictor import Predictor
-from fabdesign.pressure import PressureProgram
-from fabdesign.spread import TWO_SIDED, half_widths
-from fabdesign.trial import MeasurementSet, Trial
 from fabdesign.units import in_mm
 from studies.intervals.calibrate import chosen
 from studies.intervals.draws import residuals
 from studies.intervals.widths import IntervalScore, RegionResiduals, calibrated
+from studies.measured.sensitive_stretches import find_used_frames
 from studies.rig import EffectSetting, GroundTruth, Sensing, run_rig
 from studies.rig.scene import Resolution
-from studies.sensitive_stretches import find_used_frames
 
 LAYOUTS, TRIALS = 10, 6
 SECONDS, LEVELS = 1.5, (0.0, 100e3, 200e3, 300e3)  # s, Pa

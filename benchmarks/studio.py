@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.machine import ROOT, commit, processor
-from fabdesign.catalogue import build
+from fabdesign.nouns.catalogue import build
 from studies.studio.gate import Gate
 from studies.studio.layout import Layout, move_corner
 from studies.studio.live import LiveShape

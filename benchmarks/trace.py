@@ -24,8 +24,8 @@ from scipy.stats import binomtest
 from benchmarks.machine import ROOT, commit, processor
 from benchmarks.trace_sets import QUICK, RIGS, Rig, make
 from fabdesign.effects import EFFECTS
-from fabdesign.measurement_set import read_set
-from fabdesign.model import Model
+from fabdesign.files.measurement_set import read_set
+from fabdesign.nouns.model import Model
 from fabdesign.output import write_text
 from studies.tracing.run import trace_set
 

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from fabdesign.catalogue import build
-from fabdesign.design import Design
-from fabdesign.forward import PARAMETERS
-from fabdesign.pressure import PressureProgram
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import PARAMETERS
+from fabdesign.nouns.pressure import PressureProgram
 from optimize.fit.parameters import PRIOR
 from studies.rig import EffectSetting, run_rig
 from studies.rig.effects.variants import OF

@@ -9,8 +9,8 @@ from scipy.ndimage import uniform_filter
 from scipy.spatial import cKDTree
 
 from corrector.layout import deposits
-from fabdesign.design import Design
-from fabdesign.muscle import MuscleType
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.muscle import MuscleType
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ from corrector.inputs import HISTORY, MuscleFields, fields_of
 from corrector.outputs import heights_of
 from corrector.response import weight_over_stiffness
 from corrector.shape import FINE, LocalFrames, middle_of
-from fabdesign.corrector import with_history
-from fabdesign.forward import Case
-from fabdesign.surface import Surface, face_triangles
+from fabdesign.geometry.surface import Surface, face_triangles
+from fabdesign.nouns.corrector import with_history
+from fabdesign.nouns.forward import Case
 from fabdesign.units import in_mm
 
 Floats = NDArray[np.floating[Any]]
@@ -33,7 +33,7 @@ def offsets(middle: Floats, cloud: Floats, thickness: float, nodes: int = FINE) 
 
     A point does not say on which face it is: two faces 2 mm apart and 2 mm of error look alike, point by point. Around
     a node they are two layers a thickness apart; expectation-maximisation over the two, from the mean of both, tells
-    them apart, as `fabdesign.sensor_noise` does without a model. A point beyond a hem counts by its height alone.
+    them apart, as `geometry.sensor_noise` does without a model. A point beyond a hem counts by its height alone.
     """
     height, row, col = _heights(np.asarray(middle, dtype=np.float64), cloud)
     every = (middle.shape[0] - 1) // (nodes - 1)

@@ -13,9 +13,9 @@ from corrector.inputs import HISTORY, MuscleFields, fields_of
 from corrector.outputs import displacement_of
 from corrector.response import weight_over_stiffness
 from corrector.shape import FINE, LocalFrames, displaced, middle_of
-from fabdesign.corrector import Trust, with_history
-from fabdesign.design import Design
-from fabdesign.forward import Case
+from fabdesign.nouns.corrector import Trust, with_history
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import Case
 
 Floats = NDArray[np.floating[Any]]
 NEAR = 0.2  # distance over which a design stops being one of those learned from
@@ -23,7 +23,7 @@ NEAR = 0.2  # distance over which a design stops being one of those learned from
 
 @dataclass(frozen=True, eq=False)
 class FieldCorrector:
-    """Implements fabdesign.corrector.Corrector. `known`: the designs it learned from (`designs.described`)."""
+    """Implements fabdesign.nouns.corrector.Corrector. `known`: the designs it learned from (`designs.described`)."""
 
     seen: NDArray[np.float64]  # (K,) coefficients of the basis functions, for layouts learned from
     unseen: NDArray[np.float64]  # (K,) for others
@@ -44,7 +44,7 @@ class FieldCorrector:
     def correct(
         self, cases: Sequence[Case], times: Sequence[NDArray[np.float64]], motions: Sequence[Floats]
     ) -> list[NDArray[np.float32]]:
-        """See fabdesign.corrector.Corrector."""
+        """See fabdesign.nouns.corrector.Corrector."""
         return [self._correct(*one) for one in zip(cases, times, motions, strict=True)]
 
     def _correct(self, case: Case, times: NDArray[np.float64], motion: Floats) -> NDArray[np.float32]:

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from corrector.layout import NODES, deposits, intervals_of
 from corrector.shape import LocalFrames, middle_of
-from fabdesign.design import Design
-from fabdesign.fabric import Fabric
-from fabdesign.forward import MUSCLE_TYPES, Case
-from fabdesign.muscle_law import MuscleLaw, law_of
-from fabdesign.pressure import PressureProgram
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.fabric import Fabric
+from fabdesign.nouns.forward import MUSCLE_TYPES, Case
+from fabdesign.nouns.muscle_law import MuscleLaw, law_of
+from fabdesign.nouns.pressure import PressureProgram
 
 Array = NDArray[np.float64]
 

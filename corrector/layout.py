@@ -6,7 +6,7 @@ from itertools import pairwise, product
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
+from fabdesign.nouns.design import Design
 
 Array = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ from safetensors.numpy import save
 
 from corrector.basis import names
 from corrector.field import FieldCorrector
-from fabdesign.corrector import Corrector, central_hash
 from fabdesign.errors import InputError
-from fabdesign.model import Model
+from fabdesign.nouns.corrector import Corrector, central_hash
+from fabdesign.nouns.model import Model
 from fabdesign.output import whole_file
 
 FORMAT = "fabdesign.corrector/1"

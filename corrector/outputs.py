@@ -9,7 +9,7 @@ from corrector.basis import STRAIN, Basis, Combination
 from corrector.layout import NODES
 from corrector.response import slopes, slopes_of
 from corrector.shape import FINE, Floats, LocalFrames, integration, put_together, refine, refinement, tangent_changes
-from fabdesign.fabric import Fabric
+from fabdesign.nouns.fabric import Fabric
 
 
 def displacement_of(combination: Combination, frames: LocalFrames, fabric: Fabric, ratio: float) -> NDArray[np.float32]:

@@ -16,9 +16,9 @@ from scipy.spatial import cKDTree
 from torch import Tensor, nn
 
 from corrector.designs import described, distance
-from fabdesign.corrector import Trust, with_history
-from fabdesign.design import Design
-from fabdesign.forward import SIDE, Case
+from fabdesign.nouns.corrector import Trust, with_history
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import SIDE, Case
 
 Floats = NDArray[np.floating[Any]]
 
@@ -102,7 +102,7 @@ def _taken(points: Tensor, index: Tensor) -> Tensor:
 
 @dataclass(frozen=True, eq=False)
 class PaperCorrector:
-    """Implements fabdesign.corrector.Corrector; the answer is an unordered cloud from the sixth frame on, the
+    """Implements fabdesign.nouns.corrector.Corrector; the answer is an unordered cloud from the sixth frame on, the
     simulator's points before. It has no limit of trust, as the paper has none."""
 
     simulated: Autoencoder
@@ -142,7 +142,7 @@ class PaperCorrector:
     def correct(
         self, cases: Sequence[Case], times: Sequence[NDArray[np.float64]], motions: Sequence[Floats]
     ) -> list[NDArray[np.float32]]:
-        """See fabdesign.corrector.Corrector."""
+        """See fabdesign.nouns.corrector.Corrector."""
         return [self._correct(t, motion) for t, motion in zip(times, motions, strict=True)]
 
     def _correct(self, times: NDArray[np.float64], motion: Floats) -> NDArray[np.float32]:

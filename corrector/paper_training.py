@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from corrector.paper import FRAMES, LENGTH, OUTPUT_POINTS, Autoencoder, NextCode, chamfer_squared, drawn, to_unit
 from fabdesign.output import whole_file
-from fabdesign.store import read_kept
+from fabdesign.runtime.store import read_kept
 from fabdesign.units import in_mm
 
 Floats = NDArray[Any]

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from corrector.shape import held_nodes
-from fabdesign.fabric import Fabric
-from fabdesign.forward import Case
+from fabdesign.nouns.fabric import Fabric
+from fabdesign.nouns.forward import Case
 
 Array = NDArray[np.float64]
 

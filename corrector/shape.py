@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from corrector.layout import NODES
-from fabdesign.fabric import Fabric
+from fabdesign.nouns.fabric import Fabric
 
 Floats = NDArray[np.floating[Any]]
 FINE = 2 * NODES - 1  # nodes a side of the grid on which a corrected cloth is put together

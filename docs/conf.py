@@ -11,7 +11,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from fabdesign import __version__  # noqa: E402 after the path
+from fabdesign.version import __version__  # noqa: E402 after the path
 
 project = "fabdesign"
 author = "The fabdesign developers"

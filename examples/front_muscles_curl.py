@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from fabdesign.catalogue import build
-from fabdesign.forward import Case, ForwardModel
-from fabdesign.pressure_file import constant_program
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case, ForwardModel
 
 
 def main(forward: ForwardModel) -> float:

@@ -2,16 +2,16 @@
 
 import numpy as np
 
-from fabdesign.catalogue import build
-from fabdesign.forward import Case, ForwardModel
-from fabdesign.pressure_file import constant_program
-from optimize.design_space import DesignSpace
-from optimize.evaluations import Evaluations, Stage
-from optimize.history import History
-from optimize.margins import Limits
-from optimize.objective import Objective, Target
-from optimize.search import search
-from optimize.starts import pressure_starts
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case, ForwardModel
+from optimize.search.design_space import DesignSpace
+from optimize.search.evaluations import Evaluations, Stage
+from optimize.search.history import History
+from optimize.search.margins import Limits
+from optimize.search.multistart import search
+from optimize.search.objective import Objective, Target
+from optimize.search.starts import pressure_starts
 
 
 def main(forward: ForwardModel) -> np.ndarray:

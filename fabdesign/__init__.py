@@ -19,11 +19,10 @@ TYPE_CHECKING = False  # of `typing`, which would take longer to load than all o
 if TYPE_CHECKING:
     from typing import Any
 
-    from fabdesign.catalogue import build
-    from fabdesign.design import Design
-    from fabdesign.design_file import read_design
     from fabdesign.errors import InputError, SimulationError
-    from fabdesign.fabric import Fabric
+    from fabdesign.files.design_file import read_design
+    from fabdesign.files.measurement_set import read_set
+    from fabdesign.files.model_file import read_model
     from fabdesign.interface import (
         calibrate,
         check,
@@ -51,13 +50,13 @@ if TYPE_CHECKING:
         unseen,
         view,
     )
-    from fabdesign.measurement_set import read_set
-    from fabdesign.model import Model
-    from fabdesign.model_file import read_model
-    from fabdesign.muscle import Muscle, MuscleType
+    from fabdesign.nouns.catalogue import build
+    from fabdesign.nouns.design import Design
+    from fabdesign.nouns.fabric import Fabric
+    from fabdesign.nouns.model import Model
+    from fabdesign.nouns.muscle import Muscle, MuscleType
+    from fabdesign.version import __version__ as __version__
 
-__version__ = "0.2.0"
-SIMULATOR = "2"  # counts changes of the simulator that move motions: factors fitted with another one may not fit
 __all__ = [
     "Design", "Fabric", "InputError", "Model", "Muscle", "MuscleType", "SimulationError", "build", "calibrate",
     "check", "demo", "equilibrium", "evaluate", "export", "fuse", "layouts", "loop", "new", "optimize", "predict",
@@ -65,9 +64,10 @@ __all__ = [
     "studio", "study", "sweep", "trace", "train", "unseen", "view",
 ]  # fmt: skip
 _WHERE = {
-    "Design": "design", "Fabric": "fabric", "InputError": "errors", "Model": "model", "Muscle": "muscle",
-    "MuscleType": "muscle", "SimulationError": "errors", "build": "catalogue", "read_design": "design_file",
-    "read_model": "model_file", "read_set": "measurement_set",
+    "Design": "nouns.design", "Fabric": "nouns.fabric", "InputError": "errors", "Model": "nouns.model",
+    "Muscle": "nouns.muscle", "MuscleType": "nouns.muscle", "SimulationError": "errors", "build": "nouns.catalogue",
+    "read_design": "files.design_file", "read_model": "files.model_file", "read_set": "files.measurement_set",
+    "__version__": "version",
 }  # fmt: skip
 
 
@@ -82,7 +82,7 @@ def one_blas_thread() -> None:
 
 
 def __getattr__(name: str) -> "Any":
-    if name not in __all__:
+    if name not in {*__all__, *_WHERE}:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
 

@@ -4,7 +4,7 @@ import os
 import sys
 from contextlib import suppress
 
-from fabdesign.supervisor import supervised
+from fabdesign.runtime.supervisor import supervised
 
 
 def main() -> None:

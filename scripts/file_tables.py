@@ -13,8 +13,8 @@ from typing import Any, Literal, get_args, get_origin
 
 import numpy as np
 
-from fabdesign.decoder import expected_of
-from fabdesign.schema import FileKey, Notes, annotated, members, unit_of, walk
+from fabdesign.formats.decoder import expected_of
+from fabdesign.formats.schema import FileKey, Notes, annotated, members, unit_of, walk
 from studies.check.kinds import KINDS, STUDIES
 
 PAGES = tuple(Path(__file__).resolve().parents[1] / "docs" / name for name in ("files.md", "studies.md"))

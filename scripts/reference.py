@@ -36,14 +36,18 @@ class Threshold(NamedTuple):
 THRESHOLDS = {
     "trace": (
         Threshold("studies/tracing/run.py", "TOLERANCE", "excess that counts as nothing (`--tolerance`)", "mm", 1e3),
-        Threshold("studies/tracing/bench.py", "TOLERANCE", "the same on a bench", "% of the largest output", 100),
+        Threshold("studies/benches/tracing.py", "TOLERANCE", "the same on a bench", "% of the largest output", 100),
         Threshold("studies/tracing/run.py", "TRIALS", "trials used, at most"),
         Threshold("studies/tracing/run.py", "LEAST_TRIALS", "trials with different pressures, at least"),
         Threshold("studies/tracing/run.py", "GRID", "grid of the simulator (`--grid`)", "points a side"),
-        Threshold("studies/rest_fit.py", "LEAST", "shapes at rest from which on they are fitted first"),
-        Threshold("optimize/fit/standing.py", "HELD", "time that a cloth must stand to be at rest", "s"),
-        Threshold("optimize/fit/needed.py", "NEEDED", "an effect that costs less to drop is dropped", "log likelihood"),
-        Threshold("studies/tracing/backwards.py", "CAUSE", "a weaker effect is no cause", "deviations of its prior"),
+        Threshold("studies/calibration/rest_fit.py", "LEAST", "shapes at rest from which on they are fitted first"),
+        Threshold("optimize/fit/rest_detection.py", "HELD", "time that a cloth must stand to be at rest", "s"),
+        Threshold(
+            "optimize/fit/significance.py", "NEEDED", "an effect that costs less to drop is dropped", "log likelihood"
+        ),
+        Threshold(
+            "studies/tracing/backward_elimination.py", "CAUSE", "a weaker effect is no cause", "deviations of its prior"
+        ),
         Threshold("studies/tracing/decoys.py", "CHANCE", "share of the decoys that an effect must beat", "%", 100),
         Threshold("studies/tracing/verdict.py", "SHARE_OF_A_CAUSE", "excess that effects must remove", "%", 100),
         Threshold(
@@ -52,17 +56,23 @@ THRESHOLDS = {
         Threshold(
             "studies/tracing/verdict.py", "STRUCTURE", "excess from which on one kind of feature is structure", "%", 100
         ),
-        Threshold("optimize/fit/needed.py", "ALIKE", "cosine from which on two effects look the same"),
-        Threshold("studies/tracing/discovered.py", "SHARE", "excess that a formula may leave", "%", 100),
+        Threshold("optimize/fit/significance.py", "ALIKE", "cosine from which on two effects look the same"),
+        Threshold("studies/tracing/discovered_term.py", "SHARE", "excess that a formula may leave", "%", 100),
         Threshold("studies/tracing/experiment.py", "LEAST_DIFFERENCE", "an experiment must show more", "mm RMS", 1e3),
     ),
     "sensitive stretches": (
-        Threshold("studies/sensitive_stretches.py", "TILT", "tilt of gravity that is tried", "degrees"),
-        Threshold("studies/sensitive_stretches.py", "PRESSURE", "change of each pressure that is tried", "%", 100),
-        Threshold("studies/sensitive_stretches.py", "DRAWS", "draws of the data sheet's prior"),
-        Threshold("studies/sensitive_stretches.py", "SHARE", "share of the draws that must be sensitive", "%", 100),
-        Threshold("studies/sensitive_stretches.py", "APART", "distance of two motions, of their size", "%", 100),
-        Threshold("studies/sensitive_stretches.py", "LEAST_MOTION", "smallest size of a motion", "mm", 1e3),
+        Threshold("studies/measured/sensitive_stretches.py", "TILT", "tilt of gravity that is tried", "degrees"),
+        Threshold(
+            "studies/measured/sensitive_stretches.py", "PRESSURE", "change of each pressure that is tried", "%", 100
+        ),
+        Threshold("studies/measured/sensitive_stretches.py", "DRAWS", "draws of the data sheet's prior"),
+        Threshold(
+            "studies/measured/sensitive_stretches.py", "SHARE", "share of the draws that must be sensitive", "%", 100
+        ),
+        Threshold(
+            "studies/measured/sensitive_stretches.py", "APART", "distance of two motions, of their size", "%", 100
+        ),
+        Threshold("studies/measured/sensitive_stretches.py", "LEAST_MOTION", "smallest size of a motion", "mm", 1e3),
     ),
     "calibrate": (
         Threshold("studies/calibration/calibrate.py", "TRIALS", "trials fitted without effects, at most"),
@@ -75,15 +85,15 @@ THRESHOLDS = {
         Threshold("studies/intervals/widths.py", "LEAST", "trials from which on motions get intervals"),
     ),
     "search": (
-        Threshold("optimize/search.py", "AGREE", "restarts that must agree"),
-        Threshold("optimize/search.py", "ALIKE", "how near they must be", "%", 100),
-        Threshold("optimize/search.py", "IDLE", "restarts without a gain that end a search"),
-        Threshold("optimize/search.py", "NO_GAIN", "a smaller gain is none", "%", 100),
-        Threshold("studies/layouts/begin.py", "PRESSURE_STARTS", "starts drawn for pressures"),
-        Threshold("studies/layouts/begin.py", "LAYOUT_STARTS", "layouts drawn"),
-        Threshold("studies/layouts/stages.py", "COARSE", "coarse model", "points a side"),
-        Threshold("studies/layouts/after.py", "SHRINKING", "seconds kept for fewer muscles", "%", 100),
-        Threshold("studies/layouts/after.py", "ROBUST", "seconds kept for a robust layout", "%", 100),
+        Threshold("optimize/search/multistart.py", "AGREE", "restarts that must agree"),
+        Threshold("optimize/search/multistart.py", "ALIKE", "how near they must be", "%", 100),
+        Threshold("optimize/search/multistart.py", "IDLE", "restarts without a gain that end a search"),
+        Threshold("optimize/search/multistart.py", "NO_GAIN", "a smaller gain is none", "%", 100),
+        Threshold("studies/layout_search/first_layouts.py", "PRESSURE_STARTS", "starts drawn for pressures"),
+        Threshold("studies/layout_search/first_layouts.py", "LAYOUT_STARTS", "layouts drawn"),
+        Threshold("studies/layout_search/stages.py", "COARSE", "coarse model", "points a side"),
+        Threshold("studies/layouts/refinement.py", "SHRINKING", "seconds kept for fewer muscles", "%", 100),
+        Threshold("studies/layouts/refinement.py", "ROBUST", "seconds kept for a robust layout", "%", 100),
         Threshold("studies/layouts/reach.py", "LEAST_GAP", "out of reach: gap over the noise floor", "mm", 1e3),
         Threshold("studies/layouts/reach.py", "GAP", "and share of the noise floor", "%", 100),
         Threshold("studies/layouts/loading_path.py", "OFF", "change of the pressures of a copy", "%", 100),

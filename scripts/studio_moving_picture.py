@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from fabdesign.catalogue import build
-from fabdesign.design_file import write_design
+from fabdesign.files.design_file import write_design
+from fabdesign.nouns.catalogue import build
 from tests.browser import Page, browser_at
 from tests.test_studio_browser import holds, on_screen
 

@@ -39,8 +39,8 @@ import sys
 from pathlib import Path
 
 import fabdesign
-from fabdesign.measurement_set import read_set
-from fabdesign.model_file import read_model
+from fabdesign.files.measurement_set import read_set
+from fabdesign.files.model_file import read_model
 
 package = Path(fabdesign.__file__).parent
 assert Path(sys.argv[1]) not in package.parents, package

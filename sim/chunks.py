@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from fabdesign.effects.acting import active, specimen_of, terms_of
 from fabdesign.effects.registry import EFFECTS, force_of
 from fabdesign.effects.specimen import Specimen
-from fabdesign.fabric import Fabric
-from fabdesign.forward import Case
+from fabdesign.nouns.fabric import Fabric
+from fabdesign.nouns.forward import Case
 from sim.design.loading import contents_of
 from sim.design.support import Support
 from sim.equilibrium import damped, is_free, swings_to_rest

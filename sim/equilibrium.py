@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from fabdesign.effects.acting import specimen_of
 from fabdesign.effects.specimen import Specimen
-from fabdesign.fabric import Fabric
-from fabdesign.forward import RISE, Case
+from fabdesign.nouns.fabric import Fabric
+from fabdesign.nouns.forward import RISE, Case
 from sim.design.support import Support
 from sim.kernels.fields import LANES
 from sim.kernels.transfer import Values

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects.specimen import Specimen
-from fabdesign.fabric import Fabric
-from fabdesign.least_squares import non_negative
+from fabdesign.geometry.least_squares import non_negative
+from fabdesign.nouns.fabric import Fabric
 from sim.design.support import Support
 
 Array = NDArray[np.float64]

@@ -6,7 +6,7 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.forward import SIDE, Case
+from fabdesign.nouns.forward import SIDE, Case
 from sim.design.loops import interpolation_weights
 from sim.design.support import Support
 

@@ -7,9 +7,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.cluster import TASKS, Cluster
-from fabdesign.column import Column
-from fabdesign.forward import Case, ForwardModel
+from fabdesign.nouns.column import Column
+from fabdesign.nouns.forward import Case, ForwardModel
+from fabdesign.runtime.cluster import TASKS, Cluster
 from sim.kernels.fields import LANES
 from sim.time.packing import BLOCKS
 
@@ -20,7 +20,7 @@ _Task = tuple[Any, str, list[Case], list[Array] | Sequence[Column] | None]  # mo
 
 @dataclass(frozen=True)
 class OnCluster:
-    """`model` on the workers of a cluster. Implements fabdesign.forward.ForwardModel.
+    """`model` on the workers of a cluster. Implements fabdesign.nouns.forward.ForwardModel.
 
     A task is a batch that fills lanes: LANES times as many designs as a worker has threads, up to BLOCKS times. A
     design's bits depend neither on those beside it nor on the worker. model: travels by value, with the designs.

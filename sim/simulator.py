@@ -7,15 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 import sim.effects  # noqa: F401 declares its planes before the first batch
-from fabdesign.cluster import current
-from fabdesign.column import Column, move
 from fabdesign.effects.acting import acting_pressure, active
-from fabdesign.effort import COARSEST, FINEST, LONGEST, require_motion
 from fabdesign.errors import InputError, require_number
-from fabdesign.forward import HOLD, RISE, Case
-from fabdesign.jacobian import FacesJacobian
-from fabdesign.model import POINTS_PER_SIDE
-from fabdesign.pressure import RISE_STEPS, rising_program
+from fabdesign.nouns.column import Column, move
+from fabdesign.nouns.forward import HOLD, RISE, Case
+from fabdesign.nouns.jacobian import FacesJacobian
+from fabdesign.nouns.model import POINTS_PER_SIDE
+from fabdesign.nouns.pressure import RISE_STEPS, rising_program
+from fabdesign.runtime.cluster import current
+from fabdesign.runtime.effort import COARSEST, FINEST, LONGEST, require_motion
 from sim.chunks import Chunk, chunks_of, has_added_force, laid
 from sim.design.loading import constants_of
 from sim.equilibrium import (
@@ -54,21 +54,21 @@ _MOST_TICKS = 2000  # in which the pressures are followed to rest through what l
 @dataclass(frozen=True)
 class Simulator:
     """Motions and equilibria of laced cloth, many designs at once (docs/model.md); on other machines within
-    `fabdesign.cluster.on_cluster`.
+    `fabdesign.runtime.cluster.on_cluster`.
 
     Cloth and muscles are constraints with compliances, the system of extended position-based dynamics (XPBD, Macklin et
     al. 2016), here solved to convergence: an implicit step (generalised-alpha, Chung and Hulbert 1993) by
     preconditioned conjugate gradients, so that stiffness does not depend on a number of iterations.
 
-    Implements fabdesign.forward.ForwardModel: SI units in and out. Limits: muscles do not slip, at most 8 muscle types
+    Implements nouns.forward.ForwardModel: SI units in and out. Limits: muscles do not slip, at most 8 muscle types
     a batch. The cloth passes through itself unless `self_contact`: then nodes meet cells, without friction and without
     the thickness of muscles; borders that meet head on can pass. Steps then stay short, which costs 5 to 8 times as
     much. Raises InputError where an option is out of range.
 
     >>> import numpy as np
-    >>> from fabdesign.catalogue import build
-    >>> from fabdesign.forward import Case
-    >>> from fabdesign.pressure import PressureProgram
+    >>> from fabdesign.nouns.catalogue import build
+    >>> from fabdesign.nouns.forward import Case
+    >>> from fabdesign.nouns.pressure import PressureProgram
     >>> from sim import Simulator
     >>> program = PressureProgram(np.array([0.0]), np.array([[200e3, 0.0]]), 1.0)  # Pa, from 0 s on
     >>> cases = [Case(build("cross", muscles=2), program)]
@@ -145,7 +145,7 @@ class Simulator:
                         motions[i] = replace(motion, diverged=(0.0, (0, 0))) if lost else motion
         return [motions[i] for i in range(len(cases))]
 
-    sheets = run  # as fabdesign.sheet asks for them: such a motion is one
+    sheets = run  # as fabdesign.geometry.sheet asks for them: such a motion is one
 
     def _tries(
         self, results: Mapping[int, SimulatedMotion], count: int

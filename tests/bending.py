@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fabdesign.effects.registry import effect_named
-from fabdesign.forward import Case
+from fabdesign.nouns.forward import Case
 from studies.studio.solver import Answer, Ask, StudioSolver
 
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build, standard
 from fabdesign.cli import main
-from fabdesign.design_file import write_design
-from fabdesign.forward import Case
-from fabdesign.measurement_set import NewTrial, TrialData, write_set
-from fabdesign.model import Model, Parameter
-from fabdesign.model_file import write_model
+from fabdesign.files.design_file import write_design
+from fabdesign.files.measurement_set import NewTrial, TrialData, write_set
+from fabdesign.files.model_file import write_model
+from fabdesign.nouns.catalogue import build, standard
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.model import Model, Parameter
 
 Run = Callable[..., tuple[int, str, str]]
 

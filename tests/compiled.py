@@ -5,8 +5,8 @@ import sys
 import numpy as np
 import taichi as ti
 
-from fabdesign.forward import Case
-from fabdesign.pressure import PressureProgram
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.pressure import PressureProgram
 from sim.design.loading import contents_of
 from sim.design.support import Support
 from sim.forces.cloth import fabric_force

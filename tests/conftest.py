@@ -30,6 +30,6 @@ def data() -> Path:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    seconds = getattr(sys.modules.get("fabdesign.working_time"), "compile_seconds", None)
+    seconds = getattr(sys.modules.get("fabdesign.runtime.working_time"), "compile_seconds", None)
     if seconds is not None:
         terminalreporter.write_line(f"kernels compiled in {seconds():.1f} s")

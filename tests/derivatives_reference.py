@@ -3,10 +3,10 @@
 import numpy as np
 from scipy.sparse.linalg import factorized
 
-from fabdesign import column
-from fabdesign.column import move
 from fabdesign.effects.acting import specimen_of
-from fabdesign.forward import PARAMETERS
+from fabdesign.nouns import column
+from fabdesign.nouns.column import move
+from fabdesign.nouns.forward import PARAMETERS
 from sim.kernels.fields import CONTRACTION_STEP, FIRST_CONTRACTION, PRESSURE_STEP, TABLE
 from tests.sim_reference_effects import ReferenceWithEffects
 

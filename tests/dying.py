@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fabdesign.errors import InputError
-from fabdesign.forward import Case
+from fabdesign.nouns.forward import Case
 from tests.analytic_cloth import AnalyticCloth
 
 

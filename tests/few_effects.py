@@ -7,4 +7,6 @@ from fabdesign.effects.registry import EFFECTS
 
 def few_effects(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
     """That "all" means these."""
-    monkeypatch.setattr("optimize.fit.free.EFFECTS", {name: EFFECTS[name] for name in (*names, "discovered")})
+    monkeypatch.setattr(
+        "optimize.fit.free_parameters.EFFECTS", {name: EFFECTS[name] for name in (*names, "discovered")}
+    )

@@ -6,27 +6,27 @@ from pathlib import Path
 
 import numpy as np
 
-from fabdesign.bench import Bench, BenchRecord
-from fabdesign.catalogue import build
-from fabdesign.design import Design
-from fabdesign.layouts_file import Cell, LayoutsStudy
-from fabdesign.pressure_file import constant_program
-from fabdesign.study_file import Study, read_study
-from fabdesign.study_targets import TargetFile
-from optimize.design_space import DesignSpace
-from optimize.evaluations import Evaluations, Stage
-from optimize.history import History
-from optimize.objective import Objective
-from studies.forward_model import forward_model
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.bench import Bench, BenchRecord
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.design import Design
+from fabdesign.study_files.layouts_file import Cell, LayoutsStudy
+from fabdesign.study_files.study_file import Study, read_study
+from fabdesign.study_files.study_targets import TargetFile
+from optimize.search.design_space import DesignSpace
+from optimize.search.evaluations import Evaluations, Stage
+from optimize.search.history import History
+from optimize.search.objective import Objective
+from studies.benches.trace_report import render_bench
+from studies.benches.tracing import examine
 from studies.layout_grid.report import render
 from studies.layout_grid.result import CellResult, GridResult
-from studies.layouts.begin import limits_of
+from studies.layout_search.first_layouts import limits_of
+from studies.layout_search.target import LoadedTarget, load_target
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult
 from studies.layouts.run import _result
-from studies.layouts.target import LoadedTarget, load_target
-from studies.tracing.bench import examine
-from studies.tracing.bench_report import render_bench
+from studies.prediction.forward_model import forward_model
 from tests.analytic_cloth import AnalyticCloth
 
 CLOTHS = {"square": (0.2, 0.2), "wide": (0.24, 0.15), "tall": (0.12, 0.3)}  # m, across and down
@@ -88,7 +88,7 @@ def bench_page() -> str:
 
 
 def _case(design):
-    from fabdesign.forward import Case
+    from fabdesign.nouns.forward import Case
 
     return Case(design, constant_program(KPA[0]))
 

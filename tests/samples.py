@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from fabdesign.catalogue import build
-from fabdesign.forward import Case
-from fabdesign.model import Covariance, Model, Parameter
-from fabdesign.model_file import write_model
-from fabdesign.motion_file import write_motion
-from fabdesign.ply import ply_bytes
-from fabdesign.pressure_file import constant_program
+from fabdesign.clouds.ply import ply_bytes
+from fabdesign.files.model_file import write_model
+from fabdesign.files.motion_file import write_motion
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.model import Covariance, Model, Parameter
 from tests.command_line import Hanging, write_sound
 from tests.meshes import sheet, write_obj, write_stl, write_xyz
 

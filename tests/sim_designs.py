@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from fabdesign.catalogue import build
-from fabdesign.design import Design
-from fabdesign.fabric import Fabric
-from fabdesign.forward import Case
-from fabdesign.muscle import BenchTable, Muscle, MuscleType
-from fabdesign.pressure import PressureProgram
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.fabric import Fabric
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.muscle import BenchTable, Muscle, MuscleType
+from fabdesign.nouns.pressure import PressureProgram
 
 CLOTH = Fabric(
     width=0.2,

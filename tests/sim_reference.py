@@ -12,9 +12,9 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import spsolve
 
-from fabdesign.design import Design
-from fabdesign.forward import PARAMETERS
-from fabdesign.muscle_law import MuscleLaw
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import PARAMETERS
+from fabdesign.nouns.muscle_law import MuscleLaw
 
 
 @dataclass

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from fabdesign.design import Design
-from fabdesign.forward import Case, ForwardModel, Term
-from fabdesign.measurement_set import MeasurementSet, NewTrial, TrialData, read_set, write_set
-from fabdesign.pressure import PressureProgram
-from fabdesign.sensor_noise import SensorNoise
-from fabdesign.surface import Surface
+from fabdesign.files.measurement_set import MeasurementSet, NewTrial, TrialData, read_set, write_set
+from fabdesign.geometry.sensor_noise import SensorNoise
+from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import Case, ForwardModel, Term
+from fabdesign.nouns.pressure import PressureProgram
 
 
 def simulated_set(

@@ -6,24 +6,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
-from fabdesign.forward import Case, Term
-from fabdesign.predictor import Predictor
-from fabdesign.pressure import PressureProgram
-from fabdesign.sensor_noise import SensorNoise
-from fabdesign.trial import Accuracy, Trial
-from fabdesign.trial_file import TrialData
+from fabdesign.files.trial_file import TrialData
+from fabdesign.geometry.sensor_noise import SensorNoise
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case, Term
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.nouns.trial import Accuracy, Trial
 from optimize.fit.at_rest import RestProblem, Standing, acting_at_rest
 from optimize.fit.clouds import Sample
-from optimize.fit.free import fit_vector
-from optimize.fit.needed import NEEDED, needed
+from optimize.fit.free_parameters import fit_vector
 from optimize.fit.problem import columns
-from optimize.fit.standing import HELD, standing_of
+from optimize.fit.rest_detection import HELD, standing_of
+from optimize.fit.significance import NEEDED, needed
 from sim import Simulator
-from studies.joint_fit import negligible, unneeded
-from studies.measured_data import MeasuredData
-from studies.rest_fit import LEAST, beginning, fit_at_rest
-from studies.used_frames import UsedFrames
+from studies.calibration.joint_fit import negligible, unneeded
+from studies.calibration.rest_fit import LEAST, beginning, fit_at_rest
+from studies.measured.fit_data import MeasuredData
+from studies.measured.used_frames import UsedFrames
 
 DESIGN = build("basic", muscles=4)
 SIGMA = 0.3e-3  # m

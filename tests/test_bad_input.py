@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
-from fabdesign.design import Design
-from fabdesign.design_file import write_design
-from fabdesign.model import EffectTerm, Model
-from fabdesign.model_file import write_model
+from fabdesign.files.design_file import write_design
+from fabdesign.files.model_file import write_model
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.model import EffectTerm, Model
 from tests.command_line import Run, one_line, write_sound
 
 BAD = [

@@ -6,11 +6,11 @@ from functools import partial
 import numpy as np
 import pytest
 
-from fabdesign.bench_file import read_bench
-from fabdesign.catalogue import build
-from fabdesign.csv_table import write_rows
-from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
+from fabdesign.files.bench_file import read_bench
+from fabdesign.files.design_file import read_design, write_design
+from fabdesign.formats.csv_table import write_rows
+from fabdesign.nouns.catalogue import build
 from studies.benches.calibrate import calibrate_bench
 from studies.benches.muscle import BenchMuscle
 from studies.benches.muscle_effects import bench_vector, fit_effects

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from fabdesign.bench import Bench, BenchRecord
+from fabdesign.nouns.bench import Bench, BenchRecord
 from studies.benches.cylinder import friction_state
 from studies.benches.noise import noise_of
-from studies.tracing.bench import examine
-from studies.tracing.bench_report import as_text
+from studies.benches.trace_report import as_text
+from studies.benches.tracing import examine
 from tests.test_benches import muscle_force
 
 SIGMA = 0.05  # N

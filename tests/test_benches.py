@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fabdesign.bench import BenchRecord
-from fabdesign.bench_file import read_bench
-from fabdesign.bench_law_file import TABLES, BenchLaw, read_bench_law, write_bench_law
-from fabdesign.design_file import read_design
 from fabdesign.errors import InputError
+from fabdesign.files.bench_file import read_bench
+from fabdesign.files.bench_law_file import TABLES, BenchLaw, read_bench_law, write_bench_law
+from fabdesign.files.design_file import read_design
+from fabdesign.nouns.bench import BenchRecord
 from studies.benches.actuator import StaticCurve
 from studies.benches.calibrate import calibrate_bench, errors_in_words
 from studies.benches.cylinder import CylinderLaw, friction_state

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from sheets import rolled_sheet
 
-from fabdesign.catalogue import build
-from fabdesign.forward import Case
-from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
-from fabdesign.predictor import Predictor
-from fabdesign.sensor_noise import SensorNoise
-from fabdesign.surface import Surface
-from fabdesign.trial import Trial
-from studies.branches import FAR, branches_of, starts
+from fabdesign.files.measurement_set import NewTrial, TrialData, read_set, write_set
+from fabdesign.geometry.sensor_noise import SensorNoise
+from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.nouns.trial import Trial
 from studies.demo.measured import branch_in_words
+from studies.prediction.branches import FAR, branches_of, starts
 
 DESIGN = build("cross")
 TIMES = np.arange(1, 7) * 0.1

@@ -6,28 +6,28 @@ import numpy as np
 import pytest
 from sheets import rolled_sheet
 
-from fabdesign.catalogue import build
 from fabdesign.errors import InputError, SimulationError
-from fabdesign.forward import PARAMETERS, Term
-from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
-from fabdesign.model_file import read_model, write_model
-from fabdesign.sensor_noise import SensorNoise
-from fabdesign.sheet import of_faces
-from fabdesign.splits import fit_trials
-from fabdesign.surface import Surface, capped_rms
-from fabdesign.trial import Accuracy
-from fabdesign.trial_file import write_trial
+from fabdesign.files.measurement_set import NewTrial, TrialData, read_set, write_set
+from fabdesign.files.model_file import read_model, write_model
+from fabdesign.files.trial_file import write_trial
+from fabdesign.geometry.sensor_noise import SensorNoise
+from fabdesign.geometry.sheet import of_faces
+from fabdesign.geometry.surface import Surface, capped_rms
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import PARAMETERS, Term
+from fabdesign.nouns.trial import Accuracy
 from optimize.fit.clouds import Match, Sample, derivatives, match, nodes_of
 from optimize.fit.descent import _descend, fit, horizons
-from optimize.fit.free import fit_vector
+from optimize.fit.free_parameters import fit_vector
 from optimize.fit.normal import Normal, directions
 from optimize.fit.parameters import DECLARED, PRIOR
 from optimize.fit.problem import Evaluation, FitProblem, Problem
 from sim.motion import faces
-from studies.bad_data import sound_trials
 from studies.calibration.calibrate import DRAWN, calibrate
 from studies.calibration.intervals import engine_difference, interval_warnings, noise_rms
 from studies.calibration.report import as_text
+from studies.measured.bad_data import sound_trials
+from studies.measured.splits import fit_trials
 from tests.few_effects import few_effects
 
 TIMES = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 0.9, 1.2])
@@ -77,8 +77,8 @@ class Swinger(Curler):
 
 
 def write(folder, kilopascals, *, truth=TRUTH, seed=0, points=200, forward=None, times=TIMES):
-    from fabdesign.forward import Case
-    from fabdesign.trial_file import program_of
+    from fabdesign.files.trial_file import program_of
+    from fabdesign.nouns.forward import Case
 
     design, rng, trials = build("cross"), np.random.default_rng(seed), []
     for order, kpa in enumerate(kilopascals):

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
 from fabdesign.effects import EFFECTS
-from fabdesign.forward import PARAMETERS, Case, Term
-from fabdesign.pressure import PressureProgram
-from fabdesign.sensor_noise import SensorNoise
-from optimize.fit.free import fit_vector
+from fabdesign.geometry.sensor_noise import SensorNoise
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import PARAMETERS, Case, Term
+from fabdesign.nouns.pressure import PressureProgram
+from optimize.fit.free_parameters import fit_vector
 from sim import Simulator
 from studies.calibration.calibrate import calibrate, most_trials
 from tests.simulated_set import simulated_set

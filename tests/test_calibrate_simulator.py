@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from fabdesign.catalogue import build
-from fabdesign.forward import PARAMETERS
-from fabdesign.pressure import PressureProgram
-from fabdesign.sensor_noise import SensorNoise
+from fabdesign.geometry.sensor_noise import SensorNoise
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import PARAMETERS
+from fabdesign.nouns.pressure import PressureProgram
 from sim import Simulator
 from studies.calibration.calibrate import calibrate
 from tests.simulated_set import simulated_set

@@ -5,10 +5,10 @@ import pytest
 from scipy.spatial import cKDTree
 from sheets import rolled_sheet
 
-from fabdesign.cells import Cells
-from fabdesign.metrics import DRAWS, trial_errors
-from fabdesign.sensor_noise import SensorNoise
-from fabdesign.surface import CAP, Surface
+from fabdesign.geometry.cells import Cells
+from fabdesign.geometry.metrics import DRAWS, trial_errors
+from fabdesign.geometry.sensor_noise import SensorNoise
+from fabdesign.geometry.surface import CAP, Surface
 
 
 def slow_to_surface(points, surface):

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fabdesign.catalogue import LAYOUTS, build, standard
-from fabdesign.design_file import write_design
-from fabdesign.muscle import BenchTable, Muscle
-from fabdesign.ply import write_ply
+from fabdesign.clouds.ply import write_ply
+from fabdesign.files.design_file import write_design
+from fabdesign.nouns.catalogue import LAYOUTS, build, standard
+from fabdesign.nouns.muscle import BenchTable, Muscle
 from studies.check import inspect
 from studies.check.design import design_findings
 from studies.check.ranges import FABRIC, MUSCLE_TYPE, beyond

@@ -11,14 +11,14 @@ import click
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
 from fabdesign.cli import commands
-from fabdesign.design_file import read_design
 from fabdesign.errors import SimulationError
-from fabdesign.model import PARTS
-from fabdesign.model_file import read_model
-from fabdesign.pressure_file import constant_program
-from studies.predict import moved
+from fabdesign.files.design_file import read_design
+from fabdesign.files.model_file import read_model
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.model import PARTS
+from studies.prediction.predict import moved
 from tests.command_line import Diverging, Hanging, Run, one_line
 from tests.conftest import ROOT
 

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fabdesign.cloud_file import read_cloud, read_geometry
+from fabdesign.clouds.cloud_file import read_cloud, read_geometry
+from fabdesign.clouds.ply import read_ply, write_ply
 from fabdesign.errors import InputError
-from fabdesign.ply import read_ply, write_ply
 from tests.meshes import sheet, write_obj, write_stl, write_xyz
 
 DATA = Path(os.environ.get("FABDESIGN_DATA", Path(__file__).resolve().parents[1] / "../shared/data"))

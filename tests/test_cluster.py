@@ -13,16 +13,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabdesign import cluster as machines
-from fabdesign import column
-from fabdesign.catalogue import build
-from fabdesign.cluster import Cluster, current, on_cluster
 from fabdesign.errors import InputError, SimulationError
-from fabdesign.forward import Case
-from fabdesign.pressure_file import constant_program
-from fabdesign.sensitivity_file import SensitivityStudy
-from fabdesign.study_file import read_cluster
-from fabdesign.varied import Varied
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns import column
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case
+from fabdesign.runtime import cluster as machines
+from fabdesign.runtime.cluster import Cluster, current, on_cluster
+from fabdesign.study_files.sensitivity_file import SensitivityStudy
+from fabdesign.study_files.study_file import read_cluster
+from fabdesign.study_files.varied_inputs import Varied
 from sim import Simulator
 from sim.on_cluster import OnCluster, batches
 from studies.rig import GroundTruth

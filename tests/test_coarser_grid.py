@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from sheets import rolled_sheet
 
-from fabdesign.catalogue import build
-from fabdesign.forward import Case
-from fabdesign.model import Model, Parameter
-from fabdesign.pressure_file import constant_program
-from studies.coarser_grid import ByDesign, enough_points
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.model import Model, Parameter
+from studies.prediction.coarser_grid import ByDesign, enough_points
 
 DESIGN = build("cross")
 MODEL = Model({"muscle_gain": Parameter(0.9)}, points_per_side=61)

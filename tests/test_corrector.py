@@ -19,18 +19,18 @@ from corrector.outputs import displacement_of, heights_of
 from corrector.regression import Regression, coefficients_of
 from corrector.response import weight_over_stiffness
 from corrector.shape import FINE, LocalFrames, displaced, middle_of, put_together, refine, tangent_changes
-from fabdesign.catalogue import build, standard
-from fabdesign.corrector import with_history
-from fabdesign.design import Design
 from fabdesign.errors import InputError
-from fabdesign.forward import PARAMETERS, Case
-from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
-from fabdesign.model import Model, Parameter
-from fabdesign.model_file import read_model, write_model
-from fabdesign.pressure import PressureProgram
-from fabdesign.surface import Surface
-from optimize.fit.free import fit_vector
-from studies.forward_model import not_corrected
+from fabdesign.files.measurement_set import NewTrial, TrialData, read_set, write_set
+from fabdesign.files.model_file import read_model, write_model
+from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.catalogue import build, standard
+from fabdesign.nouns.corrector import with_history
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import PARAMETERS, Case
+from fabdesign.nouns.model import Model, Parameter
+from fabdesign.nouns.pressure import PressureProgram
+from optimize.fit.free_parameters import fit_vector
+from studies.prediction.forward_model import not_corrected
 from studies.training.data import choose, frames_learned
 from tests.command_line import one_line
 
@@ -452,7 +452,7 @@ def test_command_says_what_a_corrector_is_worth(run, hanging, folder: Path) -> N
 def test_designs_of_one_muscle_type_share_its_law(monkeypatch: pytest.MonkeyPatch) -> None:
     """A search asks for thousands of layouts, and a fit of the law takes longer than their motions."""
     from corrector.inputs import MuscleFields
-    from fabdesign.muscle_law import MuscleLaw, law_of
+    from fabdesign.nouns.muscle_law import MuscleLaw, law_of
 
     fits: list[object] = []
     fit = MuscleLaw.fit

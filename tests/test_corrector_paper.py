@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from corrector.load import load_corrector
-from fabdesign.corrector import with_history
-from fabdesign.distances import chamfer
 from fabdesign.errors import InputError
-from fabdesign.forward import Case
-from fabdesign.measurement_set import read_set
-from fabdesign.model import Model
-from fabdesign.model_file import read_model
+from fabdesign.files.measurement_set import read_set
+from fabdesign.files.model_file import read_model
+from fabdesign.geometry.distances import chamfer
+from fabdesign.nouns.corrector import with_history
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.model import Model
 from tests.test_corrector import LEARNED, Bending, Stopped, measure, program
 
 TIMES = np.arange(1, 9) / 20

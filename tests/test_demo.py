@@ -10,18 +10,18 @@ import pytest
 from sheets import rolled_sheet
 
 from benchmarks import demo_model
-from fabdesign.forward import Case
-from fabdesign.measurement_set import read_set
-from fabdesign.metrics import Errors
-from fabdesign.model import EffectTerm, Model, Quantity
-from fabdesign.model_file import read_model, write_model
-from fabdesign.trial_file import read_trial
-from studies.branches import Branches
+from fabdesign.files.measurement_set import read_set
+from fabdesign.files.model_file import read_model, write_model
+from fabdesign.files.trial_file import read_trial
+from fabdesign.geometry.metrics import Errors
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.model import EffectTerm, Model, Quantity
 from studies.demo import measured
 from studies.demo.measured import as_blocks
-from studies.evaluate import evaluate_sets
+from studies.measured.used_frames import UsedFrames
+from studies.prediction.branches import Branches
+from studies.prediction.evaluate import evaluate_sets
 from studies.report.page import html_of
-from studies.used_frames import UsedFrames
 
 DATA = Path(measured.__file__).parents[2] / "fabdesign" / "data"
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fabdesign import column
 from fabdesign.errors import InputError
-from fabdesign.forward import Case, Term
-from fabdesign.model import EffectTerm, Model, Quantity
-from fabdesign.predictor import Predictor
+from fabdesign.nouns import column
+from fabdesign.nouns.forward import Case, Term
+from fabdesign.nouns.model import EffectTerm, Model, Quantity
+from fabdesign.nouns.predictor import Predictor
 from sim import Simulator
-from studies.forward_model import without_resistance
+from studies.prediction.forward_model import without_resistance
 from tests.derivatives_reference import kinds, lacking
 from tests.sim_designs import cloth, held, laced
 

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fabdesign.catalogue import build
-from fabdesign.design import Design
-from fabdesign.muscle import Muscle
-from optimize.design_space import DesignSpace
-from optimize.geometry import bend_radius, clearance
-from optimize.margins import Limits, constraint_margins
-from optimize.starts import layout_starts, pressure_starts, thinned_starts
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.muscle import Muscle
+from optimize.search.design_space import DesignSpace
+from optimize.search.margins import Limits, constraint_margins
+from optimize.search.path_geometry import bend_radius, clearance
+from optimize.search.starts import layout_starts, pressure_starts, thinned_starts
 
 BASIC = build("basic")
 coordinates = st.floats(0.0, 0.2)

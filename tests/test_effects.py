@@ -14,11 +14,11 @@ from fabdesign.effects import BUILT_IN, EFFECTS
 from fabdesign.effects.acting import acting_pressure, observed, specimen_of
 from fabdesign.effects.learned import formula
 from fabdesign.effects.pneumatics import lagged
-from fabdesign.forward import Case, Term
-from fabdesign.model import EffectTerm, Model, Quantity
-from fabdesign.muscle import Muscle
-from fabdesign.predictor import Predictor
-from fabdesign.pressure import PressureProgram
+from fabdesign.nouns.forward import Case, Term
+from fabdesign.nouns.model import EffectTerm, Model, Quantity
+from fabdesign.nouns.muscle import Muscle
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.nouns.pressure import PressureProgram
 from sim import Simulator
 from sim.design.nodes import node_means
 from tests.sim_designs import cloth, held, laced, linear_muscle, middle

@@ -11,8 +11,8 @@ from fabdesign.effects.acting import acting_pressure
 from fabdesign.effects.registry import effect_named, register_file
 from fabdesign.effects.table import markdown_table
 from fabdesign.errors import InputError
-from fabdesign.forward import Term
-from optimize.fit.free import fit_vector
+from fabdesign.nouns.forward import Term
+from optimize.fit.free_parameters import fit_vector
 from tests.command_line import one_line
 from tests.conftest import ROOT
 from tests.sim_designs import held, laced

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from sheets import rolled_sheet
 
-from fabdesign.catalogue import build
 from fabdesign.errors import InputError, SimulationError
-from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
-from fabdesign.metrics import trial_errors
-from fabdesign.model import EffectTerm, Model, Parameter, Quantity
-from fabdesign.sensor_noise import SensorNoise
-from fabdesign.surface import Surface
-from studies import evaluate
-from studies.evaluate import evaluate_sets
-from studies.evaluation_report import tables_markdown, write_evaluation
-from studies.measured_data import noise_of
+from fabdesign.files.measurement_set import NewTrial, TrialData, read_set, write_set
+from fabdesign.geometry.metrics import trial_errors
+from fabdesign.geometry.sensor_noise import SensorNoise
+from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.model import EffectTerm, Model, Parameter, Quantity
+from studies.measured.fit_data import noise_of
+from studies.prediction import evaluate
+from studies.prediction.evaluate import evaluate_sets
+from studies.prediction.evaluation_report import tables_markdown, write_evaluation
 
 NOISE = SensorNoise(0.0006, 0.003, 0.012)
 TIMES = np.array([0.1, 0.2, 0.3])

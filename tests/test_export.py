@@ -13,18 +13,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from fabdesign.catalogue import build, standard
-from fabdesign.csv_table import write_rows
-from fabdesign.design import Design
-from fabdesign.drawing import Words
+from fabdesign.drawings.drawing import Words
+from fabdesign.drawings.pages import NAMES, OVERLAP, PAPERS, joints, page_name, tiled, window
+from fabdesign.drawings.pdf import _axes, _draw, _figure, _overview, _page
+from fabdesign.drawings.sewing import export_design, pressures_beside, write_cut_list
+from fabdesign.drawings.template import face_drawing, what_it_shows, whole_template
 from fabdesign.errors import InputError, InputNote
-from fabdesign.muscle import Muscle
-from fabdesign.pages import NAMES, OVERLAP, PAPERS, joints, page_name, tiled, window
-from fabdesign.pdf import _axes, _draw, _figure, _overview, _page
-from fabdesign.pressure import poses_in_words
-from fabdesign.pressure_file import constant_program, write_pressures
-from fabdesign.sewing import export_design, pressures_beside, write_cut_list
-from fabdesign.template import face_drawing, what_it_shows, whole_template
+from fabdesign.files.pressure_file import constant_program, write_pressures
+from fabdesign.formats.csv_table import write_rows
+from fabdesign.nouns.catalogue import build, standard
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.muscle import Muscle
+from fabdesign.nouns.pressure import poses_in_words
 
 POINT = 72 / 25.4  # PDF points in a millimetre
 
@@ -161,7 +161,7 @@ def test_dxf_layers(tmp_path: Path) -> None:
 
 
 def test_a_missing_dxf_extra_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fabdesign.sewing.find_spec", lambda name: None)
+    monkeypatch.setattr("fabdesign.drawings.sewing.find_spec", lambda name: None)
     with pytest.warns(InputNote, match="no DXF"):
         made = export_design(build("cross"), tmp_path, stem="d", paper=None, tail_length=0.0)
     assert made.left_out == ("no DXF: pip install 'fabdesign[dxf]'",)

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from benchmarks.few_motions import EIGHT, FIVE, PLANS, SIXTEEN, TEN, judged_on
-from fabdesign.measurement_set import read_set
-from fabdesign.splits import fit_trials
+from fabdesign.files.measurement_set import read_set
+from studies.measured.splits import fit_trials
 
 
 def test_trials_are_nested_and_none_is_judged(data: Path) -> None:

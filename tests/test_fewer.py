@@ -7,27 +7,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
-from fabdesign.design import Design
-from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
-from fabdesign.forward import Case
-from fabdesign.muscle import Muscle
-from fabdesign.pressure_file import constant_program
-from fabdesign.search_terms import Price
-from fabdesign.study_file import MuscleChoice, Study, read_study
-from fabdesign.study_targets import TargetFile
-from optimize.additions import pulling, with_idle
-from optimize.channels import with_shared_channels
-from optimize.design_space import DesignSpace, Limits
-from optimize.evaluations import Evaluations, Stage
-from optimize.fewer import Fewer, fewer_muscles
-from optimize.history import History
-from optimize.objective import Objective, Target
-from optimize.search import search
-from optimize.search_state import load_state, save_state
-from optimize.starts import Start
-from studies.layouts.after import fewer_said, shrunk
+from fabdesign.files.design_file import write_design
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.muscle import Muscle
+from fabdesign.study_files.search_terms import Price
+from fabdesign.study_files.study_file import MuscleChoice, Study, read_study
+from fabdesign.study_files.study_targets import TargetFile
+from optimize.search.additions import pulling, with_idle
+from optimize.search.channels import with_shared_channels
+from optimize.search.design_space import DesignSpace, Limits
+from optimize.search.evaluations import Evaluations, Stage
+from optimize.search.history import History
+from optimize.search.multistart import search
+from optimize.search.objective import Objective, Target
+from optimize.search.search_state import load_state, save_state
+from optimize.search.starts import Start
+from optimize.search.thinning import Fewer, fewer_muscles
+from studies.layouts.refinement import fewer_said, shrunk
 from studies.layouts.run import run_study
 from tests.analytic_cloth import AnalyticCloth
 

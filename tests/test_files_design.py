@@ -8,14 +8,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fabdesign.catalogue import LAYOUTS, build, standard
-from fabdesign.curve_file import MembraneCurve
-from fabdesign.design import Design
-from fabdesign.design_file import read_design, read_part, write_design
 from fabdesign.errors import InputError
-from fabdesign.fabric import Fabric
-from fabdesign.muscle import BenchTable, Muscle, MuscleType
-from fabdesign.term import Term
+from fabdesign.files.curve_file import MembraneCurve
+from fabdesign.files.design_file import read_design, read_part, write_design
+from fabdesign.nouns.catalogue import LAYOUTS, build, standard
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.fabric import Fabric
+from fabdesign.nouns.muscle import BenchTable, Muscle, MuscleType
+from fabdesign.nouns.term import Term
 
 floats = partial(st.floats, allow_subnormal=False)  # the simulator's kernels flush those to zero
 ROUND_TRIPS = settings(

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fabdesign.catalogue import build, standard
 from fabdesign.errors import InputError
-from fabdesign.pressure import PressureProgram
-from fabdesign.pressure_file import read_pressures, told_slight, write_pressures
-from fabdesign.trial_file import program_of
-from studies.predict import frame_times
+from fabdesign.files.pressure_file import read_pressures, told_slight, write_pressures
+from fabdesign.files.trial_file import program_of
+from fabdesign.nouns.catalogue import build, standard
+from fabdesign.nouns.pressure import PressureProgram
+from studies.prediction.predict import frame_times
 
 floats = partial(st.floats, allow_subnormal=False)  # the simulator's kernels flush those to zero
 CROSS = build("cross")

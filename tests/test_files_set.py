@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fabdesign.catalogue import build
 from fabdesign.errors import InputError
-from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
-from fabdesign.trial import Accuracy
-from fabdesign.trial_file import read_trial, write_trial
+from fabdesign.files.measurement_set import NewTrial, TrialData, read_set, write_set
+from fabdesign.files.trial_file import read_trial, write_trial
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.trial import Accuracy
 
 Arrays = dict[str, np.ndarray]
 

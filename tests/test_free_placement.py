@@ -8,17 +8,17 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fabdesign.catalogue import build
+from fabdesign.clouds.target_file import read_target
 from fabdesign.errors import InputError
-from fabdesign.forward import Case
-from fabdesign.free_placement import onto
-from fabdesign.pressure_file import constant_program
-from fabdesign.study_file import Study, StudyLimits
-from fabdesign.study_targets import TargetFile
-from fabdesign.target_file import read_target
-from optimize.objective import Objective, Target
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.geometry.rigid_placement import onto
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case
+from fabdesign.study_files.study_file import Study, StudyLimits
+from fabdesign.study_files.study_targets import TargetFile
+from optimize.search.objective import Objective, Target
+from studies.layout_search.target import load_target
 from studies.layouts.run import run_study
-from studies.layouts.target import load_target
 from tests.analytic_cloth import AnalyticCloth, WithJacobian
 
 DESIGN = build("vertical")

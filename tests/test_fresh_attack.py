@@ -13,17 +13,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabdesign import cache_folder
-from fabdesign.catalogue import build
-from fabdesign.cloud_file import read_geometry
-from fabdesign.design_file import read_design, write_design
+from fabdesign.clouds.cloud_file import read_geometry
 from fabdesign.errors import InputError, InputNote, why_not_loaded
-from fabdesign.motion_file import write_motion
+from fabdesign.files.design_file import read_design, write_design
+from fabdesign.files.motion_file import write_motion
+from fabdesign.nouns.catalogue import build
 from fabdesign.output import new_file, read_mark, sweep, whole_file
+from fabdesign.runtime import cache_folder
 from studies.check.files import inspect
 from studies.report.charts import chart, curve
 from studies.report.page import html_of
-from studies.studio.declared import markdown
+from studies.studio.widgets.declared import markdown
 from tests.command_line import Run, one_line
 
 ROOT = Path(__file__).parents[1]
@@ -241,7 +241,7 @@ def test_the_line_of_a_full_disk_names_the_file_and_counts_what_is_free(
         seen.append(any(inner.parent.glob(".unfinished-*")))  # while the unfinished file is still there
         return 0
 
-    monkeypatch.setattr("fabdesign.shortage.free_bytes", free_bytes)
+    monkeypatch.setattr("fabdesign.runtime.shortage.free_bytes", free_bytes)
     with pytest.raises(InputError, match=r"set/trials/000.npz: cannot be written") as caught, whole_file(inner):
         raise OSError(errno.ENOSPC, "No space left on device")
     assert ".unfinished" not in str(caught.value)

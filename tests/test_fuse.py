@@ -12,12 +12,12 @@ import pytest
 
 pytest.importorskip("open3d", exc_type=Exception)
 
-from fabdesign.catalogue import build
+from fabdesign.clouds.ply import read_ply, write_ply
+from fabdesign.clouds.recording import Recording, read_recording
 from fabdesign.errors import InputError
-from fabdesign.measurement_set import TrialData, read_set
-from fabdesign.ply import read_ply, write_ply
-from fabdesign.pressure_file import constant_program
-from fabdesign.recording import Recording, read_recording
+from fabdesign.files.measurement_set import TrialData, read_set
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.catalogue import build
 from studies.fusion.frames import FusionReport
 from studies.fusion.fuse import fuse, fuse_all
 from studies.fusion.reference import off

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from fabdesign.errors import InputError
-from fabdesign.motion_file import read_band
-from fabdesign.trial_file import read_trial_pressures
+from fabdesign.files.motion_file import read_band
+from fabdesign.files.trial_file import read_trial_pressures
 from studies.check.files import inspect
-from studies.result_folders import read_folder
+from studies.report.result_folders import read_folder
 from studies.view.items import items_of
 from tests.samples import NAMES, mutations, write_samples
 

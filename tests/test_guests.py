@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from fabdesign import cache_folder
+from fabdesign.runtime import cache_folder
 
 ROOT = Path(__file__).parents[1]
 

@@ -124,10 +124,12 @@ def test_output_has_one_door() -> None:
 
 def test_distributed_is_imported_by_one_file() -> None:
     users = [file for file in FILES if {"dask", "distributed"} & imports(file)]
-    assert users == [ROOT / "fabdesign" / "cluster.py"]
+    assert users == [ROOT / "fabdesign" / "runtime" / "cluster.py"]
 
 
-@pytest.mark.parametrize("module", ["fabdesign", "fabdesign.cli", "fabdesign.catalogue", "fabdesign.measurement_set"])
+@pytest.mark.parametrize(
+    "module", ["fabdesign", "fabdesign.cli", "fabdesign.nouns.catalogue", "fabdesign.files.measurement_set"]
+)
 def test_nouns_load_nothing_heavy(module: str) -> None:
     script = (
         f"import sys, {module}; print([m for m in ('taichi', 'torch', 'open3d', 'nlopt', 'scipy.optimize', "

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fabdesign.catalogue import build
 from fabdesign.errors import InputError
-from fabdesign.fabric import Fabric
-from fabdesign.measured_units import require_measured_pressures, require_seconds
-from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
-from fabdesign.trial_place import require_on_cloth
+from fabdesign.files.measurement_set import NewTrial, TrialData, read_set, write_set
+from fabdesign.formats.measured_units import require_measured_pressures, require_seconds
+from fabdesign.geometry.trial_place import require_on_cloth
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.fabric import Fabric
 
 Array = np.ndarray
 DESIGN = build("cross")

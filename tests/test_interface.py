@@ -19,17 +19,17 @@ import fabdesign
 from fabdesign.cli import commands
 from fabdesign.cli.command import add_commands
 from fabdesign.errors import InputError, SimulationError
-from fabdesign.forward import HOLD, RISE, Case
+from fabdesign.files.measurement_set import NewTrial, write_set
+from fabdesign.files.model_file import write_model
+from fabdesign.files.motion_file import read_motion
+from fabdesign.files.pressure_file import constant_program
 from fabdesign.interface import Motion
 from fabdesign.interface.verb import VERBS as VERBS_OF_COMMANDS
 from fabdesign.interface.verb import Shown
 from fabdesign.interface.verb import verb as declare_verb
-from fabdesign.measurement_set import NewTrial, write_set
-from fabdesign.model import Covariance, Model, Parameter, Provenance
-from fabdesign.model_file import write_model
-from fabdesign.motion_file import read_motion
-from fabdesign.pressure_file import constant_program
-from fabdesign.study_file import KINDS
+from fabdesign.nouns.forward import HOLD, RISE, Case
+from fabdesign.nouns.model import Covariance, Model, Parameter, Provenance
+from fabdesign.study_files.study_file import KINDS
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run
 from tests.conftest import ROOT
@@ -104,7 +104,9 @@ def test_equilibrium(run: Run, asked: Callable[[], list[str]]) -> None:
 
 
 def test_predict_and_evaluate(run: Run, asked: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("studies.evaluation_report._write_histogram", lambda _, path: path.touch())  # is slow
+    monkeypatch.setattr(
+        "studies.prediction.evaluation_report._write_histogram", lambda _, path: path.touch()
+    )  # is slow
     assert run("predict", "set", "--model", "model.toml", "-o", "out")[0] == 0
     before = asked()
     motions = fabdesign.predict(fabdesign.read_set("set"), "model.toml")
@@ -486,8 +488,8 @@ def test_ctrl_c_keeps_what_is_done(asked: Callable[[], list[str]], monkeypatch: 
 
 
 def test_ctrl_c_keeps_the_trials_that_are_done(asked: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("studies.predict._AT_ONCE", 1)
-    monkeypatch.setattr("studies.evaluate._AT_ONCE", 1)
+    monkeypatch.setattr("studies.prediction.predict._AT_ONCE", 1)
+    monkeypatch.setattr("studies.prediction.evaluate._AT_ONCE", 1)
     batches: list[int] = []
 
     def some(self: Cloth, cases: Sequence[Case], times: Sequence[np.ndarray]) -> list[np.ndarray]:

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from fabdesign.catalogue import build
-from fabdesign.design_file import write_design
+from fabdesign.files.design_file import write_design
+from fabdesign.nouns.catalogue import build
 from fabdesign.output import new_files, new_folder
-from fabdesign.supervisor import GRACE
+from fabdesign.runtime.supervisor import GRACE
 from tests.interrupted import MODULE, SCRIPT, descendants, interrupted, snapshot, start, wait_for_program
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are looked up in /proc")

@@ -10,22 +10,22 @@ import pytest
 from scipy.stats import norm
 from sheets import rolled_sheet
 
-from fabdesign.catalogue import build
 from fabdesign.errors import InputError
-from fabdesign.forward import Case
-from fabdesign.measurement_set import MeasurementSet, NewTrial, TrialData, read_set, write_set
-from fabdesign.model import Covariance, Model, Parameter
-from fabdesign.model_file import read_model, usable_model, write_model
-from fabdesign.motion_file import read_band
-from fabdesign.sensor_noise import SensorNoise
-from fabdesign.spread import spread_hash, spread_of
-from fabdesign.surface import Surface
+from fabdesign.files.measurement_set import MeasurementSet, NewTrial, TrialData, read_set, write_set
+from fabdesign.files.model_file import read_model, usable_model, write_model
+from fabdesign.files.motion_file import read_band
+from fabdesign.geometry.sensor_noise import SensorNoise
+from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.model import Covariance, Model, Parameter
+from fabdesign.nouns.spread import spread_hash, spread_of
 from studies.calibration import calibrate as calibration
-from studies.evaluate import evaluate_sets
-from studies.evaluation_report import tables_markdown
 from studies.intervals.band import over_nodes, width_in_words
 from studies.intervals.calibrate import with_spread
-from studies.predict import predict
+from studies.prediction.evaluate import evaluate_sets
+from studies.prediction.evaluation_report import tables_markdown
+from studies.prediction.predict import predict
 
 DESIGN = build("cross")
 TIMES = np.arange(1, 13) * 0.05

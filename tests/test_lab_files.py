@@ -14,25 +14,25 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fabdesign.bench_file import read_record
-from fabdesign.bench_table_file import read_bench_table, write_bench_table
-from fabdesign.catalogue import build
-from fabdesign.cloud_file import read_cloud, read_geometry
-from fabdesign.csv_table import read_raw_table
-from fabdesign.curve_file import read_membrane_curve
-from fabdesign.distances import nearest_distances
+from fabdesign.clouds.cloud_file import read_cloud, read_geometry
+from fabdesign.clouds.ply import write_ply
+from fabdesign.clouds.recording import Recording, Sensor
+from fabdesign.clouds.target_file import PlacedTarget, read_target
 from fabdesign.errors import InputError, InputNote
-from fabdesign.headings import parse_heading
-from fabdesign.metrics import distance_to_faces
-from fabdesign.muscle import BenchTable
-from fabdesign.ply import write_ply
-from fabdesign.pressure_file import constant_program, read_csv
-from fabdesign.recording import Recording, Sensor
-from fabdesign.study_file import Study, StudyLimits
-from fabdesign.study_targets import TargetFile
-from fabdesign.target_file import PlacedTarget, read_target
-from fabdesign.trial_file import read_trial
-from optimize.objective import Objective, Target
+from fabdesign.files.bench_file import read_record
+from fabdesign.files.bench_table_file import read_bench_table, write_bench_table
+from fabdesign.files.curve_file import read_membrane_curve
+from fabdesign.files.pressure_file import constant_program, read_csv
+from fabdesign.files.trial_file import read_trial
+from fabdesign.formats.csv_table import read_raw_table
+from fabdesign.formats.headings import parse_heading
+from fabdesign.geometry.distances import nearest_distances
+from fabdesign.geometry.metrics import distance_to_faces
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.muscle import BenchTable
+from fabdesign.study_files.study_file import Study, StudyLimits
+from fabdesign.study_files.study_targets import TargetFile
+from optimize.search.objective import Objective, Target
 from studies.layouts.run import run_study
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
-from fabdesign.design_file import write_design
 from fabdesign.errors import SimulationError
-from fabdesign.forward import Case
-from fabdesign.layouts_file import read_layouts
-from fabdesign.pressure_file import constant_program
-from optimize.evaluations import Evaluations
-from optimize.start_rows import as_rows, of_rows
+from fabdesign.files.design_file import write_design
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case
+from fabdesign.study_files.layouts_file import read_layouts
+from optimize.search.evaluations import Evaluations
+from optimize.search.start_rows import as_rows, of_rows
 from studies.layout_grid.result import CellResult, GridResult
 from studies.layout_grid.run import run_layouts
 from studies.layout_grid.turns import CellTurns, next_turn, seeds_of
@@ -113,7 +113,7 @@ def timed(tmp_path_factory: pytest.TempPathFactory) -> GridResult:
     _write(folder, STUDY.replace('["front"]', '["front", "both"]').replace("250", "100000"))
     cloth = Timed(21)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fabdesign.working_time.seconds", cloth.monotonic)
+        patch.setattr("fabdesign.runtime.working_time.seconds", cloth.monotonic)
         return run_layouts(folder / "s.toml", folder / "out", forward=cloth, seconds=SECONDS)
 
 

@@ -8,19 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
-from fabdesign.design_file import read_design
 from fabdesign.errors import InputError, SimulationError
-from fabdesign.forward import Case
-from fabdesign.measurement_set import read_set
-from fabdesign.metrics import Errors
-from fabdesign.model import Model, Spread
-from fabdesign.model_file import read_model
-from fabdesign.pressure_file import constant_program, read_pressures
-from fabdesign.spread import spread_hash
-from fabdesign.study_file import MuscleChoice, Study, StudyLimits
-from fabdesign.study_targets import TargetFile
-from fabdesign.trial_file import TrialData, read_trial, write_trial
+from fabdesign.files.design_file import read_design
+from fabdesign.files.measurement_set import read_set
+from fabdesign.files.model_file import read_model
+from fabdesign.files.pressure_file import constant_program, read_pressures
+from fabdesign.files.trial_file import TrialData, read_trial, write_trial
+from fabdesign.geometry.metrics import Errors
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.model import Model, Spread
+from fabdesign.nouns.spread import spread_hash
+from fabdesign.study_files.study_file import MuscleChoice, Study, StudyLimits
+from fabdesign.study_files.study_targets import TargetFile
 from studies.demo import measured
 from studies.demo.run import as_json, as_text, run_demo
 from studies.layouts.run import FILES, run_study

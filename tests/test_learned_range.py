@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from fabdesign.errors import InputError
-from fabdesign.forward import PARAMETERS
-from fabdesign.learned_range import LearnedRange
-from fabdesign.model import EffectTerm, Model
-from fabdesign.model_file import read_model, write_model
-from fabdesign.pressure import PressureProgram, rising_program
-from fabdesign.pressure_file import constant_program
-from optimize.fit.free import fit_vector
+from fabdesign.files.model_file import read_model, write_model
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.forward import PARAMETERS
+from fabdesign.nouns.learned_range import LearnedRange
+from fabdesign.nouns.model import EffectTerm, Model
+from fabdesign.nouns.pressure import PressureProgram, rising_program
+from optimize.fit.free_parameters import fit_vector
 from studies.calibration.calibrate import calibrate
-from studies.forward_model import extrapolated
+from studies.prediction.forward_model import extrapolated
 from tests.test_calibrate import TIMES, Curler, write
 
 RANGE = LearnedRange(350e3, 400e3, 2)

@@ -7,20 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
-from fabdesign.design import Design
-from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
-from fabdesign.forward import Case
-from fabdesign.pressure_file import constant_program
-from fabdesign.study_file import MuscleChoice, Study, StudyLimits, read_study
-from fabdesign.study_targets import TargetFile
-from optimize.channels import by_muscle, start_of
-from optimize.contraction import Intervals, LinearContraction, largest_contraction
-from optimize.design_space import DesignSpace
-from optimize.margins import Limits, constraint_margins
-from optimize.starts import layout_starts
-from studies.layouts.kept import study_content
+from fabdesign.files.design_file import write_design
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import Case
+from fabdesign.study_files.study_file import MuscleChoice, Study, StudyLimits, read_study
+from fabdesign.study_files.study_targets import TargetFile
+from optimize.search.channels import by_muscle, start_of
+from optimize.search.contraction import Intervals, LinearContraction, largest_contraction
+from optimize.search.design_space import DesignSpace
+from optimize.search.margins import Limits, constraint_margins
+from optimize.search.starts import layout_starts
+from studies.layouts.kept_result import study_content
 from studies.layouts.run import run_study
 from tests.analytic_cloth import AnalyticCloth
 from tests.sheets import rolled_sheet

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from sheets import rolled_sheet
 
-from fabdesign.catalogue import build
-from fabdesign.study_file import Study
-from fabdesign.study_targets import TargetFile
-from optimize.design_space import DesignSpace
-from optimize.evaluations import Evaluations, Stage
-from optimize.history import History
-from optimize.objective import Objective, Target
-from studies.forward_model import forward_model
-from studies.layouts.begin import limits_of
+from fabdesign.nouns.catalogue import build
+from fabdesign.study_files.study_file import Study
+from fabdesign.study_files.study_targets import TargetFile
+from optimize.search.design_space import DesignSpace
+from optimize.search.evaluations import Evaluations, Stage
+from optimize.search.history import History
+from optimize.search.objective import Objective, Target
+from studies.layout_search.first_layouts import limits_of
+from studies.layout_search.target import LoadedTarget
 from studies.layouts.loading_path import loading_paths
 from studies.layouts.report import Section, render_report
 from studies.layouts.run import _result
-from studies.layouts.target import LoadedTarget
+from studies.prediction.forward_model import forward_model
 
 DUO = build("basic", muscles=2)  # one on the front, one on the back
 ALIKE, APART = np.array([[200e3, 200e3]]), np.array([[240e3, 160e3]])

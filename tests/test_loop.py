@@ -10,28 +10,28 @@ import pytest
 from numpy.typing import NDArray
 from sheets import rolled_sheet
 
-from fabdesign.catalogue import build, standard
-from fabdesign.content import OtherContent
-from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
-from fabdesign.forward import Case
-from fabdesign.loop_file import StopRule, read_loop
-from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
-from fabdesign.model import Model
-from fabdesign.model_file import read_model
+from fabdesign.files.design_file import read_design, write_design
+from fabdesign.files.measurement_set import NewTrial, TrialData, read_set, write_set
+from fabdesign.files.model_file import read_model
+from fabdesign.files.pressure_file import constant_program, read_pressures
+from fabdesign.geometry.sensor_noise import SensorNoise
+from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.catalogue import build, standard
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.pressure import PressureProgram, rising_program
+from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.output import work_folder
-from fabdesign.pressure import PressureProgram, rising_program
-from fabdesign.pressure_file import constant_program, read_pressures
-from fabdesign.sensor_noise import SensorNoise
-from fabdesign.surface import Surface
-from fabdesign.trial import MeasurementSet
+from fabdesign.runtime.fingerprint import OtherContent
+from fabdesign.study_files.loop_file import StopRule, read_loop
 from studies.check.study import study_findings
 from studies.loop.learning import _traced, learn
 from studies.loop.programs import Asked, programs_for, within_rate
 from studies.loop.record import stop_reason
 from studies.loop.resting_shape import resting_faces
 from studies.loop.run import run_loop
-from studies.measured_data import TooLittle
+from studies.measured.fit_data import TooLittle
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line
 from tests.few_effects import few_effects

@@ -8,12 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
-from fabdesign.cloud_file import read_geometry
+from fabdesign.clouds.cloud_file import read_geometry
+from fabdesign.clouds.mcap_file import points_of, read_mcap
+from fabdesign.clouds.recording import Recording, Sensor, read_recording, write_recording
 from fabdesign.errors import InputError
-from fabdesign.mcap_file import points_of, read_mcap
-from fabdesign.pressure_file import constant_program
-from fabdesign.recording import Recording, Sensor, read_recording, write_recording
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.catalogue import build
 from studies.check.files import inspect
 
 pytest.importorskip("mcap_ros2", reason="the extra ros is not installed")

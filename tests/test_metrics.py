@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from sheets import rolled_sheet
 
-from fabdesign.distances import chamfer
 from fabdesign.errors import InputError
-from fabdesign.metrics import (
+from fabdesign.geometry.distances import chamfer
+from fabdesign.geometry.metrics import (
     Errors,
     chamfer_floor,
     closed,
@@ -19,10 +19,10 @@ from fabdesign.metrics import (
     told_beyond,
     trial_errors,
 )
-from fabdesign.pressure import PressureProgram
-from fabdesign.sensor_noise import SensorNoise, estimate_noise
-from fabdesign.splits import fit_trials, folds, split
-from fabdesign.surface import Surface
+from fabdesign.geometry.sensor_noise import SensorNoise, estimate_noise
+from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.pressure import PressureProgram
+from studies.measured.splits import fit_trials, folds, split
 
 NOISE = SensorNoise(0.0006, 0.0, 0.0)
 

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fabdesign.clouds.ply import read_ply
 from fabdesign.errors import InputError
-from fabdesign.forward import Case
-from fabdesign.motion_file import read_motion, write_motion
-from fabdesign.ply import read_ply
-from fabdesign.pressure_file import constant_program
-from fabdesign.surface import Surface, face_triangles
+from fabdesign.files.motion_file import read_motion, write_motion
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.geometry.surface import Surface, face_triangles
+from fabdesign.nouns.forward import Case
 from tests.command_line import Run
 from tests.sim_designs import laced
 
@@ -83,7 +83,7 @@ def test_meshes_of_a_motion_read_back(suffix: str, run: Run, folder: Path) -> No
 
 
 def test_equilibrium_is_the_simulators(run: Run, folder: Path) -> None:
-    from fabdesign.design_file import write_design
+    from fabdesign.files.design_file import write_design
     from sim import Simulator
 
     design = laced("vertical", 2)

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fabdesign.errors import InputError
-from fabdesign.least_squares import least_squares_with_inequalities
-from fabdesign.muscle import BenchTable
-from fabdesign.muscle_law import MuscleLaw
+from fabdesign.geometry.least_squares import least_squares_with_inequalities
+from fabdesign.nouns.muscle import BenchTable
+from fabdesign.nouns.muscle_law import MuscleLaw
 
 DATA = Path(os.environ.get("FABDESIGN_DATA", Path(__file__).resolve().parents[1] / "../shared/data"))
 

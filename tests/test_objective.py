@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
-from fabdesign.forward import Case
-from optimize.design_space import DesignSpace
-from optimize.margins import Limits
-from optimize.objective import Measure, Objective, Target
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case
+from optimize.search.design_space import DesignSpace
+from optimize.search.margins import Limits
+from optimize.search.objective import Measure, Objective, Target
 from tests.analytic_cloth import AnalyticCloth
 
 PRESSURES = np.array([[300e3, 100e3, 0.0, 200e3, 0.0, 50e3, 250e3, 0.0]])

@@ -15,19 +15,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
-from fabdesign.cloud_file import read_geometry
+from fabdesign.clouds.cloud_file import read_geometry
+from fabdesign.clouds.frame_pairs import pair_frames
+from fabdesign.clouds.ply import read_ply
+from fabdesign.clouds.recording import read_recording
 from fabdesign.errors import InputError
-from fabdesign.frame_pairs import pair_frames
-from fabdesign.ply import read_ply
-from fabdesign.pressure_file import read_csv
-from fabdesign.recording import read_recording
-from fabdesign.toml_file import parse_toml
-from fabdesign.trial_file import read_trial
-from fabdesign.trial_place import require_on_cloth
-from studies.bad_data import Tolerance
+from fabdesign.files.pressure_file import read_csv
+from fabdesign.files.trial_file import read_trial
+from fabdesign.formats.toml_file import parse_toml
+from fabdesign.geometry.trial_place import require_on_cloth
+from fabdesign.nouns.catalogue import build
 from studies.check.files import inspect
 from studies.fusion.input import read_views
+from studies.measured.bad_data import Tolerance
 from studies.view.items import items_of
 from tests.command_line import Run
 from tests.samples import CASES

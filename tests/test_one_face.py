@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fabdesign.catalogue import build
-from fabdesign.distances import chamfer
+from fabdesign.clouds.target_file import read_target
 from fabdesign.errors import InputError
-from fabdesign.forward import Case
-from fabdesign.metrics import distance_to_faces, trial_errors
-from fabdesign.pressure_file import constant_program
-from fabdesign.sensor_noise import NOISE_FREE
-from fabdesign.study_file import Study, StudyLimits, read_study
-from fabdesign.study_targets import TargetFile
-from fabdesign.target_file import read_target
-from optimize.objective import Objective, Target
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.geometry.distances import chamfer
+from fabdesign.geometry.metrics import distance_to_faces, trial_errors
+from fabdesign.geometry.sensor_noise import NOISE_FREE
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case
+from fabdesign.study_files.study_file import Study, StudyLimits, read_study
+from fabdesign.study_files.study_targets import TargetFile
+from optimize.search.objective import Objective, Target
+from studies.layout_search.target import load_target
 from studies.layouts.run import run_study
-from studies.layouts.target import load_target
 from tests.analytic_cloth import AnalyticCloth
 
 DESIGN = build("vertical")
@@ -96,7 +96,7 @@ def test_a_study_finds_the_layout_of_a_part(tmp_path: Path) -> None:
 
 
 def test_keys_of_a_study(tmp_path: Path) -> None:
-    from fabdesign.design_file import write_design
+    from fabdesign.files.design_file import write_design
 
     write_design(DESIGN, tmp_path / "d.toml")
     part_of(tmp_path)

@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fabdesign.catalogue import build
-from fabdesign.column import factor
-from fabdesign.design import Design
-from fabdesign.forward import Case
-from fabdesign.pressure_file import constant_program
-from fabdesign.study_file import Study, StudyLimits
-from fabdesign.study_targets import TargetFile
-from optimize.design_space import DesignSpace, Limits
-from optimize.objective import Objective, Target
-from optimize.what_helps import Change, what_helps
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.column import factor
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import Case
+from fabdesign.study_files.study_file import Study, StudyLimits
+from fabdesign.study_files.study_targets import TargetFile
+from optimize.search.design_space import DesignSpace, Limits
+from optimize.search.objective import Objective, Target
+from optimize.search.relaxations import Change, what_helps
+from studies.layout_search.target import LoadedTarget
 from studies.layouts.out_of_reach import _of_types, missed_at
 from studies.layouts.run import run_study
-from studies.layouts.target import LoadedTarget
 from tests.analytic_cloth import WithJacobian
 
 DESIGN = build("vertical")

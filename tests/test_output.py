@@ -124,7 +124,7 @@ def test_a_folder_in_it_may_be_of_our_making_too(tmp_path: Path) -> None:
 
 
 def test_without_locks_output_is_written_and_nothing_swept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fabdesign.output.whole.try_lock", lambda stream: None)
+    monkeypatch.setattr("fabdesign.output.atomic.try_lock", lambda stream: None)
     with new_file(tmp_path / "x.txt") as first:
         first.write_text("first")
         with new_file(tmp_path / "y.txt") as second:
@@ -241,7 +241,7 @@ def test_replacement_that_was_cut_off_is_finished(moved: int, tmp_path: Path, mo
 
     with monkeypatch.context() as patch:
         patch.setattr(Path, "replace", killed)
-        patch.setattr("fabdesign.output.whole.Scratch.release", lambda held: held._lock.close())
+        patch.setattr("fabdesign.output.atomic.Scratch.release", lambda held: held._lock.close())
         if moved < 4:  # three files and the mark
             with pytest.raises(OSError, match="killed"):
                 fill(folder, force=True, a="new", b="new", c="new")

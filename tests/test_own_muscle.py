@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
-from fabdesign.design_file import read_design, read_part, write_design
-from fabdesign.effort import bench_fit_seconds
 from fabdesign.errors import InputError, InputNote
-from fabdesign.model import EffectTerm, Quantity
-from fabdesign.own_muscle import read_own_muscle
+from fabdesign.files.design_file import read_design, read_part, write_design
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.measured_muscle import read_own_muscle
+from fabdesign.nouns.model import EffectTerm, Quantity
+from fabdesign.runtime.effort import bench_fit_seconds
 from studies.benches.calibrate import calibrate_bench, next_step
 from studies.benches.write import write_bench_type
 from tests.command_line import Run, one_line

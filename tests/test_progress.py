@@ -7,19 +7,19 @@ import sys
 
 import pytest
 
-from fabdesign import effort
-from fabdesign.bench_file import read_bench
 from fabdesign.cli import progress
-from fabdesign.loop_file import read_loop
+from fabdesign.files.bench_file import read_bench
+from fabdesign.runtime import effort
+from fabdesign.study_files.loop_file import read_loop
+from studies.benches.tracing import examine
 from studies.loop.run import loop_in_words
-from studies.tracing.bench import examine
 from studies.tracing.verdict import so_far
 from tests.conftest import ROOT
 
 COUNT = """
 import time
 from fabdesign.cli.progress import described
-from fabdesign.working_time import not_counted
+from fabdesign.runtime.working_time import not_counted
 with described("predicted") as shown:
     for done in range(1, 4):
         time.sleep(0.15)
@@ -33,7 +33,7 @@ print("over")
 SEARCH = """
 import time
 from types import SimpleNamespace
-from studies.layouts.progress import LiveLine
+from studies.layout_search.progress import LiveLine
 with LiveLine("sheet") as line:
     history, best = SimpleNamespace(evaluations=64), SimpleNamespace(value=0.0123)
     line.show(SimpleNamespace(stage="layouts", best=best, history=history, elapsed=20.0, seconds=60.0, share=1 / 3,
@@ -132,7 +132,7 @@ def test_a_trace_of_a_bench_tells_its_share():
 
 
 def test_a_loop_says_what_it_takes_at_most(monkeypatch):
-    monkeypatch.setattr("fabdesign.effort.cores", lambda: 2)
+    monkeypatch.setattr("fabdesign.runtime.effort.cores", lambda: 2)
     said = loop_in_words(read_loop(ROOT / "examples/loop.toml"))
     assert said.startswith("at most 2 designs, 120 s of search and 5 trials for each, 2 cores: about ")
     assert int(said.split()[-2]) >= 4 and said.endswith("min")

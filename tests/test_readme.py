@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from fabdesign import __version__
+from fabdesign.version import __version__
 from tests.conftest import ROOT
 
 

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fabdesign.catalogue import build
-from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
-from fabdesign.forward import Case
-from fabdesign.metrics import distance_to_faces, trial_errors
-from fabdesign.pressure_file import constant_program
-from fabdesign.regions import Region, Weighting
-from fabdesign.sensor_noise import NOISE_FREE
-from fabdesign.study_file import Study, StudyLimits, read_study
-from fabdesign.study_targets import TargetFile
-from optimize.objective import Objective, Target
+from fabdesign.files.design_file import write_design
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.geometry.metrics import distance_to_faces, trial_errors
+from fabdesign.geometry.regions import Region, Weighting
+from fabdesign.geometry.sensor_noise import NOISE_FREE
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case
+from fabdesign.study_files.study_file import Study, StudyLimits, read_study
+from fabdesign.study_files.study_targets import TargetFile
+from optimize.search.objective import Objective, Target
 from studies.layouts.run import run_study
 from tests.analytic_cloth import AnalyticCloth
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from fabdesign.json_file import json_text, write_json
+from fabdesign.formats.json_file import json_text, write_json
 from fabdesign.units import InFile
 from studies.report import page
 from studies.report.charts import Gain, chart, curve, gains

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from fabdesign.catalogue import build
 from fabdesign.cli.console import commands
 from fabdesign.errors import InputError
+from fabdesign.nouns.catalogue import build
 from fabdesign.output import write_mark
-from fabdesign.sensitivity_file import SensitivityStudy
-from fabdesign.varied import Varied
-from optimize.history import Entry, History
+from fabdesign.study_files.sensitivity_file import SensitivityStudy
+from fabdesign.study_files.varied_inputs import Varied
+from optimize.search.history import Entry, History
 from studies.sensitivity.run import run_sensitivity
 from tests.analytic_cloth import AnalyticCloth
 

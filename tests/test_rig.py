@@ -16,17 +16,17 @@ from scipy.linalg import eigh
 from scipy.optimize import fsolve
 from scipy.special import j0
 
-from fabdesign.catalogue import build
-from fabdesign.curve_file import MembraneCurve
-from fabdesign.design import Design
-from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
-from fabdesign.measurement_set import read_set
-from fabdesign.muscle import Muscle
-from fabdesign.muscle_law import MuscleLaw
-from fabdesign.pressure import PressureProgram
-from fabdesign.pressure_file import constant_program
-from fabdesign.term import Term
+from fabdesign.files.curve_file import MembraneCurve
+from fabdesign.files.design_file import write_design
+from fabdesign.files.measurement_set import read_set
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.muscle import Muscle
+from fabdesign.nouns.muscle_law import MuscleLaw
+from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.nouns.term import Term
 from studies.rig import EffectSetting, GroundTruth, Sensing, read_ground_truth, run_rig
 from studies.rig.cameras import faces
 from studies.rig.effects import EFFECTS, LISTED

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fabdesign.catalogue import build
-from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
-from fabdesign.measurement_set import read_set
+from fabdesign.files.design_file import write_design
+from fabdesign.files.measurement_set import read_set
+from fabdesign.nouns.catalogue import build
 from studies.rig import run_rig
 from studies.rig.specimen import TrialTask, prepare
 from tests.command_line import Run

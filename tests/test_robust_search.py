@@ -7,22 +7,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabdesign.design import Design
-from fabdesign.forward import Case
-from fabdesign.mid_surface import at_places, mid_surface
-from fabdesign.model import EffectTerm, Model, Quantity
-from fabdesign.pressure_file import constant_program
-from fabdesign.search_terms import Price
-from fabdesign.study_file import MuscleChoice
-from fabdesign.study_targets import TargetFile
-from fabdesign.wishes import Landmarks
-from optimize.objective import Objective, Target
-from optimize.variations import doubled
-from studies.forward_model import forward_model
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.geometry.mid_surface import at_places, mid_surface
+from fabdesign.geometry.wishes import Landmarks
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.model import EffectTerm, Model, Quantity
+from fabdesign.study_files.search_terms import Price
+from fabdesign.study_files.study_file import MuscleChoice
+from fabdesign.study_files.study_targets import TargetFile
+from optimize.search.objective import Objective, Target
+from optimize.search.variations import doubled
 from studies.layouts.robust_descent import COPIES, Copies, descend
 from studies.layouts.robust_search import YIELD_GAIN, MoreRobust, more_robust
 from studies.layouts.run import run_study
 from studies.layouts.scatter import Scatter, linear
+from studies.prediction.forward_model import forward_model
 from tests.analytic_cloth import AnalyticCloth, WithJacobian
 from tests.test_robustness import LINE, ONE, ROBUST, STUDY, TWO, start_of, with_muscles
 
@@ -138,7 +138,7 @@ def test_a_study_says_that_muscles_were_doubled_and_does_not_search_twice(
     assert result.robust is not None and kept["doubled"] == result.robust.doubled > 0
     assert len(result.design.muscles) > 1
     assert any("laid as two beside each other" in line for line in kept["said"])
-    monkeypatch.setattr("studies.layouts.after.more_robust", lambda *args, **kwargs: pytest.fail("searched twice"))
+    monkeypatch.setattr("studies.layouts.refinement.more_robust", lambda *args, **kwargs: pytest.fail("searched twice"))
     again = run_study(study, tmp_path / "out", forward=WithJacobian(11))
     assert again.design == result.design and again.robust is not None
     assert again.robust.doubled == result.robust.doubled

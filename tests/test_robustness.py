@@ -9,23 +9,23 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fabdesign.catalogue import build
-from fabdesign.column import Column
-from fabdesign.design import Design
-from fabdesign.forward import Case
-from fabdesign.jacobian import FacesJacobian
-from fabdesign.model import Covariance, Model, Parameter
-from fabdesign.pressure_file import constant_program
-from fabdesign.search_terms import Robust
-from fabdesign.study_file import Study
-from fabdesign.study_targets import TargetFile
-from optimize.design_space import DesignSpace, Limits
-from optimize.objective import Objective, Target
-from optimize.starts import Start
-from studies.forward_model import forward_model
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.column import Column
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.jacobian import FacesJacobian
+from fabdesign.nouns.model import Covariance, Model, Parameter
+from fabdesign.study_files.search_terms import Robust
+from fabdesign.study_files.study_file import Study
+from fabdesign.study_files.study_targets import TargetFile
+from optimize.search.design_space import DesignSpace, Limits
+from optimize.search.objective import Objective, Target
+from optimize.search.starts import Start
 from studies.layouts.robustness import as_json, first_order, most_robust, robustness_of, said
 from studies.layouts.run import run_study
 from studies.layouts.scatter import Scatter, linear
+from studies.prediction.forward_model import forward_model
 from tests.analytic_cloth import AnalyticCloth, WithJacobian
 
 CLOTH = build("vertical")

@@ -12,12 +12,12 @@ from typing import Annotated, Literal
 import pytest
 import tomlkit
 
-from fabdesign.decoder import decode
-from fabdesign.encoder import Encoder
 from fabdesign.errors import InputError
-from fabdesign.json_schema import json_schema
-from fabdesign.schema import FileUnit, Key, Kilopascal, Millimetre, Within
-from fabdesign.table import Table, load_toml
+from fabdesign.formats.decoder import decode
+from fabdesign.formats.encoder import Encoder
+from fabdesign.formats.json_schema import json_schema
+from fabdesign.formats.schema import FileUnit, Key, Kilopascal, Millimetre, Within
+from fabdesign.formats.table import Table, load_toml
 from studies.check.kinds import KINDS, STUDIES, schema_of
 from tests.command_line import Run, one_line
 from tests.conftest import ROOT

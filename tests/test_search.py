@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
-from fabdesign.content import OtherContent
-from fabdesign.forward import Case
-from optimize.design_space import DesignSpace
-from optimize.evaluations import Evaluations, Stage
-from optimize.history import History
-from optimize.margins import Limits
-from optimize.objective import Measure, Objective, Target
-from optimize.search import search
-from optimize.starts import Start, layout_starts, pressure_starts
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case
+from fabdesign.runtime.fingerprint import OtherContent
+from optimize.search.design_space import DesignSpace
+from optimize.search.evaluations import Evaluations, Stage
+from optimize.search.history import History
+from optimize.search.margins import Limits
+from optimize.search.multistart import search
+from optimize.search.objective import Measure, Objective, Target
+from optimize.search.starts import Start, layout_starts, pressure_starts
 from tests.analytic_cloth import AnalyticCloth
 
 DESIGN = build("vertical")

@@ -7,20 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import LAYOUTS, build
-from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
-from fabdesign.metrics import Errors
-from fabdesign.muscle import Muscle
-from fabdesign.pressure_file import constant_program, write_pressures
-from fabdesign.self_intersection import pierced
-from fabdesign.study_file import MuscleChoice, Study, StudyLimits, read_study
-from optimize.design_space import DesignSpace, Limits
-from optimize.history import History
-from optimize.search import search
-from optimize.starts import Start, pressure_starts
-from optimize.variations import straightened, variations, with_corners
-from studies.layouts.begin import first_starts
+from fabdesign.files.design_file import write_design
+from fabdesign.files.pressure_file import constant_program, write_pressures
+from fabdesign.geometry.metrics import Errors
+from fabdesign.geometry.self_intersection import pierced
+from fabdesign.nouns.catalogue import LAYOUTS, build
+from fabdesign.nouns.muscle import Muscle
+from fabdesign.study_files.study_file import MuscleChoice, Study, StudyLimits, read_study
+from optimize.search.design_space import DesignSpace, Limits
+from optimize.search.history import History
+from optimize.search.multistart import search
+from optimize.search.starts import Start, pressure_starts
+from optimize.search.variations import straightened, variations, with_corners
+from studies.layout_search.first_layouts import first_starts
 from studies.layouts.reach import Reach, reach_of
 from tests.test_search import DESIGN, SPACE, Interrupted, drawn_anew, found_pressures, within
 

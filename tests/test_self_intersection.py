@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
-from fabdesign.self_intersection import pierced
+from fabdesign.geometry.self_intersection import pierced
+from fabdesign.nouns.catalogue import build
 from tests.layers import depth
 from tests.sheets import rolled_sheet
 

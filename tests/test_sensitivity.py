@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from scipy.stats import sobol_indices
 
-from fabdesign.catalogue import build
-from fabdesign.design_file import write_design
 from fabdesign.errors import InputError, SimulationError
-from fabdesign.forward import Case
-from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Quantity
-from fabdesign.model_sampling import drawn, joint_root
-from fabdesign.sensitivity_file import SensitivityStudy, read_sensitivity
-from fabdesign.shape_output import read_shape_output
-from fabdesign.varied import Varied
+from fabdesign.files.design_file import write_design
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.model import Covariance, EffectTerm, Model, Parameter, Quantity
+from fabdesign.nouns.model_sampling import drawn, joint_root
+from fabdesign.study_files.sensitivity_file import SensitivityStudy, read_sensitivity
+from fabdesign.study_files.shape_output import read_shape_output
+from fabdesign.study_files.varied_inputs import Varied
 from studies.sensitivity.estimators import STEP, indices, saltelli_rows, screening, trajectories
 from studies.sensitivity.inputs import Inputs
 from studies.sensitivity.outputs import Outputs, mean_curvature, tip

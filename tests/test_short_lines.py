@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 
 import fabdesign
-from fabdesign.bench import Bench, BenchRecord
-from fabdesign.bench_file import read_record
-from fabdesign.bench_table_file import read_bench_table
-from fabdesign.catalogue import build, standard
-from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
+from fabdesign.files.bench_file import read_record
+from fabdesign.files.bench_table_file import read_bench_table
+from fabdesign.files.design_file import read_design, write_design
 from fabdesign.interface.results import Motion, Optimized
-from fabdesign.model import Model, Parameter
-from fabdesign.study_file import read_kind, read_study
+from fabdesign.nouns.bench import Bench, BenchRecord
+from fabdesign.nouns.catalogue import build, standard
+from fabdesign.nouns.model import Model, Parameter
+from fabdesign.study_files.study_file import read_kind, read_study
 from studies.benches.write import _origin
 from studies.check.design import design_findings
-from studies.evaluate import SetEvaluation
-from studies.evaluation_report import _draw_distribution, tables_markdown
 from studies.layouts.result import write_best
-from studies.used_frames import UsedFrames
+from studies.measured.used_frames import UsedFrames
+from studies.prediction.evaluate import SetEvaluation
+from studies.prediction.evaluation_report import _draw_distribution, tables_markdown
 from tests.report_pages import search_result
 
 

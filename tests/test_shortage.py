@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
 from fabdesign.errors import InputNote
-from fabdesign.json_file import read_json
+from fabdesign.formats.json_file import read_json
+from fabdesign.nouns.catalogue import build
 from fabdesign.output import work_folder
-from fabdesign.sensitivity_file import SensitivityStudy
-from fabdesign.store import ASIDE, Checkpoint, read_kept
-from fabdesign.varied import Varied
-from optimize.history import History
-from optimize.search import search
+from fabdesign.runtime.store import ASIDE, Checkpoint, read_kept
+from fabdesign.study_files.sensitivity_file import SensitivityStudy
+from fabdesign.study_files.varied_inputs import Varied
+from optimize.search.history import History
+from optimize.search.multistart import search
 from studies.sensitivity.run import run_sensitivity
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Hanging, Run, one_line

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import sim.simulator
-from fabdesign.catalogue import build
-from fabdesign.design_file import write_design
+from fabdesign.files.design_file import write_design
+from fabdesign.nouns.catalogue import build
 from sim import Simulator
 from tests.sim_designs import held, laced
 from tests.thrown import tried_once

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fabdesign.errors import InputError
-from fabdesign.muscle import Muscle
-from fabdesign.muscle_law import MuscleLaw
+from fabdesign.nouns.muscle import Muscle
+from fabdesign.nouns.muscle_law import MuscleLaw
 from sim import Simulator
 from tests.sim_designs import around, cloth, held, laced, linear_muscle, middle
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fabdesign.effects import ActingPressure
-from fabdesign.forward import Case
-from fabdesign.pressure import PressureProgram
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.pressure import PressureProgram
 from sim import Simulator
 from sim.design.support import Support
 from sim.kernels.fields import LANES

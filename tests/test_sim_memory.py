@@ -8,7 +8,7 @@ import pytest
 import scipy.linalg
 
 from fabdesign.effects import register_file
-from fabdesign.forward import Term
+from fabdesign.nouns.forward import Term
 from sim import Simulator, state
 from sim.forces.added import AddedForce
 from sim.materials import Constant, declare

@@ -8,12 +8,12 @@ import pytest
 
 import fabdesign
 import sim.simulator
-from fabdesign import design, model, muscle
 from fabdesign.errors import InputError
-from fabdesign.forward import Case
+from fabdesign.files.pressure_file import constant_program
 from fabdesign.interface import motions as interface_motions
 from fabdesign.interface import results as interface_results
-from fabdesign.pressure_file import constant_program
+from fabdesign.nouns import design, model, muscle
+from fabdesign.nouns.forward import Case
 from sim import Simulator
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fabdesign.forward import Case, Term
-from fabdesign.pressure import PressureProgram
+from fabdesign.nouns.forward import Case, Term
+from fabdesign.nouns.pressure import PressureProgram
 from sim import Simulator
 from tests.sim_designs import cloth, held, laced, middle
 from tests.sim_reference import ReferenceSheet

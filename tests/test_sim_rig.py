@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fabdesign.forward import Case
-from fabdesign.measurement_set import read_set
+from fabdesign.files.measurement_set import read_set
+from fabdesign.nouns.forward import Case
 from sim import Simulator
 
 

@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fabdesign.catalogue import build
-from fabdesign.design import Design
-from fabdesign.forward import Case
-from fabdesign.model import EffectTerm, Model, Parameter, Quantity
-from fabdesign.predictor import Predictor
-from optimize.design_space import DesignSpace, Vector
-from optimize.evaluations import Evaluations, Stage
-from optimize.history import History
-from optimize.margins import Limits
-from optimize.objective import Objective, Target
-from optimize.search import search
-from optimize.slopes import jacobians_for, slopes_of
-from optimize.starts import pressure_starts
-from optimize.step import LinearShape
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.model import EffectTerm, Model, Parameter, Quantity
+from fabdesign.nouns.predictor import Predictor
+from optimize.search.design_space import DesignSpace, Vector
+from optimize.search.evaluations import Evaluations, Stage
+from optimize.search.history import History
+from optimize.search.margins import Limits
+from optimize.search.multistart import search
+from optimize.search.objective import Objective, Target
+from optimize.search.slopes import jacobians_for, slopes_of
+from optimize.search.starts import pressure_starts
+from optimize.search.step import LinearShape
 from sim import Simulator
 from tests.analytic_cloth import AnalyticCloth, WithJacobian
 

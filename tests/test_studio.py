@@ -12,24 +12,23 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fabdesign.catalogue import build
-from fabdesign.corrector import Trust, with_history
-from fabdesign.design import Design
-from fabdesign.design_file import read_design, write_design
+from fabdesign.drawings.sewing import export_design
 from fabdesign.effects.registry import EFFECTS
 from fabdesign.errors import InputError
-from fabdesign.forward import Case
-from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Quantity
-from fabdesign.predictor import Predictor
-from fabdesign.pressure_file import constant_program, read_pressures
-from fabdesign.sewing import export_design
-from fabdesign.study_file import read_study
-from fabdesign.study_targets import TargetFile
-from fabdesign.surface import Surface, capped_rms
-from optimize.margins import Limits, constraint_margins
+from fabdesign.files.design_file import read_design, write_design
+from fabdesign.files.pressure_file import constant_program, read_pressures
+from fabdesign.geometry.surface import Surface, capped_rms
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.corrector import Trust, with_history
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.model import Covariance, EffectTerm, Model, Parameter, Quantity
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.study_files.study_file import read_study
+from fabdesign.study_files.study_targets import TargetFile
+from optimize.search.margins import Limits, constraint_margins
 from studies.check.files import inspect
 from studies.studio import layout as edits
-from studies.studio.design_panels import model
 from studies.studio.files import Autosave, Saving
 from studies.studio.history import DrawingHistory, DrawnLayout
 from studies.studio.layout import Layout, row_distance, rows, snapped
@@ -39,11 +38,12 @@ from studies.studio.measured import ask_of_trial, errors_table
 from studies.studio.model_choice import Band, ModelChoice, models_around
 from studies.studio.opening import Opened, open_files, search_limits
 from studies.studio.results import Result, one_more_buys
-from studies.studio.scene import Places, laced, on_plane, ribbon
 from studies.studio.search import Search, SearchResult, study_document
 from studies.studio.session import Session
 from studies.studio.solver import Ask, StudioSolver
 from studies.studio.target import ShownTarget, compare
+from studies.studio.widgets.design_panels import model
+from studies.studio.widgets.scene import Places, laced, on_plane, ribbon
 from tests.bending import AtOnce, Bending, bow
 from tests.command_line import Run, one_line
 
@@ -895,7 +895,7 @@ def test_help_loads_nothing_heavy() -> None:
 @pytest.mark.parametrize("size", [(0.2, 0.2), (0.5, 0.2), (0.2, 0.5)])
 @pytest.mark.parametrize("window", [(800, 750), (800, 1000), (1200, 900), (1500, 600)])  # px, what the panel leaves
 def test_all_is_in_the_first_view_and_bending_shows(size: tuple[float, float], window: tuple[int, int]) -> None:
-    from studies.studio.scene import VIEW, eye_of
+    from studies.studio.widgets.scene import VIEW, eye_of
 
     places = Places(*size)
     width, height = window

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
-from fabdesign.design_file import read_design, write_design
+from fabdesign.files.design_file import read_design, write_design
+from fabdesign.nouns.catalogue import build
 from studies.check.files import inspect
 from studies.studio.gate import Gate
 from studies.studio.opening import open_files
-from studies.studio.scene import Places
+from studies.studio.widgets.scene import Places
 from tests.bending import AtOnce
 from tests.browser import Page, browser_at, chromium
 from tests.conftest import ROOT
@@ -154,7 +154,7 @@ def drag_end(page: Page, begin: tuple[float, float], end: tuple[float, float]) -
 
 def on_screen(page: Page, point: tuple[float, float]) -> tuple[float, float]:
     """Pixels of a point of the flat front, seen from where the page's camera begins."""
-    from studies.studio.scene import VIEW, eye_of
+    from studies.studio.widgets.scene import VIEW, eye_of
 
     left, top, width, height = page.run(
         "(box => [box.x, box.y, box.width, box.height])(document.querySelector('canvas').getBoundingClientRect())"

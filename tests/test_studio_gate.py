@@ -16,9 +16,9 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from fabdesign.catalogue import build
-from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
+from fabdesign.files.design_file import write_design
+from fabdesign.nouns.catalogue import build
 from studies.studio.gate import Gate
 from tests.browser import browser_at, chromium
 from tests.conftest import ROOT

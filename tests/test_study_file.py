@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
-from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
-from fabdesign.study_file import MuscleChoice, StudyLimits, read_study
+from fabdesign.files.design_file import write_design
+from fabdesign.nouns.catalogue import build
+from fabdesign.study_files.study_file import MuscleChoice, StudyLimits, read_study
 
 WHOLE = """
 format = "fabdesign.study/1"

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sheets import rolled_sheet
 
-from fabdesign.distances import chamfer, chamfer_squared
 from fabdesign.errors import InputError
-from fabdesign.sensor_noise import SensorNoise, estimate_noise
-from fabdesign.surface import Surface, capped_rms, face_triangles
+from fabdesign.geometry.distances import chamfer, chamfer_squared
+from fabdesign.geometry.sensor_noise import SensorNoise, estimate_noise
+from fabdesign.geometry.surface import Surface, capped_rms, face_triangles
 
 
 def obvious_nearest(point, a, b, c):

@@ -11,20 +11,20 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fabdesign.catalogue import build
-from fabdesign.design_file import write_design
-from fabdesign.distances import chamfer
+from fabdesign.clouds.ply import write_ply
+from fabdesign.clouds.target_file import MOST, AsTarget, read_target
 from fabdesign.errors import InputError
-from fabdesign.hung_cloth import misplaced
-from fabdesign.placement import UNITS, Placement, fit_placement
-from fabdesign.ply import write_ply
-from fabdesign.study_file import Study, StudyLimits
-from fabdesign.study_targets import TargetFile
-from fabdesign.surface import Surface
-from fabdesign.target_file import MOST, AsTarget, read_target
-from fabdesign.trial_file import read_trial
+from fabdesign.files.design_file import write_design
+from fabdesign.files.trial_file import read_trial
+from fabdesign.geometry.distances import chamfer
+from fabdesign.geometry.hung_cloth import misplaced
+from fabdesign.geometry.placement import UNITS, Placement, fit_placement
+from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.catalogue import build
+from fabdesign.study_files.study_file import Study, StudyLimits
+from fabdesign.study_files.study_targets import TargetFile
+from studies.layout_search.target import load_target, target_errors
 from studies.layouts.run import run_study
-from studies.layouts.target import load_target, target_errors
 from studies.studio.opening import open_files
 from studies.view.items import items_of
 from tests.analytic_cloth import AnalyticCloth
@@ -44,7 +44,7 @@ def points_of(target: TargetFile) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("kind", ["ply", "obj", "stl", "xyz", "csv", "npz"])
 def test_a_study_runs_on_every_kind_of_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
-    monkeypatch.setattr("fabdesign.target_file.POINTS", 400)  # every distance costs less
+    monkeypatch.setattr("fabdesign.clouds.target_file.POINTS", 400)  # every distance costs less
     path, millimetres = tmp_path / f"target.{kind}", 1e3 * POINTS
     if kind == "npz":
         np.savez(path, points=millimetres)

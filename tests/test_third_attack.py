@@ -10,24 +10,24 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
-from fabdesign.cloud_file import read_geometry
-from fabdesign.curve_file import read_membrane_curve
-from fabdesign.design_file import write_design
+from fabdesign.clouds.cloud_file import read_geometry
+from fabdesign.clouds.measured_points import require_room
+from fabdesign.clouds.recording import Sensor, read_recording, write_recording
+from fabdesign.clouds.target_file import read_target
 from fabdesign.errors import InputError, InputNote
-from fabdesign.measured_points import require_room
-from fabdesign.measurement_set import NewTrial, read_set, write_set
-from fabdesign.model_file import read_model
-from fabdesign.pressure_file import constant_program, read_csv
-from fabdesign.recording import Sensor, read_recording, write_recording
-from fabdesign.study_targets import TargetFile
-from fabdesign.target_file import read_target
-from fabdesign.toml_file import file_stem
-from fabdesign.trial_file import TrialData
-from studies import evaluations_table
+from fabdesign.files.curve_file import read_membrane_curve
+from fabdesign.files.design_file import write_design
+from fabdesign.files.measurement_set import NewTrial, read_set, write_set
+from fabdesign.files.model_file import read_model
+from fabdesign.files.pressure_file import constant_program, read_csv
+from fabdesign.files.trial_file import TrialData
+from fabdesign.formats.toml_file import file_stem
+from fabdesign.nouns.catalogue import build
+from fabdesign.study_files.study_targets import TargetFile
 from studies.check.files import inspect
-from studies.evaluations_table import EvaluationsTable, write_optuna_store
-from studies.predict import folders_of
+from studies.prediction.predict import folders_of
+from studies.report import evaluations_table
+from studies.report.evaluations_table import EvaluationsTable, write_optuna_store
 
 OPERATIONAL = sqlite3.OperationalError
 POINTS = np.random.default_rng(3).uniform([-0.1, -0.2, 0.0], [0.1, 0.0, 0.02], (12, 3)).round(4)

@@ -11,34 +11,35 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sheets import rolled_sheet
 
-from fabdesign.catalogue import build
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.acting import acting_pressure, specimen_of
 from fabdesign.errors import InputError
-from fabdesign.forward import PARAMETERS, Case, Term
-from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
-from fabdesign.metrics import Errors
-from fabdesign.model import Model
-from fabdesign.model_file import read_model
+from fabdesign.files.measurement_set import NewTrial, TrialData, read_set, write_set
+from fabdesign.files.model_file import read_model
+from fabdesign.files.trial_file import program_of
+from fabdesign.geometry.metrics import Errors
+from fabdesign.geometry.sensor_noise import SensorNoise
+from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import PARAMETERS, Case, Term
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.output import work_folder
-from fabdesign.predictor import Predictor
-from fabdesign.pressure import PressureProgram
-from fabdesign.rig_limits_file import RigLimits
-from fabdesign.sensor_noise import SensorNoise
-from fabdesign.splits import fit_trials
-from fabdesign.store import Checkpoint
-from fabdesign.surface import Surface
-from fabdesign.trial_file import program_of
+from fabdesign.runtime.store import Checkpoint
+from fabdesign.study_files.rig_limits_file import RigLimits
+from optimize.fit.cross_validation import LeftOut
 from optimize.fit.descent import STEP, _updated, fit, horizons
-from optimize.fit.free import fit_vector
-from optimize.fit.left_out import LeftOut
-from optimize.fit.needed import NEEDED, alike, conditioned, cost, needed, undecided
+from optimize.fit.free_parameters import fit_vector
 from optimize.fit.normal import _bounded_step
 from optimize.fit.problem import Evaluation, FitProblem
+from optimize.fit.significance import NEEDED, alike, conditioned, cost, needed, undecided
 from studies.calibration.intervals import far_factors
-from studies.joint_fit import joint_fit, negligible
-from studies.measured_data import MeasuredData
-from studies.tracing.backwards import (
+from studies.calibration.joint_fit import joint_fit, negligible
+from studies.measured.fit_data import MeasuredData
+from studies.measured.splits import fit_trials
+from studies.measured.used_frames import UsedFrames
+from studies.tracing.backward_elimination import (
     CAUSE,
     _enough,
     backwards,
@@ -51,18 +52,17 @@ from studies.tracing.backwards import (
 from studies.tracing.black_box import baseline_score, basis_of
 from studies.tracing.candidates import candidates_of
 from studies.tracing.decoys import decoy_columns, decoys_beside, turned
-from studies.tracing.errors import TrialError, other_layouts
 from studies.tracing.experiment import programs
 from studies.tracing.reduction import begin_without, reduced
 from studies.tracing.refits import Judged, _label_in, fit_alone
-from studies.tracing.residual import remains
+from studies.tracing.residual_analysis import remains
 from studies.tracing.residuals import Residuals
 from studies.tracing.run import DRAWN, trace_set
 from studies.tracing.selection import Selection
+from studies.tracing.statements import as_text
+from studies.tracing.surface_errors import TrialError, other_layouts
 from studies.tracing.task import Place, Task
 from studies.tracing.verdict import Evidence, decide, explains
-from studies.tracing.words import as_text
-from studies.used_frames import UsedFrames
 from tests.few_effects import few_effects
 
 TRIED = "braid_hysteresis", "muscle_creep", "odd_muscle", "filling_lag", "dead_time", "supply_droop", "time_offset"
@@ -281,7 +281,7 @@ def test_a_formula_is_discovered_where_no_effect_of_the_list_explains(tmp_path, 
 def test_what_is_the_same_from_rest_is_named_beside_what_was_found(tmp_path, monkeypatch):
     """By a fit, where the linear comparison of two places would tell them apart."""
     few_effects(monkeypatch, "dead_time", "time_offset")
-    monkeypatch.setattr("optimize.fit.needed.ALIKE", 1.1)
+    monkeypatch.setattr("optimize.fit.significance.ALIKE", 1.1)
     monkeypatch.setitem(globals(), "TIMES", TIMES + 0.01)  # amid a tick of the curler's, wherever a clock shifts it
     outcome = trace(tmp_path, effects=(Term("dead_time", {"delay": 0.12}),), count=5)
     assert outcome.verdict == "effect"
@@ -512,9 +512,9 @@ def test_an_effect_that_is_next_to_nothing_is_no_cause(selected, late, unhurried
     chosen = Selection(joint, unhurried, found, data.folds, data.noise.sigma, ())
     assert sorted(chosen.labels) == ["filling_lag", "supply_droop"] and not chosen.slight
     less, more = sorted(chosen.labels, key=partial(strength, found))
-    monkeypatch.setattr("studies.tracing.backwards.CAUSE", (droop + lag) / 2)
+    monkeypatch.setattr("studies.tracing.backward_elimination.CAUSE", (droop + lag) / 2)
     assert (chosen.labels, chosen.slight) == ((more,), (less,))
-    monkeypatch.setattr("studies.tracing.backwards.CAUSE", 2 * max(droop, lag))
+    monkeypatch.setattr("studies.tracing.backward_elimination.CAUSE", 2 * max(droop, lag))
     with work_folder(tmp_path / "out", made_by="trace") as work:
         task = Task(
             data, Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], Checkpoint(work, {}),
@@ -701,7 +701,9 @@ def test_what_lay_aside_is_asked_for_again_at_the_end(late, monkeypatch):
         asked.append((named, vector.labels, forward.made - made, jacobian))
         return found
 
-    monkeypatch.setattr("studies.joint_fit.negligible", lambda early, tolerance: frozenset(["supply_droop"]))
+    monkeypatch.setattr(
+        "studies.calibration.joint_fit.negligible", lambda early, tolerance: frozenset(["supply_droop"])
+    )
     found = joint_fit(data, joint.vector, joint.vector.start, 0.5e-3, fitted)
     *_, (_, without, _, _), (named, labels, _, jacobian) = asked
     assert named == "at last" and labels == joint.vector.labels and "supply_droop" not in without
@@ -721,7 +723,7 @@ def test_a_joint_fit_that_leaves_too_much_begins_again_where_the_factors_alone_l
     """Over the first horizon, or with patience a later one; the better of both goes on."""
     joint, data = late
     asked = []
-    monkeypatch.setattr("studies.joint_fit.negligible", lambda early, tolerance: frozenset())
+    monkeypatch.setattr("studies.calibration.joint_fit.negligible", lambda early, tolerance: frozenset())
 
     def fitted(data, vector, start, /, *, named, expected, horizon, **_):
         asked.append((named, len(start), float(np.abs(start[len(vector.without_effects.parameters) :]).sum())))
@@ -759,7 +761,7 @@ def test_no_decoy_gains_beside_what_is_there(late, selected):
 def test_a_model_with_another_effect_instead_is_where_the_residuals_are_least(late, unhurried, selected, monkeypatch):
     """Against the same done slowly, with each point."""
     (joint, data), (found, *_) = late, selected
-    monkeypatch.setattr("optimize.fit.needed.ALIKE", 0.15)
+    monkeypatch.setattr("optimize.fit.significance.ALIKE", 0.15)
     monkeypatch.setattr("studies.tracing.candidates.alike", lambda *_: [])  # where the joint fit is: above
     selection = Selection(joint, unhurried, found, data.folds, data.noise.sigma, ())
     _, instead = candidates_of(selection)

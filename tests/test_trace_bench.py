@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabdesign.bench import Bench, BenchRecord, Specimen
-from fabdesign.model_file import read_model
+from fabdesign.files.model_file import read_model
+from fabdesign.nouns.bench import Bench, BenchRecord, Specimen
 from studies.benches.cylinder import friction_state
-from studies.tracing.bench import examine
-from studies.tracing.bench_law import law
-from studies.tracing.bench_outcome import BenchOutcome
-from studies.tracing.bench_report import as_text
+from studies.benches.trace_law import law
+from studies.benches.trace_outcome import BenchOutcome
+from studies.benches.trace_report import as_text
+from studies.benches.tracing import examine
 from tests.command_line import Run, one_line
 from tests.test_benches import DATA, muscle_force
 

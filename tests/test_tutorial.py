@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import pytest
 
-from fabdesign.design_file import read_design
+from fabdesign.files.design_file import read_design
 from tests.conftest import ROOT
 
 # a step more or less is another machine's rounding, as are its seconds; muscles that work against each other leave

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
 from fabdesign.cli import commands
-from fabdesign.design_file import write_design
-from fabdesign.measurement_set import NewTrial, TrialData, write_set
-from fabdesign.metrics import Errors
-from fabdesign.study_file import StudyLimits
+from fabdesign.files.design_file import write_design
+from fabdesign.files.measurement_set import NewTrial, TrialData, write_set
+from fabdesign.geometry.metrics import Errors
+from fabdesign.nouns.catalogue import build
+from fabdesign.study_files.study_file import StudyLimits
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line
 from tests.conftest import ROOT
@@ -55,7 +55,9 @@ def test_output_is_refused_and_replaced_with_force(
     folder: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("studies.evaluation_report._write_histogram", lambda _, path: path.touch())  # is slow
+    monkeypatch.setattr(
+        "studies.prediction.evaluation_report._write_histogram", lambda _, path: path.touch()
+    )  # is slow
     monkeypatch.chdir(folder)
     assert run(*line.split())[0] == 0
     before = snapshot(folder)
@@ -264,8 +266,8 @@ def test_demo_again_and_after_an_interruption(
 ) -> None:
     limits = StudyLimits(seconds=0.3)
     monkeypatch.setattr("studies.demo.run.LIMITS", {"basic": limits, "free": limits})
-    monkeypatch.setattr("studies.layouts.begin.LAYOUT_STARTS", 8)
-    monkeypatch.setattr("studies.layouts.begin.THINNED_STARTS", 8)
+    monkeypatch.setattr("studies.layout_search.first_layouts.LAYOUT_STARTS", 8)
+    monkeypatch.setattr("studies.layout_search.first_layouts.THINNED_STARTS", 8)
     # what it writes counts here, not what stands in it
     monkeypatch.setattr(
         "studies.layouts.run.target_errors", lambda _, shape, *args, **options: Errors(*[float(np.std(shape))] * 4)

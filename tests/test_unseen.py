@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from sheets import rolled_sheet
 
-from fabdesign.catalogue import build
-from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
-from fabdesign.forward import MUSCLE_TYPES, Case, Term
-from fabdesign.measurement_set import NewTrial, TrialData, write_set
-from fabdesign.model import Covariance, Model, Parameter, Spread
-from fabdesign.model_file import read_model, write_model
-from fabdesign.pressure_file import constant_program
-from fabdesign.sensor_noise import SensorNoise
-from fabdesign.spread import TWO_SIDED, spread_hash
-from fabdesign.surface import Surface
-from fabdesign.trial_file import program_of
-from fabdesign.unseen_file import read_unseen
+from fabdesign.files.design_file import write_design
+from fabdesign.files.measurement_set import NewTrial, TrialData, write_set
+from fabdesign.files.model_file import read_model, write_model
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.files.trial_file import program_of
+from fabdesign.geometry.sensor_noise import SensorNoise
+from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import MUSCLE_TYPES, Case, Term
+from fabdesign.nouns.model import Covariance, Model, Parameter, Spread
+from fabdesign.nouns.spread import TWO_SIDED, spread_hash
+from fabdesign.study_files.unseen_file import read_unseen
 from studies.check.study import study_findings
 from studies.tracing.experiment import fastest
 from studies.unseen.draws import Draws

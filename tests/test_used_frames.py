@@ -7,8 +7,8 @@ import pytest
 from sheets import rolled_sheet
 from test_calibrate import write
 
-from studies.sensitive_stretches import find_used_frames, on_another_branch, sensitive_stretches
-from studies.used_frames import Stretch, left_out_in_words, share_left_out, used_mask
+from studies.measured.sensitive_stretches import find_used_frames, on_another_branch, sensitive_stretches
+from studies.measured.used_frames import Stretch, left_out_in_words, share_left_out, used_mask
 
 TIMES = np.arange(1, 31) * 0.05
 

@@ -11,14 +11,14 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
-from fabdesign.catalogue import build
 from fabdesign.cli.console import commands
 from fabdesign.errors import InputError
-from fabdesign.forward import Case
-from fabdesign.model import Model
-from fabdesign.motion_file import write_motion
-from fabdesign.pressure_file import constant_program
-from fabdesign.trial_file import TrialData, write_trial
+from fabdesign.files.motion_file import write_motion
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.files.trial_file import TrialData, write_trial
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.model import Model
 from studies.view.distance import distances
 from studies.view.items import items_of
 from studies.view.page import LEVELS, render_page
@@ -58,7 +58,7 @@ def test_the_page_holds_every_point_and_loads_nothing(files: tuple[Path, Path]) 
 
 
 def test_a_trial_stands_beside_its_prediction(files: tuple[Path, Path], tmp_path: Path) -> None:
-    from fabdesign.design_file import write_design
+    from fabdesign.files.design_file import write_design
 
     write_design(build("vertical"), tmp_path / "d.toml")
     measured, predicted = items_of(files[1:], design=tmp_path / "d.toml", model=Model(), forward=AnalyticCloth(9))
@@ -71,8 +71,8 @@ def test_a_trial_stands_beside_its_prediction(files: tuple[Path, Path], tmp_path
 def test_a_corrector_has_a_panel_of_its_own(
     files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from fabdesign.design_file import write_design
-    from studies.laced_motion import laced_motions
+    from fabdesign.files.design_file import write_design
+    from studies.prediction.laced_motion import laced_motions
 
     asked: list[Model] = []
 

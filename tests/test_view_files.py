@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from fabdesign.catalogue import build
 from fabdesign.cli.console import commands
-from fabdesign.design import Design
 from fabdesign.errors import InputError
-from fabdesign.forward import Case
-from fabdesign.laced_muscles import laced_muscles
-from fabdesign.mid_surface import mid_surface, strains
-from fabdesign.motion_file import read_motion, square_triangles, write_mesh, write_motion
-from fabdesign.pressure_file import constant_program
-from fabdesign.trial_file import TrialData, write_trial
+from fabdesign.files.motion_file import read_motion, square_triangles, write_mesh, write_motion
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.files.trial_file import TrialData, write_trial
+from fabdesign.geometry.laced_muscles import laced_muscles
+from fabdesign.geometry.mid_surface import mid_surface, strains
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import Case
 from studies.view.distance import distances
 from studies.view.items import items_of
 from studies.view.picture import _wrapped

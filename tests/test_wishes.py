@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
-from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
-from fabdesign.forward import Case
+from fabdesign.files.design_file import write_design
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.geometry.wishes import Landmarks
 from fabdesign.interface.results import Optimized
-from fabdesign.pressure_file import constant_program
-from fabdesign.study_file import read_study
-from fabdesign.wishes import Landmarks
-from optimize.objective import Objective, Target
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case
+from fabdesign.study_files.study_file import read_study
+from optimize.search.objective import Objective, Target
+from studies.layout_search.target import load_target
+from studies.layout_search.wish_errors import errors_in_words
 from studies.layouts.run import run_study
-from studies.layouts.target import load_target
-from studies.layouts.wished import errors_in_words
 from tests.analytic_cloth import AnalyticCloth, WithJacobian
 
 DESIGN = build("vertical")

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabdesign import working_time
-from fabdesign.catalogue import build
-from fabdesign.forward import Case
-from fabdesign.pressure_file import constant_program
-from fabdesign.study_file import Study, StudyLimits
-from fabdesign.study_targets import TargetFile
-from fabdesign.working_time import Stopwatch
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case
+from fabdesign.runtime import working_time
+from fabdesign.runtime.working_time import Stopwatch
+from fabdesign.study_files.study_file import Study, StudyLimits
+from fabdesign.study_files.study_targets import TargetFile
 from sim.design.loading import SIZES
 from sim.kernels.first_calls import _in_words
 from studies.layouts.run import run_study

@@ -12,11 +12,11 @@ from numpy.random import Generator
 
 from benchmarks.search.parts import Row
 from benchmarks.search.targets import Truth, measured
-from optimize.design_space import DesignSpace, Vector
-from optimize.evaluations import PENALTY
-from optimize.margins import Limits
-from optimize.objective import Objective, Target
-from studies.layouts.stages import forward_models
+from optimize.search.design_space import DesignSpace, Vector
+from optimize.search.evaluations import PENALTY
+from optimize.search.margins import Limits
+from optimize.search.objective import Objective, Target
+from studies.layout_search.stages import forward_models
 
 BATCH = 32
 TIMES = 5  # our seconds to there, that each has

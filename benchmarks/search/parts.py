@@ -13,22 +13,22 @@ from numpy.typing import NDArray
 
 from benchmarks.machine import ROOT
 from benchmarks.search.targets import Truth, copy_on_rig, half_tube, measured, truths
-from fabdesign.catalogue import build
-from fabdesign.distances import chamfer
-from fabdesign.layouts_file import LayoutsStudy
-from fabdesign.model_file import read_model
-from fabdesign.search_terms import Robust
-from fabdesign.study_file import MuscleChoice, Study, StudyLimits
-from fabdesign.study_targets import TargetFile
-from optimize.evaluations import SLOPES
-from optimize.objective import Objective, Target
-from studies.forward_model import forward_model
+from fabdesign.files.model_file import read_model
+from fabdesign.geometry.distances import chamfer
+from fabdesign.nouns.catalogue import build
+from fabdesign.study_files.layouts_file import LayoutsStudy
+from fabdesign.study_files.search_terms import Robust
+from fabdesign.study_files.study_file import MuscleChoice, Study, StudyLimits
+from fabdesign.study_files.study_targets import TargetFile
+from optimize.search.evaluations import SLOPES
+from optimize.search.objective import Objective, Target
 from studies.layout_grid.run import run_layouts
+from studies.layout_search.stages import forward_models
 from studies.layouts.result import StudyResult
 from studies.layouts.robustness import as_json, robustness_of
 from studies.layouts.run import run_study
 from studies.layouts.scatter import Scatter
-from studies.layouts.stages import forward_models
+from studies.prediction.forward_model import forward_model
 
 SECONDS = 60.0  # of a search
 CELL = 80.0  # of a cell of the half tube's grid

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.catalogue import build
-from fabdesign.design import Design
-from fabdesign.measurement_set import read_set
-from fabdesign.pressure import rising_program
-from optimize.margins import Limits
-from optimize.starts import layout_starts
+from fabdesign.files.measurement_set import read_set
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.pressure import rising_program
+from optimize.search.margins import Limits
+from optimize.search.starts import layout_starts
 from studies.rig.cameras import measure
 from studies.rig.ground_truth import GroundTruth, Sensing
 from studies.rig.scene import Resolution

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.catalogue import build
-from fabdesign.forward import Case
-from fabdesign.pressure import PressureProgram
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.pressure import PressureProgram
 
 FRAMES = 90
 FRAME = 1 / 60  # s

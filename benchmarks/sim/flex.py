@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.sim.cases import FRAME
-from fabdesign.forward import Case
-from fabdesign.muscle import BenchTable, MuscleType
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.muscle import BenchTable, MuscleType
 
 version: str = mujoco.__version__
 ARM = 5e3  # N/m, membrane stiffness of the triangles that hold a fixed point: ten times the cloth's

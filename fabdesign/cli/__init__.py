@@ -16,8 +16,8 @@ import click
 from fabdesign.cli.command import add_commands
 from fabdesign.cli.console import commands, notes_told, tell
 from fabdesign.errors import EXTRAS, InputError, SimulationError, needs
-from fabdesign.shortage import line_of
-from fabdesign.supervisor import SIGNALS, ended_by, is_supervised, record
+from fabdesign.runtime.shortage import line_of
+from fabdesign.runtime.supervisor import SIGNALS, ended_by, is_supervised, record
 
 add_commands()
 

@@ -158,7 +158,7 @@ def _call(verb: Verb, by_comma: list[str], *, as_json: bool, **typed: Any) -> No
 def _progress(verb: Verb, title: str) -> AbstractContextManager[Any]:
     if not verb.search:
         return described(verb.title or title, interval=verb.interval)
-    from studies.layouts.progress import LiveLine
+    from studies.layout_search.progress import LiveLine
 
     return LiveLine(verb.title or title)
 

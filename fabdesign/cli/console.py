@@ -7,10 +7,10 @@ from typing import Any
 
 import click
 
-from fabdesign import __version__
-from fabdesign.cache_folder import ensure_cache_folder
 from fabdesign.errors import InputNote, printable
-from fabdesign.json_file import json_text
+from fabdesign.formats.json_file import json_text
+from fabdesign.runtime.cache_folder import ensure_cache_folder
+from fabdesign.version import __version__
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})

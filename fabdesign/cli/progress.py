@@ -6,10 +6,10 @@ from contextlib import contextmanager
 from math import inf
 from typing import TYPE_CHECKING
 
-from fabdesign import working_time
 from fabdesign.cli.console import tell
-from fabdesign.effort import duration
 from fabdesign.errors import printable
+from fabdesign.runtime import working_time
+from fabdesign.runtime.effort import duration
 
 if TYPE_CHECKING:
     from rich.progress import Progress

@@ -10,7 +10,7 @@ from fabdesign.effects.declaration import Array, Effect, Values
 from fabdesign.effects.pressures import ActingPressure
 from fabdesign.effects.registry import check_values, effect_named
 from fabdesign.effects.specimen import Specimen
-from fabdesign.forward import MUSCLE_TYPES, Case, Term
+from fabdesign.nouns.forward import MUSCLE_TYPES, Case, Term
 
 
 def terms_of(case: Case) -> tuple[Term, ...]:

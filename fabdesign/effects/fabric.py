@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.curve_file import MembraneCurve
 from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
 from fabdesign.effects.specimen import Specimen
+from fabdesign.files.curve_file import MembraneCurve
 
 
 # Orthotropy: the cloth is stiffer one way than its data sheet says.

@@ -15,7 +15,7 @@ from fabdesign.effects.muscle import BRAID_HYSTERESIS
 from fabdesign.effects.pneumatics import lagged
 from fabdesign.effects.pressures import ActingPressure
 from fabdesign.effects.specimen import Specimen
-from fabdesign.pressure import PressureProgram
+from fabdesign.nouns.pressure import PressureProgram
 
 UNIT = 200e3  # Pa, of which coefficients per pressure are told
 QUICK, SLOW = 0.1, 0.5  # s, of the two lags

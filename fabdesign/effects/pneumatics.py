@@ -10,7 +10,7 @@ from fabdesign.effects.bench import MuscleRecord
 from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
 from fabdesign.effects.pressures import ActingPressure
 from fabdesign.effects.specimen import Specimen
-from fabdesign.pressure import PressureProgram
+from fabdesign.nouns.pressure import PressureProgram
 
 # Filling lag: the pressure in a muscle follows the set point with a time constant, which may differ emptying.
 SHORTEST = 1e-6  # s, under which there is no lag

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.pressure import PressureProgram
+from fabdesign.nouns.pressure import PressureProgram
 
 Array = NDArray[np.float64]
 

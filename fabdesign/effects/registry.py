@@ -25,8 +25,8 @@ from fabdesign.effects.muscle import (
 from fabdesign.effects.pneumatics import DEAD_TIME, FILLING_LAG, LINE_LOSS, SUPPLY_DROOP
 from fabdesign.effects.sensing import REGISTRATION_BIAS, SCALE_ERROR, TIME_OFFSET
 from fabdesign.errors import InputError
-from fabdesign.table import nearest
-from fabdesign.term import Term
+from fabdesign.formats.table import nearest
+from fabdesign.nouns.term import Term
 
 GROUP = "fabdesign.effects"  # entry points of installed packages, each an Effect
 

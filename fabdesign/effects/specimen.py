@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
-from fabdesign.fabric import Fabric
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.fabric import Fabric
 
 Array = NDArray[np.float64]
 OfPlace = Callable[[Array, Array], Array]  # of places (u, v) [m] on the flat cloth

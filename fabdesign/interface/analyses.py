@@ -59,7 +59,7 @@ def sensitivity(
     """
     from fabdesign.interface.arguments import ends_of, functions_of, one_design, study_file
     from fabdesign.interface.results import Sensitivity
-    from fabdesign.sensitivity_file import read_sensitivity
+    from fabdesign.study_files.sensitivity_file import read_sensitivity
     from studies.sensitivity.run import run_sensitivity
 
     run = Run.of(keys)
@@ -145,7 +145,7 @@ def unseen(
     """
     from fabdesign.interface.arguments import one_design, study_file
     from fabdesign.interface.results import Unseen
-    from fabdesign.unseen_file import read_unseen
+    from fabdesign.study_files.unseen_file import read_unseen
     from studies.unseen.run import run_unseen, unseen_in_words
 
     run = Run.of(keys)
@@ -186,7 +186,7 @@ def loop(study: File, out: Folder, *, seconds: float | None = None, **given: Unp
     out: Folder to write to, or to continue in.
     seconds: Time limit of each search, s; by default the study's.
     """
-    from fabdesign.loop_file import read_loop
+    from fabdesign.study_files.loop_file import read_loop
     from studies.loop.run import loop_in_words, run_loop
 
     run, file = Run(**given), Path(study)
@@ -196,7 +196,7 @@ def loop(study: File, out: Folder, *, seconds: float | None = None, **given: Unp
 
 
 def _kind(study: File) -> Verb:
-    from fabdesign.study_file import read_kind
+    from fabdesign.study_files.study_file import read_kind
 
     return VERBS[read_kind(study)]
 

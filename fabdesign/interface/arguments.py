@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fabdesign.design import Design
-from fabdesign.design_file import read_design
 from fabdesign.errors import InputError
+from fabdesign.files.design_file import read_design
+from fabdesign.files.pressure_file import constant_program, read_pressures
 from fabdesign.interface.run import as_said, many_of, require_kind, several
-from fabdesign.pressure import PressureProgram, require_pressures
-from fabdesign.pressure_file import constant_program, read_pressures
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.pressure import PressureProgram, require_pressures
 from fabdesign.units import from_kpa
 
 if TYPE_CHECKING:

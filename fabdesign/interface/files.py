@@ -12,10 +12,10 @@ from fabdesign.interface.run import Run, many_of, paths_of, simulator
 from fabdesign.interface.verb import Looking, Placing, Shown, Writing, verb
 
 if TYPE_CHECKING:
-    from fabdesign.design import Design
+    from fabdesign.clouds.target_file import AsTarget
+    from fabdesign.drawings.sewing import Exported
     from fabdesign.interface.verb import DesignLike, File, Folder, ModelLike, Toml
-    from fabdesign.sewing import Exported
-    from fabdesign.target_file import AsTarget
+    from fabdesign.nouns.design import Design
     from studies.check import Findings
 
 
@@ -54,9 +54,9 @@ def new(
 
     `build` makes a design from objects, and writes nothing.
     """
-    from fabdesign.catalogue import build
-    from fabdesign.design_file import write_design
-    from fabdesign.own_muscle import read_own_muscle
+    from fabdesign.files.design_file import write_design
+    from fabdesign.nouns.catalogue import build
+    from fabdesign.nouns.measured_muscle import read_own_muscle
 
     if (muscle_type is None) != (bench is None):
         raise InputError("--muscle-type NAME and --bench FILE: one without the other; expected both")
@@ -100,7 +100,7 @@ def check(files: Sequence[File] | File, **given: Unpack[Placing]) -> dict[str, F
 
     Returns problems, warnings and notes of each file, by its name.
     """
-    from fabdesign.target_file import AS_GIVEN
+    from fabdesign.clouds.target_file import AS_GIVEN
     from studies.check import fabric_of, inspect
 
     how, paths = _as_target(given), paths_of(files)
@@ -111,7 +111,7 @@ def check(files: Sequence[File] | File, **given: Unpack[Placing]) -> dict[str, F
 
 
 def _as_target(given: Placing | Looking) -> AsTarget:
-    from fabdesign.target_file import AsTarget
+    from fabdesign.clouds.target_file import AsTarget
 
     turn = given.pop("rotation", None)
     rotation: Any = None if turn is None else tuple(turn)
@@ -119,7 +119,7 @@ def _as_target(given: Placing | Looking) -> AsTarget:
 
 
 def _exported(made: Exported, given: Mapping[str, Any]) -> Shown:
-    from fabdesign.pressure import poses_in_words
+    from fabdesign.nouns.pressure import poses_in_words
     from fabdesign.units import in_kpa
 
     files, kpa = [str(file) for file in made.files], [in_kpa(row).tolist() for row in made.pressures]
@@ -148,8 +148,8 @@ def export(
     paper: Paper of the PDF's pages.
     pressures: Pressures to write too, a file for each pose; by default those beside a DESIGN that optimize wrote.
     """
+    from fabdesign.drawings.sewing import export_design, pressures_beside
     from fabdesign.interface.arguments import one_design
-    from fabdesign.sewing import export_design, pressures_beside
 
     read = one_design(design)
     file = Path(design) if isinstance(design, Path | str) else None
@@ -207,7 +207,7 @@ def view(
 
     Returns title, number of frames and notes of each panel. A marker is "NAME=U,V".
     """
-    from fabdesign.design_file import read_design
+    from fabdesign.files.design_file import read_design
     from fabdesign.output import new_files
     from studies.view.items import items_of
     from studies.view.write import KINDS, require_writer, writer

@@ -13,8 +13,8 @@ from fabdesign.interface.verb import Computing, Shown, verb
 
 if TYPE_CHECKING:
     from fabdesign.interface.verb import Folder, ModelLike, SetLike, Toml
-    from fabdesign.model import Model
-    from fabdesign.trial import MeasurementSet
+    from fabdesign.nouns.model import Model
+    from fabdesign.nouns.trial import MeasurementSet
     from optimize.fit.parameters import FitVector
     from studies.benches.calibrate import BenchCalibration
 
@@ -84,12 +84,12 @@ def calibrate(
         if fix or model is not None:
             raise InputError("--fix and --model: of a measurement set; expected --free or --fit of a bench")
         return _calibrate_benches(run, benches, out, fit, free)
-    from fabdesign.effort import CALIBRATION, fit_in_words, fit_seconds
-    from fabdesign.model import Model
-    from fabdesign.model_file import write_model
+    from fabdesign.files.model_file import write_model
+    from fabdesign.nouns.model import Model
+    from fabdesign.runtime.effort import CALIBRATION, fit_in_words, fit_seconds
     from studies.calibration.calibrate import DRAWN, orders_of
     from studies.calibration.calibrate import calibrate as calibrate_sets
-    from studies.sensitive_stretches import GRID as COARSE
+    from studies.measured.sensitive_stretches import GRID as COARSE
 
     orders = None if fit is None else orders_of(",".join(map(str, fit)))
     sets, skipped = run.sound(all_sets(measured), skip_bad)
@@ -128,7 +128,7 @@ def _calibrate_benches(
     run: Run, benches: Sequence[Path], out: Toml | None, fit: Sequence[str | int] | None, free: Sequence[str]
 ) -> list[BenchCalibration]:
     """Fit each bench; write one file, of several strips a cloth."""
-    from fabdesign.bench_file import read_bench
+    from fabdesign.files.bench_file import read_bench
     from studies.benches.calibrate import calibrate_bench
     from studies.benches.write import require_one_cloth, write_bench_type, write_cloth
 
@@ -144,7 +144,8 @@ def _calibrate_benches(
 
 
 def _traced(result: Any, given: Mapping[str, Any]) -> Shown:
-    from studies.tracing import bench_report, words
+    from studies.benches import trace_report as bench_report
+    from studies.tracing import statements as words
 
     as_text = words.as_text if hasattr(result, "model") else bench_report.as_text
     return Shown(result.to_json(), f"{given['out']}: {as_text(result)}")
@@ -186,13 +187,13 @@ def trace(
     """
     run = Run(**given)
     if benches := benches_of(measured):
-        from studies.tracing import bench as of_bench
+        from studies.benches import tracing as of_bench
 
         share = of_bench.TOLERANCE if tolerance is None else tolerance
         with work_folder(out) as folder:
             return of_bench.trace_bench(benches[0], folder, tolerance=share, force=run.force, progress=run.progress)
-    from fabdesign.effort import TRACE, Pace, fit_in_words, fit_seconds
-    from fabdesign.model import Model
+    from fabdesign.nouns.model import Model
+    from fabdesign.runtime.effort import TRACE, Pace, fit_in_words, fit_seconds
     from studies.tracing.run import DRAWN, GRID, TOLERANCE, TRIALS, Options, trace_set
     from studies.tracing.verdict import SO_FAR
 
@@ -218,7 +219,7 @@ def trace(
 
 def unknowns_of(free: Sequence[str], fix: Sequence[str], base: Model, sets: Sequence[MeasurementSet]) -> FitVector:
     """Return what a fit of these sets moves. Raises InputError."""
-    from optimize.fit.free import fit_vector
+    from optimize.fit.free_parameters import fit_vector
 
     designs = [design for one in sets for design in one.designs.values()]
     return fit_vector(free, fix, factors=base.factors, terms=base.terms, designs=designs)

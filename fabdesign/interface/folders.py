@@ -13,8 +13,8 @@ from fabdesign.interface.verb import Extending, Shown, Working, Writing, verb
 if TYPE_CHECKING:
     from fabdesign.effects import Effect
     from fabdesign.interface.verb import File
-    from studies.evaluations_table import EvaluationsTable
-    from studies.result_folders import Figure, ResultFolder
+    from studies.report.evaluations_table import EvaluationsTable
+    from studies.report.result_folders import Figure, ResultFolder
 
 
 def _listed(folders: Sequence[ResultFolder], given: Mapping[str, Any]) -> Shown:
@@ -32,7 +32,7 @@ def list(folders: Sequence[File] | File = ()) -> Sequence[ResultFolder]:
 
     They are looked for in FOLDERS and below; by default in this folder.
     """
-    from studies.result_folders import folders_below
+    from studies.report.result_folders import folders_below
 
     return folders_below(paths_of(folders) or [Path()])
 
@@ -46,7 +46,7 @@ def _shown(one: ResultFolder, given: Mapping[str, Any]) -> Shown:
 @verb(_shown, name="studies show")
 def show(folder: File) -> ResultFolder:
     """Show every value of a result."""
-    from studies.result_folders import read_folder
+    from studies.report.result_folders import read_folder
 
     return read_folder(Path(folder))
 
@@ -65,7 +65,7 @@ def compare(folders: Sequence[File]) -> Mapping[str, Sequence[Figure]]:
 
     The table has a row for each value that differs and a column for each folder.
     """
-    from studies.result_folders import compared, read_folder
+    from studies.report.result_folders import compared, read_folder
 
     paths = paths_of(folders)
     if len(paths) < 2:
@@ -89,7 +89,7 @@ def table(folder: File, out: File, **given: Unpack[Writing]) -> EvaluationsTable
     out: NAME.csv, NAME.parquet (extra tables) or NAME.db (extra optuna).
     """
     from fabdesign.output import new_file
-    from studies.evaluations_table import read_evaluations, write_evaluations, write_optuna_store
+    from studies.report.evaluations_table import read_evaluations, write_evaluations, write_optuna_store
 
     out, folder, force = Path(out), Path(folder), Run(**given).force
     kind = out.suffix.lower()
@@ -124,14 +124,14 @@ def prepare(**given: Unpack[Working]) -> float:
 
     For images and clusters; otherwise that happens at the first use. Two processes may compile side by side.
     """
-    from studies.prepare import prepare as compile_all
+    from studies.prediction.prepare import prepare as compile_all
 
     run = Run(**given)
     return compile_all(lambda line: run.progress(line, None))
 
 
 def _in_json(content: dict[str, Any], given: Mapping[str, Any]) -> Shown:
-    from fabdesign.json_file import json_text
+    from fabdesign.formats.json_file import json_text
 
     return Shown(content, json_text(content, indent=1))
 

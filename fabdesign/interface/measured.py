@@ -14,14 +14,14 @@ from fabdesign.interface.verb import Computing, Shown, verb
 if TYPE_CHECKING:
     from fabdesign.interface.results import Motion
     from fabdesign.interface.verb import DesignLike, Folder, ModelLike, SetLike
-    from fabdesign.trial import Role
+    from fabdesign.nouns.trial import Role
     from studies.benches.evaluate import BenchEvaluation
 
 
 def _evaluated(result: Any, given: Mapping[str, Any]) -> Shown:
     if hasattr(result, "as_markdown"):  # of a bench
         return Shown(result.to_json(), result.as_markdown())
-    from studies.evaluation_report import tables_markdown
+    from studies.prediction.evaluation_report import tables_markdown
 
     text = "\n".join([tables_markdown(result), *(f"skipped: {line}" for line in result.skipped)])
     return Shown(result.to_json() | {"skipped": [*result.skipped]}, text)
@@ -57,11 +57,11 @@ def evaluate(
         if len(benches) > 1:
             raise InputError(f"{benches[0]}: a bench among {len(benches)} sources; expected a bench alone, or sets")
         return _evaluate_bench(run, benches[0], model, out, all_trials)
-    from fabdesign.effort import evaluation_seconds, in_words, on_cores
-    from studies.coarser_grid import enough_points
-    from studies.evaluate import evaluate_sets
-    from studies.evaluation_report import write_evaluation
-    from studies.sensitive_stretches import GRID as COARSE
+    from fabdesign.runtime.effort import evaluation_seconds, in_words, on_cores
+    from studies.measured.sensitive_stretches import GRID as COARSE
+    from studies.prediction.coarser_grid import enough_points
+    from studies.prediction.evaluate import evaluate_sets
+    from studies.prediction.evaluation_report import write_evaluation
 
     fitted = run.known_model(model, without)
     roles: tuple[Role, ...] = ("test", "fit") if all_trials else ("test",)
@@ -98,7 +98,7 @@ def evaluate(
 
 
 def _evaluate_bench(run: Run, bench: Path, law: Any, out: Folder | None, all_records: bool) -> BenchEvaluation:
-    from fabdesign.json_file import write_json
+    from fabdesign.formats.json_file import write_json
     from fabdesign.output import write_text
     from studies.benches.evaluate import evaluate_bench
 
@@ -113,7 +113,7 @@ def _evaluate_bench(run: Run, bench: Path, law: Any, out: Folder | None, all_rec
 
 
 def _predicted(result: Sequence[Path], given: Mapping[str, Any]) -> Shown:
-    from fabdesign.motion_file import read_band
+    from fabdesign.files.motion_file import read_band
     from fabdesign.units import in_mm
     from studies.intervals.band import mean_width, width_in_words
 
@@ -147,11 +147,11 @@ def predict(
     """
     from fabdesign.interface.arguments import one_design
     from fabdesign.interface.results import Motion
-    from fabdesign.trial import MeasurementSet
-    from studies.coarser_grid import enough_points
-    from studies.predict import folders_of, predicted, trials_of
-    from studies.predict import predict as predict_trials
-    from studies.sensitive_stretches import GRID as COARSE
+    from fabdesign.nouns.trial import MeasurementSet
+    from studies.measured.sensitive_stretches import GRID as COARSE
+    from studies.prediction.coarser_grid import enough_points
+    from studies.prediction.predict import folders_of, predicted, trials_of
+    from studies.prediction.predict import predict as predict_trials
 
     run = Run(**given)
     fitted = run.known_model(model, without)

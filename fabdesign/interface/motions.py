@@ -13,11 +13,11 @@ from fabdesign.interface.run import Run, paths_of, simulator
 from fabdesign.interface.verb import Computing, Shown, verb
 
 if TYPE_CHECKING:
-    from fabdesign.design import Design
+    from fabdesign.files.motion_file import MotionData
     from fabdesign.interface.results import Motion, Sweep
     from fabdesign.interface.verb import DesignLike, File, ModelLike, Npz, Pressures
-    from fabdesign.motion_file import MotionData
-    from fabdesign.pressure import PressureProgram
+    from fabdesign.nouns.design import Design
+    from fabdesign.nouns.pressure import PressureProgram
 
 FRAME_RATE = 60.0  # Hz, of the paper's cameras
 _AT_ONCE = 64  # what the simulator takes side by side
@@ -25,7 +25,7 @@ _LANES = "2"  # of kernels for a lone design: its motion takes a third less time
 
 
 def _simulated(motion: Motion, given: Mapping[str, Any]) -> Shown:
-    from fabdesign.motion_file import mesh_paths
+    from fabdesign.files.motion_file import mesh_paths
 
     frames, (out, mesh) = len(motion.time), (given["out"], given["mesh"])
     meshes = {} if mesh is None else {"meshes": [str(file) for file in mesh_paths(mesh, frames)]}
@@ -79,12 +79,12 @@ def simulate(
     >>> motion.time.shape, motion.faces.shape
     ((7,), (7, 2, 41, 41, 3))
     """
-    from fabdesign.forward import HOLD, RISE, Case
+    from fabdesign.files.motion_file import mesh_paths
+    from fabdesign.files.pressure_file import told_slight
     from fabdesign.interface.arguments import pairs
-    from fabdesign.motion_file import mesh_paths
-    from fabdesign.pressure import rising_program
-    from fabdesign.pressure_file import told_slight
-    from studies.predict import frame_times, require_motions, require_shapes
+    from fabdesign.nouns.forward import HOLD, RISE, Case
+    from fabdesign.nouns.pressure import rising_program
+    from studies.prediction.predict import frame_times, require_motions, require_shapes
 
     run, (asked, lone) = Run(**given), pairs(design, pressures)
     if equilibrium and duration is not None:
@@ -130,7 +130,7 @@ def _written(
     run: Run, out: Npz | None, meshes: Sequence[Path], inputs: Sequence[Path]
 ) -> Iterator[Callable[[MotionData], None]]:
     """A context with what writes a motion, and a mesh a frame, where that is asked for."""
-    from fabdesign.motion_file import square_triangles, write_mesh, write_motion
+    from fabdesign.files.motion_file import square_triangles, write_mesh, write_motion
     from fabdesign.output import new_files
 
     with ExitStack() as stack:
@@ -208,11 +208,11 @@ def sweep(
     """
     import numpy as np
 
-    from fabdesign.forward import HOLD, RISE, Case
     from fabdesign.interface.arguments import functions_of, pairs
     from fabdesign.interface.results import Sweep
+    from fabdesign.nouns.forward import HOLD, RISE, Case
     from fabdesign.units import in_kpa
-    from studies.laced_motion import laced_motions, laced_rests
+    from studies.prediction.laced_motion import laced_motions, laced_rests
 
     run, functions = Run(**given), functions_of(outputs)
     asked, _ = pairs(designs, pressures)
@@ -263,7 +263,7 @@ def _until_stopped(
 
 def _parts(run: Run, asked: Sequence[tuple[Design, PressureProgram]], done: str) -> Iterator[slice]:
     """Give batches of what is asked for, each told once it is done; a lone one is told by its result."""
-    from fabdesign.cluster import at_once
+    from fabdesign.runtime.cluster import at_once
 
     size, total = at_once(_AT_ONCE), len(asked)
     for begin in range(0, total, size):

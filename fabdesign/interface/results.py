@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
 from fabdesign.errors import InputError, needs
-from fabdesign.motion_file import MotionData
-from fabdesign.pressure import poses_in_words
-from fabdesign.summary import Summary, muscle_columns
-from fabdesign.tabled import Columns, Tabled
+from fabdesign.files.motion_file import MotionData
+from fabdesign.formats.result_tables import Columns, Tabled
+from fabdesign.formats.summary import Summary, muscle_columns
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.pressure import poses_in_words
 from fabdesign.units import in_kpa, in_mm
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ class Optimized(_View):
 
     def summary(self) -> Summary:
         """Return error, pressures, muscles and the layout."""
-        from fabdesign.layout_drawing import layout_svg
+        from fabdesign.drawings.layout_drawing import layout_svg
 
         head = f"Optimized: {in_mm(self.objective):.3f} mm after {len(self.history)} evaluations"
         poses, highest = self.result.pressures, self.study.limits.pressure[1]

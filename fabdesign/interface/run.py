@@ -15,11 +15,11 @@ from fabdesign.interface.verb import unheard, warn
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
-    from fabdesign.forward import ForwardModel
     from fabdesign.interface.verb import File, ModelLike, Progress, Say, SetLike
-    from fabdesign.model import Model
-    from fabdesign.pressure import PressureProgram
-    from fabdesign.trial import MeasurementSet, Role, Trial
+    from fabdesign.nouns.forward import ForwardModel
+    from fabdesign.nouns.model import Model
+    from fabdesign.nouns.pressure import PressureProgram
+    from fabdesign.nouns.trial import MeasurementSet, Role, Trial
 
 
 class Run:
@@ -53,8 +53,8 @@ class Run:
 
     def model(self, model: ModelLike | None, without: Sequence[str] = ()) -> Model | None:
         """Return a model, or that of a file, less the parts `without`. Raises InputError for anything else."""
-        from fabdesign.model import Model
-        from fabdesign.model_file import usable_model
+        from fabdesign.files.model_file import usable_model
+        from fabdesign.nouns.model import Model
 
         if model is not None:
             require_kind("model", model, Model)
@@ -66,7 +66,7 @@ class Run:
     @staticmethod
     def side(grid: int | None, model: Model | None) -> int:
         """Return points a side: as asked for, else those that the model's factors were found on."""
-        from fabdesign.model import Model
+        from fabdesign.nouns.model import Model
 
         return grid or (model or Model()).points_per_side
 
@@ -81,7 +81,7 @@ class Run:
     ) -> tuple[list[MeasurementSet], list[str]]:
         """Return the sets with their sound trials of these roles, and a line on each other one. Raises InputError for
         the first unless `skip_bad`."""
-        from studies.bad_data import sound_trials
+        from studies.measured.bad_data import sound_trials
 
         checked = [sound_trials(one, skip_bad=skip_bad, roles=roles) for one in sets]
         return [one for one, _ in checked], [line for _, lines in checked for line in lines]
@@ -90,7 +90,7 @@ class Run:
         self, model: Model | None, programs: Sequence[PressureProgram], trials: Sequence[Trial] = ()
     ) -> None:
         """Say where a model extrapolates: designs that its corrector declines, pressures that it was not fitted to."""
-        from studies.forward_model import extrapolated, not_corrected
+        from studies.prediction.forward_model import extrapolated, not_corrected
 
         declined = [] if model is None else not_corrected(model, (trial.design for trial in trials))
         for line in (*declined, *extrapolated(model, programs)):
@@ -113,13 +113,13 @@ class Run:
     def computing(self, study: Any = None) -> Iterator[None]:
         """A context whose batches go where they are asked to: `cluster`, the environment's, that of the study's file,
         or here."""
-        from fabdesign.cluster import VARIABLE, current, on_cluster
+        from fabdesign.runtime.cluster import VARIABLE, current, on_cluster
 
         address = self._cluster
         if address is None and current() is None:
             address = os.environ.get(VARIABLE)
             if address is None and isinstance(study, Path):
-                from fabdesign.study_file import read_cluster
+                from fabdesign.study_files.study_file import read_cluster
 
                 address = read_cluster(study)
         with on_cluster(address, say=self.say):
@@ -162,9 +162,9 @@ def simulator(points_per_side: int, **options: Any) -> ForwardModel:
 
 def all_sets(measured: SetLike | Sequence[SetLike]) -> list[MeasurementSet]:
     """Return measurement sets, read where they are files. Raises InputError for anything else, also for a bench."""
-    from fabdesign.bench_file import is_bench
-    from fabdesign.measurement_set import read_set
-    from fabdesign.trial import MeasurementSet
+    from fabdesign.files.bench_file import is_bench
+    from fabdesign.files.measurement_set import read_set
+    from fabdesign.nouns.trial import MeasurementSet
 
     many = several("measurement sets", measured, MeasurementSet)
     if not many:
@@ -178,7 +178,7 @@ def all_sets(measured: SetLike | Sequence[SetLike]) -> list[MeasurementSet]:
 
 def benches_of(measured: Any) -> list[Path]:
     """Return those of the measured things that are benches. Raises InputError where other things are beside them."""
-    from fabdesign.bench_file import is_bench
+    from fabdesign.files.bench_file import is_bench
 
     many = [measured] if isinstance(measured, Path | str) else [*measured] if isinstance(measured, list | tuple) else []
     benches = [Path(one) for one in many if isinstance(one, Path | str) and is_bench(Path(one))]
@@ -189,7 +189,7 @@ def benches_of(measured: Any) -> list[Path]:
 
 def paths_of(*given: Any) -> list[Path]:
     """Return those of the arguments that are files or folders, and where measured sets lie: never written over."""
-    from fabdesign.trial import MeasurementSet
+    from fabdesign.nouns.trial import MeasurementSet
 
     flat = [x for each in given for x in (each if isinstance(each, list | tuple) else [each])]
     sets = {trial.file.parent.parent for x in flat if isinstance(x, MeasurementSet) for trial in x.trials}

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from fabdesign.interface.results import Layouts, Optimized
     from fabdesign.interface.verb import DesignLike, File, Folder, ModelLike
-    from optimize.evaluations import Evaluations
+    from optimize.search.evaluations import Evaluations
     from studies.demo.run import Demo
 
     Target = ArrayLike | File  # (n, 3) m, or a cloud, mesh or trial
@@ -33,9 +33,9 @@ def reported(text: str, given: Mapping[str, Any]) -> str:
 
 
 def _optimized(result: Optimized, given: Mapping[str, Any]) -> Shown:
-    from fabdesign.metrics import MANY_BEYOND, told_beyond
-    from fabdesign.pressure import poses_in_words
-    from studies.layouts.wished import errors_in_words
+    from fabdesign.geometry.metrics import MANY_BEYOND, told_beyond
+    from fabdesign.nouns.pressure import poses_in_words
+    from studies.layout_search.wish_errors import errors_in_words
 
     content = result.to_json()
     text = (
@@ -87,7 +87,7 @@ def optimize(
     """
     from fabdesign.interface.arguments import ends_of, one_design, study_file
     from fabdesign.interface.results import Optimized
-    from fabdesign.study_file import read_study
+    from fabdesign.study_files.study_file import read_study
     from studies.layouts.run import run_study
 
     run = Run.of(keys)
@@ -149,10 +149,10 @@ def layouts(
     corner (0.2, 0.2)". seconds, evaluations: of all searches together. Other arguments and errors are those of
     `optimize`.
     """
-    from fabdesign.effort import in_words
     from fabdesign.interface.arguments import one_design, study_file
     from fabdesign.interface.results import Layouts
-    from fabdesign.layouts_file import read_layouts
+    from fabdesign.runtime.effort import in_words
+    from fabdesign.study_files.layouts_file import read_layouts
     from studies.layout_grid.run import run_layouts
 
     run = Run.of(keys)

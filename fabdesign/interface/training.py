@@ -55,10 +55,10 @@ def train(
     """
     if network == "paper":
         import corrector.paper_training  # noqa: F401 loads PyTorch: without it nothing is begun
-    from fabdesign.effort import CALIBRATION, fit_seconds, in_words, on_cores, training_seconds
-    from fabdesign.model import Model
+    from fabdesign.nouns.model import Model
     from fabdesign.output import new_files
-    from studies.sensitive_stretches import GRID as COARSE
+    from fabdesign.runtime.effort import CALIBRATION, fit_seconds, in_words, on_cores, training_seconds
+    from studies.measured.sensitive_stretches import GRID as COARSE
     from studies.training.train import train as train_on
 
     run, out = Run(**given), Path(out)

@@ -13,14 +13,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, TypedDict, TypeVar
 
-from fabdesign.effort import COARSEST, FINEST
+from fabdesign.runtime.effort import COARSEST, FINEST
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from fabdesign.design import Design
-    from fabdesign.model import Model
-    from fabdesign.trial import MeasurementSet
+    from fabdesign.nouns.design import Design
+    from fabdesign.nouns.model import Model
+    from fabdesign.nouns.trial import MeasurementSet
 
     File: TypeAlias = Path | str
     Folder: TypeAlias = Path | str  # to write

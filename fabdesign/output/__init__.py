@@ -9,13 +9,13 @@ A command opens its output before it computes anything:
 and writes to `unfinished`, which becomes `path` when the block ends well. `work_folder` is for what goes on in its
 folder. `whole_file` and `write_text` replace: they are for a piece of one's own unfinished output.
 
-Others import from here alone. Inside: `whole.py` (a temporary file, a rename, one lock), `own.py` (the mark of what is
-this program's, and inputs), `unfinished.py` (the functions above).
+Others import from here alone. Inside: `atomic.py` (a temporary file, a rename, one lock), `ownership.py` (the mark of
+what is this program's, and inputs), `unfinished.py` (the functions above).
 """
 
-from fabdesign.output.own import MARK, always_input, others_in, own_files, read_mark, write_mark
+from fabdesign.output.atomic import cannot_write, sweep, whole_file, write_text
+from fabdesign.output.ownership import MARK, always_input, others_in, own_files, read_mark, write_mark
 from fabdesign.output.unfinished import Inputs, WorkFolder, given_up, new_file, new_files, new_folder, work_folder
-from fabdesign.output.whole import cannot_write, sweep, whole_file, write_text
 
 __all__ = [
     "MARK",

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fabdesign.errors import InputError
-from fabdesign.output.own import MARK, files_in, others_in, own_files, read_mark, require_apart, write_mark
-from fabdesign.output.whole import (
+from fabdesign.output.atomic import (
     PREFIX,
     Scratch,
     abandoned,
@@ -20,7 +19,8 @@ from fabdesign.output.whole import (
     unmake,
     whole_file,
 )
-from fabdesign.supervisor import record
+from fabdesign.output.ownership import MARK, files_in, others_in, own_files, read_mark, require_apart, write_mark
+from fabdesign.runtime.supervisor import record
 
 Inputs = Iterable[Path | str]
 _COMPLETE = "complete"  # in a folder's scratch: the new content is whole, and is being moved to its place
@@ -153,7 +153,7 @@ def _leave(held: Scratch, path: Path) -> list[str]:
 
 
 def given_up(records: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Give up what a process held that was killed, by its records (`fabdesign.supervisor`): what it left unfinished
+    """Give up what a process held that was killed, by its records (`supervisor`): what it left unfinished
     goes, and its work folders stay. Return what is to be said of those: of the outermost."""
     kept: list[str] = []
     scratches = {Path(one["scratch"]): one.get("work") for one in records if "scratch" in one}  # the last of each

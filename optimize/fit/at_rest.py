@@ -6,13 +6,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from fabdesign.column import Column, of_effect
 from fabdesign.effects.registry import EFFECTS
-from fabdesign.forward import Case
-from fabdesign.jacobian import Floats, Jacobians
-from fabdesign.pressure import PressureProgram
-from fabdesign.sheet import of_faces
-from fabdesign.trial import Accuracy
+from fabdesign.geometry.sheet import of_faces
+from fabdesign.nouns.column import Column, of_effect
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.jacobian import Floats, Jacobians
+from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.nouns.trial import Accuracy
 from optimize.fit.clouds import Array, Indices, Match, Sample, match
 from optimize.fit.inputs import InputErrors
 from optimize.fit.parameters import FitVector

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.forward import SIDE
-from fabdesign.surface import CAP, Surface
-from fabdesign.trial import Trial
-from fabdesign.trial_file import TrialData
+from fabdesign.files.trial_file import TrialData
+from fabdesign.geometry.surface import CAP, Surface
+from fabdesign.nouns.forward import SIDE
+from fabdesign.nouns.trial import Trial
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

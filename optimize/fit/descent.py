@@ -6,16 +6,16 @@ from itertools import pairwise
 
 import numpy as np
 
-from fabdesign.forward import ForwardModel
-from fabdesign.trial import Accuracy
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.trial import Accuracy
 from fabdesign.units import in_mm
 from optimize.fit.clouds import FAR, Array, Indices, Sample, cut
 from optimize.fit.fitted import Fit, capped, concluded
 from optimize.fit.inputs import InputErrors, input_errors
-from optimize.fit.needed import needed
 from optimize.fit.normal import BLOCK, LARGEST, Normal, directions, loss, step_to_minimum
 from optimize.fit.parameters import DECLARED, FitVector
 from optimize.fit.problem import BenchProblem, Evaluation, FitProblem, Linearisation, Problem
+from optimize.fit.significance import needed
 
 STEP = 0.03  # of a logarithm, in the first finite differences
 _ITERATIONS = 20

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fabdesign.store import Arrays, Checkpoint
-from fabdesign.surface import CAP
+from fabdesign.geometry.surface import CAP
+from fabdesign.runtime.store import Arrays, Checkpoint
 from optimize.fit.clouds import Array, Match, Sample, frames_of
 from optimize.fit.inputs import InputErrors
 from optimize.fit.normal import Normal, scatter, step_to_minimum

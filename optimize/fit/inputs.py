@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fabdesign.forward import Case, Term
-from fabdesign.trial import Accuracy, Trial
+from fabdesign.nouns.forward import Case, Term
+from fabdesign.nouns.trial import Accuracy, Trial
 from optimize.fit.clouds import Array, frames_of
 from optimize.fit.problem import Evaluation, FitProblem
 

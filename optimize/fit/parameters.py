@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from fabdesign.effects.registry import EFFECTS, labels_of
-from fabdesign.forward import FACTOR_RANGE, MUSCLE_TYPES, PARAMETERS, Case, Term
-from fabdesign.trial import Trial
+from fabdesign.nouns.forward import FACTOR_RANGE, MUSCLE_TYPES, PARAMETERS, Case, Term
+from fabdesign.nouns.trial import Trial
 
 Array = NDArray[np.float64]
 # Standard deviations of the logarithms: data sheets are good to tens of percent, their damping to 30 %. A cloth's mass

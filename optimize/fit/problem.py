@@ -8,8 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from fabdesign.forward import Case, ForwardModel
-from fabdesign.sheet import Sheet, sheets_of
+from fabdesign.geometry.sheet import Sheet, sheets_of
+from fabdesign.nouns.forward import Case, ForwardModel
 from optimize.fit.clouds import Array, Indices, Match, Motion, Sample, derivatives, match, nodes_of
 from optimize.fit.parameters import DECLARED, FitVector
 

@@ -6,8 +6,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
-from fabdesign.muscle import Muscle
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.muscle import Muscle
 from sim.design.loops import line_weights, patch_size
 from sim.state import PATCH
 

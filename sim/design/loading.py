@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from fabdesign.effects.acting import specimen_of
 from fabdesign.effects.specimen import Specimen
-from fabdesign.effort import MEMORY
 from fabdesign.errors import InputError
-from fabdesign.forward import Case
-from fabdesign.muscle import BenchTable, MuscleType
-from fabdesign.muscle_law import law_of
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.muscle import BenchTable, MuscleType
+from fabdesign.nouns.muscle_law import law_of
+from fabdesign.runtime.effort import MEMORY
 from sim import state
 from sim.design.lacing import Lacing, lace, touched
 from sim.design.nodes import node_arrays, node_means

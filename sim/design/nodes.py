@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects.specimen import Specimen
-from fabdesign.muscle import Muscle
+from fabdesign.nouns.muscle import Muscle
 from sim.design.support import Support
 
 Array = NDArray[np.float64]

@@ -2,7 +2,7 @@
 
 from enum import IntEnum
 
-from fabdesign.fabric import Fabric
+from fabdesign.nouns.fabric import Fabric
 
 
 class Support(IntEnum):

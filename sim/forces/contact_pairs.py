@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.forward import Case
+from fabdesign.nouns.forward import Case
 from sim.forces.contact import put
 from sim.kernels.fields import LANES, F
 from sim.kernels.transfer import read

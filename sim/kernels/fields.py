@@ -25,9 +25,9 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from fabdesign.cache_folder import ensure_cache_folder, remove_stale_lock, require_writable
 from fabdesign.errors import InputError, why_not_loaded
-from fabdesign.working_time import not_counted
+from fabdesign.runtime.cache_folder import ensure_cache_folder, remove_stale_lock, require_writable
+from fabdesign.runtime.working_time import not_counted
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")

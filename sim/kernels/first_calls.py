@@ -1,6 +1,6 @@
 """A kernel's first call, in which Taichi compiles it, or loads what it has compiled on this machine.
 
-That takes the seconds of nothing else (fabdesign/working_time.py). A kernel that takes long to compile says so, unless
+That takes the seconds of nothing else (`working_time`). A kernel that takes long to compile says so, unless
 a mark in Taichi's folder tells that it lies there. Marks hold for the very source and fields.
 """
 
@@ -12,9 +12,9 @@ from pathlib import Path
 
 import taichi as ti
 
-from fabdesign.content import sha256
 from fabdesign.errors import note
-from fabdesign.working_time import not_counted
+from fabdesign.runtime.fingerprint import sha256
+from fabdesign.runtime.working_time import not_counted
 from sim.kernels.frontend import brief
 
 SECONDS = 20  # that a costly kernel takes to compile on one core

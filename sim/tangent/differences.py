@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.column import Column, move
-from fabdesign.forward import Case
+from fabdesign.nouns.column import Column, move
+from fabdesign.nouns.forward import Case
 from sim.tangent.shapes import Solved
 
 Array = NDArray[np.float64]

@@ -13,10 +13,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.column import Move
 from fabdesign.effects.acting import specimen_of
 from fabdesign.effects.specimen import Specimen
-from fabdesign.forward import OF_MUSCLES, Case
+from fabdesign.nouns.column import Move
+from fabdesign.nouns.forward import OF_MUSCLES, Case
 from sim.design.lacing import touched
 from sim.design.loading import side_by_side
 from sim.design.nodes import masses, muscle_masses

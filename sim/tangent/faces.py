@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fabdesign.jacobian import FacesJacobian
+from fabdesign.nouns.jacobian import FacesJacobian
 from sim.motion import faces
 from sim.tangent.differences import Jacobian
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.muscle import BenchTable, Muscle, MuscleType
-from fabdesign.muscle_law import law_of
+from fabdesign.nouns.muscle import BenchTable, Muscle, MuscleType
+from fabdesign.nouns.muscle_law import law_of
 from sim.design.loops import line_weights
 
 Array = NDArray[np.float64]

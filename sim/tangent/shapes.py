@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.column import Column, move
-from fabdesign.forward import Case
+from fabdesign.nouns.column import Column, move
+from fabdesign.nouns.forward import Case
 from sim.kernels.fields import LANES, F
 from sim.kernels.transfer import put, read
 from sim.tangent import fields

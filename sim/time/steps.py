@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects.pressures import ActingPressure
-from fabdesign.pressure import PressureProgram
+from fabdesign.nouns.pressure import PressureProgram
 
 Array = NDArray[np.float64]
 AFTER_JUMP = ((1 / 240, 1), (1 / 40, 2), (1 / 15, 4))  # s after a large jump, ticks of a step until then

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fabdesign.bench import BenchRecord
 from fabdesign.errors import InputError
+from fabdesign.nouns.bench import BenchRecord
 
 Array = NDArray[np.float64]
 

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from fabdesign.bench import Bench, BenchRecord
-from fabdesign.bench_file import read_bench
-from fabdesign.effort import bench_fit_seconds, in_words
-from fabdesign.encoder import plain
 from fabdesign.errors import InputError
-from fabdesign.model import EffectTerm, Quantity
-from fabdesign.tabled import Columns, Tabled
+from fabdesign.files.bench_file import read_bench
+from fabdesign.formats.encoder import plain
+from fabdesign.formats.result_tables import Columns, Tabled
+from fabdesign.nouns.bench import Bench, BenchRecord
+from fabdesign.nouns.model import EffectTerm, Quantity
+from fabdesign.runtime.effort import bench_fit_seconds, in_words
 from fabdesign.units import in_mm
 from optimize.fit.parameters import FitVector
 from studies.benches.actuator import StaticCurve

@@ -8,8 +8,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.bench import BenchRecord
 from fabdesign.errors import InputError
+from fabdesign.nouns.bench import BenchRecord
 
 Array = NDArray[np.float64]
 T = TypeVar("T")

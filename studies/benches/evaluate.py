@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from fabdesign.bench import Bench, BenchRecord
-from fabdesign.bench_file import read_bench
 from fabdesign.errors import InputError
-from fabdesign.json_file import plain
-from fabdesign.metrics import Statistics
-from fabdesign.tabled import Columns, Tabled
+from fabdesign.files.bench_file import read_bench
+from fabdesign.formats.json_file import plain
+from fabdesign.formats.result_tables import Columns, Tabled
+from fabdesign.geometry.metrics import Statistics
+from fabdesign.nouns.bench import Bench, BenchRecord
 from studies.benches.calibrate import LEAST_SHOWN
 from studies.benches.noise import BenchNoise, noise_of
 from studies.benches.predictions import RecordErrors, errors_of, prediction

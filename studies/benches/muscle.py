@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fabdesign.bench import BenchRecord
 from fabdesign.errors import InputError
-from fabdesign.muscle import BenchTable
-from fabdesign.muscle_law import MuscleLaw
-from fabdesign.term import Term
+from fabdesign.nouns.bench import BenchRecord
+from fabdesign.nouns.muscle import BenchTable
+from fabdesign.nouns.muscle_law import MuscleLaw
+from fabdesign.nouns.term import Term
 from studies.benches.rows import Rows, motion_columns, rows_of, taken
 
 Array = NDArray[np.float64]

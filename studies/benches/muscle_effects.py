@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.bspline import design_matrix
 from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
-from fabdesign.forward import MUSCLE_TYPES, PARAMETERS, Term
-from fabdesign.model import EffectTerm, Quantity
+from fabdesign.geometry.bspline import design_matrix
+from fabdesign.nouns.forward import MUSCLE_TYPES, PARAMETERS, Term
+from fabdesign.nouns.model import EffectTerm, Quantity
 from optimize.fit.descent import fit_bench
-from optimize.fit.free import fit_vector
+from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import BenchProblem
 from studies.benches.rows import Rows, motion_columns

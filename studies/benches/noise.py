@@ -1,7 +1,7 @@
 """The noise of a bench's readings, from what no law makes: repeats of a record, and a reading beside its neighbours.
 
 It never comes from what a law leaves: a law that lacks an effect leaves that too. That of clouds is estimated in
-`fabdesign/sensor_noise.py`.
+`fabdesign/geometry/sensor_noise.py`.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.bench import Bench, BenchRecord
+from fabdesign.nouns.bench import Bench, BenchRecord
 from studies.benches.records import output_of
 
 Array = NDArray[np.float64]

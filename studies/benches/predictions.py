@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.bench import Bench, BenchRecord
-from fabdesign.bench_law_file import FORMAT as BENCH_LAW
-from fabdesign.bench_law_file import BenchLaw, read_bench_law
-from fabdesign.design_file import DesignPart, read_part
 from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
-from fabdesign.model import EffectTerm
-from fabdesign.muscle_law import MuscleLaw, law_of
-from fabdesign.term import Term
-from fabdesign.toml_file import parse_toml
+from fabdesign.files.bench_law_file import FORMAT as BENCH_LAW
+from fabdesign.files.bench_law_file import BenchLaw, read_bench_law
+from fabdesign.files.design_file import DesignPart, read_part
+from fabdesign.formats.toml_file import parse_toml
+from fabdesign.nouns.bench import Bench, BenchRecord
+from fabdesign.nouns.model import EffectTerm
+from fabdesign.nouns.muscle_law import MuscleLaw, law_of
+from fabdesign.nouns.term import Term
 from fabdesign.units import from_kpa
 from studies.benches.actuator import StaticCurve, hold_of
 from studies.benches.cylinder import CylinderLaw, terms_of

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.bench import Bench, BenchRecord, Specimen
 from fabdesign.errors import InputError
-from fabdesign.muscle import WIDEST
+from fabdesign.nouns.bench import Bench, BenchRecord, Specimen
+from fabdesign.nouns.muscle import WIDEST
 from studies.benches import actuator, rows
 from studies.benches.actuator import hold_of
 from studies.benches.rows import FORCES

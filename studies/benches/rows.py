@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.bench import BenchRecord
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.bench import MuscleRecord
 from fabdesign.errors import InputError
-from fabdesign.forward import Term
+from fabdesign.nouns.bench import BenchRecord
+from fabdesign.nouns.forward import Term
 
 Array = NDArray[np.float64]
 

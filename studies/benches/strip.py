@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fabdesign.bench import BenchRecord
-from fabdesign.bspline import design_matrix
-from fabdesign.curve_file import MembraneCurve
 from fabdesign.errors import InputError
-from fabdesign.least_squares import least_squares_with_inequalities
+from fabdesign.files.curve_file import MembraneCurve
+from fabdesign.geometry.bspline import design_matrix
+from fabdesign.geometry.least_squares import least_squares_with_inequalities
+from fabdesign.nouns.bench import BenchRecord
 
 Array = NDArray[np.float64]
 

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import tomlkit
 
-from fabdesign.bench import Bench
-from fabdesign.bench_law_file import BenchLaw, write_bench_law
-from fabdesign.bench_table_file import write_bench_table
-from fabdesign.curve_file import MembraneCurve, write_membrane_curve
-from fabdesign.encoder import plain
 from fabdesign.errors import InputError
+from fabdesign.files.bench_law_file import BenchLaw, write_bench_law
+from fabdesign.files.bench_table_file import write_bench_table
+from fabdesign.files.curve_file import MembraneCurve, write_membrane_curve
+from fabdesign.formats.encoder import plain
+from fabdesign.nouns.bench import Bench
 from fabdesign.output import write_text
 from fabdesign.units import in_kpa
 from studies.benches.actuator import StaticCurve

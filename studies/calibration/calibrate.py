@@ -9,33 +9,33 @@ from typing import Any
 import numpy as np
 
 from fabdesign.errors import InputError
-from fabdesign.forward import ForwardModel
-from fabdesign.json_file import plain
-from fabdesign.model import POINTS_PER_SIDE, Model
-from fabdesign.predictor import Predictor
-from fabdesign.sensor_noise import SensorNoise
-from fabdesign.splits import fit_trials
-from fabdesign.store import Checkpoint
-from fabdesign.tabled import OfModel
-from fabdesign.trial import MeasurementSet
+from fabdesign.formats.json_file import plain
+from fabdesign.formats.result_tables import OfModel
+from fabdesign.geometry.sensor_noise import SensorNoise
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.model import POINTS_PER_SIDE, Model
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.nouns.trial import MeasurementSet
+from fabdesign.runtime.store import Checkpoint
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Array, Sample, evenly
 from optimize.fit.descent import Progress, fit, parts
 from optimize.fit.fitted import Fit, capped, kept
 from optimize.fit.parameters import DECLARED, FitVector
 from optimize.fit.problem import FitProblem
-from studies.bad_data import Tolerance
 from studies.calibration.ambiguities import ambiguities
 from studies.calibration.fitted_model import fitted_model
 from studies.calibration.intervals import EXCESS, excess, expected_rms, far_factors, interval_warnings, with_engines
+from studies.calibration.joint_fit import joint_fit
+from studies.calibration.rest_fit import fit_at_rest, with_shapes_at_rest
 from studies.calibration.trial_checks import DISAGREE, implausible
 from studies.intervals.calibrate import chosen as chosen_trials
 from studies.intervals.calibrate import spread_json, with_spread
-from studies.joint_fit import joint_fit
-from studies.measured_data import Density, MeasuredData
-from studies.rest_fit import fit_at_rest, with_shapes_at_rest
-from studies.sensitive_stretches import find_used_frames
-from studies.used_frames import UsedFrames
+from studies.measured.bad_data import Tolerance
+from studies.measured.fit_data import Density, MeasuredData
+from studies.measured.sensitive_stretches import find_used_frames
+from studies.measured.splits import fit_trials
+from studies.measured.used_frames import UsedFrames
 
 TRIALS = 16  # fitted at most without effects, spread over those allowed
 MOST_TRIALS = 48  # with effects, whose last fit takes 10 CPU s a trial; never more than half of those allowed over 32
@@ -119,13 +119,13 @@ def calibrate(
     checkpoint: Checkpoint | None = None,
     progress: Progress = lambda line, share: None,
 ) -> Calibration:
-    """The unknowns of `vector`, by default the seven factors of `fabdesign.forward.PARAMETERS`, from the trials of role
+    """The unknowns of `vector`, by default the seven factors of `PARAMETERS`, from the trials of role
     `fit`, or those of `orders` of each set; those of all sets and designs together. With effects, the factors are
     fitted without them first, which the model keeps.
 
     Of more than 16 trials, 16 spread over the session are fitted, and of more than 32 half of them, 48 at most, by the
     last fit of effects: 30 frames of the first 1.5 s of each, and 300 points of a frame, by `seed`. `slopes`: see
-    `fit.fit`. coarse: a cheap simulator that finds sensitive stretches (studies.sensitive_stretches); they are left
+    `fit.fit`. coarse: a cheap simulator that finds sensitive stretches (measured.sensitive_stretches); they are left
     out. Without it they are not looked for.
     points_per_side: of `forward`'s grid, noted in the model.
     skipped: lines on bad trials left out before; skip_bad: leave out those too that `trial_checks.implausible` finds.

@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fabdesign.effects import EFFECTS
-from fabdesign.forward import MUSCLE_TYPES, OF_MUSCLES, Term
-from fabdesign.learned_range import LearnedRange
-from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Provenance, Quantity
-from fabdesign.trial import Trial
+from fabdesign.nouns.forward import MUSCLE_TYPES, OF_MUSCLES, Term
+from fabdesign.nouns.learned_range import LearnedRange
+from fabdesign.nouns.model import Covariance, EffectTerm, Model, Parameter, Provenance, Quantity
+from fabdesign.nouns.trial import Trial
 from optimize.fit.fitted import Fit
-from optimize.fit.free import muscle_scope
+from optimize.fit.free_parameters import muscle_scope
 from optimize.fit.parameters import FitParameter
 
 QUANTILE = 1.645  # two-sided 90 %

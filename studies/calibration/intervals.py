@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.csv_table import decimal, read_rows
-from fabdesign.forward import PARAMETERS
-from fabdesign.metrics import over
-from fabdesign.sensor_noise import SensorNoise
-from fabdesign.surface import CAP
+from fabdesign.formats.csv_table import decimal, read_rows
+from fabdesign.geometry.metrics import over
+from fabdesign.geometry.sensor_noise import SensorNoise
+from fabdesign.geometry.surface import CAP
+from fabdesign.nouns.forward import PARAMETERS
 from fabdesign.units import in_mm
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import DECLARED, FitVector

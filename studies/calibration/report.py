@@ -1,6 +1,6 @@
 """A calibration in plain words: the table, and what else there is to say of the fit."""
 
-from fabdesign.model import Parameter
+from fabdesign.nouns.model import Parameter
 from fabdesign.units import in_mm
 from studies.calibration.calibrate import Calibration
 

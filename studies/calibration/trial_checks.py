@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fabdesign.forward import ForwardModel
-from fabdesign.metrics import surface_rms
+from fabdesign.geometry.metrics import surface_rms
+from fabdesign.nouns.forward import ForwardModel
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Array, Motion, Sample, evenly
 from optimize.fit.parameters import FitVector

@@ -5,13 +5,13 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from fabdesign.design import Design
-from fabdesign.design_file import DesignPart
-from fabdesign.fabric import Fabric
-from fabdesign.hung_cloth import at_rest, held_places
-from fabdesign.muscle import WIDEST, BenchTable, MuscleType, diameter_slip
+from fabdesign.files.design_file import DesignPart
+from fabdesign.geometry.hung_cloth import at_rest, held_places
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.fabric import Fabric
+from fabdesign.nouns.muscle import WIDEST, BenchTable, MuscleType, diameter_slip
 from fabdesign.units import in_kpa, in_mm
-from optimize.geometry import bend_radius, clearance
+from optimize.search.path_geometry import bend_radius, clearance
 from studies.check.findings import Findings
 from studies.check.ranges import BLOCKED, FABRIC, FREE_CONTRACTION, GRAVITY, MUSCLE_TYPE, beyond
 

@@ -10,31 +10,31 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.bench_file import read_record
-from fabdesign.bench_law_file import TABLES as TABLES_OF_LAWS
-from fabdesign.bench_law_file import read_bench_law, read_law_table
-from fabdesign.bench_table_file import COLUMNS as BENCH_TABLE
-from fabdesign.bench_table_file import read_bench_table
-from fabdesign.cloud_file import KINDS
-from fabdesign.csv_table import read_raw_table
-from fabdesign.curve_file import read_membrane_curve
-from fabdesign.design_file import is_part, read_design, read_part
+from fabdesign.clouds.cloud_file import KINDS
+from fabdesign.clouds.recording import Recording, read_recording
+from fabdesign.clouds.target_file import AS_GIVEN, AsTarget, keys_as_options, read_target
+from fabdesign.clouds.xyz import is_text_cloud
 from fabdesign.errors import InputError, InputNote
-from fabdesign.fabric import Fabric
-from fabdesign.headings import parse_heading, parse_units_row, unit_of
-from fabdesign.measurement_set import read_set
-from fabdesign.model_file import read_model
-from fabdesign.model_sampling import joint_root
-from fabdesign.motion_file import read_motion
-from fabdesign.npz_file import open_npz
-from fabdesign.pressure import PressureProgram
-from fabdesign.pressure_file import TABLES, read_csv, read_pressures
-from fabdesign.recording import Recording, read_recording
-from fabdesign.table import nearest
-from fabdesign.target_file import AS_GIVEN, AsTarget, keys_as_options, read_target
-from fabdesign.toml_file import parse_toml
-from fabdesign.trial_file import read_trial
-from fabdesign.xyz import is_text_cloud
+from fabdesign.files.bench_file import read_record
+from fabdesign.files.bench_law_file import TABLES as TABLES_OF_LAWS
+from fabdesign.files.bench_law_file import read_bench_law, read_law_table
+from fabdesign.files.bench_table_file import COLUMNS as BENCH_TABLE
+from fabdesign.files.bench_table_file import read_bench_table
+from fabdesign.files.curve_file import read_membrane_curve
+from fabdesign.files.design_file import is_part, read_design, read_part
+from fabdesign.files.measurement_set import read_set
+from fabdesign.files.model_file import read_model
+from fabdesign.files.motion_file import read_motion
+from fabdesign.files.pressure_file import TABLES, read_csv, read_pressures
+from fabdesign.files.trial_file import read_trial
+from fabdesign.formats.csv_table import read_raw_table
+from fabdesign.formats.headings import parse_heading, parse_units_row, unit_of
+from fabdesign.formats.npz_file import open_npz
+from fabdesign.formats.table import nearest
+from fabdesign.formats.toml_file import parse_toml
+from fabdesign.nouns.fabric import Fabric
+from fabdesign.nouns.model_sampling import joint_root
+from fabdesign.nouns.pressure import PressureProgram
 from studies.check.design import bench_table_lines, design_findings, part_findings
 from studies.check.findings import Findings, failures
 from studies.check.ranges import FACTOR, PRESSURE, beyond

@@ -3,21 +3,21 @@
 from collections.abc import Mapping
 from typing import Any
 
-from fabdesign.bench_file import BenchKeys
-from fabdesign.bench_law_file import LawKeys
-from fabdesign.design import Design
-from fabdesign.design_file import DesignHead, DesignScene
+from fabdesign.clouds.recording import RecordingKeys
 from fabdesign.errors import InputError
-from fabdesign.json_schema import json_schema
-from fabdesign.layouts_file import LayoutsStudy
-from fabdesign.loop_file import LoopStudy
-from fabdesign.model import Model
-from fabdesign.recording import RecordingKeys
-from fabdesign.sensitivity_file import SensitivityStudy
-from fabdesign.study_file import Study, StudyHead
-from fabdesign.table import nearest
-from fabdesign.trial import MeasurementSet
-from fabdesign.unseen_file import UnseenStudy
+from fabdesign.files.bench_file import BenchKeys
+from fabdesign.files.bench_law_file import LawKeys
+from fabdesign.files.design_file import DesignHead, DesignScene
+from fabdesign.formats.json_schema import json_schema
+from fabdesign.formats.table import nearest
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.trial import MeasurementSet
+from fabdesign.study_files.layouts_file import LayoutsStudy
+from fabdesign.study_files.loop_file import LoopStudy
+from fabdesign.study_files.sensitivity_file import SensitivityStudy
+from fabdesign.study_files.study_file import Study, StudyHead
+from fabdesign.study_files.unseen_file import UnseenStudy
 from studies.rig.ground_truth import GroundTruth
 
 STUDIES: Mapping[str, type] = {

@@ -4,20 +4,20 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from fabdesign.bench import Bench
-from fabdesign.bench_file import read_bench
-from fabdesign.layouts_file import read_layouts
-from fabdesign.loop_file import read_loop
-from fabdesign.sensitivity_file import read_sensitivity
-from fabdesign.study_file import read_kind, read_study
-from fabdesign.table import nearest
-from fabdesign.toml_file import parse_toml
-from fabdesign.unseen_file import FREE, read_unseen
-from optimize.fit.free import fit_vector
+from fabdesign.files.bench_file import read_bench
+from fabdesign.formats.table import nearest
+from fabdesign.formats.toml_file import parse_toml
+from fabdesign.nouns.bench import Bench
+from fabdesign.study_files.layouts_file import read_layouts
+from fabdesign.study_files.loop_file import read_loop
+from fabdesign.study_files.sensitivity_file import read_sensitivity
+from fabdesign.study_files.study_file import read_kind, read_study
+from fabdesign.study_files.unseen_file import FREE, read_unseen
+from optimize.fit.free_parameters import fit_vector
 from studies.benches.records import SIZES, require_columns, require_sizes
 from studies.check.design import design_findings, spacing
 from studies.check.findings import Findings, failures
-from studies.layouts.target import load_target
+from studies.layout_search.target import load_target
 
 
 def study_findings(path: Path) -> Findings:

@@ -12,22 +12,22 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from fabdesign.effects.registry import acting_effects
-from fabdesign.forward import Case, ForwardModel
-from fabdesign.kept_values import as_json, of_json
-from fabdesign.measurement_set import read_set
-from fabdesign.metrics import Errors, closed, mean_errors, trial_errors
-from fabdesign.model import Model
-from fabdesign.model_file import read_model
-from fabdesign.predictor import Predictor
-from fabdesign.sensor_noise import SensorNoise
-from fabdesign.trial import MeasurementSet, Trial
+from fabdesign.files.measurement_set import read_set
+from fabdesign.files.model_file import read_model
+from fabdesign.geometry.metrics import Errors, closed, mean_errors, trial_errors
+from fabdesign.geometry.sensor_noise import SensorNoise
+from fabdesign.nouns.forward import Case, ForwardModel
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.nouns.trial import MeasurementSet, Trial
+from fabdesign.runtime.exact_values import as_json, of_json
 from fabdesign.units import in_mm
-from studies.branches import CURLS, TILTS, Branches, branches_of
-from studies.forward_model import forward_model
 from studies.layouts.report import ERRORS, error_cells
-from studies.measured_data import noise_of
+from studies.measured.fit_data import noise_of
+from studies.measured.sensitive_stretches import GRID, find_used_frames
+from studies.prediction.branches import CURLS, TILTS, Branches, branches_of
+from studies.prediction.forward_model import forward_model
 from studies.report import page
-from studies.sensitive_stretches import GRID, find_used_frames
 
 SET = "demo_set"
 MODEL = "demo_model.toml"

@@ -8,20 +8,20 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
-from fabdesign.catalogue import build
-from fabdesign.content import OtherContent, sha256
-from fabdesign.forward import ForwardModel
-from fabdesign.json_file import read_json, write_json
-from fabdesign.metrics import MANY_BEYOND, told_beyond
+from fabdesign.formats.json_file import read_json, write_json
+from fabdesign.geometry.metrics import MANY_BEYOND, told_beyond
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import ForwardModel
 from fabdesign.output import work_folder, write_text
-from fabdesign.search_terms import Price
-from fabdesign.store import read_kept
-from fabdesign.study_file import MuscleChoice, Study, StudyLimits
-from fabdesign.study_targets import TargetFile
-from optimize.evaluations import Evaluations
+from fabdesign.runtime.fingerprint import OtherContent, sha256
+from fabdesign.runtime.store import read_kept
+from fabdesign.study_files.search_terms import Price
+from fabdesign.study_files.study_file import MuscleChoice, Study, StudyLimits
+from fabdesign.study_files.study_targets import TargetFile
+from optimize.search.evaluations import Evaluations
 from studies.demo.measured import MODEL, SET, ShippedErrors, as_blocks, evaluate_shipped
 from studies.demo.measured import as_text as shipped_as_text
-from studies.layouts.kept import VERSIONS
+from studies.layouts.kept_result import VERSIONS
 from studies.layouts.picture import save_picture
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.clouds.recording import Recording
 from fabdesign.errors import InputError
-from fabdesign.measurement_set import TrialData
-from fabdesign.recording import Recording
+from fabdesign.files.measurement_set import TrialData
 from fabdesign.units import in_mm
 
 if TYPE_CHECKING:

@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from fabdesign import working_time
-from fabdesign.design import Design
+from fabdesign.clouds.recording import Convention, Recording, read_recording
 from fabdesign.errors import InputError
-from fabdesign.json_file import plain, write_json
-from fabdesign.measurement_set import NewTrial, write_set
+from fabdesign.files.measurement_set import NewTrial, write_set
+from fabdesign.formats.json_file import plain, write_json
+from fabdesign.nouns.design import Design
 from fabdesign.output import new_folder
-from fabdesign.recording import Convention, Recording, read_recording
-from studies.bad_data import Tolerance
+from fabdesign.runtime import working_time
 from studies.fusion.frames import Fusion, FusionReport
+from studies.measured.bad_data import Tolerance
 
 POINTS = 3362  # a frame, as many as 41 x 41 points on two faces
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.clouds.recording import Recording, Sensor
 from fabdesign.errors import InputError
-from fabdesign.recording import Recording, Sensor
-from studies.bad_data import Tolerance
 from studies.fusion.checks import DISAGREE, disagreement, late_sensor, swapped_pair
 from studies.fusion.cleaning import clean
 from studies.fusion.joint import SensorView, align
 from studies.fusion.reference import Pose, off, register_to_rest
+from studies.measured.bad_data import Tolerance
 
 Array = NDArray[np.float64]
 REST = -1  # the frame number of the reference

@@ -13,9 +13,9 @@ from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from fabdesign.clouds.recording import Sensor
 from fabdesign.errors import InputError
-from fabdesign.fabric import Fabric
-from fabdesign.recording import Sensor
+from fabdesign.nouns.fabric import Fabric
 from fabdesign.units import in_mm
 from studies.fusion.cleaning import clean, point_cloud
 

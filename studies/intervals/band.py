@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from corrector.shape import LocalFrames, middle_of
-from fabdesign.fabric import Fabric
-from fabdesign.forward import SIDE, Case, ForwardModel
-from fabdesign.model import Spread
-from fabdesign.predictor import Predictor
-from fabdesign.spread import TWO_SIDED, half_widths, spread_of
+from fabdesign.nouns.fabric import Fabric
+from fabdesign.nouns.forward import SIDE, Case, ForwardModel
+from fabdesign.nouns.model import Spread
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.nouns.spread import TWO_SIDED, half_widths, spread_of
 from fabdesign.units import in_mm
 from studies.intervals.draws import Motion, drawn_motions, rests
 from studies.intervals.regions import REGIONS, region_terms

@@ -6,16 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from fabdesign.forward import ForwardModel
-from fabdesign.model import Model, Spread
-from fabdesign.splits import by_program
-from fabdesign.spread import TWO_SIDED, spread_hash
-from fabdesign.trial import Trial
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.model import Model, Spread
+from fabdesign.nouns.spread import TWO_SIDED, spread_hash
+from fabdesign.nouns.trial import Trial
 from fabdesign.units import in_mm
 from optimize.fit.clouds import evenly
-from studies.forward_model import forward_model
 from studies.intervals.draws import Used, looked_at, residuals
 from studies.intervals.widths import LEAST, START, IntervalScore, RegionResiduals, calibrated, combined, left_out
+from studies.measured.splits import by_program
+from studies.prediction.forward_model import forward_model
 
 MOST = 10  # of a design
 

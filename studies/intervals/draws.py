@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effort import batches
-from fabdesign.forward import Case, ForwardModel
-from fabdesign.model import Model
-from fabdesign.model_sampling import drawn, joint_root
-from fabdesign.predictor import Predictor
-from fabdesign.trial import Trial
+from fabdesign.nouns.forward import Case, ForwardModel
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.model_sampling import drawn, joint_root
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.nouns.trial import Trial
+from fabdesign.runtime.effort import batches
 from studies.intervals.regions import region_residuals, region_terms
 from studies.intervals.widths import RegionResiduals
 

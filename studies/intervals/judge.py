@@ -6,11 +6,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.forward import Case, ForwardModel
-from fabdesign.model import Spread
-from fabdesign.predictor import Predictor
-from fabdesign.spread import TWO_SIDED, half_widths, spread_of
-from fabdesign.trial import Trial
+from fabdesign.nouns.forward import Case, ForwardModel
+from fabdesign.nouns.model import Spread
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.nouns.spread import TWO_SIDED, half_widths, spread_of
+from fabdesign.nouns.trial import Trial
 from studies.intervals.draws import Motion, drawn_motions, looked_at, residuals_of, rests
 from studies.intervals.widths import IntervalScore
 

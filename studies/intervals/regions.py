@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from corrector.examples import offsets
 from corrector.shape import FINE, LocalFrames, middle_of
-from fabdesign.fabric import Fabric
-from fabdesign.forward import SIDE
+from fabdesign.nouns.fabric import Fabric
+from fabdesign.nouns.forward import SIDE
 
 Array = NDArray[np.float64]
 Motion = NDArray[np.floating]

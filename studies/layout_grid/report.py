@@ -7,15 +7,15 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from fabdesign import __version__
-from fabdesign.json_file import write_json
+from fabdesign.formats.json_file import write_json
 from fabdesign.output import write_text
 from fabdesign.units import in_mm
+from fabdesign.version import __version__
 from studies.layout_grid.result import WORDS, CellResult, GridResult
+from studies.layout_search.wish_errors import is_wished, measure_of
 from studies.layouts.report import ERRORS, WISHED, error_cells, target_texts
-from studies.layouts.shape_picture import shape_png
-from studies.layouts.wished import is_wished, measure_of
 from studies.report import page
+from studies.report.shape_picture import shape_png
 
 MARKS = {"front": ">", "back": "<", "both": "D"}
 _HOW = """A cell may use any layout with as many muscles or fewer on its faces. Its mark is the nearest of those. A

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fabdesign.layouts_file import Cell, LayoutsStudy
+from fabdesign.study_files.layouts_file import Cell, LayoutsStudy
 from fabdesign.units import in_mm
 from studies.layouts.result import StudyResult
 

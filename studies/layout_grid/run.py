@@ -4,17 +4,17 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from fabdesign import working_time
 from fabdesign.errors import InputError, SimulationError
-from fabdesign.forward import ForwardModel
-from fabdesign.json_file import read_json, write_json
-from fabdesign.layouts_file import Cell, LayoutsStudy, read_layouts
+from fabdesign.formats.json_file import read_json, write_json
+from fabdesign.formats.toml_file import file_stem
+from fabdesign.nouns.forward import ForwardModel
 from fabdesign.output import WorkFolder, work_folder
-from fabdesign.store import read_kept
-from fabdesign.toml_file import file_stem
-from optimize.evaluations import Evaluations
-from optimize.start_rows import as_rows, of_rows
-from optimize.starts import Start
+from fabdesign.runtime import working_time
+from fabdesign.runtime.store import read_kept
+from fabdesign.study_files.layouts_file import Cell, LayoutsStudy, read_layouts
+from optimize.search.evaluations import Evaluations
+from optimize.search.start_rows import as_rows, of_rows
+from optimize.search.starts import Start
 from studies.layout_grid.report import write_report
 from studies.layout_grid.result import CellResult, GridResult
 from studies.layout_grid.turns import (
@@ -30,10 +30,10 @@ from studies.layout_grid.turns import (
     recent_gain,
     seeds_of,
 )
-from studies.layouts.begin import first_starts, limits_of
+from studies.layout_search.first_layouts import first_starts, limits_of
+from studies.layout_search.target import load_target
 from studies.layouts.result import StudyResult
 from studies.layouts.run import run_study
-from studies.layouts.target import load_target
 
 CELLS = "cells"  # the folder of the searches' folders
 TURNS = "turns.json"  # how the time was shared, by which a grid goes on

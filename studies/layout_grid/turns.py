@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from fabdesign.design import Design
-from fabdesign.layouts_file import SIDES, Cell
-from fabdesign.muscle import Muscle
-from optimize.additions import pulling, with_idle
-from optimize.design_space import DesignSpace
-from optimize.start_rows import StartRow
-from optimize.starts import Start
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.muscle import Muscle
+from fabdesign.study_files.layouts_file import SIDES, Cell
+from optimize.search.additions import pulling, with_idle
+from optimize.search.design_space import DesignSpace
+from optimize.search.start_rows import StartRow
+from optimize.search.starts import Start
 from studies.layout_grid.result import CellResult, GridResult
-from studies.layouts.begin import PULL, limits_of
+from studies.layout_search.first_layouts import PULL, limits_of
 
 FIRST = 0.6  # of the seconds, for the first turns of all cells
 FOLLOWED = 0.12  # of the seconds, at the end, for the motions that lead to the results

@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.distances import nearest_distances
-from fabdesign.mid_surface import at_places, two_faces
-from fabdesign.muscle import Muscle
+from fabdesign.geometry.distances import nearest_distances
+from fabdesign.geometry.mid_surface import at_places, two_faces
+from fabdesign.geometry.wishes import Landmarks
+from fabdesign.nouns.muscle import Muscle
 from fabdesign.units import in_mm
-from fabdesign.wishes import Landmarks
+from studies.layout_search.wish_errors import measure_of, reached_and_asked
 from studies.layouts.result import StudyResult
-from studies.layouts.wished import measure_of, reached_and_asked
 from studies.report.charts import DARK, GREY, chart, curve
 from studies.report.page import Chart, kpa
 from studies.report.scene import cloth, cloud, path, scene, target_cloud

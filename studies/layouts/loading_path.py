@@ -7,12 +7,12 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
-from fabdesign.forward import Case, ForwardModel
-from fabdesign.json_file import plain
-from fabdesign.pressure import PressureProgram, rising_program, sequence_program
+from fabdesign.formats.json_file import plain
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import Case, ForwardModel
+from fabdesign.nouns.pressure import PressureProgram, rising_program, sequence_program
 from fabdesign.units import InFile, in_mm
-from optimize.objective import Objective, Shape, refined
+from optimize.search.objective import Objective, Shape, refined
 
 OFF = 0.02  # that a copy's pressures are off
 RISES = (0.2, 2.0)  # s, of copies

@@ -9,18 +9,18 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 from scipy.spatial import KDTree
 
-from fabdesign.column import factor
-from fabdesign.forward import ForwardModel
-from fabdesign.mid_surface import mid_surface
-from fabdesign.pressure import LARGEST
-from fabdesign.study_file import Study
+from fabdesign.geometry.mid_surface import mid_surface
+from fabdesign.nouns.column import factor
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.pressure import LARGEST
+from fabdesign.study_files.study_file import Study
 from fabdesign.units import in_kpa, in_mm
-from optimize.design_space import DesignSpace
-from optimize.objective import Objective
-from optimize.slopes import jacobians_for
-from optimize.starts import Start
-from optimize.what_helps import Change, Nearer, what_helps
-from studies.layouts.target import LoadedTarget
+from optimize.search.design_space import DesignSpace
+from optimize.search.objective import Objective
+from optimize.search.relaxations import Change, Nearer, what_helps
+from optimize.search.slopes import jacobians_for
+from optimize.search.starts import Start
+from studies.layout_search.target import LoadedTarget
 
 AREA = 0.15  # of the cloth's sides, over which a distance is averaged: single points are noise
 BY = 0.2  # of a declared value

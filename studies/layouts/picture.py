@@ -15,11 +15,11 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 
-from fabdesign.layout_drawing import HALF, HIGH, LOW
+from fabdesign.drawings.layout_drawing import HALF, HIGH, LOW
 from fabdesign.output import whole_file
 from studies.layouts.result import StudyResult
-from studies.layouts.shape_picture import draw_shape, middle_of
 from studies.report.oblique import box_of
+from studies.report.shape_picture import draw_shape, middle_of
 
 SHOWN = 1200  # target points drawn
 COLOURS = LinearSegmentedColormap.from_list("pressure", [tuple(c / 255) for c in (LOW, HALF, HIGH)])

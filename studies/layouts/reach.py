@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
-from fabdesign.effort import duration
-from fabdesign.metrics import Errors
-from fabdesign.self_intersection import pierced
-from fabdesign.study_file import Study
+from fabdesign.geometry.metrics import Errors
+from fabdesign.geometry.self_intersection import pierced
+from fabdesign.nouns.design import Design
+from fabdesign.runtime.effort import duration
+from fabdesign.study_files.study_file import Study
 from fabdesign.units import in_kpa, in_mm
-from optimize.evaluations import Evaluations
-from optimize.search import evaluations_to_converge, has_converged
+from optimize.search.evaluations import Evaluations
+from optimize.search.multistart import evaluations_to_converge, has_converged
+from studies.layout_search.wish_errors import is_wished
 from studies.layouts.out_of_reach import Helps, Missed, missed_said
-from studies.layouts.wished import is_wished
 
 LEAST_GAP = 1e-3  # m over the floor from which noise does not explain it,
 GAP = 0.25  # and at least this share of the floor

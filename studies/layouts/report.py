@@ -6,17 +6,17 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from fabdesign.metrics import MANY_BEYOND, Errors, told_beyond
-from fabdesign.model import Model
-from fabdesign.pressure import poses_in_words
+from fabdesign.geometry.metrics import MANY_BEYOND, Errors, told_beyond
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.pressure import poses_in_words
 from fabdesign.units import in_mm
+from studies.layout_search.target import LoadedTarget
+from studies.layout_search.wish_errors import asked_of, is_wished
 from studies.layouts.figures import convergence, overlay
 from studies.layouts.result import StudyResult
 from studies.layouts.robustness import said as robust_said
-from studies.layouts.shape_picture import shape_png
-from studies.layouts.target import LoadedTarget
-from studies.layouts.wished import asked_of, is_wished
 from studies.report import page
+from studies.report.shape_picture import shape_png
 
 PACKAGES = ("taichi", "nlopt", "numpy", "scipy")
 ERRORS = ("Chamfer\nmm", "noise floor\nmm", "surface RMS\nmm", "noise floor\nmm")

@@ -7,25 +7,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
-from fabdesign.design_file import write_design
-from fabdesign.forward import RISE
-from fabdesign.json_file import write_json
-from fabdesign.metrics import Errors
-from fabdesign.pressure import rising_program
-from fabdesign.pressure_file import SINGLE_ROW_DURATION, constant_program, pressure_file_of, write_pressures
-from fabdesign.study_file import Study
+from fabdesign.files.design_file import write_design
+from fabdesign.files.pressure_file import SINGLE_ROW_DURATION, constant_program, pressure_file_of, write_pressures
+from fabdesign.formats.json_file import write_json
+from fabdesign.geometry.metrics import Errors
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import RISE
+from fabdesign.nouns.pressure import rising_program
+from fabdesign.study_files.study_file import Study
 from fabdesign.units import from_kpa, in_kpa, in_mm
-from optimize.evaluations import SLOPES
-from optimize.fewer import Fewer
-from optimize.history import Entry
-from optimize.search import INTERRUPTED
-from studies.layouts.after import fewer_said, front_said
+from optimize.search.evaluations import SLOPES
+from optimize.search.history import Entry
+from optimize.search.multistart import INTERRUPTED
+from optimize.search.thinning import Fewer
+from studies.layout_search.target import LoadedTarget, pose_errors
 from studies.layouts.loading_path import LoadingPath
 from studies.layouts.reach import Reach
+from studies.layouts.refinement import fewer_said, front_said
 from studies.layouts.robustness import Robustness
 from studies.layouts.robustness import as_json as robust_json
-from studies.layouts.target import LoadedTarget, pose_errors
 
 REGULATED = 0.1  # kPa, steps of the pressures in a file: finer than regulators resolve
 

@@ -11,17 +11,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.column import Column, corner_or_still, pressure
-from fabdesign.jacobian import Jacobians
-from fabdesign.model import Model
-from fabdesign.predictor import Predictor
-from fabdesign.search_terms import Robust
-from fabdesign.study_file import Study
-from optimize.design_space import DesignSpace, Vector
-from optimize.local_search import LocalSearch
-from optimize.objective import Objective, Shape, refined
-from optimize.starts import Start
-from optimize.step import LinearShape
+from fabdesign.nouns.column import Column, corner_or_still, pressure
+from fabdesign.nouns.jacobian import Jacobians
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.study_files.search_terms import Robust
+from fabdesign.study_files.study_file import Study
+from optimize.search.design_space import DesignSpace, Vector
+from optimize.search.local_search import LocalSearch
+from optimize.search.objective import Objective, Shape, refined
+from optimize.search.starts import Start
+from optimize.search.step import LinearShape
 from studies.layouts.robustness import normals
 from studies.layouts.scatter import Scatter
 

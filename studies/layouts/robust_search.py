@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fabdesign.predictor import Predictor
-from fabdesign.search_terms import Robust
-from fabdesign.study_file import Study
-from optimize.objective import Objective
-from optimize.starts import Start
-from optimize.variations import doubled
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.study_files.search_terms import Robust
+from fabdesign.study_files.study_file import Study
+from optimize.search.objective import Objective
+from optimize.search.starts import Start
+from optimize.search.variations import doubled
 from studies.layouts.robust_descent import Copies, descend
 from studies.layouts.robustness import normals
 from studies.layouts.scatter import Scatter

@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm, qmc
 
-from fabdesign.design import Design
-from fabdesign.json_file import plain
-from fabdesign.predictor import Predictor
-from fabdesign.search_terms import Robust
-from fabdesign.study_file import Study
+from fabdesign.formats.json_file import plain
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.study_files.search_terms import Robust
+from fabdesign.study_files.study_file import Study
 from fabdesign.units import in_mm
-from optimize.objective import Objective, Shape
-from optimize.starts import Start
-from optimize.step import LinearShape
+from optimize.search.objective import Objective, Shape
+from optimize.search.starts import Start
+from optimize.search.step import LinearShape
 from studies.layouts.scatter import Linear, Scatter, linear
 
 Array = NDArray[np.float64]

@@ -8,35 +8,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import SimulationError
-from fabdesign.forward import ForwardModel
-from fabdesign.model import Model
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.predictor import Predictor
 from fabdesign.output import WorkFolder, work_folder, write_text
-from fabdesign.predictor import Predictor
-from fabdesign.study_file import Study, read_study, require_searchable
+from fabdesign.study_files.study_file import Study, read_study, require_searchable
 from fabdesign.units import in_mm
-from optimize.design_space import DesignSpace
-from optimize.evaluations import FINALISTS, NEAR, Evaluations
-from optimize.fewer import Fewer
-from optimize.history import History
-from optimize.margins import constraint_margins
-from optimize.objective import Objective
-from optimize.search import INTERRUPTED, search
-from optimize.starts import Start
-from studies.forward_model import forward_model, without_resistance
-from studies.layouts.after import NEAR as NEAR_ENOUGH
-from studies.layouts.after import POOL, made_robust, points_of, search_seconds, shrunk
-from studies.layouts.begin import first_starts, further_starts, limits_of
-from studies.layouts.expected import expected_within
-from studies.layouts.kept import answer, keep, study_content
+from optimize.search.design_space import DesignSpace
+from optimize.search.evaluations import FINALISTS, NEAR, Evaluations
+from optimize.search.history import History
+from optimize.search.margins import constraint_margins
+from optimize.search.multistart import INTERRUPTED, search
+from optimize.search.objective import Objective
+from optimize.search.starts import Start
+from optimize.search.thinning import Fewer
+from studies.layout_search.first_layouts import first_starts, further_starts, limits_of
+from studies.layout_search.progress import saying_a_tenth
+from studies.layout_search.stages import coarse_hold_of, forward_models, stages_of
+from studies.layout_search.target import LoadedTarget, load_target, target_errors
+from studies.layouts.expected_deviation import expected_within
+from studies.layouts.kept_result import answer, keep, study_content
 from studies.layouts.loading_path import loading_paths
 from studies.layouts.out_of_reach import helps_of, missed_at
-from studies.layouts.progress import saying_a_tenth
 from studies.layouts.reach import lacking_of, reach_of
+from studies.layouts.refinement import NEAR as NEAR_ENOUGH
+from studies.layouts.refinement import POOL, made_robust, points_of, search_seconds, shrunk
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult, pressures_kpa, write_best
 from studies.layouts.robustness import robustness_of
-from studies.layouts.stages import coarse_hold_of, forward_models, stages_of
-from studies.layouts.target import LoadedTarget, load_target, target_errors
+from studies.prediction.forward_model import forward_model, without_resistance
 
 HISTORY = "history.sqlite"
 FILES = "result.json", "design.toml", "pressures.csv", "report.html"  # of every result

@@ -11,21 +11,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.column import Column, corner_or_still
-from fabdesign.design import Design
-from fabdesign.forward import Case
-from fabdesign.model import Model
-from fabdesign.model_sampling import drawn, joint_root
-from fabdesign.predictor import Predictor
-from fabdesign.pressure import PressureProgram
-from fabdesign.search_terms import Robust
-from fabdesign.study_file import Study
-from optimize.design_space import DesignSpace
-from optimize.objective import Objective, Shape
-from optimize.slopes import by_columns
-from optimize.step import LinearShape
-from studies.forward_model import unresisted
-from studies.layouts.begin import limits_of
+from fabdesign.nouns.column import Column, corner_or_still
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.model_sampling import drawn, joint_root
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.study_files.search_terms import Robust
+from fabdesign.study_files.study_file import Study
+from optimize.search.design_space import DesignSpace
+from optimize.search.objective import Objective, Shape
+from optimize.search.slopes import by_columns
+from optimize.search.step import LinearShape
+from studies.layout_search.first_layouts import limits_of
+from studies.prediction.forward_model import unresisted
 
 Array = NDArray[np.float64]
 STANDARD = "standard deviations"  # unit of a column
@@ -34,7 +34,7 @@ Copy = tuple[Design, Array, Model]
 
 @dataclass(frozen=True)
 class EachWithItsModel:
-    """A forward model whose case number k has the k-th model. Implements fabdesign.forward.ForwardModel."""
+    """A forward model whose case number k has the k-th model. Implements fabdesign.nouns.forward.ForwardModel."""
 
     predictor: Predictor
     models: tuple[Model, ...]

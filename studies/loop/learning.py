@@ -8,19 +8,19 @@ from pathlib import Path
 from statistics import fmean
 
 from fabdesign.errors import InputError
-from fabdesign.forward import ForwardModel
-from fabdesign.loop_file import LoopStudy
-from fabdesign.metrics import Errors
-from fabdesign.model import Model
-from fabdesign.model_file import read_model, write_model
+from fabdesign.files.model_file import read_model, write_model
+from fabdesign.geometry.metrics import Errors
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.trial import Accuracy, MeasurementSet
 from fabdesign.output import WorkFolder
-from fabdesign.trial import Accuracy, MeasurementSet
+from fabdesign.study_files.loop_file import LoopStudy
 from fabdesign.units import in_mm
-from optimize.fit.free import fit_vector
+from optimize.fit.free_parameters import fit_vector
 from studies.calibration.calibrate import Calibration, calibrate
-from studies.evaluate import DesignResult, evaluate_sets
 from studies.loop.record import Learned, TracedEffects
-from studies.sensitive_stretches import GRID
+from studies.measured.sensitive_stretches import GRID
+from studies.prediction.evaluate import DesignResult, evaluate_sets
 
 MODEL = "model.toml"
 TRACE = "trace"  # the folder of the trace
@@ -101,10 +101,10 @@ def _traced(
 ) -> tuple[TracedEffects | None, Model | None, list[str]]:
     """The verdict, the model with the effects that it has from now on, and lines for people; no model where there was
     too little to trace."""
-    from fabdesign.content import OtherContent
-    from studies.measured_data import TooLittle
+    from fabdesign.runtime.fingerprint import OtherContent
+    from studies.measured.fit_data import TooLittle
     from studies.tracing.run import Options, trace_set
-    from studies.tracing.words import verdict_in_words
+    from studies.tracing.statements import verdict_in_words
 
     learning = study.learning
     trace = partial(

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
-from fabdesign.loop_file import LoopStudy
-from fabdesign.pressure import PressureProgram, limits, rising_program
-from fabdesign.pressure_file import constant_program
-from fabdesign.trial import Role
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.pressure import PressureProgram, limits, rising_program
+from fabdesign.nouns.trial import Role
+from fabdesign.study_files.loop_file import LoopStudy
 
 TICK = 0.05  # s, in which a regulator is commanded
 NEAR = (0.6, 1.3)  # of the design's own pressures, between which programs about them lie

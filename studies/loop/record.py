@@ -6,13 +6,13 @@ from typing import Any, TypedDict
 
 import numpy as np
 
-from fabdesign import SIMULATOR
-from fabdesign.content import content_of, sha256
-from fabdesign.json_file import plain
-from fabdesign.loop_file import LoopStudy, StopRule, VirtualRig
+from fabdesign.formats.json_file import plain
+from fabdesign.runtime.fingerprint import content_of, sha256
+from fabdesign.study_files.loop_file import LoopStudy, StopRule, VirtualRig
 from fabdesign.units import in_mm
-from studies.layouts.kept import study_content
-from studies.layouts.target import LoadedTarget
+from fabdesign.version import SIMULATOR
+from studies.layout_search.target import LoadedTarget
+from studies.layouts.kept_result import study_content
 
 _RAISED = ("stop", "search")  # more turns go further; the search's own content has its own way
 

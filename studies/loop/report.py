@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from fabdesign import __version__
-from fabdesign.design_file import read_design
-from fabdesign.loop_file import LoopStudy
+from fabdesign.files.design_file import read_design
+from fabdesign.files.pressure_file import read_pressures
 from fabdesign.output import write_text
-from fabdesign.pressure_file import read_pressures
-from studies.layouts.target import LoadedTarget
+from fabdesign.study_files.loop_file import LoopStudy
+from fabdesign.version import __version__
+from studies.layout_search.target import LoadedTarget
 from studies.loop.record import LoopOutcome, Turn
 from studies.report import charts, page, scene
 

@@ -14,8 +14,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from fabdesign.fabric import Fabric
-from fabdesign.surface import Surface, face_triangles
+from fabdesign.geometry.surface import Surface, face_triangles
+from fabdesign.nouns.fabric import Fabric
 
 Array = NDArray[np.float64]
 

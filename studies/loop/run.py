@@ -4,22 +4,22 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from fabdesign.design_file import read_design, write_design
-from fabdesign.effort import CALIBRATION, TRACE, cores, fit_seconds, in_words, on_cores, rig_seconds
 from fabdesign.errors import InputError
-from fabdesign.forward import ForwardModel
-from fabdesign.json_file import write_json
-from fabdesign.loop_file import Laboratory, LoopStudy, VirtualRig, read_loop
-from fabdesign.measurement_set import read_set
-from fabdesign.model import Model
+from fabdesign.files.design_file import read_design, write_design
+from fabdesign.files.measurement_set import read_set
+from fabdesign.formats.json_file import write_json
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.output import WorkFolder, work_folder
-from fabdesign.store import Checkpoint
-from fabdesign.study_file import require_searchable
-from fabdesign.trial import MeasurementSet
+from fabdesign.runtime.effort import CALIBRATION, TRACE, cores, fit_seconds, in_words, on_cores, rig_seconds
+from fabdesign.runtime.store import Checkpoint
+from fabdesign.study_files.loop_file import Laboratory, LoopStudy, VirtualRig, read_loop
+from fabdesign.study_files.study_file import require_searchable
 from fabdesign.units import from_mm, in_mm
-from optimize.evaluations import Evaluations
-from studies.layouts.begin import first_starts
-from studies.layouts.target import LoadedTarget, load_target
+from optimize.search.evaluations import Evaluations
+from studies.layout_search.first_layouts import first_starts
+from studies.layout_search.target import LoadedTarget, load_target
 from studies.loop.learning import MODEL, Simulators, learn, model_of
 from studies.loop.programs import programs_for
 from studies.loop.record import ChosenDesign, DeviceErrors, Learned, LoopOutcome, Turn, loop_content, stop_reason

@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from fabdesign.design import Design
-from fabdesign.design_file import write_design
+from fabdesign.drawings.sewing import export_design
 from fabdesign.errors import InputError
-from fabdesign.loop_file import Laboratory, LoopStudy, VirtualRig
-from fabdesign.measurement_set import NewTrial, read_set, write_set
+from fabdesign.files.design_file import write_design
+from fabdesign.files.measurement_set import NewTrial, read_set, write_set
+from fabdesign.files.pressure_file import write_pressures
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.output import WorkFolder, write_text
-from fabdesign.pressure import PressureProgram
-from fabdesign.pressure_file import write_pressures
-from fabdesign.sewing import export_design
-from fabdesign.trial import MeasurementSet, Trial
+from fabdesign.study_files.loop_file import Laboratory, LoopStudy, VirtualRig
 from fabdesign.units import in_kpa
 from studies.loop.programs import Asked
 

@@ -7,22 +7,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
-from fabdesign.design_file import read_design
 from fabdesign.errors import InputError
-from fabdesign.loop_file import LoopStudy
-from fabdesign.metrics import Errors
-from fabdesign.model import POINTS_PER_SIDE, Model
+from fabdesign.files.design_file import read_design
+from fabdesign.files.pressure_file import read_pressures
+from fabdesign.geometry.metrics import Errors
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.model import POINTS_PER_SIDE, Model
+from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.output import WorkFolder
-from fabdesign.pressure_file import read_pressures
-from fabdesign.store import read_arrays, write_arrays
-from fabdesign.study_file import EarlierResult
-from fabdesign.trial import MeasurementSet
+from fabdesign.runtime.store import read_arrays, write_arrays
+from fabdesign.study_files.loop_file import LoopStudy
+from fabdesign.study_files.study_file import EarlierResult
 from fabdesign.units import from_mm, in_mm
-from optimize.evaluations import Evaluations
+from optimize.search.evaluations import Evaluations
+from studies.layout_search.stages import COARSE
+from studies.layout_search.target import LoadedTarget, target_errors
 from studies.layouts.run import run_study
-from studies.layouts.stages import COARSE
-from studies.layouts.target import LoadedTarget, target_errors
 from studies.loop.learning import Simulators
 from studies.loop.record import ChosenDesign, DeviceErrors, ShapeErrors
 from studies.loop.resting_shape import resting_faces

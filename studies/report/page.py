@@ -15,10 +15,10 @@ from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from fabdesign import __version__
-from fabdesign.design import Design
-from fabdesign.layout_drawing import layout_svg
+from fabdesign.drawings.layout_drawing import layout_svg
+from fabdesign.nouns.design import Design
 from fabdesign.units import in_kpa, in_mm
+from fabdesign.version import __version__
 
 
 class Block:

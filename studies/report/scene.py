@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from plotly import graph_objects as go
 
-from fabdesign.surface import face_triangles
+from fabdesign.geometry.surface import face_triangles
 from studies.report.charts import LEGEND, bare
 from studies.report.page import Chart
 

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
+from fabdesign.nouns.design import Design
 from studies.rig.spline import Patch
 
 Array = NDArray[np.float64]

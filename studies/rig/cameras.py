@@ -7,8 +7,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fabdesign.json_file import write_json
-from fabdesign.recording import Sensor, write_recording
+from fabdesign.clouds.recording import Sensor, write_recording
+from fabdesign.formats.json_file import write_json
 from studies.rig.ground_truth import Sensing
 from studies.rig.motion import equilibrium
 from studies.rig.scene import Scene

@@ -5,14 +5,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from fabdesign.decoder import as_number, decode
-from fabdesign.design import Design
 from fabdesign.effects.registry import effect_named
 from fabdesign.errors import InputError
-from fabdesign.forward import FACTOR_RANGE, PARAMETERS
-from fabdesign.model import Quantity
-from fabdesign.schema import FROM_0, FileUnit, Key, Metre, Within
-from fabdesign.table import Table, load_toml, nearest
+from fabdesign.formats.decoder import as_number, decode
+from fabdesign.formats.schema import FROM_0, FileUnit, Key, Metre, Within
+from fabdesign.formats.table import Table, load_toml, nearest
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import FACTOR_RANGE, PARAMETERS
+from fabdesign.nouns.model import Quantity
 from studies.rig.effects import EFFECTS
 
 FORMAT = "fabdesign.key/1"
@@ -80,7 +80,7 @@ PLAIN_SENSING = Sensing()
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """Seed, true parameter factors (names of fabdesign.forward.PARAMETERS), effects and sensing."""
+    """Seed, true parameter factors (names of fabdesign.nouns.forward.PARAMETERS), effects and sensing."""
 
     seed: Annotated[int, FROM_0, "of noise"] = 0
     parameters: Annotated[

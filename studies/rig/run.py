@@ -13,18 +13,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.cluster import current
-from fabdesign.design import Design
-from fabdesign.design_file import read_design
-from fabdesign.effort import LONGEST, MEMORY, in_words, on_cores, rig_seconds
 from fabdesign.errors import InputError, note
-from fabdesign.measurement_set import NewTrial, write_set
+from fabdesign.files.design_file import read_design
+from fabdesign.files.measurement_set import NewTrial, write_set
+from fabdesign.files.pressure_file import read_pressures
+from fabdesign.files.trial_file import TrialData, program_of
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.pressure import PressureProgram, require_pressures
+from fabdesign.nouns.trial import Role
 from fabdesign.output import new_file, new_folder
-from fabdesign.pressure import PressureProgram, require_pressures
-from fabdesign.pressure_file import read_pressures
-from fabdesign.supervisor import uninterrupted
-from fabdesign.trial import Role
-from fabdesign.trial_file import TrialData, program_of
+from fabdesign.runtime.cluster import current
+from fabdesign.runtime.effort import LONGEST, MEMORY, in_words, on_cores, rig_seconds
+from fabdesign.runtime.supervisor import uninterrupted
 from studies.rig.cameras import measure
 from studies.rig.ground_truth import GroundTruth, read_ground_truth, with_effects_of
 from studies.rig.scene import DEFAULT, Resolution, control_counts

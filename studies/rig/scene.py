@@ -12,9 +12,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
-from fabdesign.forward import PARAMETERS
-from fabdesign.muscle_law import law_of
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import PARAMETERS
+from fabdesign.nouns.muscle_law import law_of
 from studies.rig.cables import Cables, lace
 from studies.rig.shell import DERIVATIVES
 from studies.rig.spline import Axis, Patch
@@ -103,7 +103,7 @@ class StepReport:
 def build_scene(
     design: Design, factors: Mapping[str, float], resolution: Resolution, *, max_pressure: float, seed: int = 0
 ) -> Scene:
-    """The declared design. `factors` by the names of fabdesign.forward.PARAMETERS; max_pressure [Pa] sizes tables."""
+    """The declared design. `factors` by the names of nouns.forward.PARAMETERS; max_pressure [Pa] sizes tables."""
     f = {name: factors.get(name, 1.0) for name in PARAMETERS}
     cloth = design.fabric
     patch = _patch(design, resolution)

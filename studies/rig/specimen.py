@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign import muscle_law
-from fabdesign.content import sha256
-from fabdesign.design import Design
+from fabdesign.nouns import muscle_law
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.output import whole_file
-from fabdesign.pressure import PressureProgram
-from fabdesign.store import kept, user_cache
+from fabdesign.runtime.fingerprint import sha256
+from fabdesign.runtime.store import kept, user_cache
 from studies.rig.effects import EFFECTS
 from studies.rig.effects.sensing import OF_CLOUDS
 from studies.rig.ground_truth import GroundTruth

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from fabdesign.design import Design
-from fabdesign.forward import Case, Term
-from fabdesign.model import Model
-from fabdesign.model_sampling import drawn, joint_root
-from fabdesign.pressure_file import constant_program
-from fabdesign.sensitivity_file import SensitivityStudy
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import Case, Term
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.model_sampling import drawn, joint_root
+from fabdesign.study_files.sensitivity_file import SensitivityStudy
+from fabdesign.study_files.varied_inputs import moved_paths
 from fabdesign.units import from_kpa
-from fabdesign.varied import moved_paths
 
 Array = NDArray[np.float64]
 JOINT = "covariance"  # the group of all that the model's covariance covers

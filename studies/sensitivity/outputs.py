@@ -7,13 +7,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.fabric import Fabric
-from fabdesign.forward import SIDE
-from fabdesign.metrics import chamfer_to, distance_to_faces
-from fabdesign.sensitivity_file import Output
-from fabdesign.shape_output import ShapeOutput, read_shape_output
+from fabdesign.geometry.metrics import chamfer_to, distance_to_faces
+from fabdesign.nouns.fabric import Fabric
+from fabdesign.nouns.forward import SIDE
+from fabdesign.study_files.sensitivity_file import Output
+from fabdesign.study_files.shape_output import ShapeOutput, read_shape_output
 from fabdesign.units import in_mm
-from studies.layouts.target import LoadedTarget
+from studies.layout_search.target import LoadedTarget
 
 Array = NDArray[np.float64]
 # by output: columns, their unit, and how little of it is rounding
@@ -37,7 +37,7 @@ class OutputColumn:
 
 @dataclass(frozen=True, eq=False)
 class Outputs:
-    """names: of COLUMNS, or outputs in words (fabdesign.shape_output). functions: see SensitivityStudy. rest (3362, 3)
+    """names: of COLUMNS, or outputs in words (`shape_output`). functions: see SensitivityStudy. rest (3362, 3)
     m: what `tip` is measured from. target: of `chamfer`; of markers it is their mean distance to the cloth. at: s;
     none: at rest."""
 

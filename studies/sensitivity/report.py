@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from fabdesign.csv_table import write_rows
-from fabdesign.json_file import write_json
+from fabdesign.formats.csv_table import write_rows
+from fabdesign.formats.json_file import write_json
 from fabdesign.output import write_text
-from fabdesign.sensitivity_file import SensitivityStudy
+from fabdesign.study_files.sensitivity_file import SensitivityStudy
 from fabdesign.units import in_kpa
 from studies.report import page
 from studies.sensitivity.result import SensitivityResult

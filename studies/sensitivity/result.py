@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest
 
 from fabdesign.errors import SimulationError
-from fabdesign.sensitivity_file import SensitivityStudy
+from fabdesign.study_files.sensitivity_file import SensitivityStudy
 from studies.sensitivity.estimators import INTERVAL, Indices, Screening, indices, screening
 from studies.sensitivity.inputs import Inputs
 from studies.sensitivity.outputs import OutputColumn

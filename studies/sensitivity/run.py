@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign import working_time
-from fabdesign.cluster import at_once as machines
-from fabdesign.effort import duration
 from fabdesign.errors import InputError, SimulationError
-from fabdesign.forward import Case, ForwardModel
-from fabdesign.model import Model
+from fabdesign.nouns.forward import Case, ForwardModel
+from fabdesign.nouns.model import Model
 from fabdesign.output import work_folder
-from fabdesign.sensitivity_file import SensitivityStudy, read_sensitivity
-from studies.forward_model import forward_model
-from studies.laced_motion import WithMuscleStates, knows_muscles
-from studies.layouts.target import LoadedTarget, load_target
+from fabdesign.runtime import working_time
+from fabdesign.runtime.cluster import at_once as machines
+from fabdesign.runtime.effort import duration
+from fabdesign.study_files.sensitivity_file import SensitivityStudy, read_sensitivity
+from studies.layout_search.target import LoadedTarget, load_target
+from studies.prediction.forward_model import forward_model
+from studies.prediction.laced_motion import WithMuscleStates, knows_muscles
 from studies.sensitivity.estimators import saltelli_rows, trajectories
 from studies.sensitivity.inputs import Inputs
 from studies.sensitivity.outputs import Outputs, needs_tension

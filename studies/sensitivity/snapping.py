@@ -8,7 +8,7 @@ far in one direction as in the other; a jump does not.
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
+from fabdesign.nouns.design import Design
 
 Array = NDArray[np.float64]
 OFF = 0.02  # of each pressure

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign import SIMULATOR
-from fabdesign.content import content_of, sha256
 from fabdesign.errors import note
-from fabdesign.sensitivity_file import Output, SensitivityStudy
-from fabdesign.store import Database
+from fabdesign.runtime.fingerprint import content_of, sha256
+from fabdesign.runtime.store import Database
+from fabdesign.study_files.sensitivity_file import Output, SensitivityStudy
+from fabdesign.version import SIMULATOR
 
 Array = NDArray[np.float64]
 FILE = "samples.sqlite"

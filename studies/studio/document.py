@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Literal
 
 from fabdesign.errors import InputError
-from fabdesign.study_targets import TargetFile
-from fabdesign.trial import Trial
+from fabdesign.nouns.trial import Trial
+from fabdesign.study_files.study_targets import TargetFile
 from studies.studio.history import DrawingHistory
 from studies.studio.layout import Layout, Point, move_corner, move_muscle, point_name, row_distance, snapped
 from studies.studio.limits import Broken, broken_limits

@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from fabdesign.content import sha256
-from fabdesign.design import Design
-from fabdesign.design_file import read_design, write_design
+from fabdesign.drawings.sewing import export_design
 from fabdesign.errors import InputError
-from fabdesign.forward import RISE
-from fabdesign.json_file import read_json, write_json
-from fabdesign.muscle import Muscle
+from fabdesign.files.design_file import read_design, write_design
+from fabdesign.files.pressure_file import pressure_file_of, write_pressures
+from fabdesign.formats.json_file import read_json, write_json
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import RISE
+from fabdesign.nouns.muscle import Muscle
+from fabdesign.nouns.pressure import rising_program
 from fabdesign.output import new_folder, read_mark
-from fabdesign.pressure import rising_program
-from fabdesign.pressure_file import pressure_file_of, write_pressures
-from fabdesign.sewing import export_design
-from optimize.margins import Limits
+from fabdesign.runtime.fingerprint import sha256
+from optimize.search.margins import Limits
 from studies.studio.document import Document
 from studies.studio.layout import Layout
 from studies.studio.opening import Opened

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
-from fabdesign.effort import MUSCLES
 from fabdesign.errors import InputError
-from fabdesign.muscle import Muscle
-from fabdesign.pressure import limits
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.muscle import Muscle
+from fabdesign.nouns.pressure import limits
+from fabdesign.runtime.effort import MUSCLES
 
 Point = tuple[float, float]  # (u, v) m
 HIGHEST = 400e3  # Pa, of a slider where no muscle type on the channel says less

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fabdesign.design import Design
-from fabdesign.pressure import LARGEST
-from fabdesign.pressure import limits as pressure_limits
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.pressure import LARGEST
+from fabdesign.nouns.pressure import limits as pressure_limits
 from fabdesign.units import in_kpa, in_mm
-from optimize.margins import Limits, Margins
+from optimize.search.margins import Limits, Margins
 from studies.studio.layout import Layout
 
 _ROUNDING = 1e-6  # m

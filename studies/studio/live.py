@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.model import Model
+from fabdesign.nouns.model import Model
 from studies.layouts.loading_path import LEAST_CHANGE, OTHER_BRANCH
 from studies.studio.layout import Layout
 from studies.studio.solver import Answer, Ask, Correction

@@ -7,11 +7,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.metrics import Errors
-from fabdesign.model import Model
-from fabdesign.surface import CAP, Surface, capped_rms
-from fabdesign.trial import Trial
-from fabdesign.trial_file import TrialData
+from fabdesign.files.trial_file import TrialData
+from fabdesign.geometry.metrics import Errors
+from fabdesign.geometry.surface import CAP, Surface, capped_rms
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.trial import Trial
 from fabdesign.units import in_mm
 from studies.studio.document import Document
 from studies.studio.solver import Answer, Ask, Correction

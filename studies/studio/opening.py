@@ -6,20 +6,20 @@ from pathlib import Path
 
 import numpy as np
 
-from fabdesign.catalogue import build
-from fabdesign.design import Design
-from fabdesign.design_file import read_design
+from fabdesign.clouds.target_file import AS_GIVEN, AsTarget, keys_as_options
 from fabdesign.errors import InputError
-from fabdesign.measurement_set import MeasurementSet, read_set
-from fabdesign.model import Model
-from fabdesign.model_file import read_model
-from fabdesign.pressure import PressureProgram, limits
-from fabdesign.pressure_file import read_pressures
-from fabdesign.study_file import Study, read_kind, read_study
-from fabdesign.target_file import AS_GIVEN, AsTarget, keys_as_options
-from fabdesign.toml_file import file_stem, parse_toml
-from optimize.margins import Limits
-from studies.layouts.begin import limits_of
+from fabdesign.files.design_file import read_design
+from fabdesign.files.measurement_set import MeasurementSet, read_set
+from fabdesign.files.model_file import read_model
+from fabdesign.files.pressure_file import read_pressures
+from fabdesign.formats.toml_file import file_stem, parse_toml
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.pressure import PressureProgram, limits
+from fabdesign.study_files.study_file import Study, read_kind, read_study
+from optimize.search.margins import Limits
+from studies.layout_search.first_layouts import limits_of
 from studies.studio.layout import HIGHEST, Layout
 from studies.studio.target import ShownTarget
 

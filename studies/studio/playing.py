@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from fabdesign.errors import InputError, needs
-from fabdesign.forward import RISE
-from fabdesign.motion_file import MotionData
+from fabdesign.files.motion_file import MotionData
+from fabdesign.files.pressure_file import read_pressures
+from fabdesign.nouns.forward import RISE
+from fabdesign.nouns.pressure import PressureProgram, require_pressures, rising_program
 from fabdesign.output import new_files
-from fabdesign.pressure import PressureProgram, require_pressures, rising_program
-from fabdesign.pressure_file import read_pressures
-from studies.predict import frame_times
+from studies.prediction.predict import frame_times
 from studies.studio.document import Document
 from studies.studio.layout import Layout
 from studies.studio.measured import TrialErrors, TrialMotion, ask_of_trial

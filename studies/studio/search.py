@@ -11,14 +11,14 @@ from typing import Any, Literal, get_args
 
 import tomlkit
 
-from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
-from fabdesign.json_file import read_json
+from fabdesign.files.design_file import read_design, write_design
+from fabdesign.files.pressure_file import pressure_file_of, read_pressures
+from fabdesign.formats.json_file import read_json
 from fabdesign.output import new_folder
-from fabdesign.pressure_file import pressure_file_of, read_pressures
-from fabdesign.study_targets import TargetFile
+from fabdesign.study_files.study_targets import TargetFile
 from fabdesign.units import from_mm, in_kpa, in_mm
-from optimize.margins import Limits
+from optimize.search.margins import Limits
 from studies.studio.document import Document
 from studies.studio.layout import Layout
 from studies.studio.opening import search_limits

@@ -15,9 +15,9 @@ from typing import Any
 from fabdesign.errors import InputError
 from studies.studio.gate import Gate
 from studies.studio.opening import Opened
-from studies.studio.page import Page
 from studies.studio.session import Session
 from studies.studio.solver import SolverProcess
+from studies.studio.widgets.page import Page
 
 _BEAT = 0.02  # s between looks at what is due
 _SHORT = 0.002  # s, while an answer of the simulator is awaited

@@ -16,21 +16,21 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign import working_time
-from fabdesign.corrector import Corrector, Trust, central_hash
-from fabdesign.design import Design
 from fabdesign.errors import InputError, SimulationError
-from fabdesign.forward import Case
-from fabdesign.metrics import Errors, trial_errors
-from fabdesign.model import Model
-from fabdesign.motion_file import MotionData
-from fabdesign.predictor import Predictor
-from fabdesign.pressure import PressureProgram
-from fabdesign.pressure_file import constant_program
-from fabdesign.sensor_noise import NOISE_FREE, estimate_noise
-from fabdesign.supervisor import uninterrupted
-from studies.forward_model import forward_model
-from studies.laced_motion import laced_motions
+from fabdesign.files.motion_file import MotionData
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.geometry.metrics import Errors, trial_errors
+from fabdesign.geometry.sensor_noise import NOISE_FREE, estimate_noise
+from fabdesign.nouns.corrector import Corrector, Trust, central_hash
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.runtime import working_time
+from fabdesign.runtime.supervisor import uninterrupted
+from studies.prediction.forward_model import forward_model
+from studies.prediction.laced_motion import laced_motions
 
 COARSE = 21  # points a side, while something is dragged
 _NOISE_FRAMES = 8  # of a trial, that a sensor's noise is estimated from

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
-from fabdesign.distances import nearest_distances
-from fabdesign.metrics import Errors, told_beyond
-from fabdesign.study_targets import TargetFile
-from fabdesign.surface import Surface
+from fabdesign.geometry.distances import nearest_distances
+from fabdesign.geometry.metrics import Errors, told_beyond
+from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.design import Design
+from fabdesign.study_files.study_targets import TargetFile
 from fabdesign.units import in_mm
-from studies.layouts.target import LoadedTarget, load_target, target_errors
+from studies.layout_search.target import LoadedTarget, load_target, target_errors
 
 DRAWS = 5  # of a floor: it stands beside each exact shape, and is good to a few hundredths of a millimetre
 Floats = NDArray[np.float64]

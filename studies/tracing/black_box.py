@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.pressure import PressureProgram
+from fabdesign.nouns.pressure import PressureProgram
 from optimize.fit.clouds import Array, Indices, frames_of
-from optimize.fit.left_out import Scored
+from optimize.fit.cross_validation import Scored
 from studies.tracing.residuals import Residuals
 
 BANDS = (0, 3), (4, 5), (6, 7)  # degrees of the polynomials on the cloth

@@ -7,10 +7,10 @@ import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import effects_of, label_effect
-from optimize.fit.free import fit_vector
-from optimize.fit.left_out import LeftOut, Scored
-from optimize.fit.needed import NEEDED, alike, does
+from optimize.fit.cross_validation import LeftOut, Scored
+from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
+from optimize.fit.significance import NEEDED, alike, does
 from studies.tracing.experiment import Explanation
 from studies.tracing.refits import CLOSE, Judged
 from studies.tracing.selection import Selection

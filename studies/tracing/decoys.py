@@ -13,12 +13,12 @@ import numpy as np
 from fabdesign.effects.registry import label_effect
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Array, Indices, Motion, Sample
+from optimize.fit.cross_validation import Gain, LeftOut
 from optimize.fit.descent import STEP
 from optimize.fit.fitted import Fit
-from optimize.fit.left_out import Gain, LeftOut
-from optimize.fit.needed import NEEDED, cost
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import Evaluation, FitProblem, columns
+from optimize.fit.significance import NEEDED, cost
 from studies.tracing.task import Task
 
 TURNS = 2  # decoys of an effect: each trial has the columns of the next of its design, or of the one after that

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
-from fabdesign.forward import Case, ForwardModel
-from fabdesign.pressure import PressureProgram, limits
-from fabdesign.rig_limits_file import USUAL_LIMITS, RigLimits
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import Case, ForwardModel
+from fabdesign.nouns.pressure import PressureProgram, limits
+from fabdesign.study_files.rig_limits_file import USUAL_LIMITS, RigLimits
 from fabdesign.units import in_kpa, in_mm
 from optimize.fit.clouds import Array
 from optimize.fit.parameters import FitVector

@@ -9,24 +9,24 @@ import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import effects_of
-from fabdesign.forward import ForwardModel
-from fabdesign.json_file import plain
-from fabdesign.metrics import over
-from fabdesign.model import EffectTerm, Model
-from fabdesign.summary import Summary
-from fabdesign.tabled import OfModel
+from fabdesign.formats.json_file import plain
+from fabdesign.formats.result_tables import OfModel
+from fabdesign.formats.summary import Summary
+from fabdesign.geometry.metrics import over
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.model import EffectTerm, Model
 from fabdesign.units import in_mm
 from optimize.fit.clouds import frames_of
 from optimize.fit.fitted import Fit
-from optimize.fit.needed import undecided
+from optimize.fit.significance import undecided
 from studies.calibration.fitted_model import fitted_model
 from studies.calibration.intervals import far_factors, with_engines
-from studies.measured_data import MeasuredData
+from studies.measured.fit_data import MeasuredData
 from studies.tracing.candidates import Candidate
-from studies.tracing.discovered import Discovered
-from studies.tracing.errors import TrialError, mean_of, other_layouts
-from studies.tracing.residual import Remains
+from studies.tracing.discovered_term import Discovered
+from studies.tracing.residual_analysis import Remains
 from studies.tracing.selection import Selection
+from studies.tracing.surface_errors import TrialError, mean_of, other_layouts
 from studies.tracing.verdict import GROSS, Evidence, Word, effect_entry, shared_out
 
 FORMAT = "fabdesign.trace/1"

@@ -7,13 +7,13 @@ them begins far off and ends at a false minimum, at which effects that are there
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from fabdesign.forward import Term
-from fabdesign.metrics import over
+from fabdesign.geometry.metrics import over
+from fabdesign.nouns.forward import Term
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Array
 from optimize.fit.fitted import Fit, capped
-from optimize.fit.needed import cheapest_first, conditioned
 from optimize.fit.parameters import FitVector
+from optimize.fit.significance import cheapest_first, conditioned
 from studies.tracing.task import Task
 
 

@@ -7,14 +7,14 @@ from functools import cached_property
 import numpy as np
 
 from fabdesign.effects import EFFECTS
-from fabdesign.forward import Term
+from fabdesign.nouns.forward import Term
 from optimize.fit.clouds import Array
+from optimize.fit.cross_validation import Gain, LeftOut, Scored
 from optimize.fit.fitted import Fit
-from optimize.fit.left_out import Gain, LeftOut, Scored
-from optimize.fit.needed import NEEDED, conditioned
 from optimize.fit.normal import loss
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.problem import Evaluation, widened
+from optimize.fit.significance import NEEDED, conditioned
 from studies.tracing.task import Place, Task
 
 CLOSE = 2.0  # of log likelihood, a quarter of what makes an effect needed: a step that promises less is the last

@@ -7,15 +7,15 @@ import numpy as np
 from markupsafe import Markup
 
 from fabdesign.effects import EFFECTS
-from fabdesign.model import Parameter
-from fabdesign.motion_file import square_triangles
+from fabdesign.files.motion_file import square_triangles
+from fabdesign.nouns.model import Parameter
 from fabdesign.units import in_mm
+from studies.measured.used_frames import WHY
 from studies.report import charts, page
 from studies.tracing.outcome import Outcome
-from studies.tracing.residual import remains
+from studies.tracing.residual_analysis import remains
 from studies.tracing.residuals import Residuals
-from studies.tracing.words import experiment_in_words, verdict_in_words
-from studies.used_frames import WHY
+from studies.tracing.statements import experiment_in_words, verdict_in_words
 from studies.view.items import Item
 from studies.view.page import render_page
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.sheet import Sheet
+from fabdesign.geometry.sheet import Sheet
 from optimize.fit.clouds import Array, Match, Sample
+from optimize.fit.cross_validation import LeftOut, Scored
 from optimize.fit.fitted import Fit
-from optimize.fit.left_out import LeftOut, Scored
-from studies.measured_data import MeasuredData
+from studies.measured.fit_data import MeasuredData
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,38 +5,38 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fabdesign import SIMULATOR
-from fabdesign.content import sha256
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import check_values, effect_named, effects_of
 from fabdesign.errors import InputError
-from fabdesign.forward import ForwardModel
-from fabdesign.json_file import write_json
-from fabdesign.model import Model
-from fabdesign.model_file import write_model
+from fabdesign.files.model_file import write_model
+from fabdesign.formats.json_file import write_json
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.output import WorkFolder, work_folder, write_text
-from fabdesign.predictor import Predictor
-from fabdesign.splits import fit_trials
-from fabdesign.store import Checkpoint
-from fabdesign.trial import MeasurementSet, Trial
+from fabdesign.runtime.fingerprint import sha256
+from fabdesign.runtime.store import Checkpoint
 from fabdesign.units import in_mm
+from fabdesign.version import SIMULATOR
 from optimize.fit.clouds import evenly
-from optimize.fit.left_out import LeftOut
-from studies.measured_data import Density, MeasuredData, TooLittle
-from studies.rest_fit import with_shapes_at_rest
-from studies.sensitive_stretches import sensitive_stretches
+from optimize.fit.cross_validation import LeftOut
+from studies.calibration.rest_fit import with_shapes_at_rest
+from studies.measured.fit_data import Density, MeasuredData, TooLittle
+from studies.measured.sensitive_stretches import sensitive_stretches
+from studies.measured.splits import fit_trials
+from studies.measured.used_frames import Stretch, UsedFrames, share_left_out
 from studies.tracing.black_box import baseline_score
 from studies.tracing.candidates import candidates_of, same_from_rest
-from studies.tracing.discovered import discover
-from studies.tracing.errors import errors_of_trials
+from studies.tracing.discovered_term import discover
 from studies.tracing.experiment import Explanation, next_experiment
 from studies.tracing.outcome import Outcome, model_of
-from studies.tracing.residual import remains
+from studies.tracing.residual_analysis import remains
 from studies.tracing.residuals import Residuals
 from studies.tracing.selection import Selection, select
+from studies.tracing.surface_errors import errors_of_trials
 from studies.tracing.task import Place, Task
 from studies.tracing.verdict import Evidence, decide
-from studies.used_frames import Stretch, UsedFrames, share_left_out
 
 ALGORITHM = 24  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
 TOLERANCE = 0.5e-3  # m of excess

@@ -10,17 +10,17 @@ from functools import cached_property, partial
 import numpy as np
 
 from optimize.fit.clouds import Array
+from optimize.fit.cross_validation import Gain, LeftOut
 from optimize.fit.fitted import Fit
-from optimize.fit.free import fit_vector
-from optimize.fit.left_out import Gain, LeftOut
-from optimize.fit.needed import NEEDED, needed
+from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import widened
+from optimize.fit.significance import NEEDED, needed
 from studies.calibration.intervals import expected_rms
-from studies.joint_fit import beside, joint_fit
-from studies.measured_data import MeasuredData
-from studies.rest_fit import fit_at_rest
-from studies.tracing.backwards import backwards, gains_of, is_cause, parts_of, sparse
+from studies.calibration.joint_fit import beside, joint_fit
+from studies.calibration.rest_fit import fit_at_rest
+from studies.measured.fit_data import MeasuredData
+from studies.tracing.backward_elimination import backwards, gains_of, is_cause, parts_of, sparse
 from studies.tracing.decoys import Decoys
 from studies.tracing.task import Task
 from studies.tracing.verdict import so_far

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fabdesign.design import Design
-from fabdesign.forward import ForwardModel
-from fabdesign.sheet import sheets_of
-from fabdesign.store import Checkpoint
-from fabdesign.trial import Trial
+from fabdesign.geometry.sheet import sheets_of
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.trial import Trial
+from fabdesign.runtime.store import Checkpoint
 from optimize.fit.clouds import Array
 from optimize.fit.descent import STEP, begun, fit
 from optimize.fit.fitted import Fit, capped, concluded, kept
@@ -17,7 +17,7 @@ from optimize.fit.inputs import InputErrors
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import FitProblem
 from studies.calibration.intervals import expected_rms
-from studies.measured_data import MeasuredData
+from studies.measured.fit_data import MeasuredData
 
 FAR = 0.020  # m: a point that is farther off counts as this far
 Say = Callable[[str], None]

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import label_effect
-from fabdesign.model import EffectTerm
+from fabdesign.nouns.model import EffectTerm
 
 Word = Literal["adequate", "effect", "unexplained"]
 SHARE_OF_A_CAUSE = 0.6  # of the gap, that effects must close to be its cause

@@ -7,19 +7,19 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.corrector import with_history
-from fabdesign.effort import batches
 from fabdesign.errors import InputError, SimulationError
-from fabdesign.forward import Case, ForwardModel
-from fabdesign.model import Model
-from fabdesign.splits import split
-from fabdesign.store import Arrays, Checkpoint
-from fabdesign.trial import MeasurementSet, Trial
+from fabdesign.nouns.corrector import with_history
+from fabdesign.nouns.forward import Case, ForwardModel
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.trial import MeasurementSet, Trial
+from fabdesign.runtime.effort import batches
+from fabdesign.runtime.store import Arrays, Checkpoint
 from optimize.fit.clouds import evenly
 from optimize.fit.parameters import FitVector
 from studies.calibration.calibrate import calibrate
-from studies.sensitive_stretches import find_used_frames
-from studies.used_frames import UsedFrames
+from studies.measured.sensitive_stretches import find_used_frames
+from studies.measured.splits import split
+from studies.measured.used_frames import UsedFrames
 
 _AT_ONCE = 32  # motions in memory
 FRAMES = 8  # of a trial that are learned from, spread over it: neighbours say the same
@@ -49,7 +49,7 @@ def choose(
 ) -> tuple[list[Chosen], list[Chosen], UsedFrames]:
     """Trials to learn from and trials held out, of role `fit`: all of the designs `hold_out`, and about the share
     `kept_back` of the others, whole trials, those with the same pressures on one side; and which of their frames
-    are used (coarse: as `studies.evaluate` takes it). A trial without a frame that is used is in neither.
+    are used (coarse: as `studies.prediction.evaluate` takes it). A trial without a frame that is used is in neither.
 
     Raises InputError for a design that no set has, and where nothing or too little is left.
     """

@@ -12,9 +12,9 @@ from corrector.designs import described, distance
 from corrector.examples import Examples
 from corrector.inputs import HISTORY, MuscleFields
 from corrector.regression import Regression, best_penalty, coefficients_of, relative_error
-from fabdesign.forward import ForwardModel
-from fabdesign.splits import by_program, folds
-from fabdesign.store import Arrays, Checkpoint
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.runtime.store import Arrays, Checkpoint
+from studies.measured.splits import by_program, folds
 from studies.training.data import Chosen, KeptMotions, Progress, check_one_cloth, frames_learned
 
 _GAIN = 0.95  # of the error before, at most, where a correction counts as of use

@@ -10,8 +10,8 @@ from corrector.designs import described
 from corrector.paper import FRAMES
 from corrector.paper_training import PaperTraining, TrainingPairs, train_paper
 from fabdesign.errors import InputError
-from fabdesign.forward import ForwardModel
-from fabdesign.store import Checkpoint
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.runtime.store import Checkpoint
 from studies.training.data import Chosen, KeptMotions, Progress
 
 _PARTS = ("simulated", "measured", "following")

@@ -12,26 +12,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from corrector.load import load_corrector, write_weights
-from fabdesign import SIMULATOR, __version__
-from fabdesign.content import sha256
-from fabdesign.corrector import Trust, central_hash
-from fabdesign.distances import chamfer
-from fabdesign.forward import ForwardModel
-from fabdesign.metrics import Closed, Errors, closed, mean_errors, trial_errors
-from fabdesign.model import Model
-from fabdesign.model_file import write_model
+from fabdesign.files.model_file import write_model
+from fabdesign.formats.result_tables import Columns, Tabled
+from fabdesign.geometry.distances import chamfer
+from fabdesign.geometry.metrics import Closed, Errors, closed, mean_errors, trial_errors
+from fabdesign.nouns.corrector import Trust, central_hash
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.output import others_in, work_folder
-from fabdesign.predictor import Predictor
-from fabdesign.store import Checkpoint
-from fabdesign.tabled import Columns, Tabled
-from fabdesign.trial import MeasurementSet
+from fabdesign.runtime.fingerprint import sha256
+from fabdesign.runtime.store import Checkpoint
 from fabdesign.units import in_mm
+from fabdesign.version import SIMULATOR, __version__
 from optimize.fit.parameters import FitVector
-from studies.evaluate import ERRORS
 from studies.intervals.calibrate import spread_json, with_spread
-from studies.measured_data import noise_of
+from studies.measured.fit_data import noise_of
+from studies.measured.used_frames import UsedFrames
+from studies.prediction.evaluate import ERRORS
 from studies.training.data import Chosen, KeptMotions, Progress, case_of, choose, fitted_base
-from studies.used_frames import UsedFrames
 
 Network = Literal["field", "paper"]
 KEPT_BACK = 0.15  # share of the trials that are not learned from and say what the corrector is worth

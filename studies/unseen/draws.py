@@ -6,11 +6,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
-from fabdesign.forward import MUSCLE_TYPES, OF_MUSCLES, Case
-from fabdesign.model import Model
-from fabdesign.model_sampling import drawn, joint_root
-from fabdesign.pressure import PressureProgram
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import MUSCLE_TYPES, OF_MUSCLES, Case
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.model_sampling import drawn, joint_root
+from fabdesign.nouns.pressure import PressureProgram
 from optimize.fit.parameters import PRIOR
 
 Array = NDArray[np.float64]

@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.forward import ForwardModel
-from fabdesign.pressure_file import constant_program
-from fabdesign.rig_limits_file import RigLimits
-from fabdesign.unseen_file import CandidateMeasurement, Unsewn
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.study_files.rig_limits_file import RigLimits
+from fabdesign.study_files.unseen_file import CandidateMeasurement, Unsewn
 from studies.tracing.experiment import programs
 from studies.unseen.draws import Draws
 

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import SimulationError
-from fabdesign.forward import ForwardModel
-from fabdesign.model import Model
-from fabdesign.pressure_file import constant_program
-from fabdesign.spread import spread_of
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.spread import spread_of
+from fabdesign.study_files.unseen_file import Unsewn
 from fabdesign.units import in_kpa, in_mm
-from fabdesign.unseen_file import Unsewn
 from studies.intervals.band import shapes_with_error
 from studies.sensitivity.outputs import mean_curvature, tip
 from studies.sensitivity.snapping import moved, snaps, spreads

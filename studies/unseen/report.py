@@ -8,12 +8,12 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from fabdesign import __version__
-from fabdesign.json_file import write_json
+from fabdesign.formats.json_file import write_json
+from fabdesign.formats.toml_file import file_stem
 from fabdesign.output import write_text
-from fabdesign.toml_file import file_stem
 from fabdesign.units import in_mm
-from studies.evaluate import ERROR_NAMES
+from fabdesign.version import __version__
+from studies.prediction.evaluate import ERROR_NAMES
 from studies.report import page
 from studies.unseen.result import Measurement, PoseResult, UnseenResult
 

@@ -6,23 +6,23 @@ from typing import Any
 
 import numpy as np
 
-from fabdesign import SIMULATOR
-from fabdesign.content import content_of, sha256
-from fabdesign.effort import CALIBRATION, fit_seconds, in_words, on_cores, unseen_seconds
-from fabdesign.forward import ForwardModel
+from fabdesign.formats.toml_file import file_stem
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.spread import spread_of
 from fabdesign.output import WorkFolder, work_folder
-from fabdesign.spread import spread_of
-from fabdesign.store import Checkpoint
-from fabdesign.toml_file import file_stem
+from fabdesign.runtime.effort import CALIBRATION, fit_seconds, in_words, on_cores, unseen_seconds
+from fabdesign.runtime.fingerprint import content_of, sha256
+from fabdesign.runtime.store import Checkpoint
+from fabdesign.study_files.unseen_file import FREE, UnseenStudy, Unsewn, read_unseen
 from fabdesign.units import in_kpa, in_mm
-from fabdesign.unseen_file import FREE, UnseenStudy, Unsewn, read_unseen
+from fabdesign.version import SIMULATOR
 from optimize.fit.descent import Progress, parts
-from optimize.fit.free import fit_vector
-from studies.forward_model import forward_model
-from studies.sensitive_stretches import GRID
+from optimize.fit.free_parameters import fit_vector
+from studies.measured.sensitive_stretches import GRID
+from studies.prediction.forward_model import forward_model
 from studies.sensitivity.snapping import spreads
+from studies.unseen.cross_validation import left_out
 from studies.unseen.draws import Draws
-from studies.unseen.left_out import left_out
 from studies.unseen.measurement import Array, after, candidates_of, in_turn, information, pose_slopes, spread
 from studies.unseen.prediction import corrector_statement, intervals_statement, predicted
 from studies.unseen.report import write_report
@@ -47,7 +47,7 @@ def run_unseen(
     """Evaluate what the study names and write `result.json` and `report.html` into `out`; what result.json holds.
 
     forward: by default the simulator with the study's grid. coarse: finds the sensitive stretches of the measured
-    set (studies.sensitive_stretches), by default one of its own, or `forward` where that is given. The
+    set (studies.measured.sensitive_stretches), by default one of its own, or `forward` where that is given. The
     same study goes on in its folder, piece by piece.
     Raises InputError, and SimulationError where shapes cannot be computed.
     """

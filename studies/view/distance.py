@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.cloud_file import POINTS
-from fabdesign.distances import chamfer
+from fabdesign.clouds.cloud_file import POINTS
 from fabdesign.errors import InputError
-from fabdesign.metrics import Errors, frame_errors, mean_errors
-from fabdesign.mid_surface import two_faces
-from fabdesign.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
-from fabdesign.surface import Surface
+from fabdesign.geometry.distances import chamfer
+from fabdesign.geometry.metrics import Errors, frame_errors, mean_errors
+from fabdesign.geometry.mid_surface import two_faces
+from fabdesign.geometry.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
+from fabdesign.geometry.surface import Surface
 from fabdesign.units import in_mm
 from studies.view.items import Item
 

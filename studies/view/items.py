@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
-from fabdesign.design_file import read_design
+from fabdesign.clouds.target_file import AS_GIVEN, AsTarget
 from fabdesign.errors import InputError
-from fabdesign.forward import Case, ForwardModel
-from fabdesign.laced_muscles import LacedMuscles
-from fabdesign.measurement_set import read_set
-from fabdesign.model import Model
-from fabdesign.motion_file import MotionData, read_motion, square_triangles
-from fabdesign.npz_file import open_npz
-from fabdesign.target_file import AS_GIVEN, AsTarget
-from fabdesign.trial import Trial
-from fabdesign.trial_file import read_trial
-from studies.laced_motion import laced_motions
+from fabdesign.files.design_file import read_design
+from fabdesign.files.measurement_set import read_set
+from fabdesign.files.motion_file import MotionData, read_motion, square_triangles
+from fabdesign.files.trial_file import read_trial
+from fabdesign.formats.npz_file import open_npz
+from fabdesign.geometry.laced_muscles import LacedMuscles
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import Case, ForwardModel
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.trial import Trial
+from studies.prediction.laced_motion import laced_motions
 
 LARGEST = 5.0  # m, of any coordinate: what is larger is in another unit
 MOST = 8  # side by side

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fabdesign.csv_table import write_rows
 from fabdesign.errors import InputError
-from fabdesign.mid_surface import at_places, mid_surface
+from fabdesign.formats.csv_table import write_rows
+from fabdesign.geometry.mid_surface import at_places, mid_surface
 from studies.view.items import Item
 
 # shares of width and height from the upper left corner, seen from the front

@@ -7,8 +7,8 @@ from xml.etree import ElementTree
 import meshio
 import numpy as np
 
-from fabdesign.laced_muscles import LacedMuscles
-from fabdesign.mid_surface import mid_surface, strains
+from fabdesign.geometry.laced_muscles import LacedMuscles
+from fabdesign.geometry.mid_surface import mid_surface, strains
 from studies.view.items import Item, timeline
 
 

@@ -18,10 +18,10 @@ import numpy as np
 import pytest
 
 import fabdesign
-from fabdesign.cluster import current, on_cluster
-from fabdesign.design_file import write_design
 from fabdesign.errors import SimulationError
-from fabdesign.pressure_file import constant_program
+from fabdesign.files.design_file import write_design
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.runtime.cluster import current, on_cluster
 from studies.rig import GroundTruth, run_rig
 from studies.rig.scene import Resolution
 from tests.conftest import ROOT
@@ -125,8 +125,8 @@ def test_a_worker_of_another_version_is_refused(tmp_path: Path) -> None:
     """One worker has the code of last month."""
     for package in ("fabdesign", "sim", "studies"):
         shutil.copytree(ROOT / package, tmp_path / "old" / package)
-    text = (tmp_path / "old" / "fabdesign" / "__init__.py").read_text()
-    (tmp_path / "old" / "fabdesign" / "__init__.py").write_text(text.replace(fabdesign.__version__, "0.1.9"))
+    text = (tmp_path / "old" / "fabdesign" / "version.py").read_text()
+    (tmp_path / "old" / "fabdesign" / "version.py").write_text(text.replace(fabdesign.__version__, "0.1.9"))
     with machines(tmp_path / "log", tmp_path / "old") as (address, _):
         from distributed import Client
 

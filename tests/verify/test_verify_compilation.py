@@ -16,7 +16,7 @@ from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from fabdesign import working_time
-from fabdesign.study_file import StudyLimits
+from fabdesign.study_files.study_file import StudyLimits
 from studies.demo.run import TARGET, demo_studies
 from studies.layouts.run import run_study
 

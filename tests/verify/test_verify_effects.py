@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
-from fabdesign.forward import Case, Term
-from fabdesign.model import Model
-from fabdesign.predictor import Predictor
-from fabdesign.pressure import PressureProgram
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case, Term
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.nouns.pressure import PressureProgram
 from sim import Simulator
 
 pytest.importorskip("numba")

@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_bvp
 from scipy.optimize import brentq, fsolve
 
-from fabdesign.muscle import BenchTable, Muscle, MuscleType
-from fabdesign.muscle_law import MuscleLaw
+from fabdesign.nouns.muscle import BenchTable, Muscle, MuscleType
+from fabdesign.nouns.muscle_law import MuscleLaw
 from sim import Simulator
 from sim.design.loops import LOOP
 from tests.sim_designs import around, cloth, held, laced, linear_muscle, middle

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
-from fabdesign.design_file import write_design
+from fabdesign.files.design_file import write_design
+from fabdesign.nouns.catalogue import build
 from tests.interrupted import ROOT, interrupted, snapshot
 from tests.test_guests import homeless
 

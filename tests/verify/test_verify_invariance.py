@@ -8,10 +8,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fabdesign.catalogue import LAYOUTS, build
-from fabdesign.design import Design
-from fabdesign.forward import Case
-from fabdesign.pressure import PressureProgram
+from fabdesign.nouns.catalogue import LAYOUTS, build
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.pressure import PressureProgram
 from sim import Simulator
 from tests.sim_designs import held, laced, middle
 from tests.thrown import off_in_the_last_digit, thrown, tried_once

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.special import j0, jn_zeros
 
-from fabdesign.forward import Case
-from fabdesign.muscle import Muscle
-from fabdesign.pressure import PressureProgram
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.muscle import Muscle
+from fabdesign.nouns.pressure import PressureProgram
 from sim import Simulator
 from tests.sim_designs import cloth, linear_muscle
 from tests.sim_reference import ReferenceSheet

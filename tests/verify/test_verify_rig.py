@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fabdesign.catalogue import build
-from fabdesign.pressure_file import constant_program
+from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.catalogue import build
 
 pytest.importorskip("numba")
 

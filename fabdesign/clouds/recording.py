@@ -1,0 +1,291 @@
+"""Recordings: raw clouds of several depth sensors, `fabdesign.recording/1`."""
+
+import filecmp
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tomlkit
+from numpy.typing import NDArray
+
+from fabdesign.clouds.cloud_file import read_cloud
+from fabdesign.clouds.frame_pairs import left_out_line, pair_frames
+from fabdesign.clouds.mcap_file import read_mcap, read_stamps
+from fabdesign.clouds.measured_points import sound_cloud
+from fabdesign.clouds.ply import write_ply
+from fabdesign.errors import InputError, note
+from fabdesign.files.design_file import read_design, write_design
+from fabdesign.files.pressure_file import read_pressures, write_pressures
+from fabdesign.formats.decoder import decode
+from fabdesign.formats.encoder import Encoder
+from fabdesign.formats.measured_units import require_measured_pressures, require_seconds
+from fabdesign.formats.schema import ABOVE_0, FileUnit, Key, Second
+from fabdesign.formats.table import Table, load_toml
+from fabdesign.formats.toml_file import file_name, file_stem
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.pressure import PressureProgram, require_pressures
+from fabdesign.runtime.effort import LONGEST
+
+Array = NDArray[np.float64]
+Convention = Literal["forward", "backward"]  # z forward and y down; or (x, -y, -z), as RealSense SDKs export
+
+FORMAT = "fabdesign.recording/1"
+_ORTHONORMAL = 1e-3
+_FRAMES = 9999  # NNNN has four digits
+_OTHER_RATE = 1.5  # times the declared interval: the stamps are of another recording
+_SIZE = 4.0  # m; a cloud ten times as far from its camera is in another unit
+
+
+def _pose(value: Any, table: Table) -> Array:
+    """Return a matrix of a turn and a shift. Raises InputError for any other."""
+    try:
+        pose = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise table.bad("camera_to_world", "4 rows of 4 numbers") from None
+    if pose.shape == (4, 4) and not np.allclose(pose[3], [0, 0, 0, 1], atol=1e-9):
+        likely = " (is it transposed?)" if np.allclose(pose[:, 3], [0, 0, 0, 1], atol=1e-9) else ""
+        raise table.bad("camera_to_world", f"0, 0, 0, 1 as the last row{likely}")
+    turn = pose[:3, :3] if pose.shape == (4, 4) else np.zeros((3, 3))
+    if np.abs(turn @ turn.T - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(turn) < 0:
+        raise table.bad("camera_to_world", "a 4x4 matrix of a turn and a shift, metres")
+    return pose
+
+
+@dataclass(frozen=True, eq=False)
+class Sensor:
+    name: Annotated[str, "of its clouds' files"]
+    camera_to_world: Annotated[Array, Key(read=_pose), "(4, 4) m, nominal: good to 10 mm and 2 degrees"]
+    topic: Annotated[str | None, "of the recording's MCAP, where it has one"] = None
+
+    @property
+    def position(self) -> Array:
+        return self.camera_to_world[:3, 3]
+
+    @property
+    def side(self) -> Literal["front", "back"]:
+        """The face that the sensor looks at."""
+        return "front" if self.position[2] > 0 else "back"
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What a folder holds; clouds are read when asked for."""
+
+    folder: Path
+    name: str
+    design: Design
+    times: Array  # (T,) s after rest
+    sensors: tuple[Sensor, ...]
+    program: PressureProgram
+    convention: Convention = "forward"
+    mcap: Path | None = None  # a file of ROS 2 with the clouds of all sensors, in the place of `frames`
+    chosen: NDArray[np.intp] | None = None  # (T, sensors) the number of each frame's cloud on its topic; None: k of k
+    left_out: str = ""  # a line on frames that are not among `times`, since a sensor lost them
+
+    @cached_property
+    def topics(self) -> Mapping[str, tuple[Array, ...]]:
+        """The clouds of the MCAP: one of each topic for each of `times`. Raises InputError."""
+        assert self.mcap is not None
+        by_topic = dict(read_mcap(self.mcap))
+        for column, topic in enumerate(str(sensor.topic) for sensor in self.sensors):
+            if topic not in by_topic:
+                raise InputError(f"{self.mcap}: no clouds on {topic}; expected one of {', '.join(by_topic)}")
+            if self.chosen is not None:
+                by_topic[topic] = tuple(by_topic[topic][k] for k in self.chosen[:, column])
+            if (count := len(by_topic[topic])) != len(self.times):
+                raise InputError(f"{self.mcap}: {count} clouds on {topic}; expected {len(self.times)}, one a time")
+        return by_topic
+
+    def frame(self, sensor: Sensor, index: int) -> Array:
+        """(n, 3) m, in the camera's own frame, z forward and y down. Raises InputError."""
+        if self.mcap is not None and sensor.topic is not None:
+            what = f"{self.mcap}: {sensor.topic}, frame {index}"
+            return self._ahead(sound_cloud(self.topics[sensor.topic][index], what, size=_SIZE), what)
+        file = _cloud_file(self._stems(index, sensor), f"frame {index}", sensor)
+        before = self.sensors[: self.sensors.index(sensor)] if sensor in self.sensors else ()
+        for other, k in ([(sensor, index - 1)] if index else []) + [(other, index) for other in before]:
+            if any(filecmp.cmp(file, its, shallow=False) for its in _there(self._stems(k, other))):
+                note(f"{file}: repeats the cloud of frame {k} of {other.name}: the camera may have lost one")
+        return self._ahead(read_cloud(file, size=_SIZE), str(file))
+
+    def _stems(self, index: int, sensor: Sensor) -> tuple[Path, Path]:
+        number, frames = f"{index:04d}", self.folder / "frames"
+        return frames / number / sensor.name, frames / sensor.name / number
+
+    def has_reference(self) -> bool:
+        return (self.folder / "reference").is_dir()
+
+    def reference(self, sensor: Sensor) -> Array:
+        """(n, 3) m: the unloaded cloth as the sensor sees it. Raises InputError."""
+        file = _cloud_file((self.folder / "reference" / sensor.name,), "reference", sensor)
+        return self._ahead(read_cloud(file, size=_SIZE), str(file))
+
+    def _ahead(self, cloud: Array, what: str) -> Array:
+        """With z forward and y down; points that lie behind the camera are refused."""
+        if self.convention == "backward":
+            cloud = cloud * [1.0, -1.0, -1.0]
+        if np.median(cloud[:, 2]) <= 0:
+            other = "forward" if self.convention == "backward" else "backward"
+            raise InputError(f"{what}: its points lie behind the camera; expected z ahead (convention {other}?)")
+        return cloud
+
+
+def _there(stems: Sequence[Path]) -> list[Path]:
+    files = (stem.with_name(stem.name + suffix) for stem in stems for suffix in (".ply", ".npz"))
+    return [file for file in files if file.is_file()]
+
+
+def _cloud_file(stems: Sequence[Path], what: str, sensor: Sensor) -> Path:
+    if not (there := _there(stems)):
+        raise InputError(f"{what}: sensor {sensor.name} is missing; expected {stems[0]}.ply or .npz")
+    if len(there) > 1:
+        raise InputError(f"{what}: sensor {sensor.name} has {there[0]} and {there[1]}; expected one of them")
+    return there[0]
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingKeys:
+    """A recording as its file has it."""
+
+    name: Annotated[str, Key(absent=lambda table: table.file.resolve().parent.name), "by default the folder's"]
+    design: Annotated[Design, Key(file=read_design), "of the specimen"]
+    description: Annotated[str, Key(brief=True), "where it comes from"] = ""
+    times: Annotated[tuple[Second, ...] | None, "after rest, one a frame"] = None
+    frame_rate: Annotated[float | None, FileUnit("Hz"), ABOVE_0, "in place of times"] = None
+    mcap: Annotated[str, Key(brief=True), "a file of ROS 2 with all clouds, in place of frames"] = ""
+    sensors: tuple[Sensor, ...] = ()
+
+    def resolved(self, table: Table) -> "RecordingKeys":
+        """Raise InputError for no sensors, two of one name, and times that do not rise."""
+        if not self.sensors:
+            raise table.error("no [[sensors]]")
+        names = [sensor.name for sensor in self.sensors]
+        if len(set(names)) < len(names):
+            raise table.error(f"two sensors have one name: {', '.join(names)}")
+        for sensor in self.sensors:
+            if bool(self.mcap) != (sensor.topic is not None):
+                expected = "a topic for each sensor" if self.mcap else 'mcap = "FILE", where a sensor has a topic'
+                raise table.bad("mcap", expected)
+        if self.times is None:
+            if self.frame_rate is None:
+                raise table.missing("frame_rate")
+            return self
+        times = np.array(self.times)
+        if len(times) == 0 or times[0] < 0 or (np.diff(times) <= 0).any():
+            raise table.bad("times", "seconds after rest that rise")
+        require_seconds(times, table.where)
+        if times[-1] > LONGEST:
+            raise table.error(f"times go to {times[-1]:.6g} s; expected seconds after rest, {LONGEST:g} at most")
+        interval, rate = (np.median(np.diff(times)) if len(times) > 1 else 0.0), self.frame_rate
+        if interval and rate and not 1 / _OTHER_RATE < rate * interval < _OTHER_RATE:
+            note(f"{table.where}: times has a frame every {interval:.3g} s, and frame_rate = {rate:g}; times counts")
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class _Frames:
+    """As the fields of a Recording."""
+
+    times: Array
+    chosen: NDArray[np.intp] | None = None
+    left_out: str = ""
+
+
+def read_recording(path: Path | str, *, convention: Convention = "forward") -> Recording:
+    """Read a recording: its folder or its `recording.toml`. Raises InputError.
+
+    Clouds lie in frames/NNNN/SENSOR.ply or frames/SENSOR/NNNN.ply, as PLY or as npz with `points`, or in an MCAP,
+    each sensor's on a topic.
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = path / "recording.toml"
+    keys, folder = decode(RecordingKeys, load_toml(path, FORMAT)), path.parent
+    mcap = folder / file_name(keys.mcap, str(path)) if keys.mcap else None
+    frames = _stamped(keys, mcap) if mcap is not None else _Frames(_times(keys, folder))
+    program = read_pressures(folder / "pressure.csv", keys.design)
+    require_pressures(program, keys.design, str(folder / "pressure.csv"))
+    require_measured_pressures(program.pressure, str(folder / "pressure.csv"))
+    if frames.times[-1] > program.duration + 1.5 * float(np.diff(frames.times, prepend=0.0).max()):
+        note(f"{folder / 'pressure.csv'}: ends at {program.duration:.3g} s, the frames at {frames.times[-1]:.3g} s")
+    found = (frames.chosen, frames.left_out)
+    return Recording(folder, keys.name, keys.design, frames.times, keys.sensors, program, convention, mcap, *found)
+
+
+def write_recording(
+    folder: Path,
+    design: Design,
+    program: PressureProgram,
+    times: Array,
+    sensors: Sequence[Sensor],
+    frames: Sequence[Mapping[str, Array]],
+    reference: Mapping[str, Array],
+) -> None:
+    """Write a recording into `folder`: clouds (n, 3) m by sensor name, in each camera's own frame."""
+    design_file = f"{file_stem(design.name)}.toml"
+    rounded = [Sensor(each.name, np.round(each.camera_to_world, 6), each.topic) for each in sensors]
+    instants = tuple(round(float(t), 6) for t in times)
+    keys = RecordingKeys(folder.name, design, times=instants, sensors=tuple(rounded))
+    file = folder / "recording.toml"
+    document = {"format": FORMAT} | Encoder(file, {Design: lambda design: design_file}).encode(keys)
+    write_design(design, folder / design_file)
+    write_pressures(program, folder / "pressure.csv")
+    for name, cloud in reference.items():
+        write_ply(folder / "reference" / f"{name}.ply", cloud)
+    for index, clouds in enumerate(frames):
+        for name, cloud in clouds.items():
+            write_ply(folder / "frames" / f"{index:04d}" / f"{name}.ply", cloud)
+    file.write_text(tomlkit.dumps(document), encoding="utf-8", newline="\n")
+
+
+def _stamped(keys: RecordingKeys, mcap: Path) -> _Frames:
+    """The times of an MCAP's frames, and their clouds: by the stamps, where these say something, else in the order of
+    the first sensor's clouds, from one interval after rest on. Raises InputError."""
+    given, stamps = None if keys.times is None else np.array(keys.times), read_stamps(mcap)
+    rate = keys.frame_rate if given is None else None
+    topics = [str(sensor.topic) for sensor in keys.sensors]
+    for topic in topics:
+        if topic not in stamps:
+            raise InputError(f"{mcap}: no clouds on {topic}; expected one of {', '.join(stamps)}")
+    pairs = pair_frames([stamps[topic] for topic in topics])
+    if pairs is None:
+        if len(topics) > 1:
+            note(f"{mcap}: its stamps do not say which clouds are of one frame; they are paired in their order")
+        times = given if given is not None else np.arange(1, len(stamps[topics[0]]) + 1) / (rate or 1.0)
+        require_seconds(times, str(mcap))
+        return _Frames(times)
+    whole = pairs.whole
+    if rate is not None and not 1 / _OTHER_RATE < rate * pairs.interval < _OTHER_RATE:
+        raise InputError(f"{mcap}: a cloud every {pairs.interval:.4g} s by their stamps; expected {1 / rate:.4g} s")
+    if given is not None and len(given) != len(whole):
+        raise InputError(f"{mcap}: {len(whole)} frames by their stamps; expected {len(given)}, one a time")
+    times = given if given is not None else np.round(1 / (rate or 1.0) + pairs.time, 6)
+    require_seconds(times, str(mcap))
+    left_out = left_out_line(pairs, topics, times, str(mcap))
+    if left_out:
+        note(left_out)
+    return _Frames(times[whole], pairs.clouds[whole], left_out)
+
+
+def _times(keys: RecordingKeys, folder: Path) -> Array:
+    """The frames' times; with a `frame_rate` as many as there are frame folders, or files of the first sensor. Of more
+    of these than times it says which are left out."""
+    given = None if keys.times is None else np.array(keys.times)
+    frames = folder / "frames"
+    by_sensor = frames / keys.sensors[0].name
+    stems = [p.stem for p in (by_sensor if by_sensor.is_dir() else frames).glob("[0-9]*")]
+    numbers = [int(stem) for stem in stems if stem.isdecimal()]
+    if given is not None:
+        if (last := max(numbers, default=0)) >= len(given):
+            note(f"{frames}: has frames to {last}, and {len(given)} times; those from {len(given)} are left out")
+        return given
+    if not numbers:
+        raise InputError(f"{frames}: no frames; expected NNNN/SENSOR.ply or SENSOR/NNNN.ply")
+    if max(numbers) > _FRAMES:
+        raise InputError(f"{frames}: frame {max(numbers)}; expected numbers from 0 to {_FRAMES}")
+    times = np.arange(1, max(numbers) + 2) / (keys.frame_rate or 1.0)
+    require_seconds(times, f"{folder / 'recording.toml'}")
+    return times

@@ -1,0 +1,116 @@
+"""The law of a specimen that no design has, as `calibrate BENCH` writes it: `fabdesign.bench-law/1` and a table."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, cast
+
+import numpy as np
+import tomlkit
+from numpy.typing import NDArray
+
+from fabdesign.errors import InputError
+from fabdesign.formats.csv_table import decimal, read_rows, write_rows
+from fabdesign.formats.decoder import decode
+from fabdesign.formats.encoder import Encoder
+from fabdesign.formats.schema import ABOVE_0, Key, Metre
+from fabdesign.formats.table import Table, load_toml
+from fabdesign.nouns.bench import Specimen
+from fabdesign.output import write_text
+
+FORMAT = "fabdesign.bench-law/1"
+# columns of the table by specimen; the first rises, or names a term
+TABLES: Mapping[Specimen, tuple[str, ...]] = {
+    "strip": ("strain", "force_n", "low90_n", "high90_n"),
+    "cylinder": ("term", "coefficient_n", "low90_n", "high90_n"),
+    "actuator": ("pressure_kpa", "displacement_m"),
+}
+_RISING = {"strip": ("strain", "force_n"), "cylinder": (), "actuator": ("pressure_kpa", "displacement_m")}
+
+
+@dataclass(frozen=True, eq=False)
+class BenchLaw:
+    """A quasi-static law, sampled.
+
+    strip: force [N] over strain, with the 90 % band of another record. actuator: displacement [m] held at a pressure.
+    cylinder: force [N] as a sum of terms in p (pressure / 100 kPa), x (displacement / 10 mm) and s (state of friction,
+    from -1 to 1), which follows the motion over the `presliding` distance; a term is the product of its factors.
+    """
+
+    specimen: Specimen
+    output: str  # force or displacement
+    columns: Mapping[str, NDArray[np.float64]]  # (n,) each, in the file's units, by the names in TABLES without `term`
+    terms: tuple[str, ...] = ()  # of a cylinder, such as "s p"
+    form: str | None = None  # of a cylinder: which terms were chosen
+    presliding: float | None = None  # m, of a cylinder
+
+
+@dataclass(frozen=True)
+class LawKeys:
+    """[law] as a file has it."""
+
+    specimen: Annotated[Literal["strip", "cylinder", "actuator"], Key("law.specimen"), "that was on the bench"]
+    output: Annotated[str, Key("law.output"), "force or displacement"]
+    table: Annotated[Path, Key("law.table"), "a CSV beside it"]
+    form: Annotated[str | None, Key("law.form"), "of a cylinder: the choice of terms"] = None
+    presliding: Annotated[Metre | None, Key("law.presliding"), ABOVE_0, "of a cylinder: of its friction"] = None
+
+    def resolved(self, table: Table) -> BenchLaw:
+        """Return the law with its table. Raises InputError for keys of another specimen, and another table."""
+        law = table.within(["law"])
+        for key in ("form", "presliding"):
+            if (getattr(self, key) is None) == (self.specimen == "cylinder"):
+                raise law.missing(key) if getattr(self, key) is None else law.error(f"unknown key {key}")
+        terms, columns = read_law_table(self.table, self.specimen)
+        return BenchLaw(self.specimen, self.output, columns, terms, self.form, self.presliding)
+
+
+def read_bench_law(path: Path | str) -> BenchLaw:
+    """Read a law with its table. Raises InputError for an unknown specimen, another table, values not rising."""
+    law: Any = decode(LawKeys, load_toml(Path(path), FORMAT))
+    return cast(BenchLaw, law)
+
+
+def write_bench_law(law: BenchLaw, path: Path, table: Path, *, comment: str = "") -> None:
+    """Write `path`, and the `table` that it names, both in one folder; reading gives an equal law."""
+    document = tomlkit.document()
+    if comment:
+        document.add(tomlkit.comment(comment))
+    document["format"] = FORMAT
+    assert law.specimen != "muscle"
+    keys = LawKeys(law.specimen, law.output, table, law.form, law.presliding)
+    document.update(Encoder(table).encode(keys))
+    header = TABLES[law.specimen]
+    numbers = [law.columns[name].tolist() for name in header if name != "term"]
+    write_rows(table, header, list(zip(*([law.terms] if law.terms else []), *numbers, strict=True)))
+    write_text(path, tomlkit.dumps(document))
+
+
+def read_law_table(file: Path, specimen: Specimen) -> tuple[tuple[str, ...], dict[str, NDArray[np.float64]]]:
+    """A cylinder's terms (none of others) and the columns of numbers. Raises InputError."""
+    header, rows = read_rows(file)
+    if tuple(header) != TABLES[specimen]:
+        raise InputError(f"{file}: columns are {','.join(header)}; expected {','.join(TABLES[specimen])}")
+    columns: dict[str, NDArray[np.float64]] = {}
+    terms: tuple[str, ...] = ()
+    for i, name in enumerate(header):
+        if name == "term":
+            terms = tuple(row[i] for _, row in rows)
+            for (line, _), term in zip(rows, terms, strict=True):
+                if not term or not set(term.split()) <= {"1", "p", "x", "s"}:
+                    raise InputError(f"{file} line {line}: term = {term!r}; expected a product of p, x and s, or 1")
+            continue
+        columns[name] = np.array([float(decimal(row[i], file, line, name)) for line, row in rows])
+        if name in _RISING[specimen] and (len(rows) < 2 or (np.diff(columns[name]) <= 0).any()):
+            raise InputError(f"{file}: {name} does not rise from row to row; expected two rows or more that do")
+    return terms, columns
+
+
+def why_not_included(path: Path) -> str:
+    """One sentence on a law that a design asks for by `include`. Raises InputError for an unsound file."""
+    law = read_bench_law(path)
+    if law.specimen == "strip":
+        return "is the force law of a strip whose width is not known; state width [m] in its bench and calibrate again"
+    return (
+        f"is the law of {'an' if law.specimen == 'actuator' else 'a'} {law.specimen}; a design has muscles and a cloth"
+    )

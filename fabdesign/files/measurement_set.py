@@ -1,0 +1,82 @@
+"""Measurement sets: a folder with `set.toml`, `fabdesign.measurement-set/1`."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import tomlkit
+from tomlkit.items import Item
+
+from fabdesign.files.design_file import write_design
+from fabdesign.files.trial_file import TrialData, write_trial
+from fabdesign.formats.decoder import decode
+from fabdesign.formats.encoder import Encoder
+from fabdesign.formats.table import load_toml
+from fabdesign.formats.toml_file import file_stem
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.trial import USUAL, Accuracy, MeasurementSet, Role, Trial
+from fabdesign.output import Inputs, new_folder
+
+__all__ = ["MeasurementSet", "NewTrial", "Trial", "TrialData", "read_set", "write_set"]
+
+FORMAT = "fabdesign.measurement-set/1"
+
+
+def read_set(path: Path | str) -> MeasurementSet:
+    """Read a set: its folder or its `set.toml`. Designs are read now, trials when asked for, but must be there.
+
+    Raises InputError.
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = path / "set.toml"
+    return decode(MeasurementSet, load_toml(path, FORMAT))
+
+
+@dataclass(frozen=True)
+class NewTrial:
+    """A trial to be written."""
+
+    name: str  # of its file, without .npz
+    design_name: str
+    order: int
+    role: Role
+    data: TrialData
+
+
+def write_set(
+    folder: Path | str,
+    designs: Mapping[str, Design],
+    trials: Iterable[NewTrial],
+    *,
+    name: str,
+    description: str = "",
+    frame_rate: float | None = None,
+    accuracy: Accuracy = USUAL,
+    scale: float = 1e-4,
+    made_by: str = "write_set",
+    force: bool = False,
+    inputs: Inputs = (),
+) -> None:
+    """Write a set, whole or not at all; `trials` may be a generator, one is held at a time.
+
+    Points are stored in units of `scale` [m]. made_by, force, inputs: as `new_folder` takes them. Raises InputError
+    like it.
+    """
+    files = (f"{file_stem(key)}.toml" for key in designs)
+    listed: list[Trial] = []
+    with new_folder(folder, made_by=made_by, force=force, inputs=inputs) as unfinished:
+        for key, design in designs.items():
+            write_design(design, unfinished / f"{file_stem(key)}.toml")
+        for trial in trials:
+            file = unfinished / "trials" / f"{file_stem(trial.name)}.npz"
+            write_trial(trial.data, file, scale=scale)
+            listed.append(Trial(file, trial.design_name, designs[trial.design_name], trial.order, trial.role))
+        whole = MeasurementSet(name, designs, tuple(listed), description, frame_rate, accuracy)
+        document = tomlkit.document()
+        document["format"] = FORMAT
+        document.update(Encoder(unfinished / "set.toml", {Design: lambda design: next(files)}).encode(whole))
+        if frame_rate is not None:
+            cast(Item, document.item("frame_rate")).comment("Hz")
+        (unfinished / "set.toml").write_text(tomlkit.dumps(document), encoding="utf-8", newline="\n")

@@ -1,0 +1,122 @@
+"""A trial's npz: the arrays of `fabdesign.measurement-set/1`."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.clouds.measured_points import RemovedPoints, require_room, sound_points
+from fabdesign.errors import InputError
+from fabdesign.formats.bounded_file import require_few
+from fabdesign.formats.measured_units import require_measured_pressures, require_seconds
+from fabdesign.formats.npz_file import NpzArrays, open_npz
+from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.output import whole_file
+from fabdesign.runtime.effort import LONGEST
+from fabdesign.units import from_kpa, in_kpa
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class TrialData:
+    """What was measured in one motion."""
+
+    time: Floats  # (T,) s after rest
+    pressure: Floats  # (T, channels) Pa, set point during the interval that ends at that frame
+    frames: tuple[Floats, ...]  # T clouds (n_t, 3) m, unordered, both faces
+
+    @cached_property
+    def program(self) -> PressureProgram:
+        return program_of(self.time, self.pressure)
+
+
+def read_trial(path: Path, *, size: float | None = None) -> TrialData:
+    """All arrays of a trial. size: the cloth's longer side [m], for the check that the clouds are in metres.
+
+    What a depth sensor adds to a frame is left out and said (`clouds.measured_points`). Raises InputError for a
+    damaged file, a missing array, one of another shape or type, and an empty or odd cloud.
+    """
+    with open_npz(path, "a trial's arrays") as arrays:
+        time, pressure = _time_and_pressure(arrays, path)
+        points, scale, offsets = (arrays.get(name) for name in ("points", "scale", "offsets"))
+    if scale.shape != () or scale.dtype.kind not in "fiu" or not (np.isfinite(scale) and scale > 0):
+        raise InputError(f"{path}: scale has shape {scale.shape}; expected one number above 0, metres per unit")
+    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
+        raise InputError(f"{path}: points is {_shape(points)}; expected (n, 3) int16 or float")
+    if offsets.shape != (len(time) + 1,) or offsets.dtype.kind not in "iu":
+        raise InputError(f"{path}: offsets is {_shape(offsets)}; expected ({len(time) + 1},) int64, frames and one")
+    if offsets[0] != 0 or offsets[-1] != len(points) or (np.diff(offsets.astype(np.int64)) < 0).any():
+        raise InputError(f"{path}: offsets do not rise from 0 to the number of points, {len(points)}")
+    require_few(int(np.diff(offsets.astype(np.int64)).max()), path, "points in a frame")
+    require_room(points, str(path))
+    frames: list[Floats] = []
+    left_out, hit = RemovedPoints(), 0
+    for t, (a, b) in enumerate(pairwise(offsets)):  # one at a time, or all points would lie here three times
+        metres = points[a:b].astype(np.float64) * float(scale)
+        frame, without = sound_points(metres, f"{path} frame {t}", size=size)
+        frames.append(frame)
+        left_out, hit = left_out + without, hit + (without.count > 0)
+    left_out.tell(len(points), f"{path}, {hit} of {len(frames)} frames")
+    return TrialData(time, pressure, tuple(frames))
+
+
+def read_trial_pressures(path: Path) -> tuple[Floats, Floats]:
+    """`time` (T,) s and `pressure` (T, channels) Pa of a trial, without its clouds. Raises InputError."""
+    with open_npz(path, "a trial's arrays") as arrays:
+        return _time_and_pressure(arrays, path)
+
+
+def program_of(time: Floats, pressure: Floats) -> PressureProgram:
+    """The program of a trial's arrays: row k holds until time[k], the first from 0."""
+    start = np.concatenate([[0.0], time[:-1]])
+    if len(time) > 1 and time[0] == 0:  # a frame at rest: its row holds for no time
+        start, pressure = start[1:], pressure[1:]
+    return PressureProgram.of_rows(start, pressure, duration=float(time[-1]))
+
+
+def write_trial(data: TrialData, path: Path, *, scale: float = 1e-4) -> None:
+    """Write a trial, its points as int16 in units of `scale` [m]. Raises InputError where they do not fit."""
+    units = np.rint(np.concatenate(data.frames) / scale)
+    farthest, most = np.abs(units).max() * scale, np.iinfo(np.int16).max * scale
+    if farthest > most:
+        raise InputError(
+            f"trial {path.stem}: points {farthest:.3g} m from the middle of the top edge; expected at most {most:.3g} m"
+        )
+    with whole_file(path) as temporary, temporary.open("wb") as stream:
+        np.savez_compressed(
+            stream,
+            time=data.time.astype(np.float64),
+            pressure=in_kpa(data.pressure).astype(np.float32),
+            points=units.astype(np.int16),
+            scale=np.float64(scale),
+            offsets=np.cumsum([0, *(len(frame) for frame in data.frames)], dtype=np.int64),
+        )
+
+
+def _time_and_pressure(arrays: NpzArrays, path: Path) -> tuple[Floats, Floats]:
+    for name in ("time", "pressure"):
+        require_few(math.prod(arrays.shape(name)), path, f"values of {name}")
+    time, kilopascal = arrays.get("time"), arrays.get("pressure")
+    if time.ndim != 1 or len(time) == 0 or time.dtype.kind not in "fiu":
+        raise InputError(f"{path}: time is {_shape(time)}; expected (T,) float64")
+    seconds = time.astype(np.float64)
+    if not np.isfinite(seconds).all() or seconds[0] < 0 or (np.diff(seconds) <= 0).any():
+        raise InputError(f"{path}: time does not rise from 0 s or later, frame by frame")
+    require_seconds(seconds, str(path))
+    if seconds[-1] > LONGEST:
+        raise InputError(f"{path}: time goes to {seconds[-1]:g} s; expected at most {LONGEST:g} s")
+    if kilopascal.ndim != 2 or len(kilopascal) != len(time) or kilopascal.dtype.kind not in "fiu":
+        raise InputError(f"{path}: pressure is {_shape(kilopascal)}; expected ({len(time)}, channels) float32, kPa")
+    # a tenth of a pascal, a thousandth of the regulator's step: takes off what float32 adds
+    pressure = np.round(from_kpa(kilopascal.astype(np.float64)), 1)
+    require_measured_pressures(pressure, str(path))
+    return seconds, pressure
+
+
+def _shape(array: NDArray[np.generic]) -> str:
+    return f"{array.shape} {array.dtype}"

@@ -1,0 +1,206 @@
+"""Dataclasses from what files hold, strictly: unknown and missing keys, other types and values out of range are refused
+in one line. A value may also be the object itself, so that Python gives a `Design` where a file names one."""
+
+from collections.abc import Mapping
+from dataclasses import MISSING, is_dataclass, replace
+from decimal import Decimal
+from math import isfinite
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any, Literal, TypeVar, get_args, get_origin
+
+from fabdesign.errors import InputError
+from fabdesign.formats.schema import FileKey, Notes, annotated, file_keys, members
+from fabdesign.formats.table import Table, nearest
+from fabdesign.formats.toml_file import file_name
+
+Form = TypeVar("Form")
+
+
+def decode(form: type[Form], table: Table, usual: Form | None = None) -> Form:
+    """Return the dataclass that a table holds, resolved. usual: has the values of keys that are absent, in place of the
+    form's defaults. Raises InputError, also for keys that the form does not have."""
+    made = decode_part(form, table, usual)
+    table.finish()
+    return resolved(made, table)
+
+
+def decode_part(form: type[Form], table: Table, usual: Form | None = None) -> Form:
+    """As `decode`, where the table may have other keys; not resolved."""
+    keys = file_keys(form)
+    if usual is not None:
+        keys = tuple(replace(each, default=getattr(usual, each.field)) for each in keys)
+    there = {each.field: _present(each, table) for each in keys}  # so that all are known before one is missed
+    late = [each for each in keys if not _read_key(each, table, there[each.field])]
+    for each in late:
+        table.decoded[each.field] = _absent(each, table)
+    return form(**{each.field: table.decoded[each.field] for each in keys})
+
+
+def decode_key(hint: Any, table: Table, key: str, default: Any = None) -> Any:
+    """Return the value of one key by its type; `default` where it is not there. Raises InputError."""
+    return _value(hint, table[key], Notes(), table, key) if table.has(key) else default
+
+
+def resolved(made: Any, table: Table) -> Any:
+    """Return a dataclass as its own checks leave it."""
+    return made.resolved(table) if hasattr(made, "resolved") else made
+
+
+def _present(each: FileKey, table: Table) -> list[str]:
+    """Return the names of a field's key, or of its keys, that are there."""
+    key, holder = each.notes.key, table.within(each.tables)
+    names = filter(None, (*(key.one_of or (each.name,)), key.also))
+    return [] if key.inside or key.rest else [name for name in names if holder.has(name)]
+
+
+def _read_key(each: FileKey, table: Table, there: list[str]) -> bool:
+    """Put the value of a key that is there among what is decoded. Raises InputError for one that must be there."""
+    key = each.notes.key
+    holder = table.within(each.tables)
+    if key.inside:
+        form = members(each.type)[0]
+        if each.default is None and file_keys(form)[0].name not in table:
+            return False
+        same = table.same()
+        table.decoded[each.field] = resolved(decode_part(form, same), same)
+        return True
+    if key.one_of and not key.several and (len(there) > 1 or (not there and each.default is MISSING)):
+        raise holder.error(f"expected {key.expected}")
+    if not there:
+        if each.name and each.default is MISSING and key.absent is None and not key.rest:
+            raise holder.missing(each.name)
+        return False
+    usual = each.default if is_dataclass(each.default) else None
+    values = []
+    for name in there:
+        kind, notes, _ = annotated(key.one_of[name]) if key.one_of else (each.type, each.notes, "")
+        values.append(_value(kind, holder[name], notes, holder, name, usual))
+    if key.one_of and get_origin(each.type) is tuple and is_dataclass(get_args(each.type)[0]):
+        values = [tuple(one for value in values for one in (value if isinstance(value, tuple) else (value,)))]
+    table.decoded[each.field] = values[0]
+    return True
+
+
+def _absent(each: FileKey, table: Table) -> Any:
+    key, holder = each.notes.key, table.within(each.tables)
+    if key.rest and key.read is not None:
+        return key.read(holder.take_rest(), holder)
+    if key.absent is not None:
+        return key.absent(table)
+    if is_dataclass(each.default) and each.name:  # as an empty table, whose defaults may depend on others
+        return decode(members(each.type)[0], holder.within((each.name,)), each.default)
+    return each.default
+
+
+def _value(hint: Any, value: Any, outer: Notes, table: Table, key: str, usual: Any = None) -> Any:
+    """Return a value of a file as its type has it. Raises InputError."""
+    hint, notes, _ = annotated(hint, outer)
+    if notes.key.form is not None:
+        value = _value(notes.key.form, value, Notes(), table, key, usual)
+    if notes.key.read is not None and (value := notes.key.read(value, table)) is None:
+        raise table.bad(key, notes.key.expected)
+    if notes.key.read is not None or notes.key.form is not None:
+        return value
+    if (kinds := members(hint)) != (hint,):
+        alike = next((each for each in kinds if _alike(annotated(each)[0], value)), kinds[-1])
+        return _value(alike, value, notes, table, key, usual)
+    kind, origin, arguments = hint, get_origin(hint), get_args(hint)
+    if kind is Any or (is_dataclass(kind) and isinstance(kind, type) and isinstance(value, kind)):
+        return value
+    if notes.key.file is not None:
+        if not isinstance(value, str | Path):
+            raise table.bad(key, "a text")
+        # a path from Python or from another file is relative to no folder
+        return notes.key.file(value if isinstance(value, Path) else _beside(table, value))
+    if isinstance(kind, type) and is_dataclass(kind) and isinstance(value, Mapping):
+        return decode(kind, table.inner(key), usual)
+    if origin is Mapping and isinstance(value, Mapping):
+        inner = table.inner(key)
+        return {name: _value(arguments[1], inner[name], notes, inner, name) for name in inner.names()}
+    if origin is tuple and isinstance(item := arguments[0], type) and is_dataclass(item):
+        if not _is_list(value) or not all(isinstance(each, Mapping | item) for each in value):
+            raise table.bad(key, f"[[{key}]] tables")
+        tables = [table.inner(key, i) for i in range(len(value))]
+        return tuple(v if isinstance(v, item) else decode(item, t) for v, t in zip(value, tables, strict=True))
+    if origin is tuple and _is_list(value) and (arguments[-1] is ... or len(value) == len(arguments)):
+        items = _Item(table, table.bad(key, expected_of(kind, notes, value)))
+        return tuple(_value(arguments[0], each, notes, items, key) for each in value)
+    if (read := _scalar(kind, value, notes, table)) is not None:
+        return read
+    raise table.bad(key, expected_of(kind, notes, value))
+
+
+class _Item(Table):
+    """The table of a list's items, whose errors name the whole list."""
+
+    def __init__(self, table: Table, error: InputError) -> None:
+        super().__init__({}, table.where, table.file)
+        self._error = error
+
+    def bad(self, key: str, expected: str) -> InputError:
+        return self._error
+
+
+def _beside(table: Table, name: str) -> Path:
+    """Return a file by its name, relative to the one that names it."""
+    return table.file.parent / file_name(name, table.where)
+
+
+def _is_list(value: Any) -> bool:
+    return isinstance(value, list | tuple) or hasattr(value, "__array__")
+
+
+def _alike(kind: Any, value: Any) -> bool:
+    """Whether a value has the shape of a member of a union."""
+    origin = get_origin(kind)
+    if isinstance(value, str):
+        return kind in (str, Path) or origin is Literal
+    if isinstance(value, Mapping):
+        return origin is Mapping or is_dataclass(kind)
+    return (origin is tuple) if _is_list(value) else kind in (float, int, bool)
+
+
+def _scalar(kind: Any, value: Any, notes: Notes, table: Table) -> Any:
+    """Return a number, text, flag or file; None where the value is not of that kind."""
+    if kind is float and (number := as_number(value)) is not None:
+        fits = isfinite(number) and notes.within.holds(number)
+        return (notes.unit.read(value) if notes.unit else number) if fits else None
+    if kind is bool:
+        return value if isinstance(value, bool) else None
+    if kind is int:
+        whole = isinstance(value, Integral) and not isinstance(value, bool)
+        return int(value) if whole and notes.within.holds(value) else None
+    if kind is Path and isinstance(value, Path):
+        return value
+    if not isinstance(value, str):
+        return None
+    if kind is Path:
+        return _beside(table, value)
+    return value if kind is str or value in get_args(kind) else None
+
+
+def as_number(value: Any) -> float | None:
+    """Return a number of a file or of Python; None for any other value."""
+    if isinstance(value, bool) or not isinstance(value, Real | Decimal):
+        return None
+    try:
+        return float(value)
+    except OverflowError:
+        return float("inf")
+
+
+def expected_of(kind: Any, notes: Notes, value: Any = None) -> str:
+    """Return what a key of that type may be, in words."""
+    if notes.key.expected:
+        return notes.key.expected
+    origin, arguments = get_origin(kind), get_args(kind)
+    if origin is Literal:
+        return "one of " + ", ".join(arguments) + (nearest(value, arguments) if isinstance(value, str) else "")
+    if origin is tuple:
+        if get_origin(arguments[0]) is tuple:
+            return "a list of [u, v] points in m"
+        many = {str: "texts", int: "whole numbers"}.get(members(annotated(arguments[0])[0])[0], "numbers")
+        return f"a list of {many}" if arguments[-1] is ... else f"a list of {len(arguments)} {many}"
+    words = {float: "a number", int: "a whole number", bool: "true or false", str: "a text", Path: "a text"}
+    return words.get(kind, "a table") + str(notes.within)

@@ -1,0 +1,142 @@
+"""The arrays of an npz or npy; whatever is wrong with the file becomes one line.
+
+What an array takes in memory is counted by its header, before it is made.
+"""
+
+import io
+import math
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from fabdesign.errors import InputError
+from fabdesign.formats.bounded_file import read_bytes, require_few
+
+_NPY = b"\x93NUMPY"
+LARGEST = 600_000_000  # bytes of all arrays as they lie in the file, unpacked
+IN_MEMORY = 1_200_000_000  # bytes of one array as it lies in the file and as the float64 that it becomes, together
+
+
+class NpzArrays:
+    """The arrays of an open npz, read as they are asked for."""
+
+    def __init__(self, archive: np.lib.npyio.NpzFile, path: Path, expected: str) -> None:
+        self._archive, self._path, self._expected = archive, path, expected
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._archive.files
+
+    @property
+    def names(self) -> list[str]:
+        return self._archive.files
+
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Return an array's shape without reading it. Raises InputError where it is not there."""
+        return self._declared(name)[0]
+
+    def get(self, name: str, becomes: DTypeLike = np.float64) -> NDArray[Any]:
+        """Return an array; `becomes` is the type that its numbers are taken to next. Raises InputError where it is not
+        there, damaged, or too large."""
+        shape, dtype = self._declared(name)
+        after = np.dtype(becomes).itemsize if dtype.kind in "fiu" and dtype != becomes else 0
+        size = math.prod(shape) * (dtype.itemsize + after)
+        if size > IN_MEMORY:
+            raise InputError(
+                f"{self._path}: {name}, {shape} {dtype}, takes {size / 1e6:.0f} MB in memory; expected at most "
+                f"{IN_MEMORY / 1e6:.0f} MB"
+            )
+        try:
+            return np.asarray(self._archive[name])
+        except Exception:  # numpy and zipfile raise whatever they meet
+            raise _damaged(self._path, self._expected) from None
+
+    def _declared(self, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
+        if name not in self:
+            raise InputError(f"{self._path}: no array {name}; it has {', '.join(self._archive.files) or 'none'}")
+        assert self._archive.zip is not None
+        member = next(n for n in self._archive.zip.namelist() if n in (name, f"{name}.npy"))
+        try:
+            with self._archive.zip.open(member) as stream:
+                shape, dtype = _header(stream)
+                size = stream.tell() + math.prod(shape) * dtype.itemsize
+        except Exception:
+            raise _damaged(self._path, self._expected) from None
+        if dtype.hasobject or size != self._archive.zip.getinfo(member).file_size:
+            raise _damaged(self._path, self._expected)
+        return shape, dtype
+
+
+@contextmanager
+def open_npz(path: Path, expected: str) -> Iterator[NpzArrays]:
+    """Raises InputError, which names what was `expected`, for no file, another one, and damage met inside the block."""
+    try:
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: is no plain file; expected an npz with {expected}")
+        stream = path.open("rb")
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    with stream:
+        if stream.read(len(_NPY)) == _NPY:
+            raise InputError(f"{path}: holds one array; expected an npz with {expected}")
+        stream.seek(0)
+        try:
+            archive = np.load(stream, allow_pickle=False)
+        except Exception:  # numpy and zipfile raise whatever they meet
+            raise _damaged(path, expected) from None
+        if repeated := next((name for name in archive.files if archive.files.count(name) > 1), None):
+            raise InputError(f"{path}: has the array {repeated} twice; expected each once")
+        _require_small(archive.zip, path, expected)
+        yield NpzArrays(archive, path, expected)
+
+
+def read_npy(path: Path) -> NDArray[Any]:
+    """Return the points (n, 3) of an npy, or its image (rows, columns, 3). Raises InputError for damage, another shape
+    and what is no number."""
+    expected = "an npy with points (n, 3)"
+    content = read_bytes(path, expected)
+    stream = io.BytesIO(content)
+    try:
+        shape, dtype = _header(stream)
+    except Exception:
+        raise InputError(f"{path}: is damaged or no npy; expected {expected}") from None
+    if dtype.kind not in "fiu" or len(shape) not in (2, 3) or shape[-1] != 3:
+        raise InputError(f"{path}: is {shape} {dtype}; expected {expected}")
+    size = math.prod(shape) * dtype.itemsize  # before an array is made that has only its header's word
+    if len(content) - stream.tell() != size:
+        raise InputError(
+            f"{path}: has {len(content) - stream.tell()} bytes of points and not {size}; expected {expected}"
+        )
+    require_few(math.prod(shape) // 3, path, "points")
+    stream.seek(0)
+    return np.asarray(np.load(stream, allow_pickle=False))
+
+
+def _header(stream: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Shape and type of an npy. Raises whatever numpy does."""
+    version = np.lib.format.read_magic(stream)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read(stream)
+    if not all(isinstance(n, int) and n >= 0 for n in shape):
+        raise ValueError(shape)
+    return shape, dtype
+
+
+def _damaged(path: Path, expected: str) -> InputError:
+    return InputError(f"{path}: is damaged or cut short; expected an npz with {expected}")
+
+
+def _require_small(archive: zipfile.ZipFile | None, path: Path, expected: str) -> None:
+    """By what the archive says of itself: nothing is read beyond it, and what an array's header claims is not there."""
+    assert archive is not None
+    size = sum(member.file_size for member in archive.infolist())
+    if size > LARGEST:
+        raise InputError(
+            f"{path}: unpacks to {size / 1e6:.0f} MB; expected an npz with {expected} of at most {LARGEST / 1e6:.0f} MB"
+        )

@@ -1,0 +1,170 @@
+"""A kind of file is a frozen dataclass: its fields are the keys, and the types' annotations say units, limits and what
+a key is for. `decoder` reads such files, `encoder` writes them, `json_schema` and docs/files.md show them.
+
+    spacing: Annotated[Metre, FROM_0, "between muscles on one face"] = 0.006
+
+A dataclass may have `resolved(table)`: what is checked across keys once all are read, and returned in its place.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import MISSING, Field, dataclass, field, fields
+from decimal import Decimal
+from functools import cache
+from types import NoneType, UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+
+from fabdesign.runtime.effort import COARSEST, FINEST
+from fabdesign.units import from_mm, in_mm, kilopascals, pascals
+
+
+@dataclass(frozen=True)
+class FileUnit:
+    """The unit of a number in files, and how it becomes the number that the code computes with."""
+
+    symbol: str
+    read: Callable[[Any], float] = float
+    write: Callable[[float], float | Decimal] = float
+
+
+def _pascals(number: float | Decimal) -> float:
+    return pascals(number if isinstance(number, Decimal) else Decimal(repr(float(number))))
+
+
+Metre = Annotated[float, FileUnit("m")]
+Second = Annotated[float, FileUnit("s")]
+Kilopascal = Annotated[float, FileUnit("kPa", _pascals, kilopascals)]  # Pa inside
+KilopascalPerSecond = Annotated[float, FileUnit("kPa/s", _pascals, kilopascals)]  # Pa/s inside
+Millimetre = Annotated[float, FileUnit("mm", lambda number: from_mm(float(number)), in_mm)]  # m inside
+
+
+@dataclass(frozen=True)
+class Within:
+    """The limits of a number, in the file's unit: > above, >= least, <= most."""
+
+    above: float | None = None
+    least: float | None = None
+    most: float | None = None
+
+    def holds(self, number: float) -> bool:
+        return (
+            (self.above is None or number > self.above)
+            and (self.least is None or number >= self.least)
+            and (self.most is None or number <= self.most)
+        )
+
+    def __str__(self) -> str:
+        words = {"above": self.above, "from": self.least, "to": self.most}
+        return "".join(f" {word} {limit:g}" for word, limit in words.items() if limit is not None)
+
+
+FROM_0, ABOVE_0, SHARE = Within(least=0), Within(above=0), Within(least=0, most=1)
+GRIDS = Within(least=COARSEST, most=FINEST)  # points a side
+
+
+@dataclass(frozen=True, eq=False)  # hashed by identity: types hold it
+class Key:
+    """How a field stands in a file, where its name and type do not say it all.
+
+    name: in place of the field's, with a dot in a table; "": the field has no key. also: an older name that is read.
+    form: the type that stands in the file, if it is another one. read: the value from that and its table, None where it
+    does not fit. expected: what an error then says. file: reads the object from its own file, which the key names.
+    absent: the value where the key is not there, from the table. one_of: keys of which one is there, with their types;
+    several: or more of them, whose values are joined. inside: the fields of a dataclass stand in the same table. rest:
+    all keys that no other field takes. brief: not written where it is the default.
+    """
+
+    name: str | None = None
+    also: str = ""
+    expected: str = ""
+    file: Callable[[Any], Any] | None = None
+    read: Callable[[Any, Any], Any] | None = None
+    absent: Callable[[Any], Any] | None = None
+    form: Any = None
+    one_of: Mapping[str, Any] = field(default_factory=dict)
+    several: bool = False
+    inside: bool = False
+    rest: bool = False
+    brief: bool = False
+
+
+@dataclass(frozen=True)
+class Notes:
+    """What annotations say of a value."""
+
+    key: Key = Key()
+    unit: FileUnit | None = None
+    within: Within = Within()
+
+
+@dataclass(frozen=True)
+class FileKey:
+    """A field of a dataclass, as its file has it."""
+
+    field: str
+    tables: tuple[str, ...]  # that the key stands in, within the table of the dataclass
+    name: str
+    type: Any  # without annotations
+    notes: Notes
+    sentence: str
+    default: Any = None  # MISSING where there is none
+
+
+def file_keys(form: Any) -> tuple[FileKey, ...]:
+    """Return the keys of a dataclass in the order of its fields."""
+    return _file_keys(form)
+
+
+@cache
+def _file_keys(form: Any) -> tuple[FileKey, ...]:
+    hints = get_type_hints(form, include_extras=True)
+    return tuple(_file_key(each, hints[each.name]) for each in fields(form) if each.init)
+
+
+def _file_key(each: "Field[Any]", hint: Any) -> FileKey:
+    plain, notes, sentence = annotated(hint)
+    if len(kinds := members(plain)) == 1:  # None stands for a key that is not there
+        plain, notes, _ = annotated(kinds[0], notes)
+    *tables, name = (notes.key.name if notes.key.name is not None else each.name).split(".")
+    default = each.default if each.default_factory is MISSING else each.default_factory()
+    return FileKey(each.name, tuple(tables), name, plain, notes, sentence, default)
+
+
+def annotated(hint: Any, outer: Notes = Notes()) -> tuple[Any, Notes, str]:
+    """Return a type without its annotations, and what they say; what the outer ones say is kept."""
+    if get_origin(hint) is not Annotated:
+        return hint, outer, ""
+    plain, *marks = get_args(hint)
+    key, unit, within = outer.key, outer.unit, outer.within
+    for mark in marks:
+        key = mark if isinstance(mark, Key) else key
+        unit = mark if isinstance(mark, FileUnit) else unit
+        within = mark if isinstance(mark, Within) else within
+    return plain, Notes(key, unit, within), next((mark for mark in marks if isinstance(mark, str)), "")
+
+
+def members(hint: Any) -> tuple[Any, ...]:
+    """Return the types of a union but None; of any other type itself."""
+    if get_origin(hint) not in (Union, UnionType):
+        return (hint,)
+    return tuple(member for member in get_args(hint) if member is not NoneType)
+
+
+def unit_of(hint: Any, outer: Notes) -> FileUnit | None:
+    """Return the unit that a value of a file has, or each of a list."""
+    kind, notes, _ = annotated(hint, outer)
+    if notes.unit is not None or notes.key.form is not None:
+        return notes.unit or unit_of(notes.key.form, Notes())
+    inner = get_args(kind)[:1] if get_origin(kind) is tuple else members(kind) if members(kind) != (kind,) else ()
+    return next(filter(None, (unit_of(each, notes) for each in inner)), None)
+
+
+def walk(form: type) -> Iterator[FileKey]:
+    """Yield the keys of a table, with those of dataclasses whose fields stand in the same one."""
+    for each in file_keys(form):
+        if each.notes.key.inside:
+            yield from walk(members(each.type)[0])
+        elif each.notes.key.one_of:
+            for name, kind in each.notes.key.one_of.items():
+                yield FileKey(each.field, each.tables, name, *annotated(kind))
+        elif each.name:
+            yield each

@@ -1,0 +1,232 @@
+"""The search of `cells`: the nearest item of each point, asked of the cells near by. Compiled, and kept by
+numba: a compiled function of another file must not be called here, for numba would not see when that file changes."""
+
+import numpy as np
+from numba import njit
+
+from fabdesign.geometry.cell_items import ROUNDED_UP, Array, Indices, Ints
+from fabdesign.runtime.working_time import watch_numba
+
+watch_numba()
+
+Place = int | np.int64 | np.uint64  # unsigned where it counts up, which compiles to less
+
+_GROUP = 32  # points that are asked together, at most
+_ABREAST = 8  # points that the vector units take at once
+_SHORT = 0.3  # of a cell's edge, the first way
+_WIDE = 3.5  # cells' edges, the farthest way
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def search_cells(
+    points: Array,
+    first: Ints,
+    asked: Indices,
+    low: Array,
+    edge: float,
+    widest: float,
+    shape: Ints,
+    start: Ints,
+    order: Indices,
+    bodies: Array,
+    boxes: Array,
+    squared: Array,
+    item: Indices,
+) -> Indices:
+    """Nearest items of the points `asked`, in the order that `sorted_into_cells` gave them; those left that have
+    nothing near and may have something far off.
+
+    Points near each other are asked together about the items around their box: first those that come within a short way
+    of it, then, as long as one may be nearer to any of them than what it has, those within twice the way.
+    """
+    left, unsure, several = np.empty_like(asked), 0, len(start) > 2
+    farthest = _WIDE * edge if several else np.inf
+    at, best, nearest = np.empty((3, _GROUP)), np.empty(_GROUP), np.empty(_GROUP, dtype=np.int64)
+    lower, upper = np.empty(3), np.empty(3)
+    apart, which = np.empty(len(order)), np.empty(len(order), dtype=np.int64)
+    for cell in range(len(first) - 1):
+        for group in range(first[cell], first[cell + 1], _GROUP):
+            own = asked[group : min(group + _GROUP, first[cell + 1])]
+            lanes = np.uint64((len(own) + _ABREAST - 1) // _ABREAST * _ABREAST)
+            best[:], nearest[:] = -1.0, -1  # of lanes that no point fills: nothing is nearer
+            lower[:], upper[:] = np.inf, -np.inf
+            for j in range(len(own)):
+                i = own[j]
+                off = _off_cells(points[i], low, edge, shape) - widest
+                nowhere = not np.isfinite(points[i, 0] + points[i, 1] + points[i, 2])
+                if nowhere or off > np.sqrt(squared[i]) * ROUNDED_UP:  # or farther than what is looked for
+                    continue
+                if off > farthest:
+                    left[unsure] = i
+                    unsure += 1
+                    continue
+                best[j] = squared[i]
+                for a in range(3):
+                    at[a, j] = points[i, a]
+                    lower[a], upper[a] = min(lower[a], points[i, a]), max(upper[a], points[i, a])
+            done, way = -1.0, _SHORT * edge if several else np.inf
+            while _most(best) > done and way <= farthest:
+                reach = min(way, _most(best))
+                count = _around(boxes, low, edge, widest, shape, start, lower, upper, done, reach, apart, which)
+                _ask(bodies, which, count, lanes, at[0], at[1], at[2], best, nearest)
+                done, way = reach, 2 * way
+            for j in range(len(own)):
+                if nearest[j] >= 0:
+                    squared[own[j]], item[own[j]] = best[j], order[nearest[j]]
+                if best[j] >= 0 and np.sqrt(best[j]) * ROUNDED_UP > done:
+                    left[unsure] = own[j]
+                    unsure += 1
+    return left[:unsure]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _off_cells(point: Array, low: Array, edge: float, shape: Ints) -> float:
+    """How far a point lies from all cells."""
+    squared = 0.0
+    for a in range(3):
+        squared += max(low[a] - point[a], point[a] - low[a] - edge * shape[a], 0.0) ** 2
+    return np.sqrt(squared)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _most(best: Array) -> float:
+    """The longest distance of squared ones, rounded up; negative where all are."""
+    most = best.max()
+    return np.sqrt(most) * ROUNDED_UP if most >= 0 else -1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _around(
+    boxes: Array,
+    low: Array,
+    edge: float,
+    widest: float,
+    shape: Ints,
+    start: Ints,
+    lower: Array,
+    upper: Array,
+    done: float,
+    reach: float,
+    apart: Array,
+    which: Indices,
+) -> int:
+    """Put into `which` the items whose boxes lie farther from the box from `lower` to `upper` than `done`, and within
+    `reach`, m; how many there are. apart: (m,) room. Its loop has no branches, for the vector units."""
+    begin, end, count = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64), 0
+    for a in range(3):
+        least, most = lower[a] - low[a] - reach - widest, upper[a] - low[a] + reach + widest
+        begin[a] = int(min(max(np.floor(least / edge), 0.0), shape[a] - 1.0))
+        end[a] = int(min(max(np.floor(most / edge), 0.0), shape[a] - 1.0)) + 1
+    l0, l1, l2, u0, u1, u2 = lower[0], lower[1], lower[2], upper[0], upper[1], upper[2]
+    past, near = done * abs(done), reach * reach
+    for u in range(begin[0], end[0]):
+        for v in range(begin[1], end[1]):
+            column = (u * shape[1] + v) * shape[2]
+            some, others = np.uint64(start[column + begin[2]]), np.uint64(start[column + end[2]])
+            for k in range(some, others):
+                d0 = max(boxes[0, k] - u0, l0 - boxes[3, k], 0.0)
+                d1 = max(boxes[1, k] - u1, l1 - boxes[4, k], 0.0)
+                d2 = max(boxes[2, k] - u2, l2 - boxes[5, k], 0.0)
+                apart[k] = d0 * d0 + d1 * d1 + d2 * d2
+            for k in range(some, others):
+                which[count] = k
+                count += (apart[k] > past) & (apart[k] <= near)
+    return count
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _ask(
+    bodies: Array,
+    which: Indices,
+    count: int,
+    lanes: Place,
+    x: Array,
+    y: Array,
+    z: Array,
+    best: Array,
+    nearest: Indices,
+) -> None:
+    """Note for points (lanes,) in x, y, z which of the items `which` (count,) is nearer than the best so far, m^2.
+
+    To a triangle in its own frame (u, v, height): the height, and beside it, outside, the way to the nearest edge. The
+    inner loops have no branches, for the vector units.
+    """
+    if bodies.shape[1] == 3:
+        for i in range(count):
+            k = which[i]
+            a0, a1, a2 = bodies[k, 0], bodies[k, 1], bodies[k, 2]
+            for j in range(lanes):
+                p0, p1, p2 = x[j] - a0, y[j] - a1, z[j] - a2
+                q = p0 * p0 + p1 * p1 + p2 * p2
+                nearer = q < best[j]
+                best[j] = q if nearer else best[j]
+                nearest[j] = k if nearer else nearest[j]
+        return
+    for i in range(count):
+        k = which[i]
+        a0, a1, a2 = bodies[k, 0], bodies[k, 1], bodies[k, 2]
+        b0, b1, b2 = bodies[k, 3], bodies[k, 4], bodies[k, 5]
+        c0, c1, c2 = bodies[k, 6], bodies[k, 7], bodies[k, 8]
+        n0, n1, n2 = bodies[k, 9], bodies[k, 10], bodies[k, 11]
+        length, c_u, c_v = bodies[k, 12], bodies[k, 13], bodies[k, 14]
+        from_start, from_end, g_u = bodies[k, 15], bodies[k, 16], bodies[k, 17]
+        for j in range(lanes):
+            p0, p1, p2 = x[j] - a0, y[j] - a1, z[j] - a2
+            u = p0 * b0 + p1 * b1 + p2 * b2
+            v = p0 * c0 + p1 * c1 + p2 * c2
+            h = p0 * n0 + p1 * n1 + p2 * n2
+            w = u - length
+            t = max(min(u, length), 0.0)
+            beside = (u - t) * (u - t) + v * v
+            t = max(min((u * c_u + v * c_v) * from_start, 1.0), 0.0)
+            d, e = u - t * c_u, v - t * c_v
+            beside = min(beside, d * d + e * e)
+            t = max(min((w * g_u + v * c_v) * from_end, 1.0), 0.0)
+            d, e = w - t * g_u, v - t * c_v
+            beside = min(beside, d * d + e * e)
+            inside = (c_v > 0) & (v >= 0) & (u * c_v - v * c_u >= 0) & (v * g_u - w * c_v >= 0)
+            q = h * h + (0.0 if inside else beside)
+            nearer = q < best[j]
+            best[j] = q if nearer else best[j]
+            nearest[j] = k if nearer else nearest[j]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def edge_weights(points: Array, item: Indices, items: Array) -> Array:
+    weights = np.empty((len(points), 2))
+    for i in range(len(points)):
+        weights[i, 0], weights[i, 1] = _to_triangle(points[i, 0], points[i, 1], points[i, 2], items, item[i])
+    return weights
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _to_triangle(p0: float, p1: float, p2: float, items: Array, k: int) -> tuple[float, float]:
+    """Weights of a triangle's edges (b and c from a corner) at its place nearest to a point.
+
+    |corner + v b + w c - p|^2 is convex: the least is at the plane's foot if that is inside, else on an edge.
+    """
+    p0, p1, p2 = p0 - items[k, 0], p1 - items[k, 1], p2 - items[k, 2]
+    b0, b1, b2 = items[k, 3], items[k, 4], items[k, 5]
+    c0, c1, c2 = items[k, 6], items[k, 7], items[k, 8]
+    bb, cc, bc = _squared(b0, b1, b2), _squared(c0, c1, c2), b0 * c0 + b1 * c1 + b2 * c2
+    pb, pc = p0 * b0 + p1 * b1 + p2 * b2, p0 * c0 + p1 * c1 + p2 * c2
+    determinant = bb * cc - bc * bc
+    v, w = cc * pb - bc * pc, bb * pc - bc * pb
+    if determinant > 0 and v >= 0 and w >= 0 and v + w <= determinant:
+        return v / determinant, w / determinant
+    v = min(max(pb / bb, 0.0), 1.0) if bb > 0 else 0.0
+    least, best_v, best_w = _squared(p0 - v * b0, p1 - v * b1, p2 - v * b2), v, 0.0
+    w = min(max(pc / cc, 0.0), 1.0) if cc > 0 else 0.0
+    q = _squared(p0 - w * c0, p1 - w * c1, p2 - w * c2)
+    if q < least:
+        least, best_v, best_w = q, 0.0, w
+    across = bb + cc - 2 * bc
+    w = min(max((bb - bc - pb + pc) / across, 0.0), 1.0) if across > 0 else 0.0
+    v = 1.0 - w
+    q = _squared(p0 - v * b0 - w * c0, p1 - v * b1 - w * c1, p2 - v * b2 - w * c2)
+    return (v, w) if q < least else (best_v, best_w)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _squared(x: float, y: float, z: float) -> float:
+    return x * x + y * y + z * z

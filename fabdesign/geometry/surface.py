@@ -1,0 +1,170 @@
+"""The two faces of a cloth as triangles, and the exact distance of points to them."""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from math import isqrt
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.errors import InputError
+from fabdesign.formats.bounded_file import require_few
+from fabdesign.geometry.cells import Cells
+from fabdesign.geometry.sheet import Face
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
+Indices = NDArray[np.intp]
+_TURNED = 1e-6  # of the area of a polygon, squared
+
+
+class Nearest(NamedTuple):
+    """The nearest place on a surface for each of n points. The place is `weights @ vertices[triangles[triangle]]`."""
+
+    distance: Array  # (n,) m
+    signed: Array  # (n,) m, positive on the outer side of the triangle: off the sheet, for a face of a cloth
+    triangle: Indices  # (n,)
+    weights: Array  # (n, 3) barycentric
+
+
+def fans_of(vertices: Array, corners: NDArray[Any], lengths: Indices, path: Path, *, first: int = 0) -> Indices:
+    """Return the triangles (t, 3) of polygons that are cut into fans. corners: of all polygons, one after another.
+    lengths: of each polygon. first: what the file calls the first vertex.
+
+    Raises InputError for a corner that is no vertex, for too many triangles, and where a polygon is not what its fan
+    covers: where a triangle is turned over, as at a corner that points inwards.
+    """
+    count = np.maximum(lengths - 2, 0)  # triangles of a polygon
+    require_few(int(count.sum()), path, "triangles")
+    start = np.repeat(np.cumsum(lengths) - lengths, count)
+    second = start + np.arange(len(start)) - np.repeat(np.cumsum(count) - count, count) + 1
+    triangles = corners.astype(np.intp)[np.stack([start, second, second + 1], axis=1)]
+    if triangles.size and (triangles.min() < 0 or triangles.max() >= len(vertices)):
+        kind = path.suffix[1:].upper()
+        raise InputError(
+            f"{path}: a face names vertex {triangles.max() + first} of {len(vertices)}; expected a sound {kind}"
+        )
+    if (count <= 1).all():
+        return triangles
+    polygons = np.repeat(np.arange(len(count)), count)
+    with np.errstate(over="ignore", invalid="ignore"):
+        normals = Surface(vertices, triangles)._normals
+        sums = np.stack([np.bincount(polygons, normals[:, axis]) for axis in range(3)], axis=1)
+        turned = np.einsum("ti,ti->t", normals, sums[polygons]) < -_TURNED * np.square(sums).sum(axis=1)[polygons]
+    if turned.any():
+        raise InputError(
+            f"{path}: a face of {lengths[polygons[turned][0]]} corners has one that points inwards; expected "
+            "triangles, or convex faces"
+        )
+    return triangles
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A triangle mesh. Seen from outside, corners run counter-clockwise."""
+
+    vertices: Array  # (m, 3) m
+    triangles: Indices  # (t, 3)
+
+    @staticmethod
+    def of_faces(points: Floats, rows: int | None = None, face: Face = "both") -> "Surface":
+        """Both faces of one frame of a motion, (2 rows cols, 3) m as `ForwardModel` gives it, or one of them; square
+        without `rows`."""
+        per_face = len(points) // 2
+        rows = rows or isqrt(per_face)
+        if rows * (per_face // rows) * 2 != len(points):
+            raise ValueError(f"{len(points)} points are not two faces of {rows} rows")
+        triangles = face_triangles(rows, per_face // rows)
+        return Surface(np.asarray(points, dtype=np.float64), half_of(triangles, face))
+
+    def _corners(self, triangle: Indices | slice = slice(None)) -> tuple[Array, Array, Array]:
+        """(n, 3) each: first corner, and the two edges from it, of those triangles (n,)."""
+        a, b, c = (self.vertices[self.triangles[triangle, i]] for i in range(3))
+        return a, b - a, c - a
+
+    @cached_property
+    def areas(self) -> Array:
+        """(t,) m^2."""
+        return np.sqrt(np.einsum("ti,ti->t", self._normals, self._normals)) / 2
+
+    def normals_of(self, triangle: Indices) -> Array:
+        """(n, 3) of those triangles (n,), of unit length, outwards."""
+        return self._normals[triangle] / (2 * self.areas[triangle, None])
+
+    @cached_property
+    def _normals(self) -> Array:
+        """(t, 3), twice the area long."""
+        _, ab, ac = self._corners()
+        return _cross(ab, ac)
+
+    def nearest(self, points: Floats) -> Nearest:
+        """Exact nearest places for points (n, 3) m."""
+        at: Array = np.asarray(points, dtype=np.float64)
+        squared, triangle = self._cells.nearest(at)
+        edges = self._cells.weights(at, triangle)
+        weights = np.concatenate([1 - edges.sum(axis=1, keepdims=True), edges], axis=1)
+        a, ab, ac = self._corners(triangle)
+        offset = at - a - edges[:, :1] * ab - edges[:, 1:] * ac
+        distance = np.sqrt(squared)
+        outside = np.einsum("nd,nd->n", offset, np.cross(ab, ac)) >= 0
+        return Nearest(distance, np.where(outside, distance, -distance), triangle, weights)
+
+    def distance(self, points: Floats, *, within: float = np.inf) -> Array:
+        """(n,) m from points (n, 3) to their nearest places; infinite where that is not within `within` [m]."""
+        return np.sqrt(self._cells.nearest(points, within=within).squared)
+
+    @cached_property
+    def _cells(self) -> Cells:
+        return Cells.of_triangles(self.vertices, self.triangles)
+
+    def sample(self, count: int, rng: np.random.Generator) -> tuple[Array, Indices]:
+        """(count, 3) points, uniform over the area, and the triangles (count,) that they lie in."""
+        triangle = np.searchsorted(self._shares, rng.random(count), side="right")  # as rng.choice draws them
+        v, w = rng.random((2, count))
+        v, w = np.where(v + w > 1, 1 - v, v), np.where(v + w > 1, 1 - w, w)
+        a, ab, ac = self._corners(triangle)
+        return a + v[:, None] * ab + w[:, None] * ac, triangle
+
+    @cached_property
+    def _shares(self) -> Array:
+        """(t,) of the area, that a triangle and those before it have."""
+        sums = np.cumsum(self.areas / self.areas.sum())
+        return np.asarray(sums / sums[-1])
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """numpy's cross of (n, 3), four times as fast."""
+    (a0, a1, a2), (b0, b1, b2) = a.T, b.T
+    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=1)
+
+
+def half_of(faces: Floats | Indices, face: Face) -> Any:
+    """Of what is listed for the front face, then for the back face, what belongs to `face`."""
+    half = len(faces) // 2
+    return {"both": faces, "front": faces[:half], "back": faces[half:]}[face]
+
+
+@lru_cache
+def face_triangles(rows: int, cols: int) -> Indices:
+    """(4 (rows - 1) (cols - 1), 3) triangles of two faces of rows x cols points, outer side off the sheet.
+
+    Vertices are numbered as in the simulator's output: front face, then back face, each by rising v, then rising u.
+    """
+    corner = np.arange(rows * cols).reshape(rows, cols)
+    a, b = corner[:-1, :-1].ravel(), corner[:-1, 1:].ravel()  # left and right above
+    c, d = corner[1:, :-1].ravel(), corner[1:, 1:].ravel()  # left and right below
+    front = np.concatenate([np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)])
+    triangles = np.concatenate([front, front[:, ::-1] + rows * cols])
+    triangles.setflags(write=False)
+    return triangles
+
+
+CAP = 0.010  # m, of a distance to a surface: strays beyond it do not decide
+
+
+def capped_rms(distance: Array, cap: float = CAP, *, shares: Array | None = None) -> float:
+    """Root mean square [m] of distances capped at `cap` [m], so that strays cannot decide it. shares: of each in the
+    mean, by default all alike."""
+    return float(np.sqrt(np.average(np.square(np.minimum(np.abs(distance), cap)), weights=shares)))

@@ -1,0 +1,209 @@
+"""Wishes in place of a target's cloud: places of the cloth and where they are to come, in all coordinates or some."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import isqrt
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.errors import InputError
+from fabdesign.formats.schema import ABOVE_0, FileUnit, Key, Metre, Within
+from fabdesign.formats.table import Table
+from fabdesign.geometry.hung_cloth import held_places, on_flat_cloth
+from fabdesign.geometry.mid_surface import at_places, cells_of, mid_surface
+from fabdesign.nouns.fabric import Fabric
+from fabdesign.units import in_mm
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
+Point = tuple[float, float, float]
+
+EDGES = ("top", "bottom", "left", "right")
+ALONG = 9  # places of an edge, and of a tube in each direction
+WORLD, FROM_FLAT = ("x", "y", "z"), ("right", "up", "forward")
+_FLAT = 50.0  # cloth heights, the radius of a tube that bends a cloth of 0.2 m by 2 mm
+_STRETCH = 1.15  # of the flat cloth's lengths, as of a cloud (fabdesign/geometry/hung_cloth.py)
+
+
+@dataclass(frozen=True)
+class Wish:
+    """Where places of the cloth are to come. given: which of x, y, z count."""
+
+    said: str  # for people
+    places: tuple[tuple[float, float], ...]  # (u, v) m
+    goals: tuple[Point, ...]  # m, a place each; where a coordinate does not count, that of the flat cloth
+    given: tuple[bool, bool, bool]
+    weight: float = 1.0
+
+
+_AT_OR_EDGE = f"either at = [u, v] or edge = one of {', '.join(EDGES)}"
+
+
+_PLACE = Key(
+    expected=_AT_OR_EDGE,
+    one_of={
+        "at": Annotated[tuple[float, float], FileUnit("m"), "one place (u, v) of the cloth"],
+        "edge": Annotated[Literal["top", "bottom", "left", "right"], "nine places of it"],
+    },
+)
+
+
+@dataclass(frozen=True)
+class WishKeys:
+    """A wish as a file has it."""
+
+    place: Annotated[tuple[float, float] | str, _PLACE]
+    x: Annotated[Metre | None, "in the world; what is not given is free"] = None
+    y: Metre | None = None
+    z: Metre | None = None
+    right: Annotated[Metre | None, "from the flat hanging cloth"] = None
+    up: Metre | None = None
+    forward: Annotated[Metre | None, "towards the front"] = None
+    weight: Annotated[float, ABOVE_0, "among several wishes"] = 1.0
+
+    def resolved(self, table: Table) -> Wish:
+        """Return the wish on the cloth of the study. Raises InputError for one that the cloth cannot grant."""
+        fabric = table.find("design").fabric
+        if isinstance(self.place, str):
+            where, places = f"{self.place} edge", _of_edge(self.place, fabric)
+        else:
+            u, v = self.place
+            if not (0 <= u <= fabric.width + 1e-9 and 0 <= v <= fabric.height + 1e-9):
+                raise table.bad("at", f"a place on the cloth, {fabric.width:g} by {fabric.height:g} m")
+            where, places = f"({u:g}, {v:g})", np.array([self.place])
+        flat = on_flat_cloth(places, fabric)
+        goals, given, said = flat.copy(), [False] * 3, []
+        for axis, (world, beside) in enumerate(zip(WORLD, FROM_FLAT, strict=True)):
+            absolute, relative = getattr(self, world), getattr(self, beside)
+            if absolute is not None and relative is not None:
+                raise table.error(f"{world} and {beside} say the same; expected one of them")
+            if absolute is not None:
+                goals[:, axis], given[axis] = absolute, True
+                said.append(f"{world} = {in_mm(absolute):g} mm")
+            elif relative is not None:
+                goals[:, axis], given[axis] = flat[:, axis] + relative, True
+                said.append(f"{in_mm(relative):g} mm {beside}")
+        if not any(given):
+            raise table.error(f"no goal; expected some of {', '.join((*WORLD, *FROM_FLAT))}, in m")
+        axes = (given[0], given[1], given[2])
+        wish = Wish(f"{where}: {', '.join(said)}", _tuples(places), _tuples(goals), axes, self.weight)
+        _require_reachable(wish, fabric, table.where)
+        return wish
+
+
+@dataclass(frozen=True)
+class TubeKeys:
+    """The whole cloth bent about a horizontal axis, from the upper edge on, where the tube stands upright."""
+
+    radius: Annotated[Metre, Within(least=0.005), "of the tube"]
+    towards: Annotated[Literal["front", "back"], "the face on whose side the axis lies"] = "front"
+
+    def resolved(self, table: Table) -> Wish:
+        """Return the wish of 81 places. Raises InputError for a tube that hardly bends the cloth."""
+        fabric = table.find("design").fabric
+        if fabric.hung != "top":
+            raise table.error("for a cloth held elsewhere; expected one hung by its top edge")
+        if self.radius > (most := _FLAT * fabric.height):
+            raise table.bad("radius", f"a number{Within(least=0.005, most=most)}")
+        sign = 1.0 if self.towards == "front" else -1.0
+        u, v = np.meshgrid(np.linspace(0, fabric.width, ALONG), np.linspace(0, fabric.height, ALONG))
+        turn = v / self.radius
+        out = sign * self.radius * (1 - np.cos(turn))
+        goals = np.stack([u - fabric.width / 2, -self.radius * np.sin(turn), out], axis=-1)
+        places = np.stack([u, v], axis=-1).reshape(-1, 2)
+        turned = np.degrees(fabric.height / self.radius)
+        said = f"a tube of radius {in_mm(self.radius):g} mm, {turned:.0f} degrees of it, towards the {self.towards}"
+        return Wish(said, _tuples(places), _tuples(goals.reshape(-1, 3)), (True, True, True))
+
+
+def _of_edge(edge: str, fabric: Fabric) -> Array:
+    """(ALONG, 2) m."""
+    share = np.linspace(0, 1, ALONG)
+    u = {"left": 0 * share, "right": 0 * share + 1}.get(edge, share) * fabric.width
+    v = {"top": 0 * share, "bottom": 0 * share + 1}.get(edge, share) * fabric.height
+    return np.stack([u, v], axis=1)
+
+
+def _tuples(rows: Array) -> Any:
+    return tuple(tuple(row) for row in rows.tolist())
+
+
+def _require_reachable(wish: Wish, fabric: Fabric, where: str) -> None:
+    """Raise InputError for a goal farther from all held places than the flat cloth lets its place be."""
+    held = held_places(fabric)
+    if not len(held):
+        return
+    given = np.array(wish.given)
+    for place, goal in zip(wish.places, wish.goals, strict=True):
+        flat = on_flat_cloth(np.array([place]), fabric)[0]
+        reach = np.linalg.norm(held - flat, axis=1)
+        away = np.linalg.norm((held - goal)[:, given], axis=1)
+        # every held place bounds it
+        worst = int(np.argmax(away - _STRETCH * reach))
+        if away[worst] > _STRETCH * reach[worst] + 1e-6:
+            raise InputError(
+                f"{where}: place ({place[0]:g}, {place[1]:g}) is to lie {in_mm(away[worst]):.0f} mm from a held place; "
+                f"expected at most {in_mm(reach[worst]):.0f} mm, as on the flat cloth"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Landmarks:
+    """All wishes of a target as arrays: `goals` (k, 3) m of `shares` (k, 2) of width and height, `given` (k, 3),
+    `weights` (k,) with sum 1: a wish counts by its weight, however many places it has."""
+
+    shares: Array
+    goals: Array
+    given: NDArray[np.bool_]
+    weights: Array
+
+    @staticmethod
+    def of(wishes: Sequence[Wish], fabric: Fabric) -> "Landmarks":
+        size = np.array([fabric.width, fabric.height])
+        counts = [len(wish.places) for wish in wishes]
+        weights = np.repeat([wish.weight / len(wish.places) for wish in wishes], counts)
+        return Landmarks(
+            np.concatenate([wish.places for wish in wishes]) / size,
+            np.concatenate([wish.goals for wish in wishes]),
+            np.repeat([wish.given for wish in wishes], counts, axis=0),
+            weights / weights.sum(),
+        )
+
+    def off(self, points: Floats) -> Array:
+        """(k, 3) m from the goals to the places of a cloth (2 n n, 3) m, 0 where a coordinate does not count."""
+        return np.where(self.given, at_places(mid_surface(points), self.shares) - self.goals, 0.0)
+
+    def distances(self, points: Floats) -> Array:
+        """(k,) m."""
+        return np.asarray(np.linalg.norm(self.off(points), axis=1))
+
+    def mean(self, points: Floats) -> float:
+        """m, by the weights."""
+        return float(self.weights @ self.distances(points))
+
+    def gradient(self, points: Floats) -> tuple[float, Array]:
+        """`mean`, and its derivative by each coordinate (2 n n, 3)."""
+        off = self.off(points)
+        sizes = np.linalg.norm(off, axis=1)
+        pull = (self.weights / np.maximum(sizes, 1e-12))[:, None] * off
+        slope = np.zeros(points.shape)
+        half = len(points) // 2
+        for node, weight in self._corners(isqrt(half)):
+            for face in (0, half):
+                np.add.at(slope, node + face, 0.5 * weight[:, None] * pull)
+        return float(self.weights @ sizes), slope
+
+    def _corners(self, side: int) -> Iterator[tuple[NDArray[np.intp], Array]]:
+        """The four nodes (k,) around every place, with their weights (k,): those of `at_places`."""
+        (s, t), (i, j) = cells_of(self.shares, side, side)
+        for down, across in ((0, 0), (0, 1), (1, 0), (1, 1)):
+            weight = (t if down else 1 - t) * (s if across else 1 - s)
+            yield (j + down) * side + i + across, weight
+
+    @cached_property
+    def key(self) -> str:
+        """What makes two of them the same."""
+        return repr([a.tolist() for a in (self.shares, self.goals, self.given, self.weights)])

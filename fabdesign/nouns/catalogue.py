@@ -1,0 +1,143 @@
+"""The paper's four layouts (Peng et al. 2022, section II) on a cloth of any size, with any number of muscles.
+
+Margins scale with the cloth; at 0.2 m and the default counts these are the layouts that the paper measured.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from importlib.resources import as_file, files
+from math import inf
+
+from fabdesign.errors import InputError
+from fabdesign.files.design_file import read_design
+from fabdesign.formats.table import nearest
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.fabric import Fabric
+from fabdesign.nouns.muscle import Muscle, MuscleType, diameter_slip
+from fabdesign.runtime.effort import CLOSEST, MUSCLES
+from fabdesign.units import in_mm
+
+Path = tuple[tuple[float, float], ...]
+
+_END = 0.04  # share of the length that a straight muscle leaves free at each end, for its tubes
+_CROSS = 0.075  # the same for the ends of crossed muscles
+_ROUNDING = 1e-6  # m, of a path's points
+_STOCK = (0.2, 0.8)  # where the outermost muscles of *vertical* lie, as shares of the width
+
+
+def _spread(n: int) -> list[float]:
+    """Middles of n equal strips."""
+    return [(i + 0.5) / n for i in range(n)]
+
+
+def _down(shares: list[float]) -> list[Path]:
+    return [((u, _END), (u, 1 - _END)) for u in shares]
+
+
+def _basic(n: int) -> list[tuple[str, Path]]:
+    front, back = _down(_spread((n + 1) // 2)), _down(_spread(n // 2)) if n > 1 else []
+    return [("front", path) for path in front] + [("back", path) for path in back]
+
+
+def _side(n: int) -> list[tuple[str, Path]]:
+    return [(side, tuple((v, u) for u, v in path)) for side, path in _basic(n)]
+
+
+def _cross(n: int) -> list[tuple[str, Path]]:
+    if n % 2:
+        raise InputError(f"layout cross: muscles = {n}; expected an even number, two to a cross")
+    paths: list[tuple[str, Path]] = []
+    for i in range(n // 2):
+        left, right = (i + _CROSS) / (n // 2), (i + 1 - _CROSS) / (n // 2)
+        paths.append(("front", ((left, _CROSS), (right, 1 - _CROSS))))
+        paths.append(("front", ((right, _CROSS), (left, 1 - _CROSS))))
+    return paths
+
+
+def _vertical(n: int) -> list[tuple[str, Path]]:
+    first, last = _STOCK
+    shares = [first + (last - first) * i / (n - 1) for i in range(n)] if n > 1 else [0.5]
+    return [("front", path) for path in _down(shares)]
+
+
+# name -> the faces and paths of n muscles on the unit square, and n by default
+_LAYOUTS: dict[str, tuple[Callable[[int], list[tuple[str, Path]]], int]] = {
+    "basic": (_basic, 8),
+    "side": (_side, 8),
+    "cross": (_cross, 2),
+    "vertical": (_vertical, 3),
+}
+LAYOUTS = tuple(_LAYOUTS)
+
+
+@cache
+def standard() -> Design:
+    """The default cloth and muscle type, without muscles (the synthetic rigs' data sheet)."""
+    with as_file(files("fabdesign") / "data") as folder:
+        return read_design(folder / "standard.toml")
+
+
+def build(
+    layout: str,
+    *,
+    width: float | None = None,
+    height: float | None = None,
+    muscles: int | None = None,
+    fabric: Fabric | None = None,
+    muscle_type: MuscleType | None = None,
+    fixed_point_pitch: float = 0.02,
+    name: str | None = None,
+) -> Design:
+    """A design of a catalogue layout: `basic`, `side`, `cross` or `vertical`.
+
+    width, height: of the cloth [m]; by default those of `fabric`, which is the standard cloth.
+    muscles: how many; each has a channel of its own. `basic` and `side` share them between the faces (the front has
+    one more of an odd number), `cross` lays pairs side by side, `vertical` spreads them over the front.
+    fixed_point_pitch: [m].
+    Raises InputError for an unknown layout, a size or count out of range, and muscles closer than their diameter.
+    """
+    if layout not in _LAYOUTS:
+        raise InputError(f"layout {layout}: expected one of {', '.join(LAYOUTS)}{nearest(layout, LAYOUTS)}")
+    paths, default_count = _LAYOUTS[layout]
+    count = default_count if muscles is None else muscles
+    if not 1 <= count <= MUSCLES:
+        raise InputError(f"layout {layout}: muscles = {count}; expected 1 to {MUSCLES}")
+    if not CLOSEST <= fixed_point_pitch < inf:
+        raise InputError(
+            f"layout {layout}: fixed points {fixed_point_pitch:g} m apart; expected at least {CLOSEST:g} m"
+        )
+    cloth = fabric or standard().fabric
+    cloth = replace(
+        cloth,
+        width=cloth.width if width is None else width,
+        height=cloth.height if height is None else height,
+    )
+    if not (0 < cloth.width <= 10 and 0 < cloth.height <= 10):
+        raise InputError(f"layout {layout}: a cloth of {cloth.width:g} by {cloth.height:g} m; expected 0 to 10 m")
+    kind = muscle_type or standard().muscle_types["EM20"]
+    laid = tuple(
+        Muscle(
+            kind.name,
+            "front" if side == "front" else "back",
+            channel,
+            # a micrometre is finer than any hand sews
+            tuple((round(u * cloth.width, 6), round(v * cloth.height, 6)) for u, v in path),
+            fixed_point_pitch,
+        )
+        for channel, (side, path) in enumerate(paths(count))
+    )
+    _require_room(layout, laid, kind.outer_diameter)
+    return Design(name or layout, cloth, {kind.name: kind}, laid)
+
+
+def _require_room(layout: str, muscles: tuple[Muscle, ...], diameter: float) -> None:
+    for i, a in enumerate(muscles):
+        for b in muscles[i + 1 :]:
+            starts = max(abs(a.path[0][0] - b.path[0][0]), abs(a.path[0][1] - b.path[0][1]))
+            if a.side == b.side and starts < diameter - _ROUNDING:
+                hint = diameter_slip(diameter) or ": fewer of them or a wider cloth"
+                raise InputError(
+                    f"layout {layout}: {len(muscles)} muscles lie {in_mm(starts):.3f} mm apart; "
+                    f"expected at least their diameter, {in_mm(diameter):.3f} mm{hint}"
+                )

@@ -1,0 +1,150 @@
+"""A column of a Jacobian: a direction in the parameters of a case, as the case moved along it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from fabdesign.effects.acting import terms_of
+from fabdesign.effects.registry import effect_named
+from fabdesign.errors import InputError
+from fabdesign.nouns.forward import Case, Term
+from fabdesign.nouns.muscle import Muscle
+from fabdesign.nouns.pressure import PressureProgram
+
+
+def _everywhere(_: Case) -> tuple[float, float]:
+    return -np.inf, np.inf
+
+
+@dataclass(frozen=True)
+class Column:
+    """A direction: `moved(case, by)` is the case with its parameter moved by so many units.
+
+    step: units by which the parameter is moved to see what forces change, small against what the model bends over;
+    far: units for differences of whole shapes and motions, large against what a solver leaves. room: how far a case's
+    parameter may be moved down and up. differences: whether those stand in for a tangent that is not there, else NaN.
+    """
+
+    name: str
+    unit: str
+    step: float
+    far: float
+    moved: Callable[[Case, float], Case]
+    room: Callable[[Case], tuple[float, float]] = _everywhere
+    differences: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """One case moved to both sides along one column."""
+
+    sides: tuple[Case, Case]
+    by: tuple[float, float]  # down and up, in the column's unit
+
+    @property
+    def width(self) -> float:
+        """Between both, in the column's unit."""
+        return self.by[1] - self.by[0]
+
+
+def move(case: Case, column: Column, step: float) -> Move:
+    """To both sides by `step`, or as far as the column goes."""
+    least, most = column.room(case)
+    low, high = max(-step, least), min(step, most)
+    return Move((column.moved(case, low), column.moved(case, high)), (low, high))
+
+
+def pressure(channel: int) -> Column:
+    """Pa, all set points of a channel together."""
+
+    def moved(case: Case, by: float) -> Case:
+        program = case.program
+        rows = program.pressure.copy()
+        rows[:, channel] += by
+        return replace(case, program=PressureProgram(program.time, rows, program.duration))
+
+    def room(case: Case) -> tuple[float, float]:
+        return -float(case.program.pressure[:, channel].min()), np.inf
+
+    return Column(f"pressure {channel}", "Pa", 100.0, 2e3, moved, room)
+
+
+def factor(name: str) -> Column:
+    """1, a factor on a declared value, by its name in Case.factors."""
+
+    def moved(case: Case, by: float) -> Case:
+        factors: Mapping[str, float] = case.factors
+        return replace(case, factors={**factors, name: factors.get(name, 1.0) + by})
+
+    return Column(name, "1", 1e-3, 0.02, moved)
+
+
+def of_effect(effect: str, parameter: str, step: float, far: float | None = None) -> Column:
+    """An effect's parameter, in its declared unit; from its value `off` where the case is without the effect."""
+    parameters = effect_named(effect, "column").parameters
+    declared = parameters[parameter]
+    off = {name: own.off for name, own in parameters.items() if own.off is not None}
+
+    def own(case: Case) -> tuple[Term, float]:
+        terms = [term for term in terms_of(case) if term.name == effect]
+        term = terms[0] if terms else Term(effect, {**off, parameter: declared.centre})
+        return term, term.values.get(parameter, declared.typical)
+
+    def moved(case: Case, by: float) -> Case:
+        term, value = own(case)
+        others = tuple(t for t in case.effects if (t.name, t.scope) != (effect, term.scope))
+        return replace(case, effects=(*others, Term(effect, {**term.values, parameter: value + by}, term.scope)))
+
+    def room(case: Case) -> tuple[float, float]:
+        low, high = declared.bounds
+        _, value = own(case)
+        return low - value, high - value
+
+    return Column(f"{effect} {parameter}", declared.unit, step, far or step, moved, room)
+
+
+def corner(muscle: int, index: int, along: tuple[float, float]) -> Column:
+    """m, a corner (or an end) of a muscle's path along a direction (u, v); the intervals stay as many as they are."""
+
+    def moved(case: Case, by: float) -> Case:
+        muscles = list(case.design.muscles)
+        own = muscles[muscle]
+        path = list(own.path)
+        u, v = path[index]
+        path[index] = u + by * along[0], v + by * along[1]
+        muscles[muscle] = _with_path(own, tuple(path))
+        return replace(case, design=replace(case.design, muscles=tuple(muscles)))
+
+    return Column(f"muscle {muscle} corner {index}", "m", 1e-5, 1e-3, moved)
+
+
+def corner_or_still(muscle: int, index: int, along: tuple[float, float]) -> Column:
+    """The same; a path that no pitch leaves its intervals stays, and its derivative is zero."""
+    own = corner(muscle, index, along)
+
+    def moved(case: Case, by: float) -> Case:
+        try:
+            return own.moved(case, by)
+        except InputError:
+            return case
+
+    return replace(own, moved=moved)
+
+
+def _with_path(muscle: Muscle, path: tuple[tuple[float, float], ...]) -> Muscle:
+    """The muscle along another path, with as many intervals; raises InputError where no pitch leaves them so."""
+    before, after = _lengths(muscle.path), _lengths(path)
+    counts = np.maximum(1, np.round(before / muscle.fixed_point_pitch))
+    least = float((after / (counts + 0.5)).max() * (1 + 1e-9))
+    most = float(np.min(np.where(counts > 1, after / (counts - 0.5), np.inf)) * (1 - 1e-9))
+    if least > most:
+        raise InputError(
+            f"muscle along {path}: no pitch leaves its {int(counts.sum())} intervals; expected a shorter move"
+        )
+    return replace(muscle, path=path, fixed_point_pitch=float(np.clip(muscle.fixed_point_pitch, least, most)))
+
+
+def _lengths(path: tuple[tuple[float, float], ...]) -> np.ndarray:
+    return np.array([np.hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(path)])

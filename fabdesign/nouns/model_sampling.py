@@ -1,0 +1,67 @@
+"""Models drawn from a model's joint covariance: whoever samples a model samples jointly."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.effects.registry import effect_named, labels_of
+from fabdesign.errors import InputError
+from fabdesign.nouns.forward import FACTOR_RANGE
+from fabdesign.nouns.model import Model
+
+Array = NDArray[np.float64]
+
+
+def joint_root(model: Model) -> Array:
+    """(n, n) lower triangle L with L L^T the covariance, which L z has for independent standard normals z.
+
+    Raises InputError for a model without a covariance, or with one of names that it does not have.
+    """
+    if model.covariance is None:
+        raise InputError("the model has no [covariance]; expected one, as calibrate and trace write it")
+    for name in model.covariance.names:
+        _centre(model, name)
+    matrix = model.covariance.matrix
+    try:
+        return np.asarray(np.linalg.cholesky(matrix + 1e-12 * np.trace(matrix) * np.eye(len(matrix))))
+    except np.linalg.LinAlgError:
+        raise InputError("the model's [covariance] is no covariance: a direction has a negative variance") from None
+
+
+def drawn(model: Model, root: Array, z: Sequence[float] | Array) -> Model:
+    """The model with the parameters of its covariance at centre + root z, in their transforms, within their bounds.
+    The centre is the model itself; the corrector stays the one trained there."""
+    names = model.covariance.names if model.covariance is not None else ()
+    parameters, effects = dict(model.parameters), list(model.effects)
+    for name, shift in zip(names, root @ np.asarray(z), strict=True):
+        centre, logarithmic, (low, high) = _centre(model, name)
+        value = float(np.clip(centre * np.exp(shift) if logarithmic else centre + shift, low, high))
+        if name in parameters:
+            parameters[name] = replace(parameters[name], factor=value)
+            continue
+        effect, _, key = name.rpartition(".")
+        i = labels_of(model.terms).index(effect)
+        quantity = replace(effects[i].parameters[key], value=value)
+        effects[i] = replace(effects[i], parameters={**effects[i].parameters, key: quantity})
+    return replace(model, parameters=parameters, effects=tuple(effects))
+
+
+def covered(model: Model) -> set[str]:
+    """What the covariance covers, as a case calls it: names of factors, and effects.NAME.PARAMETER."""
+    names = model.covariance.names if model.covariance is not None else ()
+    own = {n for name in names if name in model.parameters for n in Model({name: model.parameters[name]}).factors}
+    return own | {f"effects.{name}" for name in names if name not in model.parameters}
+
+
+def _centre(model: Model, name: str) -> tuple[float, bool, tuple[float, float]]:
+    """Value, whether its logarithm is what is normal, and bounds."""
+    if name in model.parameters:
+        return model.parameters[name].factor, True, FACTOR_RANGE
+    effect, _, key = name.rpartition(".")
+    for label, term in zip(labels_of(model.terms), model.effects, strict=True):
+        if label == effect and key in term.parameters:
+            declared = effect_named(term.name, "covariance").parameters[key]
+            return term.parameters[key].value, declared.transform == "log", declared.bounds
+    raise InputError(f"the model's [covariance] names {name}; expected parameters that the model has")

@@ -1,0 +1,134 @@
+"""The one forward model: a simulator with all that a model adds, its factors, effects, corrector and sensing."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.effects.acting import is_sensing, observed, seen_at
+from fabdesign.geometry.sheet import Sheet, SheetWithFaces, of_faces, sheets_of
+from fabdesign.nouns.column import Column
+from fabdesign.nouns.corrector import Corrector, with_history
+from fabdesign.nouns.forward import Case, ForwardModel
+from fabdesign.nouns.jacobian import FacesJacobian, Floats, Jacobians, with_on_top
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.pressure import PressureProgram
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Predictor:
+    """A simulator that knows what was fitted. Implements fabdesign.nouns.forward.ForwardModel.
+
+    A case's own factors go before the model's, its own effects act after the model's. sensing: whether what the model
+    says of clocks and sensors is in the points, as in `predict`, or not, as in `simulate`.
+    """
+
+    simulator: ForwardModel
+    model: Model = field(default_factory=Model)
+    sensing: bool = False
+    corrector: Corrector | None = None  # the model's, loaded
+
+    def motions(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
+        """(T, 3362, 3) points [m] of each case at its `times` [s after rest, rising]. Raises InputError for an unknown
+        effect or a bad value."""
+        own = [self.case(case) for case in cases]
+        shown = [np.asarray(t, dtype=float) for t in times]
+        if self.sensing:
+            shown = [seen_at(case, t) for case, t in zip(own, shown, strict=True)]
+        motions = self._corrected(own, shown)
+        if not self.sensing:
+            return motions
+        return [observed(case, points) for case, points in zip(own, motions, strict=True)]
+
+    def sheets(self, cases: Sequence[Case], times: Sequence[Array]) -> Sequence[Sheet]:
+        """The same motions as mid-surfaces on the simulator's own grid (fabdesign.geometry.sheet)."""
+        if self.corrector is not None:
+            return [of_faces(points) for points in self.motions(cases, times)]
+        own = [self.case(case) for case in cases]
+        shown = [np.asarray(t, dtype=float) for t in times]
+        if not self.sensing:
+            return sheets_of(self.simulator)(own, shown)
+        shown = [seen_at(case, t) for case, t in zip(own, shown, strict=True)]
+        once = _once(own, shown)
+        moved = sheets_of(self.simulator)([own[i] for i in once.values()], [shown[i] for i in once.values()])
+        by_key = dict(zip(once, moved, strict=True))
+        return [_seen(case, by_key[_key(case, t)]) for case, t in zip(own, shown, strict=True)]
+
+    def _corrected(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
+        if self.corrector is None:
+            return self.simulator.motions(cases, times)
+        wanted = [with_history(t, self.corrector.history())[0] for t in times]
+        return self.corrector.correct(cases, times, self.simulator.motions(cases, wanted))
+
+    def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
+        """(3362, 3) points [m] of each case at rest, as `motions` gives them."""
+        own = [self.case(case) for case in cases]
+        return self._on_top(own, self.simulator.equilibria(own))
+
+    @property
+    def faces_jacobian(self) -> Jacobians | None:
+        """Shapes at rest, as `equilibria` gives them, and how they change with each column; None where the simulator
+        does not offer it."""
+        bare: Jacobians | None = getattr(self.simulator, "faces_jacobian", None)
+        if bare is None:
+            return None
+
+        def jacobians(cases: Sequence[Case], columns: Sequence[Column]) -> list[FacesJacobian]:
+            own = [self.case(case) for case in cases]
+            simulated = bare(own, columns)
+            if self.corrector is None and not self.sensing:
+                return simulated
+            return with_on_top(own, columns, simulated, self._on_top)
+
+        return jacobians
+
+    def _on_top(self, cases: Sequence[Case], shapes: Sequence[Floats]) -> list[NDArray[np.float32]]:
+        """What the corrector and sensing make of shapes at rest; the cases with what the model adds."""
+        if self.corrector is not None:
+            shapes = self._corrected_at_rest(self.corrector, cases, shapes)
+        if not self.sensing:
+            return list(shapes)
+        return [observed(case, points) for case, points in zip(cases, shapes, strict=True)]
+
+    @staticmethod
+    def _corrected_at_rest(
+        corrector: Corrector, cases: Sequence[Case], shapes: Sequence[Floats]
+    ) -> list[NDArray[np.float32]]:
+        """Of motions that have stood still for as long as the corrector looks back."""
+        late = np.array([1.0 + max(corrector.history(), default=0.0)])
+        instants = len(with_history(late, corrector.history())[0])
+        held = [replace(case, program=_held(case.program, float(late[0]))) for case in cases]
+        still = [np.repeat(shape[None], instants, axis=0) for shape in shapes]
+        return [points[-1] for points in corrector.correct(held, [late] * len(held), still)]
+
+    def case(self, case: Case) -> Case:
+        """The case with what the model adds."""
+        factors = {**self.model.factors, **case.factors}
+        return replace(case, factors=factors, effects=(*self.model.terms, *case.effects))
+
+
+def _held(program: PressureProgram, duration: float) -> PressureProgram:
+    """The program's last pressures, from the first instant on."""
+    return PressureProgram(np.zeros(1), program.pressure[-1:], duration)
+
+
+def _once(cases: Sequence[Case], times: Sequence[Array]) -> dict[tuple[Any, ...], int]:
+    """The first of the cases that differ in what sensors add alone: they are one motion."""
+    first: dict[tuple[Any, ...], int] = {}
+    for i, (case, t) in enumerate(zip(cases, times, strict=True)):
+        first.setdefault(_key(case, t), i)
+    return first
+
+
+def _key(case: Case, times: Array) -> tuple[Any, ...]:
+    terms = tuple((t.name, t.scope, *sorted(t.values.items())) for t in case.effects if not is_sensing(t.name))
+    factors = tuple(sorted(case.factors.items()))
+    return id(case.design), id(case.program), factors, terms, case.order, times.tobytes()
+
+
+def _seen(case: Case, sheet: Sheet) -> Sheet:
+    return SheetWithFaces(observed(case, sheet.middle), lambda: observed(case, sheet.points))

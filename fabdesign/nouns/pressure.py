@@ -1,0 +1,120 @@
+"""Pressure programs: the regulator's set points over time."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.errors import InputError
+from fabdesign.units import in_kpa
+
+if TYPE_CHECKING:
+    from fabdesign.nouns.design import Design
+
+RISE_STEPS = 60
+LARGEST = 1e6  # Pa, for a muscle type that states no maximum
+
+
+@dataclass(frozen=True, eq=False)
+class PressureProgram:
+    """Set points that hold from each row's time to the next row's; the last row holds for ever.
+
+    time (R,) s, rising from 0; pressure (R, channels) Pa, gauge; duration: length of the motion in s.
+    """
+
+    time: NDArray[np.float64]
+    pressure: NDArray[np.float64]
+    duration: float
+
+    @classmethod
+    def of_rows(cls, time: NDArray[np.float64], pressure: NDArray[np.float64], *, duration: float) -> "PressureProgram":
+        """The program of these rows; a row that repeats the one before it is dropped."""
+        changed = np.concatenate([[True], (pressure[1:] != pressure[:-1]).any(axis=1)])
+        return cls(time[changed], pressure[changed], duration)
+
+    def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, channels) Pa in force just after each of `times` [s]."""
+        row = np.searchsorted(self.time, np.asarray(times) + 1e-9, side="right") - 1
+        return self.pressure[np.clip(row, 0, None)]
+
+    def means(self, edges: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n - 1, channels) Pa: means between every two of the instants `edges` (n,) s, rising; none before t = 0."""
+        held = self.pressure[:-1] * np.diff(self.time)[:, None]
+        until = np.concatenate([np.zeros((1, self.pressure.shape[1])), np.cumsum(held, axis=0)])  # integral to each row
+        t = np.maximum(edges, 0.0)
+        row = np.clip(np.searchsorted(self.time, t, side="right") - 1, 0, None)
+        integral = until[row] + self.pressure[row] * (t - self.time[row])[:, None]
+        return np.asarray(np.diff(integral, axis=0) / np.diff(edges)[:, None])
+
+
+def rising_program(
+    last: NDArray[np.float64], rise: float, duration: float, *, resolution: float = 100.0
+) -> PressureProgram:
+    """All channels rise linearly and together from 0 to `last` (channels,) Pa within `rise` s, in RISE_STEPS rows of
+    whole `resolution` Pa, then hold until `duration` s."""
+    share = (np.arange(RISE_STEPS) + 1) / RISE_STEPS
+    rows = np.outer(share, last)
+    rows[:-1] = resolution * np.round(rows[:-1] / resolution)
+    return PressureProgram(rise * np.arange(RISE_STEPS) / RISE_STEPS, rows, duration)
+
+
+def sequence_program(rows: NDArray[np.float64], rise: float, hold: float) -> PressureProgram:
+    """From 0 to each of `rows` (k, channels) Pa in turn, linearly within `rise` s in RISE_STEPS rows, and `hold` s at
+    each."""
+    share = (np.arange(RISE_STEPS) + 1)[:, None] / RISE_STEPS
+    before = np.concatenate([np.zeros_like(rows[:1]), rows[:-1]])
+    steps = np.concatenate([a + share * (b - a) for a, b in zip(before, rows, strict=True)])
+    begins = np.arange(len(rows))[:, None] * (rise + hold)
+    times = (begins + rise * np.arange(RISE_STEPS) / RISE_STEPS).ravel()
+    return PressureProgram(times, steps, len(rows) * (rise + hold))
+
+
+def limits(design: "Design") -> NDArray[np.float64]:
+    """(channels,) Pa: the lowest maximum of the muscle types on each channel, 1,000 kPa where none is stated."""
+    most = np.full(design.channels, LARGEST)
+    for muscle in design.muscles:
+        stated = design.muscle_types[muscle.type].max_pressure
+        if stated is not None:
+            most[muscle.channel] = min(most[muscle.channel], stated)
+    return most
+
+
+def in_words(pressures: NDArray[np.float64]) -> str:
+    """Return pressures (channels,) Pa for people: "channel 0: 312 kPa, channel 1: 0 kPa"."""
+    return ", ".join(f"channel {k}: {in_kpa(value):.0f} kPa" for k, value in enumerate(pressures))
+
+
+def poses_in_words(pressures: Sequence[NDArray[np.float64]]) -> list[str]:
+    """Return a line for the final pressures of each pose, (channels,) Pa."""
+    several = len(pressures) > 1
+    return [
+        f"pressures{f' of pose {pose}' if several else ''}: {in_words(row)}"
+        for pose, row in enumerate(pressures, start=1)
+        if len(row)
+    ]
+
+
+def require_pressures(program: PressureProgram, design: "Design", where: str) -> None:
+    """Raise InputError unless the program has one pressure for each channel of the design, all of them from 0 Pa to
+    the muscles' maximum."""
+    given = program.pressure.shape[1]
+    if given < design.channels:
+        raise InputError(
+            f"{where}: channel {given} has no pressure; expected {design.channels} channels for design {design.name}"
+        )
+    if given > design.channels:
+        raise InputError(
+            f"{where}: pressures for {given} channels; expected {design.channels} channels for design {design.name}"
+        )
+    for channel, most in enumerate(limits(design)):
+        values = program.pressure[:, channel]
+        if np.isnan(values).any() or (values < 0).any():
+            worst = "NaN" if np.isnan(values).any() else f"{in_kpa(values.min()):g} kPa"
+            raise InputError(f"{where}: channel {channel} has pressure {worst}; expected kPa from 0")
+        if (values > most).any():
+            raise InputError(
+                f"{where}: channel {channel} has pressure {in_kpa(values.max()):g} kPa; "
+                f"expected at most {in_kpa(most):g} kPa, the muscle's maximum"
+            )

@@ -1,0 +1,158 @@
+"""What a fit says of whole trials left out, to first order: each from the others, with unknowns free or off."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.geometry.metrics import over
+from optimize.fit.clouds import Array, Indices, Match, frames_of
+from optimize.fit.fitted import Fit
+from optimize.fit.inputs import InputErrors
+from optimize.fit.normal import Normal, whitened
+
+_DRAWS = 2000  # of trials, for an interval
+Gain = tuple[float, tuple[float, float]]  # m of excess, in quadrature, and 90 %
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """Of each trial when it is left out: m^2, weighted sum of squares, and the weights' sum."""
+
+    squares: Array  # (trials,)
+    weights: Array  # (trials,)
+
+    def rms(self) -> float:
+        """m."""
+        return float(np.sqrt(self.squares.sum() / max(float(self.weights.sum()), 1e-12)))
+
+    def excess(self, floor: float) -> float:
+        """m over the noise `floor` [m], in quadrature."""
+        return over(self.rms(), floor)
+
+    def typical(self, floor: float) -> float:
+        """m, the median over trials of the excess of each."""
+        counts = self.weights > 0
+        return over(float(np.sqrt(np.median(self.squares[counts] / self.weights[counts]))), floor)
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """A linear model of the residuals about a fit: found + jacobian @ step.
+
+    folds: (samples,) trials with the same pressures share one. Points count as errors of the inputs leave them.
+    """
+
+    found: Match
+    jacobian: Array  # (N, p) m
+    x: Array  # (p,)
+    prior: Array  # (p,) standard deviations
+    normal: Normal
+    inputs: InputErrors | None
+    folds: Sequence[int]
+
+    @staticmethod
+    def of(fit: Fit, folds: Sequence[int]) -> "LeftOut":
+        return LeftOut(fit.state.found, fit.state.jacobian, fit.x, fit.vector.prior, fit.normal, fit.inputs, folds)
+
+    def with_columns(self, columns: Array, prior: Array) -> "LeftOut":
+        """With unknowns more that are off: (N, k) m changes of the residuals by them, and their prior deviations (k,).
+        The same points."""
+        return replace(
+            self,
+            jacobian=np.concatenate([self.jacobian, columns], axis=1),
+            x=np.concatenate([self.x, np.zeros(columns.shape[1])]),
+            prior=np.concatenate([self.prior, prior]),
+        )
+
+    @cached_property
+    def kept(self) -> NDArray[np.bool_]:
+        """(N,) points that are there and not much farther off than the others of their frame."""
+        return not_strays(self.found) & (self.normal.counts > 0)
+
+    @cached_property
+    def residual(self) -> Array:
+        """(N,) m, cut at the loss's largest, zero where not kept."""
+        most = self.found.loss.largest
+        return np.where(self.kept, np.clip(np.nan_to_num(self.found.residual), -most, most), 0.0)
+
+    @cached_property
+    def white(self) -> Array:
+        """(N, p) m, the Jacobian less what errors of the inputs can make of it."""
+        return whitened(np.nan_to_num(self.jacobian), self.normal, self.inputs)
+
+    @cached_property
+    def _parts(self) -> tuple[Array, Array]:
+        """(samples, p, p) and (samples, p): Hessian and gradient by trial, tempered."""
+        weighted = self.white * self.normal.weights[:, None]
+        residual, jacobian = np.nan_to_num(self.found.residual), np.nan_to_num(self.jacobian)
+        rows = [np.flatnonzero(self.found.sample == s) for s in range(len(self.folds))]
+        hessian = np.stack([weighted[r].T @ jacobian[r] for r in rows])
+        gradient = np.stack([weighted[r].T @ residual[r] for r in rows])
+        return self.normal.tempering * hessian, self.normal.tempering * gradient
+
+    @property
+    def information(self) -> Array:
+        """(p, p), tempered, of all trials, with the prior's."""
+        own = self._parts[0].sum(axis=0)
+        return np.asarray(0.5 * (own + own.T) + np.diag(1 / self.prior**2))
+
+    @property
+    def gradient(self) -> Array:
+        """(p,), tempered, of all trials, with the prior's."""
+        return np.asarray(self._parts[1].sum(axis=0) + self.x / self.prior**2)
+
+    def scored(self, off: Indices | Sequence[int] = ()) -> Scored:
+        """With the unknowns `off` at zero in every fold, the others fitted to the other folds."""
+        hessian, gradient = self._parts
+        gone, fold = np.asarray(off, dtype=np.intp), np.asarray(self.folds)
+        free = np.setdiff1d(np.arange(len(self.x)), gone)
+        back = np.zeros(len(self.x))
+        back[gone] = -self.x[gone]
+        precision = np.diag(1 / self.prior[free] ** 2)
+        squares, weights = np.zeros(len(fold)), np.zeros(len(fold))
+        counts, jacobian, most = self.normal.counts, np.nan_to_num(self.jacobian), self.found.loss.largest
+        several = len(np.unique(fold)) > 1
+        for out in np.unique(fold):
+            used = fold != out if several else fold == out
+            own = hessian[used].sum(axis=0)
+            slope = gradient[used].sum(axis=0) + own @ back
+            step = back.copy()
+            left = own[np.ix_(free, free)] + precision
+            step[free] = -np.linalg.solve(left, slope[free] + precision @ self.x[free])
+            for s in np.flatnonzero(fold == out):
+                rows = np.flatnonzero((self.found.sample == s) & self.kept)
+                moved = np.clip(self.residual[rows] + jacobian[rows] @ step, -most, most)
+                squares[s], weights[s] = counts[rows] @ np.square(moved), counts[rows].sum()
+        return Scored(squares, weights)
+
+    def gain(self, worse: Scored, better: Scored, floor: float) -> Gain:
+        """m of excess that `better` takes of what `worse` leaves, in quadrature, and 90 % by resampling folds."""
+        fold = np.asarray(self.folds)
+        table = np.array(
+            [[a[fold == f].sum() for a in (worse.squares, better.squares, worse.weights)] for f in np.unique(fold)]
+        )
+        rng = np.random.default_rng(0)
+        drawn = table[rng.integers(0, len(table), size=(_DRAWS, len(table)))].sum(axis=1)
+        low, high = np.quantile(_taken(drawn, floor), [0.05, 0.95])
+        return float(_taken(table.sum(axis=0)[None], floor)[0]), (float(low), float(high))
+
+
+def not_strays(match: Match) -> NDArray[np.bool_]:
+    """(N,) points that are there and not much farther off than the others of their frame."""
+    size = np.abs(match.residual)
+    kept = np.isfinite(size)
+    for points in frames_of(match)[1]:
+        own = size[points]
+        if np.isfinite(own).all():
+            kept[points] = own <= match.loss.stray * max(1.4826 * float(np.median(own)), 1e-4)
+    return kept
+
+
+def _taken(sums: Array, floor: float) -> Array:
+    """m, by rows of squares of the worse, of the better, and weights; negative where the better is worse."""
+    worse, better = (np.maximum(sums[:, k] / np.maximum(sums[:, 2], 1e-12) - floor**2, 0.0) for k in (0, 1))
+    change = worse - better
+    return np.asarray(np.sign(change) * np.sqrt(np.abs(change)))

@@ -1,0 +1,1 @@
+"""The search for a layout: design space, objective with its derivatives, constraints, restarts, history."""

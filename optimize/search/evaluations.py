@@ -1,0 +1,298 @@
+"""The evaluations of a search: batches within its limits, all recorded, the best kept."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.jacobian import Jacobians
+from fabdesign.runtime import working_time
+from optimize.search.design_space import DesignSpace, Vector
+from optimize.search.history import Entry, History
+from optimize.search.objective import Objective, Shape
+from optimize.search.slopes import Slopes, jacobians_for, slopes_of
+
+Point = tuple[int, Vector]  # the number of the start, for its space, and the vector
+
+BATCH = 32  # designs a forward call: four times the simulator's lanes
+NEAR = 0.02  # of the best value: so near is as near
+FINALISTS = 3
+SLOPES = ", slopes"  # what a stage's entries are called that serve derivatives alone
+PENALTY = 1.0  # m, for a diverged design, or twice the worst seen: worse than all others, and finite
+
+
+@dataclass(frozen=True)
+class Stage:
+    """The best `keep` of what came before go on for up to `rounds` rounds each, on this forward model.
+
+    No round begins after the share `until` of the seconds that were left when the restart began, so that a slow
+    machine gets to the last stage too.
+    slopes: a cheaper model of the same shape that derivatives are asked of, or finite differences taken on where it
+    offers none; `forward` itself by default. at_rest: late frames are valued by shapes at rest.
+    """
+
+    name: str
+    forward: ForwardModel
+    keep: int
+    rounds: int
+    vary_positions: bool = False
+    until: float = 1.0
+    slopes: ForwardModel | None = None
+    at_rest: bool = False
+
+    def values_as(self, other: "Stage") -> bool:
+        """Whether values of both can be compared."""
+        return self.forward is other.forward and self.at_rest == other.at_rest
+
+
+@dataclass(frozen=True, eq=False)
+class Best:
+    start: int
+    x: Vector
+    value: float  # m, on the forward model of the stage
+    stage: int
+
+    def as_row(self) -> list[Any]:
+        """For a checkpoint."""
+        return [self.start, self.x.tolist(), self.value, self.stage]
+
+    @staticmethod
+    def of_row(row: Sequence[Any]) -> "Best":
+        start, x, value, stage = row
+        return Best(start, np.array(x), value, stage)
+
+
+class Stop(Exception):
+    """A limit is reached; the text says which."""
+
+
+class Evaluations:
+    """Values designs on the stages' forward models within limits, and keeps the best so far in `best`.
+
+    starts: (space, vector) each. `seconds` includes the earlier sessions of `history`. on_progress is told after every
+    batch. near: share of the best value within which others are kept besides it. limit: s that are told
+    as the limit, where `seconds` are a part of them.
+    """
+
+    def __init__(
+        self,
+        objective: Objective,
+        starts: Sequence[tuple[DesignSpace, Vector]],
+        stages: Sequence[Stage],
+        history: History,
+        *,
+        seconds: float,
+        evaluations: int,
+        on_progress: Callable[["Evaluations"], None] = lambda _: None,
+        near: float = NEAR,
+        limit: float | None = None,
+    ) -> None:
+        self.starts, self.stages, self.history = [*starts], stages, history
+        self.best: Best | None = None
+        self.best_shape: Shape | None = None  # of the best, where it was evaluated in this session
+        self.by_count: dict[int, float] = {}  # m, the nearest of each number of muscles on the last stage's model
+        self.rivals: dict[int, Best] = {}  # of each start, the nearest on the last stage's model, while that near
+        self.restart_began = 0.0  # s of search, when the restart under way began
+        self.stage = "start"  # under way
+        self.told = ""  # for people, once there is something to tell
+        self.objective, self._at_rest = objective, objective.at_rest
+        self._on_progress, self._near = on_progress, near
+        self.seconds, self._most = seconds, evaluations
+        self.limit = seconds if limit is None else limit
+        self._began = working_time.seconds() - history.seconds
+        self._noting = True
+        self._pace: dict[tuple[int, int, bool], float] = {}  # s that a batch of a size took last in a stage
+
+    @property
+    def elapsed(self) -> float:
+        """s spent, earlier sessions of this history included."""
+        return working_time.seconds() - self._began
+
+    @property
+    def share(self) -> float:
+        """Of the limit that is nearer, spent: 0 to 1."""
+        return min(1.0, max(self.elapsed / self.seconds, self.history.evaluations / self._most))
+
+    def best_point(self) -> tuple[DesignSpace, Vector]:
+        """The best so far; before the first evaluation, the first start."""
+        if self.best is None:
+            return self.starts[0]
+        return self.space(self.best.start, self.best.stage), self.best.x
+
+    def finalists(self, most: int = FINALISTS) -> list[tuple[DesignSpace, Vector]]:
+        """The best, and what other starts came to that is as near: another layout or other pressures."""
+        best = self.best
+        if best is None or not self.stages[best.stage].values_as(self.stages[-1]):
+            return [self.best_point()]
+        points = [self.best_point()]
+        for rival in sorted(self.rivals.values(), key=lambda rival: rival.value):
+            point = self.space(rival.start, rival.stage), rival.x
+            if rival.start != best.start and len(points) < most and not any(_same(point, other) for other in points):
+                points.append(point)
+        return points
+
+    def space(self, start: int, number: int) -> DesignSpace:
+        """The start's, with the freedom that the stage of this number gives."""
+        return replace(self.starts[start][0], vary_positions=self.stages[number].vary_positions)
+
+    def may_begin(self, number: int) -> bool:
+        """Whether there is time for another round of the stage of this number."""
+        until, began = self.stages[number].until, self.restart_began
+        return until == 1.0 or self.elapsed < began + until * (self.seconds - began)
+
+    def evaluate(
+        self, number: int, points: Sequence[Point], cheap: ForwardModel | None = None
+    ) -> list[tuple[float, Shape]]:
+        """Value [m] and shape of every point on the model of the stage of this number, or on `cheap`; each is recorded,
+        and becomes `best` where it is, unless on `cheap`. Raises Stop."""
+        results: list[tuple[float, Shape]] = []
+        while len(results) < len(points):
+            batch = points[len(results) : len(results) + self._room()]
+            self.require_time(self._expected(number, len(batch), cheap is None))
+            begin = self.elapsed
+            results += self._evaluate_batch(number, batch, cheap)
+            self._pace[number, len(batch), cheap is None] = self.elapsed - begin
+            self._on_progress(self)
+        return results
+
+    def _expected(self, number: int, size: int, own: bool) -> float:
+        """s that a batch of a size is thought to take: as the smallest that was no smaller, else as the largest
+        that was smaller; 0 before any."""
+        known = {n: seconds for (stage, n, cheap), seconds in self._pace.items() if (stage, cheap) == (number, own)}
+        above = [known[n] for n in sorted(known) if n >= size]
+        below = [known[n] for n in sorted(known) if n < size]
+        return (above or below[-1:] or [0.0])[0]
+
+    def jacobians(self, number: int) -> Jacobians | None:
+        """What derivatives a search of the stage of this number may ask for; None: it takes differences."""
+        stage = self.stages[number]
+        return jacobians_for(stage.slopes or stage.forward, self.objective_of(number))
+
+    def objective_of(self, number: int) -> Objective:
+        """What the stage of this number is valued by."""
+        return self._at_rest if self.stages[number].at_rest else self.objective
+
+    def slopes(self, number: int, points: Sequence[Point]) -> list[Slopes]:
+        """How the shape of every point changes with its variables; recorded, but nothing of it becomes `best`. Raises
+        Stop."""
+        jacobians = self.jacobians(number)
+        assert jacobians is not None
+        slopes: list[Slopes] = []
+        while len(slopes) < len(points):
+            batch = points[len(slopes) : len(slopes) + self._room()]
+            self.require_time()
+            spaces = [self.space(start, number) for start, _ in batch]
+            objective = self.objective_of(number)
+            new = slopes_of(jacobians, objective, [(s, x) for s, (_, x) in zip(spaces, batch, strict=True)])
+            self._record(self.stages[number].name + SLOPES, batch, [objective.value(one.shape) for one in new])
+            slopes += new
+            self._on_progress(self)
+        return slopes
+
+    def _room(self) -> int:
+        """Evaluations that the next batch may have. Raises Stop where none are left."""
+        left = self._most - self.history.evaluations
+        if left <= 0:
+            raise Stop(f"the limit of {self._most} evaluations is reached")
+        return min(BATCH, left)
+
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        """Within it nothing becomes `best`."""
+        self._noting = False
+        try:
+            yield
+        finally:
+            self._noting = True
+
+    def require_time(self, needed: float = 0.0) -> None:
+        """Raises Stop where less than `needed` s are left."""
+        if self.elapsed + needed > self.seconds:
+            raise Stop(f"time used: the limit of {self.limit:g} s is reached")
+
+    def set_down(self, reason: str = "") -> None:
+        """Keep the best, and what was spent, at an end within a round. reason: of an end by a limit."""
+        state = self.history.load()
+        if state is not None and self.best is not None:
+            state["best"] = self.best.as_row()
+            state["rivals"] = [rival.as_row() for rival in self.rivals.values()]
+            state["by_count"] = [*self.by_count.items()]
+            state["ended"] = [reason, self.seconds, self._most]
+            self.history.save(state, self.elapsed)
+
+    def ended(self) -> str:
+        """Why this history's search has ended by a limit, if it would end by the same one now; else empty."""
+        state = self.history.load() or {}
+        reason, seconds, most = state.get("ended", ["", 0.0, 0])
+        return str(reason) if seconds >= self.seconds and most >= self._most else ""
+
+    def _evaluate_batch(
+        self, number: int, batch: Sequence[Point], cheap: ForwardModel | None
+    ) -> list[tuple[float, Shape]]:
+        stage = self.stages[number]
+        self.stage = stage.name
+        spaces = [self.space(start, number) for start, _ in batch]
+        points = [(space, x) for space, (_, x) in zip(spaces, batch, strict=True)]
+        objective = self.objective_of(number)
+        shapes = objective.shapes(cheap or stage.forward, points)
+        label = stage.name if cheap is None else stage.name + SLOPES
+        values = self._record(label, batch, [objective.value(shape) for shape in shapes])
+        for value, shape, (space, x), (start, _) in zip(values, shapes, points, batch, strict=True):
+            if cheap is not None or not space.keeps(x, shape):
+                continue
+            if stage.values_as(self.stages[-1]):
+                count = len(space.design.muscles)
+                self.by_count[count] = min(value, self.by_count.get(count, np.inf))
+            if self._noting:
+                self._note(Best(start, x.copy(), value, number), shape)
+        return list(zip(values, shapes, strict=True))
+
+    def _record(self, label: str, batch: Sequence[Point], computed: Sequence[float]) -> list[float]:
+        """The values [m], a penalty for each that is none, as they stand in the history."""
+        penalty = max(PENALTY, 2 * max([self.history.worst, *(v for v in computed if np.isfinite(v))]))
+        values = [v if np.isfinite(v) else penalty for v in computed]
+        seconds = self.elapsed
+        self.history.add(
+            Entry(seconds, label, value, not np.isfinite(raw), tuple(map(float, x)))
+            for value, raw, (_, x) in zip(values, computed, batch, strict=True)
+        )
+        return values
+
+    def _note(self, rival: Best, shape: Shape) -> None:
+        """Keep it as the best, and among those that are as near."""
+        if self._better(rival.stage, rival.value):
+            self.best, self.best_shape = rival, shape
+        if self.stages[rival.stage].values_as(self.stages[-1]):
+            known = self.rivals.get(rival.start)
+            if known is None or rival.value < known.value:
+                self.rivals[rival.start] = rival
+            if self.best is not None:
+                most = (1 + self._near) * self.best.value
+                self.rivals = {start: rival for start, rival in self.rivals.items() if rival.value <= most}
+
+    @property
+    def front(self) -> list[tuple[int, float]]:
+        """Numbers of muscles and the nearest value [m] of each on the last stage's model: those that come nearer than
+        all smaller numbers."""
+        front: list[tuple[int, float]] = []
+        for count, value in sorted(self.by_count.items()):
+            if not front or value < front[-1][1]:
+                front.append((count, value))
+        return front
+
+    def _better(self, number: int, value: float) -> bool:
+        """Than the best so far; of different forward models a later stage's knows better, whatever it says."""
+        if self.best is None:
+            return True
+        if self.stages[self.best.stage].values_as(self.stages[number]):
+            return value < self.best.value
+        return number > self.best.stage
+
+
+def _same(one: tuple[DesignSpace, Vector], other: tuple[DesignSpace, Vector]) -> bool:
+    """Whether two are one layout under the same pressures, to 1 kPa."""
+    (design, pressures), (known, others) = (space.decode(x) for space, x in (one, other))
+    return design == known and bool(np.allclose(pressures, others, rtol=0, atol=1e3))

@@ -1,0 +1,142 @@
+"""One trust region that moves: what it wants evaluated, and what it makes of the answers."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optimize.search.design_space import DesignSpace, Vector
+from optimize.search.objective import Objective, Shape
+from optimize.search.slopes import Slopes
+from optimize.search.step import LinearShape, best_step
+
+STEP_LENGTHS = (1.0, 0.5, 1.6, 0.25, 1.3, 0.75, 2.2, 0.1)  # of the proposed step; at least FEWEST of them
+FEWEST = 3
+FIRST_RADIUS = 0.25
+ENTRY_RADIUS = 0.1  # at least, on another forward model: what is best there lies elsewhere
+LEAST_RADIUS = 0.01
+LEAST_GAIN = 5e-6  # m, what the linear model must promise for another round
+DISTINCT = 0.1  # reaches that two searches in one layout lie apart, at their widest, if both are followed
+
+
+@dataclass
+class LocalSearch:
+    """`start` numbers where it began; value [m] is infinite where a limit is broken, so that to keep it is a gain.
+
+    A round is: `trials`, evaluated and given to `accept`. A search without a `model` `takes` the slopes at x first,
+    where the forward model offers derivatives; else it has its `shape` evaluated, and what it `lacks` given to
+    `linearise`, and further rounds evaluate the `differences` around the first trial together with the trials.
+    """
+
+    start: int
+    space: DesignSpace
+    x: Vector
+    value: float  # m
+    radius: float = FIRST_RADIUS  # reaches
+    rounds: int = 0
+    done: bool = False
+    shape: Shape | None = None  # at x; None after a checkpoint, which holds no shapes
+    model: LinearShape | None = field(default=None, repr=False)
+    slopes_at: Vector | None = None  # where the model's slopes are taken: at x (None), or at a trial nearby
+    learned: list[Vector] = field(default_factory=list)  # trials since x was taken, that the model goes through too
+
+    def enter(self, space: DesignSpace, x: Vector, value: float, shape: Shape) -> "LocalSearch":
+        """The search that goes on from here in another space or on another forward model."""
+        if space.keeps(x, shape):
+            return LocalSearch(self.start, space, x, value, max(self.radius, ENTRY_RADIUS), shape=shape)
+        return LocalSearch(self.start, space, x, np.inf, 1.0, shape=shape)  # it may go anywhere
+
+    def take(self, slopes: Slopes) -> None:
+        """Take derivatives at x as the model."""
+        assert self.shape is not None
+        self.model = LinearShape(self.x, self.shape, slopes.by_variable)
+
+    def differences(self, x: Vector) -> list[Vector]:
+        """One-sided finite differences around x, towards the inside of the box."""
+        return [x + step for step in np.diag(self._steps(x))]
+
+    def _steps(self, x: Vector) -> Vector:
+        return np.where(x + self.space.step <= 1.0, self.space.step, -self.space.step)
+
+    def lacks(self, *, known: bool = True) -> list[Vector]:
+        """What a model needs beside the shape at x: the differences around the place of its slopes, and that place
+        first, unless it is x, whose shape is `known` to the model that slopes are taken on."""
+        place = self.x if self.slopes_at is None else self.slopes_at
+        return [*([] if known and self.slopes_at is None else [place]), *self.differences(place)]
+
+    def linearise(self, shapes: list[Shape]) -> None:
+        """Take the shapes at what it lacked."""
+        place, around = self.x if self.slopes_at is None else self.slopes_at, self.shape
+        if len(shapes) > len(place):
+            around, *shapes = shapes
+        assert self.shape is not None and around is not None
+        self.model = LinearShape(self.x, self.shape, self._slopes(place, around, shapes))
+
+    def _slopes(self, x: Vector, shape: Shape, ahead: list[Shape]) -> NDArray[np.float64]:
+        """By the shapes ahead of x. A diverged one says nothing: its variable stays for a round."""
+        slopes = np.array([(other - shape) / h for other, h in zip(ahead, self._steps(x), strict=True)])
+        slopes[~np.isfinite(slopes).all(axis=(1, 2, 3))] = 0.0
+        return slopes
+
+    def trials(self, objective: Objective, many: int = FEWEST) -> list[Vector]:
+        """NLopt's best step at so many lengths, or FEWEST; none where it does not move."""
+        assert self.model is not None
+        step = best_step(self.model, objective, self.space, self.radius) - self.x
+        if not np.any(step):
+            return []  # also with borrowed slopes: they promise nothing either way
+        xs = [np.clip(self.x + length * step, 0.0, 1.0) for length in STEP_LENGTHS[: max(many, FEWEST)]]
+        return [xs[0], *(x for x in xs[1:] if self.space.feasible(x))]
+
+    def accept(
+        self, objective: Objective, xs: list[Vector], results: list[tuple[float, Shape]], ahead: list[Shape]
+    ) -> None:
+        """Move to the best trial if it gains, and widen or narrow the trust region by what the model promised; else the
+        model learns the shortest trial.
+
+        `ahead` are the shapes at the differences around the first trial (none in a last round): they serve as the
+        slopes of whichever trial is taken, until a step fails with them.
+        """
+        self.rounds += 1
+        if not xs:
+            self.done = True
+            return
+        assert self.model is not None
+        promised = self.value - objective.value(self.model.at(xs[0]))
+        values = [value if self._kept(x, shape) else np.inf for x, (value, shape) in zip(xs, results, strict=True)]
+        best = int(np.argmin(values))
+        gain = self.value - values[best]
+        if gain > 0:
+            grown = 2.0 if gain > promised / 2 else 1.0
+            self.radius = float(np.clip(grown * self._length(xs[best]), LEAST_RADIUS, 1.0))
+            self.done = gain < LEAST_GAIN and self.slopes_at is None
+            self.learned = []
+            self.x, self.value, self.shape, self.model = xs[best], values[best], results[best][1], None
+            if ahead:
+                self.model = LinearShape(self.x, self.shape, self._slopes(xs[0], results[0][1], ahead))
+                self.slopes_at = xs[0] if best > 0 else None
+        elif self.slopes_at is not None:
+            self.model = self.slopes_at = None
+        else:
+            shortest = min(range(len(xs)), key=lambda k: self._length(xs[k]))
+            self.learned.append(xs[shortest])
+            self.learn([results[shortest][1]])
+            self.radius = min(self.radius, self._length(xs[0])) / 2
+            self.done = promised < LEAST_GAIN or self.radius < LEAST_RADIUS
+
+    def _kept(self, x: Vector, shape: Shape) -> bool:
+        """Where the shape has a limit too, which the model does not foresee for sure."""
+        return self.space.limits.contraction is None or self.space.keeps(x, shape)
+
+    def learn(self, shapes: list[Shape]) -> None:
+        """Let the model go through the shapes at the last that were learned, unless they diverged."""
+        for x, shape in zip(self.learned[-len(shapes) :], shapes, strict=True):
+            if self.model is not None and np.any(x != self.x) and np.all(np.isfinite(shape)):
+                self.model = self.model.through(x, shape)
+
+    def _length(self, x: Vector) -> float:
+        """Reaches from here to x, at their widest."""
+        return float(np.max(np.abs(x - self.x) / self.space.reach))
+
+    def distinct(self, other: "LocalSearch") -> bool:
+        """Whether it is worth following both."""
+        return self.space.design.muscles != other.space.design.muscles or self._length(other.x) > DISTINCT

@@ -1,0 +1,211 @@
+"""How far a batch of designs comes from the target: forward model in, one number a design out."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+from scipy.spatial import KDTree
+
+from fabdesign.geometry.metrics import chamfer_to, distance_to_faces, shares_at, surface_rms
+from fabdesign.geometry.regions import Weighting
+from fabdesign.geometry.rigid_placement import RigidMotion, onto
+from fabdesign.geometry.sheet import Face
+from fabdesign.geometry.surface import CAP, Surface, capped_rms, half_of
+from fabdesign.geometry.wishes import Landmarks
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import SIDE, Case, ForwardModel
+from fabdesign.nouns.pressure import PressureProgram
+from optimize.search.design_space import DesignSpace, Vector
+
+Measure = Literal["chamfer", "surface_rms"]
+Shape = NDArray[np.float64]  # (poses, 2 n, 3) m: one design under each pose's pressures
+# m, of distances and their shares; and its slope by each
+Norm = Callable[[NDArray[np.float64], NDArray[np.float64]], tuple[float, NDArray[np.float64]]]
+LATE = 1.0  # s after rest, from which on a motion's frame is taken to be near the shape at rest
+THIN = 2  # a step is chosen on every second point of target and model: cheaper, the same step
+SURFACE_THIN = 6  # the same for surface RMS, of the target alone: triangles cost more, and blur less, than points
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A cloud to come close to: the motion at `time` [s] under constant pressures, or the equilibrium (None)."""
+
+    points: NDArray[np.float64]  # (n, 3) m
+    time: float | None = None
+    markers: bool = False  # few points, or a part: in place of Chamfer, their mean distance to the cloth's faces
+    face: Face = "both"  # that the points lie on
+    landmarks: Landmarks | None = None  # in place of the points: their mean distance
+    free: bool = False  # it may stand anywhere: distances are of the shape moved onto it
+    weighting: Weighting | None = None  # how much each place of the cloth counts
+
+    def motion(self, pose: NDArray[np.float64]) -> RigidMotion:
+        """That brings a shape (2 n, 3) m onto it where it is free."""
+        return onto(half_of(pose, self.face), self.points, one_way=self.markers)
+
+
+@dataclass(frozen=True, eq=False)
+class Objective:
+    """Mean over the poses' targets of the Chamfer distance [m] (unsquared, both directions summed) or surface RMS [m].
+
+    order: the place in the specimen's session of what is searched for, 0 of a rested one. weights: of the targets in
+    the mean, above 0; empty: all alike.
+    """
+
+    targets: Sequence[Target]
+    measure: Measure = "chamfer"
+    order: int = 0
+    weights: Sequence[float] = ()
+
+    @property
+    def at_rest(self) -> "Objective":
+        """The same of shapes at rest in place of frames that are late: they are near them, and cost a quarter."""
+        late = [t if t.time is None or t.time < LATE else replace(t, time=None) for t in self.targets]
+        return replace(self, targets=late)
+
+    @property
+    def shares(self) -> NDArray[np.float64]:
+        """(poses,) of the targets in the mean; they sum to 1."""
+        weights = np.array(self.weights or [1.0] * len(self.targets))
+        return np.asarray(weights / weights.sum())
+
+    def shapes(self, forward: ForwardModel, points: Sequence[tuple[DesignSpace, Vector]]) -> list[Shape]:
+        """The shape of each point; a diverged one holds NaN."""
+        decoded = [space.decode(x) for space, x in points]
+        shapes: list[list[Shape]] = [[] for _ in points]
+        for pose, target in enumerate(self.targets):
+            cases = self.cases(pose, decoded)
+            if target.time is None:
+                clouds = forward.equilibria(cases)
+            else:
+                clouds = [motion[-1] for motion in forward.motions(cases, [np.array([target.time])] * len(cases))]
+            for shape, cloud in zip(shapes, clouds, strict=True):
+                shape.append(refined(np.asarray(cloud, np.float64)))
+        return [np.array(shape) for shape in shapes]
+
+    def cases(self, pose: int, decoded: Sequence[tuple[Design, Shape]]) -> list[Case]:
+        """Of designs, each with its (poses, channels) pressures [Pa], in one pose."""
+        duration = self.targets[pose].time or 0.0
+        return [
+            Case(design, PressureProgram(np.zeros(1), pressures[pose][None], duration), order=self.order)
+            for design, pressures in decoded
+        ]
+
+    def value(self, shape: Shape) -> float:
+        """m; NaN where the shape is not finite."""
+        if not np.all(np.isfinite(shape)):
+            return float("nan")
+        return float(self.shares @ [self._distance(t, pose) for t, pose in zip(self.targets, shape, strict=True)])
+
+    def _distance(self, target: Target, pose: NDArray[np.float64]) -> float:
+        if target.landmarks is not None:
+            return target.landmarks.mean(pose)
+        if target.free:
+            pose = target.motion(pose).of(pose)
+        if self.measure == "surface_rms":
+            return surface_rms(target.points, pose, target.face, target.weighting)
+        if target.markers:
+            return distance_to_faces(target.points, pose, target.face, target.weighting)
+        return chamfer_to(pose, target.face, target.weighting).of(target.points)
+
+    @property
+    def thin(self) -> int:
+        """Stride through a shape's points that `gradient` can do with."""
+        whole = any(t.markers or t.landmarks is not None or t.weighting is not None for t in self.targets)
+        return THIN if self.measure == "chamfer" and not whole else 1
+
+    def gradient(self, shape: Shape) -> tuple[float, Shape]:
+        """Value [m] against the thinned targets, and its derivative by each coordinate (nearest neighbours held)."""
+        gradients = [self._gradient(t, pose) for t, pose in zip(self.targets, shape, strict=True)]
+        slopes = np.array([slope for _, slope in gradients])
+        return float(self.shares @ [value for value, _ in gradients]), self.shares[:, None, None] * slopes
+
+    def _gradient(self, target: Target, pose: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        if target.landmarks is not None:
+            return target.landmarks.gradient(pose)
+        if target.free:  # at its minimum the motion itself has no slope
+            motion = target.motion(pose)
+            value, slope = self._gradient_there(target, motion.of(pose))
+            return value, slope @ motion.turn
+        return self._gradient_there(target, pose)
+
+    def _gradient_there(self, target: Target, pose: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        if self.measure == "surface_rms":
+            return _faces_gradient(target.points[::SURFACE_THIN], pose, target, _capped_rms)
+        if target.markers:
+            return _faces_gradient(target.points, pose, target, _mean)
+        return _chamfer_gradient(_tree(target), pose, target.face, target.weighting)
+
+
+@lru_cache(maxsize=64)
+def _tree(target: Target) -> KDTree:
+    return KDTree(target.points[::THIN])
+
+
+def _chamfer_gradient(
+    target: KDTree, every: NDArray[np.float64], face: Face, weighting: Weighting | None
+) -> tuple[float, NDArray[np.float64]]:
+    measured, model = np.asarray(target.data), half_of(every, face)
+    weights = np.ones(len(model)) if weighting is None else half_of(weighting.of_points(len(every)), face)
+    to_target, nearest_target = target.query(model)
+    to_model, nearest_model = KDTree(model, balanced_tree=False).query(measured)
+    own, at_nearest = weights / weights.sum(), weights[nearest_model] / weights[nearest_model].sum()
+    slope = (model - measured[nearest_target]) * (own / np.maximum(to_target, 1e-12))[:, None]
+    pull = (model[nearest_model] - measured) * (at_nearest / np.maximum(to_model, 1e-12))[:, None]
+    for axis in range(3):
+        slope[:, axis] += np.bincount(nearest_model, pull[:, axis], len(model))
+    slopes = np.zeros_like(every)
+    half_of(slopes, face)[:] = slope
+    return float(own @ to_target + at_nearest @ to_model), slopes
+
+
+def _faces_gradient(
+    measured: NDArray[np.float64], model: NDArray[np.float64], target: Target, norm: Norm
+) -> tuple[float, NDArray[np.float64]]:
+    """Of a norm of the distances of measured points to the faces."""
+    surface = Surface.of_faces(model, face=target.face)
+    near = surface.nearest(measured)
+    value, slope = norm(near.distance, shares_at(surface, near, target.weighting))
+    corners = surface.triangles[near.triangle]  # (n, 3)
+    away = np.einsum("nk,nkd->nd", near.weights, model[corners]) - measured
+    pull = (slope / np.maximum(near.distance, 1e-12))[:, None] * away
+    return value, _on_corners(corners, near.weights, pull, len(model))
+
+
+def _capped_rms(distance: NDArray[np.float64], shares: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    value = capped_rms(distance, shares=shares)
+    within = np.where(distance < CAP, distance, 0.0)  # strays beyond it have no slope
+    return value, shares * within / max(value, 1e-12)
+
+
+def _mean(distance: NDArray[np.float64], shares: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    return float(shares @ distance), shares
+
+
+def _on_corners(
+    corners: NDArray[np.intp], weights: NDArray[np.float64], pull: NDArray[np.float64], count: int
+) -> NDArray[np.float64]:
+    """(count, 3): pulls (n, 3) at places in triangles, shared out to their corners (n, 3) by weights (n, 3)."""
+    shares = (weights[:, :, None] * pull[:, None, :]).reshape(-1, 3)
+    columns = [np.bincount(corners.ravel(), shares[:, axis], count) for axis in range(3)]
+    return np.stack(columns, axis=1)
+
+
+def refined(cloud: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(2 SIDE^2, 3) m, of both faces' points on a coarser grid too."""
+    side = round(np.sqrt(len(cloud) / 2))
+    if side >= SIDE:
+        return cloud
+    weights = _spline_weights(side)
+    faces = np.einsum("ai,bj,fijc->fabc", weights, weights, cloud.reshape(2, side, side, 3), optimize=True)
+    return faces.reshape(-1, 3)
+
+
+@lru_cache(maxsize=8)
+def _spline_weights(side: int) -> NDArray[np.float64]:
+    """(SIDE, side) cubic interpolation from `side` even nodes."""
+    nodes, dense = np.linspace(0, 1, side), np.linspace(0, 1, SIDE)
+    return np.asarray(make_interp_spline(nodes, np.eye(side), k=3)(dense))

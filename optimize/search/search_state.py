@@ -1,0 +1,104 @@
+"""Where a search stands, and how that is kept: the same search goes on after its last round."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from optimize.search.evaluations import Best, Evaluations
+from optimize.search.local_search import LocalSearch
+from optimize.search.starts import Start
+
+# of restart k = 1, 2, ... and the best so far: starts, and whether they owe nothing to the best
+FurtherStarts = Callable[[int, Start], tuple[Sequence[Start], bool]]
+
+
+@dataclass
+class SearchState:
+    """Where a search stands."""
+
+    stage: int = 0
+    searches: list[LocalSearch] = field(default_factory=list)
+    first: int = 0  # of the starts, that the restart under way began with
+    independent: bool = True  # whether these owe nothing to what was best
+    bests: list[list[Any]] = field(default_factory=list)  # of the restarts after the first: what was best before each
+    ends: list[float] = field(default_factory=list)  # m, of searches from new starts on the last stage
+    reason: str = ""  # why it ended
+    fewer: Any = None  # what leaving muscles out came to, as it was kept last
+
+
+def add_starts(evaluations: Evaluations, at: SearchState, further: FurtherStarts) -> None:
+    """Those of the last restart of `at`."""
+    start, x, _, stage = at.bests[-1]
+    new, at.independent = further(len(at.bests), (evaluations.space(start, stage), np.array(x)))
+    at.first = len(evaluations.starts)
+    evaluations.starts += new
+
+
+def save_state(evaluations: Evaluations, at: SearchState) -> None:
+    """Into the history of `evaluations`, after a round."""
+    best_entry = evaluations.best
+    best = None if best_entry is None else best_entry.as_row()
+    rows = [
+        [
+            s.start,
+            s.x.tolist(),
+            s.value,
+            s.radius,
+            s.rounds,
+            s.done,
+            None if s.slopes_at is None else s.slopes_at.tolist(),
+            [x.tolist() for x in s.learned],
+        ]
+        for s in at.searches
+    ]
+    state = {
+        "stage": at.stage,
+        "best": best,
+        "rivals": [rival.as_row() for rival in evaluations.rivals.values()],
+        "by_count": [*evaluations.by_count.items()],
+        "searches": rows,
+        "bests": at.bests,
+        "ends": at.ends,
+        "began": evaluations.restart_began,
+        "reason": at.reason,
+        "fewer": at.fewer,
+    }
+    evaluations.history.save(state, evaluations.elapsed)
+
+
+def load_state(evaluations: Evaluations, further: FurtherStarts | None) -> SearchState:
+    """As it was kept, with the best of `evaluations`; a search at its begin where nothing was."""
+    state: Any = evaluations.history.load()
+    at = SearchState()
+    if state is None:
+        return at
+    if further is not None:
+        for best in state["bests"]:
+            at.bests.append(best)
+            add_starts(evaluations, at, further)
+    at.stage, at.ends, at.reason = state["stage"], state["ends"], state["reason"]
+    at.fewer = state.get("fewer")
+    evaluations.restart_began = state["began"]
+    if state["best"] is not None:
+        evaluations.best = Best.of_row(state["best"])
+    evaluations.by_count = dict(map(tuple, state.get("by_count", [])))
+    for row in state.get("rivals", []):
+        rival = Best.of_row(row)
+        evaluations.rivals[rival.start] = rival
+    at.searches = [
+        LocalSearch(
+            start,
+            evaluations.space(start, at.stage),
+            np.array(x),
+            value,
+            radius,
+            rounds,
+            done,
+            slopes_at=None if slopes_at is None else np.array(slopes_at),
+            learned=[np.array(x) for own in learned for x in own],
+        )
+        for start, x, value, radius, rounds, done, slopes_at, *learned in state["searches"]
+    ]
+    return at

@@ -1,0 +1,215 @@
+"""Where searches begin: pressures that fill their space, and layouts as a designer would draw them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from fabdesign.errors import InputError
+from fabdesign.nouns.catalogue import LAYOUTS, build
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.muscle import Muscle
+from optimize.search.channels import start_of
+from optimize.search.design_space import DesignSpace, Vector
+from optimize.search.margins import Limits
+
+Side = Literal["front", "back"]
+Start = tuple[DesignSpace, Vector]
+
+TRIES = 60  # draws of a layout before a muscle count counts as too many for the cloth
+ONE_WAY = 0.6  # of the drawn layouts have all muscles on one face, and as many one pressure for all
+PITCH = 0.02  # m, between fixed points, where the design has no muscle to copy it from
+PARTS = ((0.0, 1.0), (0.0, 2 / 3), (1 / 3, 1.0))  # of the way through the cloth, that even lines run
+ANGLES = (0.0, np.pi / 2, np.pi / 4, -np.pi / 4)  # of parallel muscles against the v axis; and any angle
+
+
+def pressure_starts(space: DesignSpace, count: int, seed: int) -> list[Start]:
+    """The space's start, and `count` vectors with pressures from a scrambled Sobol sequence, positions unchanged."""
+    first = space.encode(space.design, space.start_pressures)
+    pressures = space.dimension - space.position_count
+    sequence = qmc.Sobol(pressures, rng=np.random.default_rng(seed)).random_base2(int(np.ceil(np.log2(count + 1))))
+    rows = [np.concatenate([first[: space.position_count], row]) for row in sequence[:count]]
+    return [(space, first), *((space, row) for row in rows)]
+
+
+def catalogue_starts(
+    design: Design, limits: Limits, poses: int, *, counts: range, sides: Sequence[Side]
+) -> list[Start]:
+    """The catalogue's layouts and even lines on each side, through the whole cloth and through two thirds of it from
+    either end, of the most and of about half as many muscles, all at the highest pressure and at the middle; those
+    that keep the limits."""
+    kind = next(iter(design.muscle_types.values()))
+    pitch = design.muscles[0].fixed_point_pitch if design.muscles else PITCH
+    starts: list[Start] = []
+    for count in sorted({max(counts), max(counts[0], (max(counts) + 1) // 2)}, reverse=True):
+        levels = [np.full((poses, count), level) for level in (limits.pressure[1], np.mean(limits.pressure))]
+        starts += _even(design, limits, poses, count, sides)
+        for layout in LAYOUTS:
+            try:
+                drawn = build(
+                    layout, fabric=design.fabric, muscle_type=kind, muscles=count, fixed_point_pitch=pitch
+                ).muscles
+            except InputError:  # no such count, or no room for it
+                continue
+            if {muscle.side for muscle in drawn} <= set(sides):
+                starts += filter(None, (_start_with(design, limits, drawn, pressures) for pressures in levels))
+    return starts
+
+
+def layout_starts(
+    design: Design, limits: Limits, poses: int, *, counts: range, sides: Sequence[Side], number: int, seed: int
+) -> list[Start]:
+    """Up to `number` drawn layouts on the design's cloth, each with a channel of its own for every muscle.
+
+    A count comes as often as it is large: there is more to draw. Half are parallel lines (upright, level, diagonal or
+    at any angle), half loose lines; more than half have all muscles on one face and one pressure, as large shapes
+    want them; all keep the limits, so that counts that do not fit the cloth are absent.
+    """
+    rng = np.random.default_rng(seed)
+    turns = [n for lowest in range(max(counts), 0, -1) for n in counts if n >= lowest]
+    starts: list[Start] = []
+    crowded = set()
+    for i in range(number):
+        count = turns[i % len(turns)]
+        start = None if count in crowded else _draw(design, limits, poses, count, sides, rng)
+        if start is None:
+            crowded.add(count)
+        else:
+            starts.append(start)
+    return starts
+
+
+def thinned_starts(
+    design: Design, limits: Limits, pressures: NDArray[np.float64], count: int, *, number: int, seed: int
+) -> list[Start]:
+    """Layouts of `count` of the design's own muscles, under their `pressures` (poses, channels) Pa, a channel for each:
+    all that there are, or `number` of them drawn by `seed`."""
+    subsets = list(combinations(range(len(design.muscles)), count))
+    if len(subsets) > number:
+        chosen = np.random.default_rng(seed).choice(len(subsets), number, replace=False)
+        subsets = [subsets[i] for i in sorted(chosen)]
+    starts = []
+    for subset in subsets:
+        kept = [design.muscles[i] for i in subset]
+        own = pressures[:, [muscle.channel for muscle in kept]]
+        muscles = tuple(replace(muscle, channel=channel) for channel, muscle in enumerate(kept))
+        starts.append(_start_with(design, limits, muscles, own))
+    return [start for start in starts if start is not None]
+
+
+def _even(design: Design, limits: Limits, poses: int, count: int, sides: Sequence[Side]) -> list[Start]:
+    """Upright and level lines."""
+    kind = next(iter(design.muscle_types))
+    gaps = (np.arange(count) + 0.5) / count - 0.5
+    starts = [
+        _start(design, limits, _part(lines, *part), [kind] * count, [side] * count, pressures)
+        for side in sides
+        for lines in (_lines(design, limits, gaps, angle) for angle in (0.0, np.pi / 2))
+        for part in PARTS
+        for pressures in (np.full((poses, count), level) for level in (limits.pressure[1], np.mean(limits.pressure)))
+    ]
+    return [start for start in starts if start is not None]
+
+
+def _draw(
+    design: Design, limits: Limits, poses: int, count: int, sides: Sequence[Side], rng: Generator
+) -> Start | None:
+    for _ in range(TRIES):
+        lines = _parallel(design, limits, count, rng) if rng.random() < 0.5 else _loose(design, limits, count, rng)
+        kinds = [str(rng.choice(list(design.muscle_types))) for _ in range(count)]
+        drawn = [sides[int(k)] for k in rng.integers(len(sides), size=count)]
+        pressures = rng.uniform(*limits.pressure, (poses, count))
+        if rng.random() < ONE_WAY:
+            drawn = drawn[:1] * count
+        if rng.random() < ONE_WAY:
+            pressures[:] = limits.pressure[0] + rng.uniform(0.5, 1.0) * np.ptp(limits.pressure)
+        start = _start(design, limits, lines, kinds, drawn, pressures)
+        if start is not None:
+            return start
+    return None
+
+
+def _start(
+    design: Design,
+    limits: Limits,
+    lines: NDArray[np.float64],
+    kinds: Sequence[str],
+    sides: Sequence[Side],
+    pressures: NDArray[np.float64],
+) -> Start | None:
+    """Straight muscles with a channel each; None where they break a limit."""
+    pitch = design.muscles[0].fixed_point_pitch if design.muscles else PITCH
+    muscles = tuple(
+        Muscle(
+            type=kind,
+            side=side,
+            channel=channel,
+            path=((float(a[0]), float(a[1])), (float(b[0]), float(b[1]))),
+            fixed_point_pitch=pitch,
+        )
+        for channel, (kind, side, (a, b)) in enumerate(zip(kinds, sides, lines, strict=True))
+    )
+    return _start_with(design, limits, muscles, pressures)
+
+
+def _start_with(
+    design: Design, limits: Limits, muscles: tuple[Muscle, ...], pressures: NDArray[np.float64]
+) -> Start | None:
+    """None where they break a limit. pressures (poses, muscles) Pa."""
+    return start_of((muscles, pressures), DesignSpace(replace(design, muscles=muscles), limits, pressures))
+
+
+def _parallel(design: Design, limits: Limits, count: int, rng: Generator) -> NDArray[np.float64]:
+    """(count, 2, 2) even lines through the cloth, shortened by up to half."""
+    angle = rng.choice(ANGLES) if rng.random() < 0.7 else rng.uniform(-np.pi / 2, np.pi / 2)
+    gaps = (np.arange(count) + rng.uniform(0.2, 0.8, count)) / count - 0.5
+    lines = _lines(design, limits, gaps, angle)
+    kept = rng.uniform(0.5, 1.0)
+    shift = rng.uniform(0.0, 1.0 - kept)
+    return _part(lines, shift, shift + kept)
+
+
+def _part(lines: NDArray[np.float64], begin: float, end: float) -> NDArray[np.float64]:
+    """Of each line, from one share of its way to another."""
+    return np.array([[a + begin * (b - a), a + end * (b - a)] for a, b in lines])
+
+
+def _lines(design: Design, limits: Limits, gaps: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+    """(count, 2, 2) lines at `angle` [rad] against the v axis through the whole box, `gaps` of its extent apart."""
+    along, across = np.array([np.sin(angle), np.cos(angle)]), np.array([np.cos(angle), -np.sin(angle)])
+    low, high = _box(design, limits)
+    middle, extent = (low + high) / 2, float(np.abs(across) @ (high - low))
+    return np.array([_clipped(middle + gap * extent * across, along, low, high) for gap in gaps])
+
+
+def _loose(design: Design, limits: Limits, count: int, rng: Generator) -> NDArray[np.float64]:
+    """(count, 2, 2) lines between points drawn evenly over the cloth."""
+    return rng.uniform(*_box(design, limits), (count, 2, 2))
+
+
+def random_line(design: Design, limits: Limits, rng: Generator) -> NDArray[np.float64]:
+    """(2, 2) m: a line through the cloth's box at any angle, cut to a part of it."""
+    angle, gap = rng.uniform(-np.pi / 2, np.pi / 2), rng.uniform(-0.45, 0.45)
+    if rng.random() < 0.5:
+        angle = rng.choice(ANGLES)
+    begin = rng.uniform(0.0, 0.4)
+    return _part(_lines(design, limits, np.array([gap]), angle), begin, rng.uniform(begin + 0.4, 1.0))[0]
+
+
+def _box(design: Design, limits: Limits) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    high = np.array([design.fabric.width, design.fabric.height]) - limits.edge
+    return np.full(2, limits.edge), high
+
+
+def _clipped(
+    point: NDArray[np.float64], along: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The ends of the line through a point of the box, clipped to the box (Liang and Barsky 1984)."""
+    safe = np.where(np.abs(along) < 1e-12, 1e-12, along)
+    borders = np.sort([(low - point) / safe, (high - point) / safe], axis=0)
+    return point + np.max(borders[0]) * along, point + np.min(borders[1]) * along

@@ -1,0 +1,136 @@
+"""Layouts near a good one: where a search begins anew that has come to the end of its slopes."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.random import Generator
+
+from fabdesign.nouns.muscle import Muscle
+from optimize.search.channels import Layout, by_muscle, start_of
+from optimize.search.design_space import DesignSpace, Vector
+from optimize.search.margins import Limits
+from optimize.search.starts import Side, Start
+
+TRIES = 40  # of a variation before it is left out
+SHIFT = 0.15  # of the cloth: a line's end moves by as much, as a standard deviation
+SLIGHT = 0.05  # the same where all lines move
+BEND = 0.1  # of a leg, that its new corner lies off it, as a standard deviation
+
+
+def variations(
+    best: Start, *, counts: range, sides: Sequence[Side], number: int, seed: int, corners: int = 0
+) -> list[Start]:
+    """Up to `number` layouts that differ from `best` by a move or two: a muscle added, left out, on the other face,
+    drawn anew, with a corner more (`corners` between its ends at most) or less, or its ends or pressure moved; all
+    lines shifted or moved a little. All keep the limits.
+
+    A muscle that shares its channel gets one of its own, as far as the limits have channels.
+    """
+    space, _ = best
+    rng = np.random.default_rng(seed)
+    starts: list[Start] = []
+    for _ in range(number):
+        for _ in range(TRIES):
+            layout = by_muscle(best)
+            for _ in range(int(rng.integers(1, 3))):
+                layout = _moved(layout, space, counts, sides, corners, rng)
+            start = start_of(layout, space)
+            if start is not None:
+                starts.append(start)
+                break
+    return starts
+
+
+def with_corners(best: Start, corners: int) -> list[Start]:
+    """The same layout with a corner in the middle of every muscle that has fewer than `corners`, where it lies: for a
+    search by derivatives to move. None where no muscle may have one more."""
+    muscles, pressures = by_muscle(best)
+    bent = [_bent(own, 0.0) if len(own.path) - 2 < corners else own for own in muscles]
+    start = start_of((bent, pressures), best[0]) if bent != [*muscles] else None
+    return [] if start is None else [start]
+
+
+def straightened(start: Start) -> Start | None:
+    """The same layout without corners between the ends; None where there are none, or that breaks a limit."""
+    muscles, pressures = by_muscle(start)
+    straight = [replace(own, path=(own.path[0], own.path[-1])) for own in muscles]
+    return start_of((straight, pressures), start[0]) if straight != [*muscles] else None
+
+
+def doubled(start: Start, muscle: int, share: float) -> Start | None:
+    """The same layout with a muscle, from 0, as two beside each other at that share of its pressures; None where that
+    breaks a limit. Errors of the two are independent, so that they average out."""
+    (muscles, pressures), space = by_muscle(start), start[0]
+    size = np.array([space.design.fabric.width, space.design.fabric.height])
+    path = _path(muscles[muscle])
+    along = (path[-1] - path[0]) / np.linalg.norm(path[-1] - path[0])
+    off = space.limits.spacing * np.array([-along[1], along[0]])
+    pair = [_with_path(muscles[muscle], path + side * off, space.limits, size) for side in (1, -1)]
+    both = np.insert(pressures, muscle, pressures[:, muscle], axis=1)
+    both[:, muscle : muscle + 2] *= share
+    return start_of(([*muscles[:muscle], *pair, *muscles[muscle + 1 :]], both), space)
+
+
+def _moved(
+    layout: Layout, space: DesignSpace, counts: range, sides: Sequence[Side], corners: int, rng: Generator
+) -> Layout:
+    muscles, pressures = [*layout[0]], layout[1].copy()
+    k = int(rng.integers(len(muscles)))
+    size = np.array([space.design.fabric.width, space.design.fabric.height])
+    moves = ["add", "drop", "flip", "draw", "ends", "pressure", "shift", "all"]
+    moves += ["bend"] * (corners > 0) + ["straighten"] * (len(muscles[k].path) > 2)
+    move = rng.choice(moves)
+    if move == "add" and len(muscles) + 1 in counts:
+        muscles.append(
+            _with_path(muscles[k], _path(muscles[k]) + SHIFT * size * rng.standard_normal(2), space.limits, size)
+        )
+        pressures = np.concatenate([pressures, pressures[:, k : k + 1]], axis=1)
+    elif move == "drop" and len(muscles) - 1 in counts:
+        del muscles[k]
+        pressures = np.delete(pressures, k, axis=1)
+    elif move == "flip":
+        muscles[k] = replace(muscles[k], side=sides[int(rng.integers(len(sides)))])
+        pressures[:, k] = pressures.max(axis=1)  # what was idle on one face may pull on the other
+    elif move == "draw":
+        muscles[k] = _with_path(muscles[k], rng.uniform(0.0, 1.0, (2, 2)) * size, space.limits, size)
+    elif move == "ends":
+        noise = SHIFT * size * rng.standard_normal((len(muscles[k].path), 2))
+        muscles[k] = _with_path(muscles[k], _path(muscles[k]) + noise, space.limits, size)
+    elif move == "bend" and len(muscles[k].path) - 2 < corners:
+        bent = _bent(muscles[k], BEND * rng.standard_normal())
+        muscles[k] = _with_path(bent, _path(bent), space.limits, size)
+    elif move == "straighten":
+        path = [*muscles[k].path]
+        del path[int(rng.integers(1, len(path) - 1))]
+        muscles[k] = replace(muscles[k], path=tuple(path))
+    elif move == "pressure":
+        pressures[:, k] = rng.uniform(*space.limits.pressure, len(pressures))
+    elif move == "shift":
+        step = SHIFT * size * rng.standard_normal(2)
+        muscles = [_with_path(m, _path(m) + step, space.limits, size) for m in muscles]
+    elif move == "all":
+        muscles = [
+            _with_path(m, _path(m) + SLIGHT * size * rng.standard_normal((len(m.path), 2)), space.limits, size)
+            for m in muscles
+        ]
+    return muscles, pressures
+
+
+def _bent(muscle: Muscle, off: float) -> Muscle:
+    """With a corner in the middle of its longest leg, off it by a share of its length."""
+    path = _path(muscle)
+    legs = np.diff(path, axis=0)
+    k = int(np.argmax(np.linalg.norm(legs, axis=1)))
+    u, v = path[k] + legs[k] / 2 + off * np.array([-legs[k, 1], legs[k, 0]])
+    return replace(muscle, path=(*muscle.path[: k + 1], (float(u), float(v)), *muscle.path[k + 1 :]))
+
+
+def _path(muscle: Muscle) -> Vector:
+    return np.array(muscle.path)
+
+
+def _with_path(muscle: Muscle, path: Vector, limits: Limits, size: Vector) -> Muscle:
+    """Kept within the cloth less its edge."""
+    inside = np.clip(path, limits.edge, size - limits.edge)
+    return replace(muscle, path=tuple((float(u), float(v)) for u, v in inside))

@@ -1,0 +1,121 @@
+"""What a bench's record would show of each effect, in one dimension: columns beside the quasi-static law."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fabdesign.nouns.bench import BenchRecord, Specimen
+from fabdesign.units import in_kpa
+from optimize.fit.clouds import Array
+from studies.benches.cylinder import friction_state
+
+PATHS = {
+    "displacement": 1.0,
+    "contraction": -1.0,
+    "stretch": 1.0,
+}  # what a force goes back and forth over, and its sign
+PRESSURES = "pressure", "pressure_command", "pressure_amplitude"
+FAST = 0.02, 0.05, 0.1, 0.2, 0.4  # s
+SLOW = 0.7, 2.0, 6.0, 20.0  # s
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """Of one record: law (n,) what the quasi-static law says; path (rises as the specimen lengthens), pressure [kPa]
+    and time, where it has them; number: its place among the records."""
+
+    law: Array
+    path: Array | None
+    pressure: Array | None
+    time: Array | None
+    number: int
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A candidate at one shape. columns(signals): {parameter: (n,)}; each coefficient is that parameter's value."""
+
+    effect: str
+    values: Mapping[str, float]  # of what shapes it
+    units: Mapping[str, str]  # of all its parameters
+    columns: Callable[[Signals], Mapping[str, Array]]
+
+
+def signals_of(record: BenchRecord, law: Array, number: int) -> Signals:
+    path = next((sign * record.columns[name] for name, sign in PATHS.items() if name in record.columns), None)
+    pressure = next((in_kpa(record.columns[name]) for name in PRESSURES if name in record.columns), None)
+    return Signals(law, path, pressure, record.columns.get("time"), number)
+
+
+def shapes_of(specimen: Specimen, signals: list[Signals], unit: str) -> list[Shape]:
+    """Those that make sense on the specimen and that its records can show."""
+    has = {name: all(getattr(s, name) is not None for s in signals) for name in ("path", "pressure", "time")}
+    shapes: list[Shape] = []
+    force = specimen != "actuator"
+    if force and has["path"] and has["pressure"]:
+        reach = float(np.median([np.ptp(s.path) for s in signals if s.path is not None]))
+        slips = [share * reach for share in (0.005, 0.02, 0.06)]
+        along = "m" if specimen == "cylinder" else "1"
+        units = {"friction": f"{unit}/kPa", "friction_at_zero": unit, "slip": along}
+        shapes += [Shape("braid_hysteresis", {"slip": s}, units, _friction(s)) for s in slips]
+    if has["time"]:
+        late = {"delay": "s"}
+        if force and has["path"] and specimen != "strip":
+            rate = {"contracting": f"{unit} s", "lengthening": f"{unit} s"}
+            shapes.append(Shape("muscle_viscosity", {}, rate, _viscosity))
+        if specimen == "actuator":
+            shapes += [Shape("filling_lag", {"time": t}, {"share": "1", "time": "s"}, _slow(t)) for t in FAST]
+            shapes += [Shape("dead_time", {}, late, _delay)]
+        else:
+            shapes += [Shape("time_offset", {}, {"offset": "s"}, _offset)]
+        slow, sign = ("stress_relaxation", -1.0) if specimen == "strip" else ("muscle_creep", 1.0)
+        shapes += [Shape(slow, {"time": t}, {"share": "1", "time": "s"}, _slow(t, sign)) for t in SLOW]
+    if len(signals) > 2:
+        shapes += [
+            Shape("stroke_softening", {"trials": n}, {"loss": "1", "trials": "1"}, _softening(n)) for n in (1.0, 3.0)
+        ]
+    return shapes
+
+
+def _friction(slip: float) -> Callable[[Signals], Mapping[str, Array]]:
+    def columns(s: Signals) -> Mapping[str, Array]:
+        assert s.path is not None and s.pressure is not None
+        state = friction_state(s.path, slip)
+        return {"friction": state * s.pressure, "friction_at_zero": state}
+
+    return columns
+
+
+def _viscosity(s: Signals) -> Mapping[str, Array]:
+    assert s.path is not None and s.time is not None
+    rate = np.gradient(s.path, s.time)
+    return {"contracting": np.minimum(rate, 0.0), "lengthening": np.maximum(rate, 0.0)}
+
+
+def _slow(time: float, sign: float = 1.0) -> Callable[[Signals], Mapping[str, Array]]:
+    """What a share of the law lacks that comes with a time constant; less than nothing: has beyond it, and loses."""
+
+    def columns(s: Signals) -> Mapping[str, Array]:
+        assert s.time is not None
+        late, state = np.empty(len(s.law)), s.law[0]
+        keep = np.exp(-np.diff(s.time, prepend=s.time[0]) / time)
+        for k, value in enumerate(s.law):
+            state = keep[k] * state + (1 - keep[k]) * value
+            late[k] = state
+        return {"share": sign * (late - s.law)}
+
+    return columns
+
+
+def _delay(s: Signals) -> Mapping[str, Array]:
+    assert s.time is not None
+    return {"delay": (np.interp(s.time - 0.05, s.time, s.law) - s.law) / 0.05}
+
+
+def _offset(s: Signals) -> Mapping[str, Array]:
+    return {"offset": _delay(s)["delay"]}
+
+
+def _softening(trials: float) -> Callable[[Signals], Mapping[str, Array]]:
+    return lambda s: {"loss": -s.law * (1 - np.exp(-s.number / trials))}

@@ -1,0 +1,239 @@
+"""Tracing on a bench: a quasi-static law, and what its left-out records show beside it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from fabdesign.effects import EFFECTS
+from fabdesign.errors import InputError
+from fabdesign.files.bench_file import read_bench
+from fabdesign.files.model_file import write_model
+from fabdesign.formats.json_file import write_json
+from fabdesign.nouns.bench import Bench, BenchRecord
+from fabdesign.nouns.model import EffectTerm, Model, Provenance, Quantity
+from fabdesign.output import new_folder, write_text
+from fabdesign.runtime.fingerprint import sha256
+from fabdesign.version import __version__
+from optimize.fit.clouds import Array, Indices, evenly
+from optimize.fit.cross_validation import Scored
+from optimize.fit.descent import Progress, parts
+from studies.benches.noise import noise_of
+from studies.benches.records import output_of, require_columns, unit_of
+from studies.benches.trace_candidates import Shape, Signals, shapes_of, signals_of
+from studies.benches.trace_fit import BenchTask, JointFit, alike, candidates_of, select
+from studies.benches.trace_law import law, laws_of
+from studies.benches.trace_outcome import BenchOutcome, Curve
+from studies.benches.trace_report import render_bench
+from studies.calibration.fitted_model import QUANTILE
+from studies.tracing.black_box import WIDTHS, kernel_of, left_out, standardised
+from studies.tracing.verdict import Evidence, decide
+
+TOLERANCE = 0.02  # of the largest output
+LEAST_RECORDS = 3  # records of role fit
+_ROWS = 400  # of a record
+_BOX_ROWS = 40
+_TURNS = 3  # at most, of the law and the effects beside it
+_SETTLED = 0.01  # of what is left, that one more turn would take
+_ENDS = (0.2, 0.3)  # shares of the work at which laws alone and effects end
+
+
+def trace_bench(
+    path: Path,
+    out: Path,
+    *,
+    tolerance: float = TOLERANCE,
+    force: bool = False,
+    progress: Progress = lambda line, share: None,
+) -> BenchOutcome:
+    """Trace a bench's records of role `fit`, and write trace.json, model.toml and report.html. tolerance: share of the
+    largest output. progress: is given what is done and about what share. Raises InputError for an unsound bench and for
+    fewer than three records."""
+    with new_folder(out, made_by="trace", force=force, inputs=[path]) as files:
+        outcome = examine(read_bench(path), tolerance, progress)
+        write_json(files / "trace.json", outcome.as_json())
+        write_model(_model(outcome), files / "model.toml")
+        write_text(files / "report.html", render_bench(outcome))
+    return outcome
+
+
+def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, share: None) -> BenchOutcome:
+    """The trace itself; `tolerance` is a share of the largest output."""
+    records = [r for r in bench.records if r.role == "fit"]
+    if len(records) < LEAST_RECORDS:
+        raise InputError(f"{bench.file}: {len(records)} records of role fit; expected at least {LEAST_RECORDS}")
+    require_columns(bench, bench.records)
+    output = output_of(bench)
+    first, second, third = parts(progress, *_ENDS)
+    line = f"{len(records)} records, each predicted from the others by the quasi-static law"
+    laws = laws_of(bench, records, told=partial(first, line))
+    signals = [signals_of(r, predicted, k) for k, (r, predicted) in enumerate(zip(records, laws, strict=True))]
+    rows = [evenly(len(r.columns[output]), _ROWS) for r in records]
+    measured = [r.columns[output] for r in records]
+    residual = np.concatenate([(p - m)[k] for p, m, k in zip(laws, measured, rows, strict=True)])
+    record = np.repeat(np.arange(len(records)), [len(k) for k in rows])
+    limit = tolerance * max(float(np.abs(m).max()) for m in measured)
+    noise = noise_of(bench, records)
+    floor = noise.sigma
+    shapes = shapes_of(bench.specimen, signals, unit_of(bench.specimen))
+    tables = [_table(shape, signals, rows) for shape in shapes]
+    task = BenchTask(shapes, tables, residual, record, floor, limit)
+    second(f"{len(task.effects)} effects together on {len(records)} records", 0.0)
+    none, chosen = task.fit(), select(task)
+    refitted = _with_law(bench, records, task, chosen, signals, rows, told=partial(third, "law and effects in turn"))
+    left = refitted.fit.state.found.residual
+    box = _baseline(signals, rows, record, residual)
+    beside = _baseline(signals, rows, record, left) if chosen.places else box
+    evidence = Evidence(
+        none.scored.excess(floor), refitted.scored.excess(floor), len(chosen.places), box.excess(floor),
+        beside.excess(floor),
+        left=1 - float(beside.squares.sum() / np.square(left).sum()), typical=none.scored.typical(floor),
+    )  # fmt: skip
+    return BenchOutcome(
+        bench=bench,
+        unit=unit_of(bench.specimen),
+        verdict=decide(evidence, limit),
+        evidence=evidence,
+        tolerance=limit,
+        noise=noise,
+        candidates=candidates_of(task),
+        found=_effects(task, refitted),
+        gains={label: gain for label, (gain, _) in chosen.gains(floor).items()},
+        indistinguishable=alike(task, chosen),
+        fit=(_rms(residual), _rms(left)),
+        test=_tested(bench, output, [shapes[k] for k in chosen.places], refitted.fit.x),
+        curves=_curves(records, bench, rows, measured, residual, left, record),
+    )
+
+
+def _with_law(
+    bench: Bench,
+    records: Sequence[BenchRecord],
+    task: BenchTask,
+    chosen: JointFit,
+    signals: Sequence[Signals],
+    rows: Sequence[Indices],
+    *,
+    told: Callable[[float], None],
+) -> JointFit:
+    """Return the effects chosen and the law fitted in turn: a law that was fitted alone has taken a part of them. An
+    actuator's law is the level held, which has none."""
+    refitted, output = chosen, output_of(bench)
+    if bench.specimen == "actuator":
+        return chosen
+    columns = [[c for place in chosen.places for c in task.shapes[place].columns(s).values()] for s in signals]
+    for turn in range(_TURNS if chosen.places else 0):
+        added = [sum((x * c for x, c in zip(refitted.fit.x, own, strict=True)), np.zeros(1)) for own in columns]
+        laws = laws_of(bench, records, added, told=partial(_turned, told, turn))
+        residual = [(p - r.columns[output])[k] for p, r, k in zip(laws, records, rows, strict=True)]
+        last, refitted = refitted, replace(task, residual=np.concatenate(residual)).fit(chosen.places)
+        if refitted.scored.rms() > (1 - _SETTLED) * last.scored.rms():
+            break
+    return refitted
+
+
+def _turned(told: Callable[[float], None], turn: int, share: float) -> None:
+    told((turn + share) / _TURNS)
+
+
+def _tested(bench: Bench, output: str, shapes: Sequence[Shape], coefficients: Array) -> tuple[float, float] | None:
+    """RMS on the records of role test, by the law of those of role fit: before, and with the shapes added."""
+    records, tests = ([r for r in bench.records if r.role == role] for role in ("fit", "test"))
+    if not tests:
+        return None
+    laws = [law(bench, records, record) for record in tests]
+    signals = [signals_of(r, way, len(records) + k) for k, (r, way) in enumerate(zip(tests, laws, strict=True))]
+    residual = np.concatenate([way - r.columns[output] for r, way in zip(tests, laws, strict=True)])
+    every = [np.arange(len(way)) for way in laws]
+    columns = [column for shape in shapes for column in _table(shape, signals, every).values()]
+    return _rms(residual), _rms(residual + sum(c * x for c, x in zip(coefficients, columns, strict=True)))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _table(shape: Shape, signals: Sequence[Signals], rows: Sequence[Indices]) -> dict[str, Array]:
+    """(n,) of each of the shape's parameters."""
+    parts = [shape.columns(s) for s in signals]
+    return {name: np.concatenate([part[name][k] for part, k in zip(parts, rows, strict=True)]) for name in parts[0]}
+
+
+def _effects(task: BenchTask, chosen: JointFit) -> tuple[EffectTerm, ...]:
+    vector = chosen.fit.vector
+    strengths = {
+        p.name: Quantity(p.value(x), p.unit, (p.value(x - QUANTILE * s), p.value(x + QUANTILE * s)))
+        for p, x, s in zip(vector.parameters, chosen.fit.x, task.deviation(chosen), strict=True)
+    }
+    terms = []
+    for label, shape in zip(vector.labels, (task.shapes[k] for k in chosen.places), strict=True):
+        own = {name.partition(".")[2]: q for name, q in strengths.items() if name.startswith(f"{label}.")}
+        fixed = {name: Quantity(float(v), shape.units[name]) for name, v in shape.values.items()}
+        terms.append(EffectTerm(label, own | fixed))
+    return tuple(terms)
+
+
+def _baseline(signals: Sequence[Signals], rows: Sequence[Indices], trial: Indices, residual: Array) -> Scored:
+    """What a kernel regression leaves of records that it was not trained on."""
+    parts, kept, first = [], [], 0
+    for s, k in zip(signals, rows, strict=True):
+        columns = [s.law, np.gradient(s.law)]
+        columns += [c for c in (s.path, s.pressure, s.time) if c is not None]
+        if s.path is not None:
+            columns += [np.sign(np.gradient(s.path)), np.gradient(s.path)]
+        parts.append(np.column_stack(columns)[k])
+        kept.append(first + evenly(len(k), _BOX_ROWS))
+        first += len(k)
+    some = np.concatenate(kept)
+    features, record = standardised(np.concatenate(parts))[some], trial[some]
+    kernels, wanted = [kernel_of(features, width) for width in WIDTHS], residual[some][:, None]
+    squares = np.zeros(int(trial.max()) + 1)
+    for out in range(len(squares)):
+        left = wanted[record == out] - left_out(kernels, wanted, [np.array([True])], record, out)
+        squares[out] = float(np.mean(left**2)) * np.sum(trial == out)
+    return Scored(squares, np.bincount(trial).astype(np.float64))
+
+
+def _curves(
+    records: Sequence[BenchRecord],
+    bench: Bench,
+    rows: Sequence[Indices],
+    measured: Sequence[Array],
+    residual: Array,
+    after: Array,
+    trial: Indices,
+) -> tuple[Curve, ...]:
+    curves: list[Curve] = []
+    for k, record in enumerate(records):
+        own = trial == k
+        name = next((n for n in ("time", *bench.input) if n in record.columns), None)
+        place = record.columns[name][rows[k]] if name else np.arange(own.sum(), dtype=float)
+        y = measured[k][rows[k]]
+        curves.append((record.name, place, y, y + residual[own], y + after[own]))
+    return tuple(curves)
+
+
+def _model(outcome: BenchOutcome) -> Model:
+    """With those of the effects that the simulator has, where its parameters mean the same."""
+    bench = outcome.bench
+    return Model(
+        effects=tuple(e for e in outcome.found if _simulated(e)) if outcome.verdict == "effect" else (),
+        provenance=Provenance(
+            sets=(bench.name,),
+            fitted=tuple(f"{bench.name}/{r.name}" for r in bench.records if r.role == "fit"),
+            versions={"fabdesign": __version__},
+            hashes={f"{bench.name}/bench.toml": sha256(bench.file)},
+        ),
+    )
+
+
+def _simulated(effect: EffectTerm) -> bool:
+    declared = EFFECTS[effect.name].parameters if effect.name in EFFECTS else {}
+    return all(
+        name in declared
+        and declared[name].unit == q.unit
+        and declared[name].bounds[0] <= q.value <= declared[name].bounds[1]
+        for name, q in effect.parameters.items()
+    )

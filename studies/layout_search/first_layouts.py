@@ -1,0 +1,138 @@
+"""Where the search of a study begins, and begins anew."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from fabdesign.errors import InputError
+from fabdesign.runtime.effort import MUSCLES
+from fabdesign.study_files.study_file import Study
+from optimize.search.additions import pulling, with_idle
+from optimize.search.channels import by_muscle, start_of
+from optimize.search.design_space import DesignSpace, Vector
+from optimize.search.margins import Limits
+from optimize.search.search_state import FurtherStarts
+from optimize.search.starts import Start, catalogue_starts, layout_starts, pressure_starts, thinned_starts
+from optimize.search.variations import variations, with_corners
+
+PRESSURE_STARTS = 31  # screened before pressures are searched
+LAYOUT_STARTS = 64  # drawn and screened before layouts are searched; a multiple of what the simulator takes at once
+VARIATIONS = 24  # of the best, screened by every other restart,
+ADDITIONS = 16  # and as many places of a muscle more, each with
+PULL = 0.4  # of the pressure range: past the threshold of a braided muscle, so that a pull shows
+THINNED_STARTS = 72  # of the design's own muscles, where it has more than the layout may
+
+
+def limits_of(study: Study) -> Limits:
+    own = study.limits
+    return Limits(own.pressure, own.spacing, own.edge, own.contraction, own.channels, own.air)
+
+
+def own_start(study: Study, limits: Limits) -> tuple[DesignSpace, Vector]:
+    """The study's own design under its start pressures, by default the middle of the limits."""
+    middle = np.mean(study.limits.pressure)
+    own = np.full(study.design.channels, middle) if study.start_pressures is None else study.start_pressures
+    pressures = np.tile(own, (len(study.targets), 1))
+    space = DesignSpace(study.design, limits, pressures, vary_pressures=study.pressures)
+    return space, space.encode(study.design, pressures)
+
+
+def earlier_starts(study: Study, limits: Limits) -> list[Start]:
+    """The earlier result that the study begins with, if any.
+
+    Raises InputError where it is no layout of this study: other muscles where they stay, too many or too few, another
+    number of poses, a limit broken.
+    """
+    earlier = study.earlier
+    if earlier is None:
+        return []
+    poses = len(study.targets)
+    if len(earlier.pressures) != poses:
+        raise InputError(f"{earlier.file}: has pressures of {len(earlier.pressures)} poses; expected {poses}")
+    design = replace(study.design, muscles=earlier.design.muscles)
+    if study.muscles is None and not study.positions and design.muscles != study.design.muscles:
+        raise InputError(
+            f"{earlier.file}: has other muscles than the study's design; expected the same where they stay"
+        )
+    if study.muscles is not None and len(design.muscles) not in study.muscles.counts:
+        raise InputError(
+            f"{earlier.file}: has {len(design.muscles)} muscles; expected {study.muscles.least} to {study.muscles.most}"
+        )
+    if design.channels > (limits.channels or MUSCLES):
+        raise InputError(f"{earlier.file}: has {design.channels} channels; expected at most {limits.channels}")
+    if unknown := {muscle.type for muscle in design.muscles} - set(design.muscle_types):
+        raise InputError(
+            f"{earlier.file}: has muscles of type {', '.join(sorted(unknown))}; the study's design has none"
+        )
+    space = DesignSpace(design, limits, earlier.pressures, vary_pressures=study.pressures)
+    return [(space, space.encode(design, earlier.pressures))]
+
+
+def first_starts(study: Study) -> list[Start]:
+    """The study's own design, an earlier result, the catalogue's layouts, and what is drawn by the study's seed."""
+    limits, poses = limits_of(study), len(study.targets)
+    space, own = own_start(study, limits)
+    if study.muscles is None:
+        drawn = pressure_starts(space, PRESSURE_STARTS if study.pressures else 0, study.seed)
+        return [*earlier_starts(study, limits), *drawn]
+    choice, design = study.muscles, study.design
+    drawn = catalogue_starts(design, limits, poses, counts=choice.counts, sides=choice.sides)
+    drawn += layout_starts(
+        design, limits, poses, counts=choice.counts, sides=choice.sides, number=LAYOUT_STARTS, seed=study.seed
+    )
+    sides = {muscle.side for muscle in design.muscles}
+    if len(design.muscles) in choice.counts and sides <= set(choice.sides):
+        drawn = [*_on_fewer_channels((space, own)), *drawn]
+    elif len(design.muscles) > choice.most and sides <= set(choice.sides):
+        given = space.start_pressures
+        drawn += thinned_starts(design, limits, given, choice.most, number=THINNED_STARTS, seed=study.seed)
+    drawn = [*earlier_starts(study, limits), *drawn]
+    if not drawn:
+        raise InputError(f"{study.name}: no layout of {choice.least} muscles keeps the limits; expected wider ones")
+    return drawn
+
+
+def _on_fewer_channels(start: Start) -> list[Start]:
+    """It alone, with shared channels where it has more than its limits; none where that breaks another limit."""
+    if start[0].design.channels <= (start[0].limits.channels or MUSCLES):
+        return [start]
+    shared = start_of(by_muscle(start), start[0])
+    return [] if shared is None else [shared]
+
+
+def further_starts(study: Study) -> FurtherStarts | None:
+    """Starts of further restarts; none where nothing can be drawn anew."""
+    limits, poses, choice = limits_of(study), len(study.targets), study.muscles
+    if choice is not None:
+
+        def added(best: Start, seed: int) -> list[Start]:
+            """With one muscle more at a share of the pressure: what it promises shows when these are screened."""
+            count = len(best[0].design.muscles)
+            if count + 1 not in choice.counts:
+                return []
+            more = with_idle(best, count=count + 1, sides=choice.sides, number=ADDITIONS, seed=seed)
+            return pulling(more, count, PULL)
+
+        def layouts(restart: int, best: Start) -> tuple[list[Start], bool]:
+            seed, counts, sides = study.seed + 1000 * restart, choice.counts, choice.sides
+            if restart % 2:
+                corners = choice.corners if study.positions else 0
+                return [
+                    *variations(best, counts=counts, sides=sides, number=VARIATIONS, seed=seed, corners=corners),
+                    *with_corners(best, corners),
+                    *added(best, seed),
+                ], False
+            drawn = layout_starts(
+                study.design, limits, poses, counts=counts, sides=sides, number=LAYOUT_STARTS, seed=seed
+            )
+            return drawn, True
+
+        return layouts
+    if not study.pressures:
+        return None
+    space, _ = own_start(study, limits)
+
+    def pressures(restart: int, best: Start) -> tuple[list[Start], bool]:
+        return pressure_starts(space, PRESSURE_STARTS, study.seed + 1000 * restart)[1:], True
+
+    return pressures

@@ -1,0 +1,187 @@
+"""Targets: the clouds that studies come close to, and how close a result came."""
+
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from fabdesign.clouds.target_file import PlacedTarget, read_target
+from fabdesign.formats.decoder import decode_key
+from fabdesign.formats.table import load_toml
+from fabdesign.geometry.metrics import DRAWS, Errors, landmark_errors, trial_errors
+from fabdesign.geometry.placement import placement_of
+from fabdesign.geometry.regions import Weighting
+from fabdesign.geometry.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
+from fabdesign.geometry.sheet import Face
+from fabdesign.geometry.wishes import Landmarks
+from fabdesign.nouns.design import Design
+from fabdesign.runtime.fingerprint import sha256
+from fabdesign.study_files.study_targets import TargetFile
+from optimize.search.objective import Target
+
+ENOUGH = 4000  # points for the same
+NOISELESS = 1e-4  # m: bends that a quadric does not follow look like less noise than that
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedTarget:
+    """A cloud and where it comes from. time: s after rest, of a trial's frame; None: a shape at equilibrium."""
+
+    points: NDArray[np.float64]  # (n, 3) m
+    time: float | None
+    description: str
+    noise: SensorNoise = NOISE_FREE  # what the cloud shows; none on a mesh
+    markers: bool = False  # so few points, or of a part: only their distances to the cloth count, one way
+    face: Face = "both"  # that the points lie on
+    weight: float = 1.0  # among the poses of a study
+    landmarks: Landmarks | None = None  # of wishes, whose goals the points are
+    free: bool = False  # it may stand anywhere
+    weighting: Weighting | None = None  # how much each place of the cloth counts
+
+    @property
+    def sought(self) -> Target:
+        """What a search comes close to."""
+        return Target(self.points, self.time, self.markers, self.face, self.landmarks, self.free, self.weighting)
+
+    def beside(self, shape: NDArray[np.float64]) -> "LoadedTarget":
+        """A free one where it lies nearest to a shape (2 n, 3) m, with how it was moved; any other as it is."""
+        if not self.free:
+            return self
+        motion = self.sought.motion(shape)
+        placed = placement_of(1.0, Rotation.from_matrix(motion.turn.T), -motion.shift @ motion.turn)
+        said = f"{self.description}, moved by {placed} while searching"
+        return replace(self, points=motion.back(self.points), description=said, free=False)
+
+    @property
+    def measured(self) -> bool:
+        """By a sensor, whose noise it shows."""
+        return self.noise.sigma > 0
+
+    @property
+    def synthetic(self) -> bool:
+        """Measured by a synthetic rig, as its description says."""
+        return "synthetic" in self.description
+
+    @property
+    def sha256(self) -> str:
+        return sha256(self.points)
+
+
+def load_target(target: TargetFile, design: Design, *, seed: int = 0) -> LoadedTarget:
+    """Read a target, sampled with `seed` where it is a mesh, and place it. Raises InputError."""
+    if target.wishes:
+        return _wished(target, design)
+    placed = read_target(target, design.fabric, seed=seed)
+    frame, path = placed.geometry, target.file
+    where = path.name
+    if frame.trial:
+        where = f"frame {frame.frame} of {path.stem}, {frame.time:.3g} s after rest"
+    parts = [target.description or where, *_placed(target, placed)]
+    if placed.markers:
+        parts.append(f"{len(placed.points)} markers: their mean distance to the cloth, one way, in place of Chamfer")
+    elif target.distances == "one way":
+        parts.append("mean distance of its points to the cloth, one way, in place of Chamfer")
+    if target.face != "both":
+        parts.append(f"of the {target.face} face")
+    if target.weighting is not None:
+        parts.append(f"counts {target.weighting.said}")
+    if frame.trial:
+        parts.append(_set_description(path))
+    noise = _noise(placed, design.fabric.thickness)
+    said = ", ".join(filter(None, parts))
+    markers = placed.markers or target.distances == "one way"
+    return LoadedTarget(
+        placed.points,
+        frame.time,
+        said,
+        noise,
+        markers,
+        target.face,
+        target.weight,
+        free=target.free,
+        weighting=target.weighting,
+    )
+
+
+def target_errors(
+    targets: Sequence[LoadedTarget], shapes: NDArray[np.float64], design: Design, *, seed: int = 0, draws: int = DRAWS
+) -> Errors:
+    """Mean over the targets by their weights, of shapes (poses, 2 n, 3) m. The floors take the noise that each target
+    shows."""
+    by_pose = pose_errors(targets, shapes, seed=seed, draws=-(-draws // len(targets)))
+    weights = [target.weight for target in targets]
+    return Errors(*np.average([astuple(errors) for errors in by_pose], axis=0, weights=weights).tolist())
+
+
+def pose_errors(
+    targets: Sequence[LoadedTarget], shapes: NDArray[np.float64], *, seed: int = 0, draws: int = DRAWS
+) -> list[Errors]:
+    """Of each target beside its shape. draws: of each floor."""
+    return [
+        _errors(target, shape, seed=seed + pose, draws=draws)
+        for pose, (target, shape) in enumerate(zip(targets, shapes, strict=True))
+    ]
+
+
+def _errors(target: LoadedTarget, shape: NDArray[np.float64], *, seed: int, draws: int) -> Errors:
+    if target.landmarks is not None:
+        return landmark_errors(target.landmarks, shape)
+    target = target.beside(shape)
+    return trial_errors(
+        [target.points],
+        shape[None],
+        target.noise,
+        seed=seed,
+        draws=draws,
+        markers=target.markers,
+        face=target.face,
+        weighting=target.weighting,
+    )
+
+
+def _wished(target: TargetFile, design: Design) -> LoadedTarget:
+    said = "; ".join(wish.said for wish in target.wishes)
+    parts = [target.description, f"wishes ({said}), measured by the mean distance of these places"]
+    landmarks = Landmarks.of(target.wishes, design.fabric)
+    return LoadedTarget(
+        landmarks.goals, None, ", ".join(filter(None, parts)), weight=target.weight, landmarks=landmarks
+    )
+
+
+def _placed(target: TargetFile, placed: PlacedTarget) -> list[str]:
+    """What was done to the file's points, for people."""
+    parts = []
+    if target.unit != "m" or target.scale != 1:
+        parts.append(f"{target.unit} times {target.scale:g}" if target.scale != 1 else f"in {target.unit}")
+    if len(placed.points) < len(placed.geometry.points) and not placed.geometry.is_mesh:
+        parts.append(f"{len(placed.points)} of its {len(placed.geometry.points)} points")
+    if target.place == "fit":
+        parts.append(f"placed by fit with {placed.placement}")
+        if placed.turned_over is not None:
+            parts.append(f"as well as with rotation {placed.turned_over.turn}, front and back changed")
+    elif target.rotation or any(target.translation):
+        parts.append(f"placed with {placed.placement}")
+    return parts
+
+
+def _noise(placed: PlacedTarget, thickness: float) -> SensorNoise:
+    """None on a mesh; a trial's is that of a cloth of this thickness [m], another cloud's also that of a single layer,
+    if that is less. So little that no sensor is so good is none."""
+    if placed.geometry.is_mesh or placed.markers:
+        return NOISE_FREE
+    some = placed.points[:: -(-len(placed.points) // ENOUGH)]
+    layers = (thickness,) if placed.geometry.trial else (thickness, 0.0)
+    least = min((estimate_noise([some], depth) for depth in layers), key=lambda noise: noise.sigma)
+    return least if least.sigma > NOISELESS else NOISE_FREE
+
+
+def _set_description(trial: Path) -> str:
+    """Name and description of the set that a trial lies in, where it lies in one."""
+    for folder in trial.resolve().parents[:2]:
+        if (folder / "set.toml").is_file():
+            root = load_toml(folder / "set.toml", "fabdesign.measurement-set/1")
+            return f"{folder.name}: {decode_key(str, root, 'description', '')}"
+    return ""

@@ -1,0 +1,155 @@
+"""What follows a search: no more muscles than needed, and a robust layout where it is asked for."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.study_files.search_terms import Price, Robust
+from fabdesign.study_files.study_file import Study
+from fabdesign.units import in_mm
+from optimize.search.design_space import DesignSpace, Vector
+from optimize.search.evaluations import Evaluations
+from optimize.search.start_rows import as_rows, of_rows
+from optimize.search.starts import Start
+from optimize.search.thinning import Fewer, fewer_muscles
+from studies.layout_search.first_layouts import limits_of
+from studies.layouts.robust_search import more_robust
+from studies.layouts.robustness import most_robust, tolerance_of
+
+SHRINKING = 0.2  # of the seconds, kept for leaving muscles out where the study lets their number vary
+
+ROBUST = 0.3  # and for a robust layout, where the study asks for one
+POOL = 8  # layouts that such a choice is made among, at most
+NEAR = 0.1  # of the nearest value: so near they lie
+
+
+def search_seconds(study: Study) -> float:
+    """s for the search itself."""
+    kept = (SHRINKING if _may_shrink(study) else 0.0) + (ROBUST if study.robust else 0.0)
+    return study.limits.seconds * (1 - kept)
+
+
+def _may_shrink(study: Study) -> bool:
+    choice = study.muscles
+    return choice is not None and (choice.least < choice.most or study.price.channel > 0)
+
+
+def shrunk(study: Study, evaluations: Evaluations) -> Fewer | None:
+    """The layout of fewer muscles that serves, within all of the study's seconds; None where their number is given.
+
+    What was found stands in the history: the same search is not shrunk twice.
+    """
+    best, choice = evaluations.best, study.muscles
+    if not _may_shrink(study) or choice is None or best is None:
+        return None
+    evaluations.seconds = study.limits.seconds * (1 - (ROBUST if study.robust else 0.0))
+    state = evaluations.history.load()
+    known = state.get("fewer")
+    if known and known["best"] == best.as_row() and known["seconds"] >= (evaluations.seconds if known["cut"] else 0):
+        return kept_fewer(study, state)
+    fewer = fewer_muscles(evaluations, least=choice.least, price=study.price)
+    fewer = replace(_fewest(fewer, kept_fewer(study, state), study.price), front=tuple(evaluations.front))
+    state["fewer"] = {
+        "best": best.as_row(),
+        "row": as_rows([fewer.start])[0],
+        "value": fewer.value,
+        "before": fewer.before,
+        "count": fewer.count,
+        "ended": fewer.ended,
+        "cut": fewer.cut,
+        "front": fewer.front,
+        "seconds": evaluations.seconds,
+    }
+    state["by_count"] = [*evaluations.by_count.items()]
+    evaluations.history.save(state, evaluations.elapsed)
+    return fewer
+
+
+def _fewest(fewer: Fewer, earlier: Fewer | None, price: Price) -> Fewer:
+    """Return `fewer`, with the layout that an earlier session came to where that serves still and is smaller, or as
+    small and nearer."""
+    if earlier is None or earlier.ended:
+        return fewer
+
+    def rank(own: Fewer) -> tuple[int, int, float]:
+        return len(own.start[0].design.muscles), own.start[0].channels, own.value
+
+    allowed = price.allowed(fewer.before, fewer.count - rank(earlier)[0])
+    if earlier.value > allowed or rank(earlier) >= rank(fewer):
+        return fewer
+    return replace(fewer, start=earlier.start, value=earlier.value, ended="")
+
+
+def kept_fewer(study: Study, state: Mapping[str, Any]) -> Fewer | None:
+    """Return what `shrunk` came to, as the history's state has it; None where it was not asked."""
+    known = state.get("fewer")
+    if known is None or not _may_shrink(study):
+        return None
+    [start] = of_rows([known["row"]], study.design, limits_of(study))
+    front = tuple((count, value) for count, value in known.get("front", []))
+    return Fewer(start, known["value"], known["before"], known["count"], known["ended"], known["cut"], front)
+
+
+def made_robust(
+    study: Study, robust: Robust, evaluations: Evaluations, points: Sequence[Start], coarse: Predictor
+) -> tuple[list[Start], int]:
+    """`points` with the robust layout first, and how often one of its muscles was laid as two; within all of the
+    study's seconds. What was found stands in the history."""
+    objective, history, best = evaluations.objective, evaluations.history, evaluations.best
+    state = history.load() or {}
+    known, row = state.get("robust"), None if best is None else best.as_row()
+    if not known or known["best"] != row or known["seconds"] < study.limits.seconds:
+        found = more_robust(
+            study,
+            robust,
+            points[most_robust(study, robust, points, objective, coarse)],
+            objective,
+            coarse,
+            tolerance=tolerance_of(robust, np.inf if best is None else best.value),
+            going=lambda: evaluations.elapsed < study.limits.seconds,
+        )
+        known = {"best": row, "row": as_rows([found.start])[0], "doubled": found.doubled}
+        state["robust"] = known | {"seconds": study.limits.seconds}
+        history.save(state, evaluations.elapsed)
+    return [*of_rows([known["row"]], study.design, limits_of(study)), *points], known["doubled"]
+
+
+def _channels(count: int) -> str:
+    return "1 channel" if count == 1 else f"{count} channels"
+
+
+def fewer_said(study: Study, fewer: Fewer, *, converged: bool = True) -> str:
+    """For people. converged: whether the search ended by itself, so that what it did not find is not enough."""
+    space = fewer.start[0]
+    count = len(space.design.muscles)
+    near = f"within {study.price.tolerance:.0%} of it" if not study.price.muscle else "for the price of a muscle"
+    if count < fewer.count:
+        mm = f"{in_mm(fewer.value):.2f} mm instead of {in_mm(fewer.before):.2f}"
+        cut = ", not tried to the end" if fewer.cut else ""
+        on = f" on {_channels(space.channels)}" if space.channels < count else ""
+        return f"{count} muscles{on} are enough, where the search came to {fewer.count}: {mm}, {near}{cut}."
+    if not fewer.ended:
+        straight = "" if any(len(own.path) > 2 for own in space.design.muscles) else ", straight,"
+        mm = f"{in_mm(fewer.value):.2f} mm instead of {in_mm(fewer.before):.2f}"
+        return f"The {count} muscles{straight} are enough on {_channels(space.channels)}: {mm}, {near}." + (
+            " Fewer muscles are not enough." if converged else ""
+        )
+    if fewer.cut:
+        return f"Layouts of fewer than {fewer.count} muscles were not tried to the end: {fewer.ended}."
+    if not converged:
+        return f"No layout of fewer than {fewer.count} muscles came {near} so far."
+    return f"Fewer than {fewer.count} muscles are not enough: no smaller layout came {near}."
+
+
+def front_said(fewer: Fewer) -> str:
+    """For people; empty where there is one number of muscles."""
+    each = ", ".join(f"{count}: {in_mm(value):.2f}" for count, value in fewer.front)
+    return f"Reached, in mm, by number of muscles: {each}." if len(fewer.front) > 1 else ""
+
+
+def points_of(fewer: Fewer | None) -> list[tuple[DesignSpace, Vector]]:
+    """The smaller layout, to come before what the search found; none where there is none."""
+    return [] if fewer is None or fewer.ended else [fewer.start]

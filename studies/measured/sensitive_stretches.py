@@ -1,0 +1,219 @@
+"""The search for sensitive stretches: the simulator says where small changes to either side lead to another shape.
+
+The result depends on a trial's design and program alone, not on other trials or on the model that is evaluated. So it
+is kept in the user's cache, and one search serves calibrate, evaluate, trace and train.
+"""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.errors import InputError
+from fabdesign.formats.json_file import read_json, write_json
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import PARAMETERS, Case, ForwardModel, Term
+from fabdesign.nouns.trial import MeasurementSet, Trial
+from fabdesign.runtime.fingerprint import sha256
+from fabdesign.runtime.store import read_kept, user_cache
+from fabdesign.version import SIMULATOR
+from optimize.fit.parameters import PRIOR
+from studies.measured.used_frames import Array, Flags, Stretch, UsedFrames, used_mask
+
+GRID = 21  # points a side, of the simulator that searches
+SCREEN = 2  # draws for every trial: the data sheet itself, and one of its prior
+DRAWS = 4  # where one of these finds something
+SHARE = 0.5  # of the draws, from which on an instant is sensitive
+TILT = 0.05  # degrees that gravity is off
+PRESSURE = 0.01  # that a channel's pressure is off, up or down
+INTERVAL = 0.1  # s between the instants that are looked at
+APART = 0.35  # of the motion's size, between the motions of changes to either side: they are on different branches
+BENT = 0.05  # of it, of what is not proportional in them, where it is over half of what is
+LEAST_MOTION = 0.005  # m, of a motion's size
+GAP = 0.35  # s: sensitive stretches nearer than this are one
+_SEED = 0
+_AT_ONCE = 128  # motions in memory
+
+Span = tuple[float, float]  # s
+Progress = Callable[[int, int], None]
+
+
+def find_used_frames(
+    sets: Sequence[tuple[MeasurementSet, Sequence[Trial]]],
+    forward: ForwardModel | None,
+    *,
+    progress: Progress = lambda done, total: None,
+) -> UsedFrames:
+    """The frames used of the trials named of each set, found in one batch. forward: see `sensitive_stretches`; without
+    it sensitive stretches are not looked for. progress is told motions done and in all."""
+    several, trials = len(sets) > 1, [trial for _, own in sets for trial in own]
+    if forward is None or not trials:
+        return UsedFrames(None if forward is None else (), 0.0, several)
+    spans = _spans(trials, forward, progress)
+    names = [measured.name if several else "" for measured, own in sets for _ in own]
+    stretches = _named(trials, spans, names)
+    used = [used_mask(stretches, t.name, t.times, set_name=name) for t, name in zip(trials, names, strict=True)]
+    return UsedFrames(stretches, float(1 - np.concatenate(used).mean()), several)
+
+
+def sensitive_stretches(
+    trials: Sequence[Trial], forward: ForwardModel, *, progress: Progress = lambda done, total: None
+) -> tuple[Stretch, ...]:
+    """The sensitive stretches of the trials of one set, in their order.
+
+    forward: the bare simulator, GRID points a side are enough. Each draw of the factors' prior is simulated as it is
+    and with one small change to either side: gravity tilted, and every channel's pressure off: of the first draw the
+    front's up and the back's down, of others at random. An instant is sensitive where in half of the draws the two
+    motions lie a third of the motion's size apart, or differ from the middle one by unequal amounts. Where the first
+    two draws find nothing there are no more. progress is told motions done and in all.
+    """
+    return _named(trials, _spans(trials, forward, progress), [""] * len(trials))
+
+
+def _named(trials: Sequence[Trial], spans: Sequence[Sequence[Span]], names: Sequence[str]) -> tuple[Stretch, ...]:
+    return tuple(
+        Stretch(trial.name, *span, set_name=name)
+        for trial, own, name in zip(trials, spans, names, strict=True)
+        for span in own
+    )
+
+
+def _spans(trials: Sequence[Trial], forward: ForwardModel, progress: Progress) -> list[list[Span]]:
+    """Of each trial, kept or searched."""
+    files = [_kept(trial, forward) for trial in trials]
+    spans = [None if file is None else read_kept(file, _read) for file in files]
+    missing = [k for k, own in enumerate(spans) if own is None]
+    searched = _search([trials[k] for k in missing], forward, progress)
+    for k, stretches in zip(missing, searched, strict=True):
+        spans[k] = stretches
+        if (file := files[k]) is not None:
+            with suppress(InputError):  # a folder that cannot be written: it is searched again
+                write_json(file, stretches)
+    return [own or [] for own in spans]
+
+
+def _search(trials: Sequence[Trial], forward: ForwardModel, progress: Progress) -> list[list[Span]]:
+    draws = _prior(DRAWS)
+    times = [instants(trial) for trial in trials]
+    some, total = range(SCREEN), SCREEN * len(trials)
+    flags = _sensitive([(t, d) for t in range(len(trials)) for d in some], trials, times, draws, forward, 0, progress)
+    parted = [t for t in range(len(trials)) if any(flags[t, d].any() for d in some)]
+    rest = [(t, d) for t in parted for d in range(SCREEN, DRAWS)]
+    flags |= _sensitive(rest, trials, times, draws, forward, total, progress)
+    result: list[list[Span]] = [[] for _ in trials]
+    for t in parted:
+        share = np.mean([flags[t, d] for d in range(DRAWS)], axis=0)
+        result[t] = _runs(times[t], share >= SHARE)
+    return result
+
+
+def _prior(draws: int) -> list[dict[str, float]]:
+    """Factors of each draw, the same for all trials."""
+    rng = np.random.default_rng(_SEED)
+    drawn = [{name: float(np.exp(PRIOR[name] * rng.standard_normal())) for name in PARAMETERS} for _ in range(1, draws)]
+    return [dict.fromkeys(PARAMETERS, 1.0), *drawn]
+
+
+def _sensitive(
+    wanted: Sequence[tuple[int, int]],
+    trials: Sequence[Trial],
+    times: Sequence[Array],
+    draws: Sequence[dict[str, float]],
+    forward: ForwardModel,
+    before: int,
+    progress: Progress,
+) -> dict[tuple[int, int], Flags]:
+    """Of each (trial, draw) the sensitive instants; `before` of them are done."""
+    flags: dict[tuple[int, int], Flags] = {}
+    at_once = max(1, _AT_ONCE // 3)
+    for first in range(0, len(wanted), at_once):
+        some = wanted[first : first + at_once]
+        cases = [_changed(trials[t], draws[d], d, side) for t, d in some for side in (0.0, 1.0, -1.0)]
+        motions = forward.motions(cases, [times[t] for t, _ in some for _ in range(3)])
+        for k, pair in enumerate(some):
+            flags[pair] = on_another_branch(*motions[3 * k : 3 * k + 3])
+        progress(3 * (before + first + len(some)), 3 * (before + len(wanted)))
+    return flags
+
+
+def _changed(trial: Trial, factors: dict[str, float], draw: int, side: float) -> Case:
+    signs = _signs(trial.design, trial.program.pressure.shape[1], draw)
+    program = replace(trial.program, pressure=trial.program.pressure * (1 + PRESSURE * side * signs))
+    effects = (Term("frame_tilt", {"about_x": TILT * side, "about_z": 0.0}),) if side else ()
+    return Case(trial.design, program, factors, effects)
+
+
+def _signs(design: Design, channels: int, draw: int) -> Array:
+    """(channels,) 1 or -1; of the first draw by the side of a channel's muscles, else at random."""
+    signs = np.random.default_rng([_SEED, draw]).choice([-1.0, 1.0], channels)
+    if draw:
+        return signs
+    front = np.zeros(channels)
+    for muscle in design.muscles:
+        front[muscle.channel] += 1 if muscle.side == "front" else -1
+    return np.asarray(np.where(front, np.sign(front), signs))
+
+
+def instants(trial: Trial) -> Array:
+    """(n,) s, of the trial's frames about every INTERVAL s, the first and the last among them."""
+    times = trial.times
+    count = max(2, round((times[-1] - times[0]) / INTERVAL) + 1)
+    return np.asarray(times[np.unique(np.linspace(0, len(times) - 1, min(count, len(times))).round().astype(int))])
+
+
+def on_another_branch(middle: NDArray[Any], up: NDArray[Any], down: NDArray[Any]) -> Flags:
+    """(T,) whether motions (T, n, 3) m with a small change to either side are on another branch than the middle one; a
+    motion that diverged is. At any scale: by the motion's size, the largest RMS distance from where it begins."""
+    plus, minus = up - middle, down - middle
+    linear, bent = _rms(plus - minus), _rms(plus + minus)
+    sound = np.isfinite(linear) & np.isfinite(bent)
+    size = max(float(np.nanmax(_rms(middle - middle[0]), initial=0.0)), LEAST_MOTION)
+    return ~sound | (linear > APART * size) | ((bent > BENT * size) & (bent > 0.5 * linear))
+
+
+def _rms(difference: NDArray[Any]) -> Array:
+    return np.asarray(np.sqrt(np.square(difference, dtype=float).sum(axis=2).mean(axis=1)))
+
+
+def _runs(times: Array, flags: Flags) -> list[Span]:
+    """Runs of flagged instants, each widened to the instants around it; near ones are one."""
+    spans: list[Span] = []
+    for k in np.flatnonzero(flags).tolist():
+        begin, end = float(times[max(k - 1, 0)]), float(times[min(k + 1, len(times) - 1)])
+        if k <= 1:
+            begin = 0.0
+        if spans and begin - spans[-1][1] < GAP:
+            spans[-1] = (spans[-1][0], end)
+        else:
+            spans.append((begin, end))
+    return spans
+
+
+def _kept(trial: Trial, forward: ForwardModel) -> Path | None:
+    """The file with the stretches of a trial; None for a simulator that does not say what it is."""
+    if not hasattr(forward, "__dataclass_fields__"):  # its repr is then all that it is
+        return None
+    options = (
+        SCREEN,
+        DRAWS,
+        SHARE,
+        TILT,
+        PRESSURE,
+        INTERVAL,
+        APART,
+        BENT,
+        LEAST_MOTION,
+        GAP,
+        _SEED,
+        sorted(PRIOR.items()),
+    )
+    arrays = [np.asarray(array, np.float64) for array in (trial.program.time, trial.program.pressure, trial.times)]
+    return user_cache("unjudged") / f"{sha256(repr((SIMULATOR, forward, options, trial.design)), *arrays)[:32]}.json"
+
+
+def _read(file: Path) -> list[Span]:
+    return [(float(begin), float(end)) for begin, end in read_json(file, list)]

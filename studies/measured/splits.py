@@ -1,0 +1,76 @@
+"""Which trials may be fitted and which are held out: by trial, never by frame.
+
+Trials with the same pressures stay on one side of any split, and trials of role `test` take no part in fitting.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fabdesign.errors import InputError
+from fabdesign.nouns.trial import Trial
+
+Trials = tuple[Trial, ...]
+
+
+@dataclass(frozen=True)
+class Split:
+    fit: Trials
+    held_out: Trials
+
+
+def fit_trials(trials: Sequence[Trial], orders: Collection[int] | None = None) -> Trials:
+    """The trials of role `fit`, or those of the given orders among them.
+
+    Raises InputError for an order that no trial has or that a trial of role `test` has alone, and for an empty result.
+    """
+    allowed = tuple(trial for trial in trials if trial.role == "fit")
+    if orders is not None:
+        known = {trial.order for trial in allowed}
+        for order in sorted(set(orders) - known):
+            if any(trial.order == order for trial in trials):
+                raise InputError(f"trial of order {order} has role test; nothing may be fitted on it")
+            raise InputError(f"no trial of order {order}; the set has {', '.join(map(str, sorted(known)))} to fit")
+        allowed = tuple(trial for trial in allowed if trial.order in orders)
+    if not allowed:
+        raise InputError("no trial of role fit; expected at least one")
+    return allowed
+
+
+def split(trials: Sequence[Trial], held_out: float, *, seed: int = 0) -> Split:
+    """Fit trials, about the share `held_out` of them kept back. At least one stays on either side.
+
+    Trials of role `test` are in neither. Raises InputError where all trials have the same pressures.
+    """
+    groups = by_program(fit_trials(trials))
+    if len(groups) < 2:
+        raise InputError("all trials to fit have the same pressures; expected at least two programs to hold one out")
+    count = min(max(round(held_out * len(groups)), 1), len(groups) - 1)
+    chosen = {int(i) for i in np.random.default_rng(seed).permutation(len(groups))[:count]}
+    return _split(groups, chosen)
+
+
+def folds(trials: Sequence[Trial], count: int, *, seed: int = 0) -> tuple[Split, ...]:
+    """Cross-validation: `count` splits (or as many as there are programs), each fit trial held out once."""
+    groups = by_program(fit_trials(trials))
+    if len(groups) < 2:
+        raise InputError("all trials to fit have the same pressures; expected at least two programs to hold one out")
+    order = np.random.default_rng(seed).permutation(len(groups))
+    return tuple(_split(groups, {int(i) for i in part}) for part in np.array_split(order, min(count, len(groups))))
+
+
+def by_program(trials: Sequence[Trial]) -> list[Trials]:
+    """Trials with the same pressures together."""
+    groups: dict[tuple[bytes, bytes], list[Trial]] = {}
+    for trial in trials:
+        program = trial.program
+        # to a millisecond and the regulator's 0.1 kPa: a repeat is a repeat though the clock jitters
+        key = (np.rint(program.time * 1e3).tobytes(), np.rint(program.pressure / 100).tobytes())
+        groups.setdefault(key, []).append(trial)
+    return [tuple(group) for group in groups.values()]
+
+
+def _split(groups: Sequence[Trials], held_out: Collection[int]) -> Split:
+    fit = (trial for i, group in enumerate(groups) if i not in held_out for trial in group)
+    return Split(tuple(fit), tuple(trial for i in sorted(held_out) for trial in groups[i]))

@@ -1,0 +1,105 @@
+"""Whether a model's motions need the fine grid that it was calibrated on: decided for each design."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import Case, ForwardModel
+from fabdesign.nouns.model import POINTS_PER_SIDE, Model
+from fabdesign.nouns.trial import Trial
+from fabdesign.units import in_mm
+from studies.prediction.forward_model import forward_model
+
+NEAR = 1e-4  # m RMS over the points and frames of a motion, under which the coarser grid is as good
+_FEWEST = 6  # trials of a design, for it to be tried: below, trying costs more than it spares
+
+
+@dataclass(frozen=True)
+class ByDesign:
+    """A simulator for each design: `coarse` where it is as good, else `fine`. Implements
+    fabdesign.nouns.forward.ForwardModel."""
+
+    fine: ForwardModel
+    coarse: ForwardModel
+    calm: tuple[Design, ...]  # for which the coarse one is as good
+
+    def motions(self, cases: Sequence[Case], times: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float32]]:
+        """As the simulator of each case's design gives them."""
+        by_case: dict[int, NDArray[np.float32]] = {}
+        for own, simulator in self._parts(cases):
+            motions = simulator.motions([cases[i] for i in own], [times[i] for i in own])
+            by_case |= dict(zip(own, motions, strict=True))
+        return [by_case[i] for i in range(len(cases))]
+
+    def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
+        """As the simulator of each case's design gives them."""
+        by_case: dict[int, NDArray[np.float32]] = {}
+        for own, simulator in self._parts(cases):
+            by_case |= dict(zip(own, simulator.equilibria([cases[i] for i in own]), strict=True))
+        return [by_case[i] for i in range(len(cases))]
+
+    def _parts(self, cases: Sequence[Case]) -> list[tuple[list[int], ForwardModel]]:
+        calm = [case.design in self.calm for case in cases]
+        parts = [([i for i, is_calm in enumerate(calm) if not is_calm], self.fine)]
+        parts.append(([i for i, is_calm in enumerate(calm) if is_calm], self.coarse))
+        return [(own, simulator) for own, simulator in parts if own]
+
+
+def enough_points(
+    model: Model,
+    trials: Sequence[Trial],
+    forward: Callable[[int], ForwardModel],
+    *,
+    tell: Callable[[str], None] = lambda line: None,
+) -> ForwardModel:
+    """The simulator for `trials`: of the model's grid, and for designs whose points that moves by under 0.1 mm RMS, of
+    41 points a side.
+
+    Tried on the most strongly driven trial of each design, with the simulators `forward(points a side)`: cloth that
+    snaps goes another way on another grid, and it is there that it snaps. `tell` hears a line on what was found. Raises
+    InputError.
+    """
+    fine = forward(model.points_per_side)
+    tried = _driven(trials) if model.points_per_side > POINTS_PER_SIDE else []
+    if not tried:
+        return fine
+    cases = [Case(trial.design, trial.program, order=trial.order) for trial in tried]
+    times = [trial.times for trial in tried]
+    coarse = forward(POINTS_PER_SIDE)
+    # the fine one first: room is then made once
+    both = [forward_model(simulator, model).motions(cases, times) for simulator in (fine, coarse)]
+    apart = [_rms(a, b) for a, b in zip(*both, strict=True)]
+    calm = tuple(trial.design for trial, off in zip(tried, apart, strict=True) if off < NEAR)
+    for trial, off in zip(tried, apart, strict=True):
+        tell(
+            f"grid: {POINTS_PER_SIDE if off < NEAR else model.points_per_side} points a side for {trial.design_name}; "
+            f"with {POINTS_PER_SIDE} instead of the model's {model.points_per_side}, {trial.name} moves by "
+            f"{in_mm(off):.2f} mm RMS, {'under' if off < NEAR else 'not under'} {in_mm(NEAR):g}"
+        )
+    return ByDesign(fine, coarse, calm) if calm else fine
+
+
+def _driven(trials: Sequence[Trial]) -> list[Trial]:
+    """Of each design that many trials have, the one with the highest pressures: the mean over channels of the highest
+    of each."""
+    designs: list[tuple[Design, list[Trial]]] = []
+    for trial in trials:
+        own = next((own for design, own in designs if design == trial.design), None)
+        if own is None:
+            designs.append((trial.design, [trial]))
+        else:
+            own.append(trial)
+    return [max(own, key=_drive) for _, own in designs if len(own) >= _FEWEST]
+
+
+def _drive(trial: Trial) -> float:
+    return float(trial.program.pressure.max(axis=0).mean()) if trial.design.channels else 0.0
+
+
+def _rms(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
+    """m; infinite where a motion diverged."""
+    square = float(np.mean(np.square(a - b).sum(axis=2)))
+    return float(np.sqrt(square)) if np.isfinite(square) else float("inf")

@@ -1,0 +1,310 @@
+"""How well a model predicts measured motions: errors before and after, per trial and per design."""
+
+import os
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.errors import InputError, SimulationError
+from fabdesign.formats.json_file import plain
+from fabdesign.formats.result_tables import Columns, Tabled
+from fabdesign.geometry.metrics import Closed, Errors, Statistics, closed, statistics, trial_errors
+from fabdesign.geometry.sensor_noise import SensorNoise, estimate_noise
+from fabdesign.nouns.forward import Case, ForwardModel
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.nouns.trial import MeasurementSet, Trial
+from fabdesign.runtime.effort import batches
+from fabdesign.units import in_mm
+from studies.intervals.judge import IntervalJudge, interval_judges
+from studies.intervals.widths import IntervalScore
+from studies.measured.fit_data import noise_clouds
+from studies.measured.sensitive_stretches import find_used_frames
+from studies.measured.used_frames import Flags, UsedFrames
+from studies.prediction.forward_model import forward_model
+
+_AT_ONCE = 16  # trials, two motions each in memory
+_UNKNOWN = Errors(*[np.nan] * 5)
+ERRORS = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
+ERROR_NAMES = {"chamfer": "Chamfer distance", "surface_rms": "surface RMS"}  # for people
+
+
+@dataclass(frozen=True)
+class TrialResult:
+    """Errors of one trial's used frames, m; NaN where the motion diverged, or no frame is used."""
+
+    set_name: str
+    trial: str
+    order: int
+    role: str
+    before: Errors
+    after: Errors
+    used: float = 1.0  # share of its frames
+    intervals: IntervalScore | None = None  # of the model's 90 % intervals; None: it has none
+
+
+@dataclass(frozen=True)
+class DesignResult:
+    """All trials of one design; the statistics leave out trials that diverged or have no frame that is used."""
+
+    source: str  # name and description of the set
+    noise: SensorNoise
+    trials: tuple[TrialResult, ...]
+    before: Mapping[str, Statistics]
+    after: Mapping[str, Statistics]
+    closed: Closed
+
+    @property
+    def intervals(self) -> IntervalScore | None:
+        """Of all trials' frames and regions together."""
+        return IntervalScore.pooled([t.intervals for t in self.trials if t.intervals is not None])
+
+    @property
+    def diverged(self) -> list[str]:
+        lost = (t for t in self.trials if np.isnan(t.before.chamfer) or np.isnan(t.after.chamfer))
+        return [t.trial for t in lost if t.used]
+
+    @property
+    def without_frames(self) -> list[str]:
+        """Trials of which no frame is used."""
+        return [t.trial for t in self.trials if not t.used]
+
+
+@dataclass(frozen=True)
+class SetEvaluation(Tabled):
+    """designs: trials of role `test`; others: the rest, where they were asked for. skipped: bad trials left out, a line
+    each."""
+
+    designs: Mapping[str, DesignResult]
+    others: Mapping[str, DesignResult]
+    used: UsedFrames
+    unreliable: tuple[str, ...] = ()  # parameters of the model whose intervals its fit calls not reliable
+    skipped: tuple[str, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """What `evaluate --json` prints: mm."""
+        result: dict[str, Any] = {"designs": {name: _as_json(design) for name, design in self.designs.items()}}
+        if self.others:
+            result["others"] = {name: _as_json(design) for name, design in self.others.items()}
+        if self.unreliable:
+            result["unreliable"] = list(self.unreliable)
+        return dict(plain(result | self.used.as_json() | {"metric": "chamfer, surface_rms", "unit": "mm"}))
+
+    def columns(self) -> Columns:
+        """Return a row a trial: design, set, trial, order, role, share of frames used, and errors before and after
+        [mm]."""
+        tables = (*self.designs.items(), *self.others.items())
+        rows = [(name, trial) for name, table in tables for trial in table.trials]
+        columns: Columns = {"design": [name for name, _ in rows]}
+        for key, field in (("set", "set_name"), ("trial", "trial"), ("order", "order"), ("role", "role")):
+            columns[key] = [getattr(trial, field) for _, trial in rows]
+        columns["judged"] = [trial.used for _, trial in rows]
+        for when in ("before", "after"):
+            for error in ERRORS:
+                columns[f"{error}_{when}"] = [in_mm(getattr(getattr(trial, when), error)) for _, trial in rows]
+        scores = [trial.intervals for _, trial in rows]
+        if any(scores):
+            for k, name in enumerate(("interval_inside", "interval_width", "interval_crps")):
+                columns[name] = [np.nan if score is None else score.shown[k] for score in scores]
+        return columns
+
+
+def evaluate_sets(
+    model: Model,
+    sets: Sequence[MeasurementSet],
+    forward: ForwardModel,
+    *,
+    coarse: ForwardModel | None = None,
+    all_trials: bool = False,
+    seed: int = 0,
+    interruptible: bool = False,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> SetEvaluation:
+    """Errors of `model` on the trials of role `test`, with `all_trials` of the others too, in a table of their own.
+
+    forward: the simulator. coarse: a cheap one that finds the sensitive stretches of these trials
+    (measured.sensitive_stretches), which are left out. Without it they are not looked for. After is all of the model;
+    before is what it was without effects and corrector, or, where it has neither, the data sheet. A model's intervals
+    are evaluated at every sixth frame; coarse moves its drawn models.
+    interruptible: Ctrl-C ends with the trials that are done. `progress` is told trials done and trials in all.
+    Raises InputError where no trial is left, or no frame of a design's trials; SimulationError where every
+    motion of a design diverges.
+    """
+    predictors = [forward_model(forward, each, sensing=True) for each in (model.before, model)]
+    jobs = _jobs(sets, ("test", "fit") if all_trials else ("test",))
+    if not jobs:
+        raise InputError(f"{', '.join(s.name for s in sets)}: no trial of role test; --all takes the others too")
+    used = find_used_frames([(s, [t for job in jobs if job.measured is s for t in job.trials]) for s in sets], coarse)
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        noises = _noises(jobs, threads)
+        tasks = [
+            (partial(_errors, noise, seed, partial(used.at, job.measured), job.measured.name), trial)
+            for job, noise in zip(jobs, noises, strict=True)
+            for trial in job.trials
+        ]
+        results: list[TrialResult] = []
+        try:
+            for task in _evaluated(tasks, predictors, coarse or forward, threads):
+                results.append(task.result())
+                progress(len(results), len(tasks))
+        except KeyboardInterrupt:
+            if not (interruptible and results):
+                raise
+            begins = np.cumsum([0, *(len(job.trials) for job in jobs[:-1])])
+            begun = int((begins < len(results)).sum())
+            jobs, noises = jobs[:begun], noises[:begun]
+    tables: dict[str, dict[str, DesignResult]] = {"test": {}, "fit": {}}
+    for job, noise in zip(jobs, noises, strict=True):
+        own, results = results[: len(job.trials)], results[len(job.trials) :]
+        tables[job.role][job.title] = _summarise(job.title, job.measured, noise.result(), own)
+    return SetEvaluation(tables["test"], tables["fit"], used, model.unreliable)
+
+
+@dataclass(frozen=True)
+class _Job:
+    """The trials of one design and role of a set: a row of a table."""
+
+    measured: MeasurementSet
+    role: str
+    title: str
+    trials: Sequence[Trial]
+
+
+def _jobs(sets: Sequence[MeasurementSet], roles: Sequence[str]) -> list[_Job]:
+    shared = Counter(name for measured in sets for name in {trial.design_name for trial in measured.trials})
+    jobs = []
+    for measured in sets:
+        for role in roles:
+            for name in sorted({trial.design_name for trial in measured.trials}):
+                trials = [t for t in measured.trials if t.design_name == name and t.role == role]
+                if trials:
+                    jobs.append(_Job(measured, role, name if shared[name] == 1 else f"{measured.name}/{name}", trials))
+    return jobs
+
+
+def _noises(jobs: Sequence[_Job], threads: ThreadPoolExecutor) -> list["Future[SensorNoise]"]:
+    """Of each job; what one set has of cloths of one thickness was seen by one sensor, and is estimated once."""
+    alike: dict[tuple[int, float], list[Trial]] = {}
+    keys = []
+    for job in jobs:
+        keys.append((id(job.measured), job.trials[0].design.fabric.thickness))
+        alike.setdefault(keys[-1], []).extend(job.trials)
+    noises = {key: threads.submit(estimate_noise, noise_clouds(trials), key[1]) for key, trials in alike.items()}
+    return [noises[key] for key in keys]
+
+
+def _evaluated(
+    tasks: Sequence[tuple[Callable[..., TrialResult], Trial]],
+    predictors: Sequence[Predictor],
+    coarse: ForwardModel,
+    threads: ThreadPoolExecutor,
+) -> Iterator["Future[TrialResult]"]:
+    """Every trial's result, in order. The motions of a batch are simulated while those before are evaluated. Files are
+    read here, not beside the simulator: Python 3.11 may fail where two threads parse (gh-106905), as numpy does for an
+    array's header and Taichi for a kernel."""
+    waiting: list[Future[TrialResult]] = []
+    for part in batches([2 * len(trial.times) for _, trial in tasks], _AT_ONCE):
+        trials = [trial for _, trial in tasks[part]]
+        motions = _motions(trials, *predictors)
+        judges = interval_judges(trials, predictors[-1], coarse, motions[-1])
+        due, waiting = waiting, []
+        for (errors, trial), judge, *predicted in zip(tasks[part], judges, *motions, strict=True):
+            waiting.append(threads.submit(errors, trial, trial.load().frames, judge, *predicted))
+        yield from due
+    yield from waiting
+
+
+def _errors(
+    noise: "Future[SensorNoise]",
+    seed: int,
+    used: Callable[[Trial], Flags],
+    name: str,
+    trial: Trial,
+    frames: Sequence[NDArray[np.float64]],
+    judge: IntervalJudge,
+    *predicted: Any,
+) -> TrialResult:
+    """Of a trial of the set `name` with these clouds before and after, whose motions are `predicted`."""
+    kept = np.flatnonzero(used(trial))
+    if not len(kept):
+        return TrialResult(name, trial.name, trial.order, trial.role, _UNKNOWN, _UNKNOWN, 0.0)
+    clouds, seed = [frames[k] for k in kept.tolist()], seed + trial.order
+    before, after = (trial_errors(clouds, motion[kept], noise.result(), seed=seed) for motion in predicted)
+    share, judged = len(kept) / len(frames), judge(frames, kept)
+    return TrialResult(name, trial.name, trial.order, trial.role, before, after, share, judged)
+
+
+def _motions(trials: Sequence[Trial], *predictors: Predictor) -> list[list[Any]]:
+    """Of every predictor, the trials' motions. All without a corrector are one batch: it takes two cores no longer."""
+    times = [trial.times for trial in trials]
+    cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
+    plain = [predictor for predictor in predictors if predictor.corrector is None]
+    together = Predictor(predictors[0].simulator, sensing=True)
+    motions = together.motions([predictor.case(case) for predictor in plain for case in cases], times * len(plain))
+    batches_of = iter(motions[k : k + len(trials)] for k in range(0, len(motions), len(trials)))
+    return [next(batches_of) if p.corrector is None else p.motions(cases, times) for p in predictors]
+
+
+def _summarise(
+    title: str, measured: MeasurementSet, noise: SensorNoise, results: Sequence[TrialResult]
+) -> DesignResult:
+    # a trial on which either diverges is left out of both, so that the two compare
+    sound = [r for r in results if np.isfinite(r.before.chamfer) and np.isfinite(r.after.chamfer)]
+    if not sound and not any(r.used for r in results):
+        names = ", ".join(r.trial for r in results)
+        raise InputError(
+            f"{measured.name}: {names} of {title}: every frame is sensitive, small changes of the inputs lead to "
+            "another shape; expected trials whose pressures decide to which side the cloth bends"
+        )
+    if not sound:
+        raise SimulationError(f"{measured.name}: every motion of {title} diverged")
+    before, after = statistics([r.before for r in sound]), statistics([r.after for r in sound])
+    means = [Errors(**{name: table[name].mean for name in ERRORS}) for table in (before, after)]
+    source = f"{measured.name}: {measured.description}" if measured.description else measured.name
+    return DesignResult(source, noise, tuple(results), before, after, closed(*means))
+
+
+def _as_json(design: DesignResult) -> dict[str, Any]:
+    def millimetres(table: Mapping[str, Statistics]) -> dict[str, dict[str, float]]:
+        distances = {name: {key: in_mm(x) for key, x in asdict(table[name]).items()} for name in ERRORS}
+        return distances | {"surface_beyond": asdict(table["beyond"])}
+
+    return {
+        "before": millimetres(design.before),
+        "after": millimetres(design.after),
+        "closed": asdict(design.closed) | {"value": design.closed.value},
+        "noise": {"sigma_mm": in_mm(design.noise.sigma), "strays": design.noise.strays},
+        "histogram": {error: histogram(design, error) for error in ("chamfer", "surface_rms")},
+        "source": design.source,
+        "intervals": _intervals(design.intervals),
+        "trials": {
+            r.trial: {"before": r.before, "after": r.after, "intervals": _intervals(r.intervals)} for r in design.trials
+        },
+        "diverged": design.diverged,
+        "without_judged_frame": design.without_frames,
+    }
+
+
+def _intervals(score: IntervalScore | None) -> dict[str, float] | None:
+    return None if score is None else dict(zip(("inside", "width_mm", "crps_mm"), score.shown, strict=True))
+
+
+def _values(design: DesignResult, error: str) -> tuple[np.ndarray, np.ndarray]:
+    """(trials,) mm before and after, of those that did not diverge."""
+    pairs = np.array([(getattr(r.before, error), getattr(r.after, error)) for r in design.trials])
+    pairs = in_mm(pairs[np.isfinite(pairs).all(axis=1)])
+    return pairs[:, 0], pairs[:, 1]
+
+
+def histogram(design: DesignResult, error: str) -> dict[str, list[float]]:
+    """Trials per bin of one error: `edges` in mm, counts `before` and `after`."""
+    before, after = _values(design, error)
+    edges = np.histogram_bin_edges(np.concatenate([before, after]), bins=12)
+    counts = {state: np.histogram(x, edges)[0].tolist() for state, x in (("before", before), ("after", after))}
+    return {"edges": edges.tolist()} | counts

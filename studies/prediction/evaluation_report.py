@@ -1,0 +1,138 @@
+"""What an evaluation leaves in a folder: numbers, tables and a picture."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fabdesign.formats.csv_table import write_rows
+from fabdesign.formats.json_file import write_json
+from fabdesign.geometry.metrics import Statistics, told_beyond
+from fabdesign.output import new_folder
+from fabdesign.units import in_mm
+from studies.intervals.widths import IntervalScore
+from studies.prediction.evaluate import ERROR_NAMES, ERRORS, DesignResult, SetEvaluation, histogram
+
+_FEW = 12  # trials, of which a histogram says less than their values
+
+
+def write_evaluation(evaluation: SetEvaluation, out: Path) -> None:
+    """Write `evaluation.json`, `trials.csv`, `evaluation.md` and `histogram.png` into the folder `out`, all or none."""
+    with new_folder(out, made_by="evaluate") as unfinished:
+        write_json(unfinished / "evaluation.json", evaluation.as_json())
+        (unfinished / "evaluation.md").write_text(tables_markdown(evaluation), encoding="utf-8")
+        _write_trials(evaluation, unfinished / "trials.csv")
+        _write_histogram(evaluation, unfinished / "histogram.png")
+
+
+def tables_markdown(evaluation: SetEvaluation) -> str:
+    """Both tables for people: mm, mean (min to max, std) over trials."""
+    used = evaluation.used.in_words
+    parts = [
+        "Errors in mm, mean over trials; of several trials with (min to max, standard deviation). Chamfer: unsquared, "
+        "both directions summed. Surface RMS: measured points to the model's faces, capped at 10 mm. Floor: the "
+        "smallest value that noise and sampling allow. Removed: share of the excess error over the floor that the "
+        "model removes; models are compared by the value with * (surface RMS, in quadrature).\n",
+        f"{used[0].upper()}{used[1:]}.\n",
+    ]
+    if evaluation.unreliable:
+        names = ", ".join(evaluation.unreliable)
+        parts.append(f"Warning: the model's intervals of {names} are not reliable, as its calibration said.\n")
+    for heading, table in (("Trials of role test", evaluation.designs), ("Other trials", evaluation.others)):
+        if table:
+            parts.append(f"## {heading}\n\n| design | trials | error | floor | before | after | removed |")
+            parts.append("|---|---|---|---|---|---|---|")
+        for name, design in table.items():
+            for error, floor in (("chamfer", "chamfer_floor"), ("surface_rms", "surface_floor")):
+                share = design.closed.chamfer if error == "chamfer" else design.closed.surface
+                mark = " *" if error == "surface_rms" else ""
+                sound = len(design.trials) - len(design.diverged) - len(design.without_frames)
+                parts.append(
+                    f"| {name} | {len(design.trials)} | {error} | {in_mm(design.after[floor].mean):.2f} "
+                    f"| {_shown(design.before[error], sound)} | {_shown(design.after[error], sound)} "
+                    f"| {_closed(share)}{mark} |"
+                )
+        parts.append("")
+        parts += [
+            f"{name}: {design.source}; noise {in_mm(design.noise.sigma):.2f} mm an axis, "
+            + f"{design.noise.strays:.1%} strays"
+            + (f"; diverged and left out: {', '.join(design.diverged)}" if design.diverged else "")
+            + (f"; no frame used: {', '.join(design.without_frames)}" if design.without_frames else "")
+            for name, design in table.items()
+        ]
+        for name, design in table.items():
+            before, after = design.before["beyond"].mean, design.after["beyond"].mean
+            parts.append(f"{name}: before, {told_beyond(before)}; after, {told_beyond(after)}")
+        parts += [_intervals(name, design.intervals) for name, design in table.items() if design.intervals]
+        parts.append("")
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _intervals(name: str, score: IntervalScore) -> str:
+    return (
+        f"{name}: 90 % intervals hold {score.inside:.0%} of the regions' heights at every sixth frame; mean width "
+        f"{in_mm(score.width):.2f} mm, CRPS {in_mm(score.crps):.3f} mm"
+    )
+
+
+def _closed(share: float | None) -> str:
+    if share is None:
+        return "no excess"
+    return f"{share:.0%}" if share > -0.005 else f"the excess grew by {-share:.0%}"
+
+
+def _shown(values: Statistics, trials: int) -> str:
+    mean, most, least, std = (in_mm(x) for x in (values.mean, values.max, values.min, values.std))
+    if trials == 1:
+        return f"{mean:.2f}"
+    return f"{mean:.2f} ({least:.2f} to {most:.2f}, {std:.2f})"
+
+
+def _write_trials(evaluation: SetEvaluation, path: Path) -> None:
+    header = ["set", "design", "trial", "order", "role"]
+    header += [f"{name}_{state}_mm" for state in ("before", "after") for name in ERRORS]
+    header += ["surface_beyond_before", "surface_beyond_after", "judged"]
+    header += ["interval_inside", "interval_width_mm", "interval_crps_mm"]
+    rows = []
+    for table in (evaluation.designs, evaluation.others):
+        for name, design in table.items():
+            for r in design.trials:
+                numbers = [f"{in_mm(getattr(errors, error)):.6g}" for errors in (r.before, r.after) for error in ERRORS]
+                beyond = [f"{errors.beyond:.6g}" for errors in (r.before, r.after)]
+                beyond.append(f"{r.used:.6g}")
+                intervals = [""] * 3 if r.intervals is None else [f"{x:.6g}" for x in r.intervals.shown]
+                rows.append([r.set_name, name, r.trial, r.order, r.role, *numbers, *beyond, *intervals])
+    write_rows(path, header, rows)
+
+
+def _write_histogram(evaluation: SetEvaluation, path: Path) -> None:
+    from matplotlib.figure import Figure
+
+    panels = [("test", *item) for item in evaluation.designs.items()]
+    panels += [("other", *item) for item in evaluation.others.items()]
+    figure = Figure(figsize=(9, 2.6 * len(panels)), layout="constrained")
+    axes = figure.subplots(len(panels), 2, squeeze=False)
+    for row, (kind, name, design) in zip(axes, panels, strict=True):
+        for axis, error, floor in zip(row, ("chamfer", "surface_rms"), ("chamfer_floor", "surface_floor"), strict=True):
+            _draw_distribution(axis, design, error)
+            axis.axvline(in_mm(design.after[floor].mean), color="black", linestyle="--", label="noise floor")
+            axis.set(xlabel=f"{ERROR_NAMES[error]}, mm", title=f"{name}, {kind} trials")
+            axis.legend(fontsize="small", loc="center left", bbox_to_anchor=(1, 0.5))
+    figure.suptitle("; ".join(sorted({design.source for *_, design in panels})), fontsize="small")
+    figure.savefig(path, dpi=120)
+
+
+def _draw_distribution(axis: Any, design: DesignResult, error: str) -> None:
+    """Draw the errors before and after: a mark a trial of a few, else how many trials have which error."""
+    states = {"before": "tab:gray", "after": "tab:blue"}
+    if len(design.trials) < _FEW:
+        for row, (state, colour) in enumerate(states.items()):
+            values = [in_mm(getattr(getattr(trial, state), error)) for trial in design.trials]
+            axis.plot(values, np.full(len(values), row), "o", color=colour, alpha=0.7, label=state)
+        axis.set(yticks=[0, 1], yticklabels=[*states], ylim=(1.6, -0.6))
+        return
+    shown = histogram(design, error)
+    for state, colour in states.items():
+        axis.stairs(shown[state], shown["edges"], fill=True, alpha=0.6, color=colour, label=state)
+    axis.set_ylabel("trials")
+    axis.yaxis.get_major_locator().set_params(integer=True)

@@ -1,0 +1,204 @@
+"""Motions on demand: one design under given pressures, or every trial of a set, as npz files."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.errors import InputError, SimulationError
+from fabdesign.files.measurement_set import Trial, read_set
+from fabdesign.files.motion_file import MotionData, write_motion
+from fabdesign.formats.toml_file import file_stem
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import Case, ForwardModel
+from fabdesign.nouns.model import POINTS_PER_SIDE, Model
+from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.nouns.trial import MeasurementSet
+from fabdesign.output import new_folder
+from fabdesign.runtime.effort import batches, require_motion
+from fabdesign.units import in_mm
+from studies.intervals.band import bands
+from studies.prediction.forward_model import forward_model
+from studies.prediction.laced_motion import laced_motions, laced_rests
+
+FRAME_RATE = 60.0  # Hz, of the paper's cameras
+_AT_ONCE = 32  # motions in memory
+
+
+def frame_times(
+    program: PressureProgram,
+    *,
+    duration: float | None = None,
+    frame_rate: float = FRAME_RATE,
+    points_per_side: int = POINTS_PER_SIDE,
+) -> NDArray[np.float64]:
+    """(T,) s: k / frame_rate from rest (k = 0) to `duration` s, by default the program's. Raises InputError where a
+    motion on a grid of `points_per_side` would take too much."""
+    last = program.duration if duration is None else duration
+    if not (0 < frame_rate < np.inf and 0 <= last < np.inf):
+        raise InputError(f"duration = {last:g} s at frame rate {frame_rate:g} Hz; expected numbers above 0")
+    require_motion(last, last * frame_rate + 1, points_per_side, channels=program.pressure.shape[1])
+    return np.arange(int(last * frame_rate + 1e-6) + 1) / frame_rate
+
+
+def simulate(
+    forward: ForwardModel,
+    design: Design,
+    program: PressureProgram,
+    times: NDArray[np.float64],
+    *,
+    model: Model | None = None,
+    order: int = 0,
+) -> NDArray[np.float32]:
+    """(T, 2 n, 3) points [m] of the motion that `moved` gives."""
+    return moved(forward, design, program, times, model=model, order=order).points
+
+
+def moved(
+    forward: ForwardModel,
+    design: Design,
+    program: PressureProgram,
+    times: NDArray[np.float64],
+    *,
+    model: Model | None = None,
+    order: int = 0,
+) -> MotionData:
+    """One motion with its muscles, without sensing effects.
+
+    order: the motion's place in the specimen's session. Raises as `require_motions`.
+    """
+    return require_motions(forward, [Case(design, program, order=order)], [times], model=model)[0]
+
+
+def require_motions(
+    forward: ForwardModel,
+    cases: Sequence[Case],
+    times: Sequence[NDArray[np.float64]],
+    *,
+    model: Model | None = None,
+) -> list[MotionData]:
+    """The motion of each case with its muscles, without sensing effects. Raises InputError for a model with a part that
+    cannot be used, SimulationError where a motion diverges."""
+    motions = laced_motions(forward, model, cases, times)
+    for case, motion in zip(cases, motions, strict=True):
+        _require_finite(motion.points, motion.time, case.design.name, _on_grid(forward, case.design))
+    return motions
+
+
+def predict(
+    forward: ForwardModel,
+    model: Model,
+    trials: Sequence[Trial],
+    out: Path,
+    *,
+    coarse: ForwardModel | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> None:
+    """Write `out/trials/NAME.npz` for every trial, as `predicted` gives it. `progress` is told trials done and in all.
+
+    Raises InputError and SimulationError; then nothing is written.
+    """
+    with new_folder(out, made_by="predict") as unfinished:
+        for done, (trial, motion) in enumerate(predicted(forward, model, trials, coarse=coarse), start=1):
+            file = unfinished / "trials" / trial.file.name
+            file.parent.mkdir(exist_ok=True)
+            write_motion(file, motion.time, motion.points, size=motion.size, muscles=motion.muscles, band=motion.band)
+            progress(done, len(trials))
+
+
+def predicted(
+    forward: ForwardModel, model: Model, trials: Sequence[Trial], *, coarse: ForwardModel | None = None
+) -> Iterator[tuple[Trial, MotionData]]:
+    """Every trial with its motion at its own times, sensing effects included, and with its band where the model has
+    intervals. coarse: a cheap simulator for the drawn models, by default `forward`. Raises InputError and
+    SimulationError."""
+    whole = forward_model(forward, model, sensing=True)
+    cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
+    for part in batches([len(trial.times) for trial in trials], _AT_ONCE):
+        batch = trials[part]
+        times = [trial.times for trial in batch]
+        motions = laced_motions(forward, model, cases[part], times, sensing=True)
+        for trial, motion in zip(batch, motions, strict=True):
+            _require_finite(motion.points, motion.time, str(trial.file), _on_grid(forward, trial.design))
+        around = bands(whole, coarse or forward, cases[part], times, [motion.points for motion in motions])
+        for trial, motion, band in zip(batch, motions, around, strict=True):
+            yield trial, replace(motion, band=band)
+
+
+def trials_of(source: MeasurementSet | Path, design: Design | None) -> tuple[str, tuple[Trial, ...]]:
+    """Name and trials of a set, or of an npz, one trial, which needs its `design`. Raises InputError."""
+    if isinstance(source, MeasurementSet):
+        return source.name, source.trials
+    if source.suffix == ".npz":
+        if design is None:
+            raise InputError(f"{source}: a lone trial; expected --design with its design file")
+        return source.stem, (Trial(source, design.name, design, order=0, role="fit"),)
+    if design is not None:
+        raise InputError(f"{source}: a set names its own designs; expected no --design")
+    measured = read_set(source)
+    return measured.name, measured.trials
+
+
+def folders_of(sources: Sequence[tuple[str, tuple[Trial, ...]]]) -> dict[str, tuple[Trial, ...]]:
+    """Where the motions of each source (name, trials) go: of a lone one to ".", else under its name.
+
+    Raises InputError where two have one name.
+    """
+    if len(sources) == 1:
+        return {".": sources[0][1]}
+    folders: dict[str, tuple[Trial, ...]] = {}
+    for name, trials in sources:
+        if name in folders or file_stem(name) != name:
+            raise InputError(f"set {name}: expected sets with a name of their own, good for a folder")
+        folders[name] = trials
+    return folders
+
+
+def rest(
+    forward: ForwardModel, design: Design, program: PressureProgram, *, model: Model | None = None, order: int = 0
+) -> NDArray[np.float32]:
+    """(2 n, 3) points [m] of the shape that `rested` gives."""
+    return rested(forward, design, program, model=model, order=order).points[0]
+
+
+def rested(
+    forward: ForwardModel, design: Design, program: PressureProgram, *, model: Model | None = None, order: int = 0
+) -> MotionData:
+    """The shape at rest under the program's last pressures. Raises as `require_shapes`."""
+    return require_shapes(forward, [Case(design, program, order=order)], model=model)[0]
+
+
+def require_shapes(forward: ForwardModel, cases: Sequence[Case], *, model: Model | None = None) -> list[MotionData]:
+    """The shape of each case at rest with its muscles, as a motion of one frame. Raises InputError like
+    `require_motions`, SimulationError where none was found."""
+    shapes = laced_rests(forward, model, cases)
+    for case, shape in zip(cases, shapes, strict=True):
+        if not np.isfinite(shape.points).all():
+            grid = _on_grid(forward, case.design)
+            raise SimulationError(f"{case.design.name}: no shape at rest was found{grid}; nothing written")
+    return shapes
+
+
+def _require_finite(points: NDArray[np.float32], times: NDArray[np.float64], what: str, grid: str) -> None:
+    lost = ~np.isfinite(points).all(axis=(1, 2))
+    if lost.any():
+        at = times[int(np.argmax(lost))]
+        raise SimulationError(f"{what}: the motion diverged at {at:.3f} s{grid}; nothing written")
+
+
+def _on_grid(forward: ForwardModel, design: Design) -> str:
+    """Return the grid in words, with one that would follow the lacing where this one is wider; nothing of a forward
+    model that has none."""
+    side = getattr(forward, "points_per_side", None)
+    if side is None:
+        return ""
+    size = max(design.fabric.width, design.fabric.height)
+    pitch = min((muscle.fixed_point_pitch for muscle in design.muscles), default=size)
+    grid, wide = f" on a grid of {side} points a side", size / (side - 1)
+    if wide <= pitch * (1 + 1e-6):
+        return grid
+    enough = int(np.ceil(size / pitch - 1e-6)) + 1
+    apart = f"{in_mm(wide):.3g} mm apart, wider than the fixed points' {in_mm(pitch):.3g} mm"
+    return f"{grid}, {apart}; expected --grid {enough} or more"

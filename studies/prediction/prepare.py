@@ -1,0 +1,98 @@
+"""Compile what the simulator and the distances are made of, once on a machine: parts side by side, each in a process of
+its own. `python -m studies.prediction.prepare PART` compiles one."""
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+
+from fabdesign.errors import SimulationError
+from fabdesign.geometry.metrics import trial_errors
+from fabdesign.geometry.sensor_noise import estimate_noise
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.column import factor
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.nouns.term import Term
+from fabdesign.runtime.effort import cores
+
+GRID = 21  # points a side; kernels are the same up to 41
+
+
+def prepare(say: Callable[[str], None] = lambda _: None) -> float:
+    """Compile every part, as many at once as there are cores. Returns the seconds that it took.
+
+    Does no harm where all is compiled, or where another process compiles the same. Raises SimulationError.
+    """
+    begun = time.monotonic()
+    done = 0
+    lock = threading.Lock()
+    seconds = 60 / min(cores(), 2)
+    say(f"compiling the simulator, once on this machine: about {seconds:.0f} s (10 s where it is compiled)")
+
+    def run(part: str) -> None:
+        nonlocal done
+        command = [sys.executable, "-m", "studies.prediction.prepare", part]
+        path = os.pathsep.join([str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])])
+        ended = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": path})
+        if ended.returncode:
+            why = (ended.stderr.strip() or f"exit status {ended.returncode}").splitlines()[-1]
+            raise SimulationError(f"compiling the {part} failed: {why}")
+        with lock:
+            done += 1
+            say(f"compiled {done} of {len(PARTS)}: {part}")
+
+    with ThreadPoolExecutor(min(cores(), len(PARTS))) as pool:
+        for _ in pool.map(run, PARTS):
+            pass
+    return time.monotonic() - begun
+
+
+def _case(*effects: Term) -> Case:
+    design = build("vertical")
+    return Case(design, PressureProgram(np.zeros(1), np.full((1, design.channels), 50e3), 0.01), effects=effects)
+
+
+def _motions(case: Case) -> None:
+    from sim import Simulator
+
+    Simulator(GRID).motions([case], [np.array([0.0, 0.01])])
+
+
+def _derivatives() -> None:
+    """Compile derivatives of a cloth that does not hang at rest: no motion is compiled for it."""
+    from sim.chunks import chunks_of, laid
+    from sim.kernels.transfer import load
+    from sim.tangent.shapes import LaneColumns, solve_at_rest
+
+    [chunk] = chunks_of([_case()], GRID)
+    batch, contents = laid(chunk.damped(), GRID, False)
+    load(contents)
+    lanes = [LaneColumns(case, (0,)) for case in chunk.lanes]
+    solve_at_rest(batch, lanes, [factor("membrane")], lambda case: case.program.pressure[-1])
+
+
+def _distances() -> None:
+    """To points and to faces, of a cloud of a flat cloth."""
+    across, down = np.meshgrid(np.linspace(-0.1, 0.1, GRID), np.linspace(-0.2, 0.0, GRID))
+    face = np.stack([across, down, np.zeros_like(across)], axis=-1).reshape(-1, 3)
+    shape = np.concatenate([face + [0, 0, 1e-3], face - [0, 0, 1e-3]])
+    cloud = shape + np.random.default_rng(1).normal(0, 6e-4, shape.shape)
+    trial_errors([cloud], shape[None], estimate_noise([cloud], 2e-3))
+
+
+PARTS: dict[str, Callable[[], None]] = {  # the longest first
+    "motions with effects": lambda: _motions(_case(Term("air_drag", {"coefficient": 3.0}))),
+    "derivatives": _derivatives,
+    "motions": lambda: _motions(_case()),
+    "distances": _distances,
+}
+
+if __name__ == "__main__":
+    PARTS[sys.argv[1]]()

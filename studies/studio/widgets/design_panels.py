@@ -1,0 +1,128 @@
+"""Fields of what is designed: pressures, the muscle that is selected, the model. Name, unit, limits and sentence of a
+parameter are those of its declaration."""
+
+from dataclasses import replace
+from functools import partial
+
+from fabdesign.effects.declaration import EffectParameter
+from fabdesign.effects.registry import EFFECTS
+from studies.studio.document import Document
+from studies.studio.layout import (
+    LEAST_SPACING,
+    add_corner,
+    add_muscle,
+    flip,
+    highest,
+    move_corner,
+    point_name,
+    remove_corner,
+    remove_muscle,
+    set_channel,
+    set_type,
+)
+from studies.studio.widgets.declared import KPA, MM, Widget, buttons, choice, entry, folder
+
+NONE, SHEET, FILE = "none", "data sheet", "model file"
+
+
+def pressures(document: Document) -> list[Widget]:
+    """Return a slider for each channel."""
+    layout = document.layout
+    ends = zip(layout.pressures, highest(layout.design), strict=True)
+    return [
+        entry(
+            "slider", f"Channel {k}, kPa", min(pressure, end), partial(document.press, k), KPA,
+            min=0.0, max=end, step=1.0,
+        )
+        for k, (pressure, end) in enumerate(ends)
+    ]  # fmt: skip
+
+
+def muscle(document: Document) -> list[Widget]:
+    """Return the muscle that is selected: type, channel, face, ends and corners; adding, removing, undoing."""
+    design, i, edit = document.layout.design, document.selected, document.edit_muscle
+    one = None if i is None else design.muscles[i]
+    names = tuple(f"{k}: {m.side}, channel {m.channel}" for k, m in enumerate(design.muscles)) or (NONE,)
+    types, channel = tuple(design.muscle_types) or (NONE,), one.channel if one else 0
+    points = [
+        entry(
+            "vector2", f"{point_name(one, k).capitalize()} {k}", at,
+            partial(edit, f"point {k} typed", move_corner, k), MM, step=0.1,
+        )
+        for k, at in enumerate(one.path)
+    ] if one else []  # fmt: skip
+
+    def select(name: str) -> None:
+        if name != NONE:
+            document.select(names.index(name))
+
+    def add() -> None:
+        document.edit("add a muscle", lambda layout: add_muscle(layout, i))
+        document.select(len(document.layout.design.muscles) - 1)
+
+    def spread(distance: float) -> None:
+        document.set_option("row_distance", max(distance, LEAST_SPACING))
+
+    last = max(1, len(one.path) - 2) if one else 0  # of the corners between the ends
+    changes = {"remove": partial(edit, "remove", remove_muscle), "flip": partial(edit, "flip", flip)}
+    corners = {
+        "add corner": partial(edit, "add a corner", add_corner),
+        "remove corner": partial(edit, "remove a corner", remove_corner, last),
+    }
+    return [
+        buttons("History", {"undo": document.undo, "redo": document.redo}),
+        choice("Muscle", names, names[i or 0], select),
+        buttons("Layout", {"add": add, **changes}),
+        entry("text", "Face", one.side if one else "", disabled=True),
+        choice("Type", types, one.type if one else types[0], lambda name: edit("type", set_type, name)),
+        entry("number", "Channel", channel, lambda to: edit("channel", set_channel, int(to)), min=0, step=1),
+        buttons("Corners", corners),
+        folder("Ends and corners, mm from the upper left", *points),
+        folder(
+            "Lacing rows",
+            entry("checkbox", "Snap to rows", document.snap, partial(document.set_option, "snap")),
+            entry("number", "Rows, mm", document.row_distance, spread, MM, min=LEAST_SPACING, max=0.1, step=0.5),
+            closed=True,
+        ),
+    ]  # fmt: skip
+
+
+def model(document: Document) -> list[Widget]:
+    """Return data sheet or model file, and effects on switches with their parameters."""
+    chosen = document.choice
+    widgets = []
+    if document.opened.model is not None:
+        base = FILE if chosen.fitted else SHEET
+        widgets.append(choice("Values", (FILE, SHEET), base, lambda name: document.choose(chosen.sheet(name == FILE))))
+    if chosen.has_corrector:
+        acts = chosen.model.corrector is not None or not chosen.corrected
+        hint = "Exact shapes and motions" if acts else "Left out: it was trained beside other effects"
+
+        def correct(on: bool) -> None:
+            document.choose(replace(document.choice, corrected=on))
+
+        widgets.append(entry("checkbox", "Corrector", chosen.corrected, correct, hint=hint))
+    for name, effect in EFFECTS.items():
+        if effect.site == "sensing":
+            continue  # of sensors, which see no shape here
+        values = chosen.effect_values.get(name, {})
+        on = entry("checkbox", "On", name in chosen.effect_values, partial(_switch, document, name), hint=effect.what)
+        fields = [_parameter(document, name, key, effect.parameters[key]) for key in sorted(values)]
+        widgets.append(folder(name.replace("_", " "), on, *fields, closed=True))
+    return widgets
+
+
+def _switch(document: Document, effect: str, on: bool) -> None:
+    document.choose(document.choice.switched(effect, on))
+
+
+def _parameter(document: Document, effect: str, key: str, declared: EffectParameter) -> Widget:
+    unit = f", {declared.unit}" if declared.unit not in ("", "1") else ""
+    low, high = declared.bounds
+
+    def put(value: float) -> None:
+        if effect in document.choice.effect_values:
+            document.choose(document.choice.with_value(effect, key, float(value)))
+
+    shown = min(max(round(document.choice.effect_values[effect][key], 6), low), high)
+    return entry("number", f"{key.replace('_', ' ')}{unit}", shown, put, min=low, max=high, hint=declared.what)

@@ -1,0 +1,136 @@
+"""The cloth as it hangs, with its muscles, and what is shown beside it: target, measured points, other shapes."""
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.geometry.surface import face_triangles
+from fabdesign.nouns.design import Design
+from studies.studio.live import LiveShape
+from studies.studio.measured import TrialMotion
+from studies.studio.session import Session
+from studies.studio.target import Comparison
+from studies.studio.widgets.declared import Node
+from studies.studio.widgets.scene import BACK, FRONT, Colour, Places, colour, heat, laced
+
+LEAST_SCALE = 0.002  # m, the least end of a scale of distances
+_OTHER, _BEFORE = (60, 90, 200), (230, 140, 40)  # of another drawing's shape; of one before a jump or a correction
+_POINT = 0.0011  # m, of a cloud's point as drawn
+_RAISED = 0.25  # of the thickness, that colours lie over a face, below the muscles
+_PLAIN = (70, 90, 110)
+Shape = NDArray[np.float32]
+
+
+def largest_distance(session: Session) -> float | None:
+    """Return the end [m] of the scale of the cloth's distances to the target; None where they are not shown."""
+    comparison = session.document.comparison
+    if session.document.target is None or comparison is None or session.shapes.shown is None:
+        return None
+    return max(LEAST_SCALE, float(np.percentile(comparison.of_cloth, 98)))
+
+
+def hung_nodes(session: Session) -> dict[str, Node]:
+    """Return the shape at rest beside target and other shapes, or a motion's frame beside what was measured."""
+    document, motion, shape = session.document, session.playing.motion, session.shapes.shown
+    nodes = _frame(document.layout.design)
+    if motion is not None:
+        points, ghost = motion.points[session.playing.frame], motion.ghost(session.playing.frame)
+        nodes |= _cloth(points, document.layout.design) | _beside("simulated", ghost, _BEFORE)
+        return nodes | _measured(motion, session.playing.frame)
+    if shape is not None:
+        nodes |= _at_rest(shape) | _beside("before", session.shapes.before, _BEFORE)
+    other = document.other()
+    if other is not None and other[1].shape is not None:
+        nodes |= _beside("other", other[1].shape.points, _OTHER)
+    if document.target is not None:
+        nodes |= _cloud("target", document.target.points, _grey(len(document.target.points)))
+    largest = largest_distance(session)
+    if largest is not None and shape is not None and document.comparison is not None:
+        nodes["/hung/distances"] = _distances(shape, document.comparison, largest)
+    return nodes
+
+
+def _frame(design: Design) -> dict[str, Node]:
+    places = Places.of(design.fabric)
+    bar = np.array([[(-0.54 * places.width, 0.001, 0.0), (0.54 * places.width, 0.001, 0.0)]])
+    line = {"points": bar, "colors": (60, 60, 60), "thickness": 0.015 * places.width}
+    title = {"text": "as it hangs", "anchor": "bottom-center", "position": (0.0, 0.06 * places.height, 0.0)}
+    where = {"position": places.hung_origin, "wxyz": places.hung_turn}
+    return {
+        "/hung": Node("frame", {"show_axes": False, **where}),
+        "/hung/title": Node("label", title),
+        "/hung/bar": Node("line_segments", {**line, "visible": design.fabric.hung == "top"}),
+    }
+
+
+@lru_cache(maxsize=2)
+def _at_rest(shape: LiveShape) -> dict[str, Node]:
+    return _cloth(shape.points, shape.layout.design)
+
+
+def _cloth(points: Shape, design: Design) -> dict[str, Node]:
+    """Return the cloth in two colours, front and back, and its muscles."""
+    half, triangles = len(points) // 2, _triangles(len(points))
+    nodes = {
+        "/hung/front": _face(points[:half], triangles, color=FRONT, side="front"),
+        "/hung/back": _face(points[half:], triangles[:, ::-1], color=BACK, side="front"),
+    }
+    for i, muscle in enumerate(design.muscles):
+        line = laced(points, muscle, design.fabric)
+        segments = np.stack([line[:-1], line[1:]], axis=1).astype(np.float32)
+        width = design.muscle_types[muscle.type].outer_diameter
+        given = {"points": segments, "colors": np.array(colour(muscle.channel), np.uint8), "thickness": width}
+        nodes[f"/hung/muscle_{i}"] = Node("line_segments", given)
+    return nodes
+
+
+def _beside(name: str, points: Shape | None, shade: Colour) -> dict[str, Node]:
+    """Return another shape, seen through: the one before a jump, one without the corrector, or another drawing's."""
+    if points is None:
+        return {}
+    look = {"color": shade, "opacity": 0.3, "side": "double", "cast_shadow": False}
+    return {f"/hung/{name}": _face(points[: len(points) // 2], _triangles(len(points)), **look)}
+
+
+def _face(vertices: Shape, faces: Any, **look: Any) -> Node:
+    return Node("mesh_simple", {"vertices": vertices, "faces": faces, **look})
+
+
+@lru_cache(maxsize=4)
+def _triangles(points: int) -> NDArray[np.uint32]:
+    side = round((points // 2) ** 0.5)
+    return face_triangles(side, side)[: 2 * (side - 1) ** 2].astype(np.uint32)
+
+
+def _measured(motion: TrialMotion, frame: int) -> dict[str, Node]:
+    """Return the measured points of a frame, coloured by their distance to the surface that is shown."""
+    cloud, distances = motion.cloud(frame), motion.distances(frame)
+    if cloud is None or distances is None:
+        return {}
+    return _cloud("measured", cloud, heat(distances, max(LEAST_SCALE, motion.largest or 0.0)))
+
+
+def _grey(count: int) -> NDArray[np.uint8]:
+    return np.tile(np.array(_PLAIN, np.uint8), (count, 1))
+
+
+def _cloud(name: str, points: NDArray[np.float64], colours: NDArray[np.uint8]) -> dict[str, Node]:
+    look = {"point_size": _POINT, "point_shape": "circle", "precision": "float32", "point_shading": "flat"}
+    return {f"/hung/{name}": Node("point_cloud", {"points": points.astype(np.float32), "colors": colours, **look})}
+
+
+@lru_cache(maxsize=4)
+def _distances(shape: LiveShape, comparison: Comparison, largest: float) -> Node:
+    """Return colours over the two of the cloth: each point's distance, up to `largest` m. The faces stay below, so that
+    there is a surface while a browser takes the colours apart, and where it does not get them."""
+    import trimesh
+
+    side = round((len(shape.points) // 2) ** 0.5)
+    front, back = shape.points.reshape(2, -1, 3).astype(np.float64)
+    raised = np.concatenate([front + _RAISED * (front - back), back + _RAISED * (back - front)])
+    opaque = np.full((len(raised), 1), 255, np.uint8)
+    colours = np.concatenate([heat(comparison.of_cloth, largest), opaque], axis=1)
+    mesh = trimesh.Trimesh(raised, face_triangles(side, side), vertex_colors=colours, process=False)
+    return Node("mesh_trimesh", {"mesh": mesh})

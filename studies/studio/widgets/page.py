@@ -1,0 +1,85 @@
+"""The page: scene and panel put together on a viser server, drawn anew from the session whenever something changes."""
+
+from typing import Any
+
+import numpy as np
+
+from studies.studio.session import Session
+from studies.studio.widgets.declared import Node, Post, SceneNodes, Widgets
+from studies.studio.widgets.flat_view import FlatView
+from studies.studio.widgets.hung_view import hung_nodes
+from studies.studio.widgets.panels import Panel
+from studies.studio.widgets.scene import VIEW, Places, eye_of
+
+
+class Page:
+    """Shows a session and lets hands at it. post: runs a function on the session's thread. widgets: what stands beside
+    the scene."""
+
+    def __init__(self, server: Any, session: Session, post: Post) -> None:
+        self._server, self._session, self._post = server, session, post
+        self._arrange(server)
+        self._nodes, self._flat = SceneNodes(server.scene), FlatView(session.document, post)
+        self.widgets = Widgets(server.gui, post)
+        self._panel = Panel(session, self.widgets)
+        document = session.document
+        for label, key, then in (("Undo", "Z", document.undo), ("Redo", "Y", document.redo)):
+            command = server.gui.add_command(label, hotkey=key, modifier="cmd/ctrl")
+            command.on_trigger(lambda _, then=then: post(then))
+
+    def show(self) -> None:
+        """Draw all that the session holds."""
+        with self._server.atomic():
+            self._nodes.show({**self._flat.nodes(), **hung_nodes(self._session), **self._gizmo_node()})
+            self.widgets.show(self._panel.widgets())
+
+    def _arrange(self, server: Any) -> None:
+        server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
+        server.gui.set_panel_label("fabdesign studio")
+        server.gui.main_panel.dock_right()
+        server.gui.main_panel.set_width(400)
+        server.scene.set_up_direction("+y")
+        server.scene.configure_default_lights(cast_shadow=False)
+        camera = server.initial_camera
+        camera.look_at, camera.position, camera.up = (0.0, 0.0, 0.0), self._eye(), (0.0, 1.0, 0.0)
+        camera.fov, camera.near = VIEW, 0.005
+        server.on_client_connect(self._fit_view)
+
+    def _eye(self, *aspect: float) -> tuple[float, float, float]:
+        return eye_of(Places.of(self._session.document.layout.design.fabric), *aspect)
+
+    def _fit_view(self, client: Any) -> None:
+        """Keep all in a tab's view, whatever its window, until a hand turns it; *Reset View* begins anew."""
+        first = eye = self._eye()
+
+        def fit(camera: Any) -> None:
+            nonlocal eye
+            if not camera.image_height or not any(np.allclose(camera.position, at, atol=1e-4) for at in (first, eye)):
+                return
+            eye = self._eye(camera.image_width / camera.image_height)
+            if not np.allclose(camera.position, eye, atol=1e-4):
+                camera.position, camera.look_at = eye, (0.0, 0.0, 0.0)
+
+        client.camera.on_update(fit)
+        fit(client.camera)
+
+    def _gizmo_node(self) -> dict[str, Node]:
+        """Return a gizmo that moves the target, at its middle, where one is asked for."""
+        target = self._session.document.target
+        if not self._panel.gizmo or target is None:
+            return {}
+        import viser.transforms as transforms
+
+        angles = np.radians(target.file.rotation or (0.0, 0.0, 0.0))
+        turn = tuple(transforms.SO3.from_rpy_radians(*angles).wxyz.tolist())
+
+        def moved(event: Any) -> None:
+            if event.phase != "end":
+                return
+            turned = transforms.SO3(np.array(event.target.wxyz)).as_rpy_radians()
+            rotation = tuple(float(np.degrees(angle)) for angle in turned)
+            translation = tuple(map(float, event.target.position))
+            self._post(lambda: self._session.document.place_target(rotation, translation))
+
+        where = {"position": target.file.translation, "wxyz": turn}
+        return {"/hung/gizmo": Node("transform_controls", {"scale": 0.06, **where}, moved=moved)}

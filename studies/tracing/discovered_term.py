@@ -1,0 +1,77 @@
+"""A term with a formula of its own, where no effect of the list explains what is missing.
+
+The basis functions that `learned` has inside the simulator are fitted together, those that the data do not need are
+dropped, and what is left is kept only if whole trials left out gain half of their excess by it.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fabdesign.effects.learned import DISCOVERED, formula
+from fabdesign.nouns.model import EffectTerm
+from fabdesign.units import in_mm
+from optimize.fit.clouds import Array
+from optimize.fit.cross_validation import LeftOut
+from optimize.fit.fitted import Fit
+from optimize.fit.free_parameters import fit_vector
+from optimize.fit.parameters import FitVector
+from optimize.fit.significance import NEEDED, eliminated
+from studies.tracing.selection import Selection
+from studies.tracing.task import Task
+
+SHARE = 0.5  # of the excess of trials left out, that may stay
+
+
+@dataclass(frozen=True, eq=False)
+class Discovered:
+    """A fit with few coefficients beside the declared parameters. before, excess: m of trials left out, without and
+    with them."""
+
+    fit: Fit
+    before: float
+    excess: float
+
+    def as_json(self, effect: EffectTerm) -> dict[str, Any]:
+        """`discovered` of `trace.json`; effect: as the model has it."""
+        return {
+            "formula": formula(effect.term.values),
+            "parameters": {name: q for name, q in effect.parameters.items() if q.value},
+            "excess_mm": {"before": in_mm(self.before), "after": in_mm(self.excess)},
+        }
+
+
+def discover(task: Task, selection: Selection) -> Discovered | None:
+    """From the data sheet, as the joint fit; None where nothing is needed or too little gained."""
+    inputs = selection.everything.inputs
+    vector = fit_vector([DISCOVERED.name], factors=task.factors, designs=task.designs)
+    whole = task.fit("discovered", vector, inputs, near=True)
+    kept, start = _needed(whole)
+    if not kept:
+        return None
+    few = _only(vector, kept)
+    found = task.fit(f"discovered, {' '.join(kept)}", few, inputs, start)
+    before, excess = (LeftOut.of(one, task.data.folds).scored().excess(task.floor) for one in (selection.plain, found))
+    return Discovered(found, before, excess) if excess <= SHARE * before else None
+
+
+def _needed(whole: Fit) -> tuple[list[str], Array]:
+    """Coefficients that cost NEEDED of log likelihood each to drop, one after another, the cheapest first; and (p,)
+    where the unknowns that stay are then, to first order."""
+    coefficients = {
+        name: np.array([k])
+        for k, (name, p) in enumerate(zip(whole.vector.names, whole.vector.parameters, strict=True))
+        if not p.is_factor
+    }
+    left, x = eliminated(whole.minimum, whole.covariance, coefficients, NEEDED)
+    dropped = [int(part[0]) for name, part in coefficients.items() if name not in left]
+    return [name.rpartition(".")[2] for name in left], np.delete(whole.vector.inside(x), dropped)
+
+
+def _only(vector: FitVector, kept: list[str]) -> FitVector:
+    """The factors and some of the coefficients."""
+    return replace(
+        vector,
+        parameters=tuple(p for p in vector.parameters if p.is_factor or p.name.rpartition(".")[2] in kept),
+    )

@@ -1,0 +1,73 @@
+"""Surface errors of used frames, before and after: of the trials fitted, and once of those of role test."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fabdesign.geometry.metrics import Errors, statistics, trial_errors
+from fabdesign.geometry.sensor_noise import SensorNoise
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.trial import Trial
+from optimize.fit.clouds import Indices, evenly
+from studies.measured.used_frames import Stretch, used_mask
+from studies.tracing.task import Place
+
+FRAMES = 20  # of a trial
+
+
+@dataclass(frozen=True)
+class TrialError:
+    """m, of one trial's used frames."""
+
+    trial: str
+    design: str
+    role: str
+    before: Errors
+    after: Errors
+
+
+def errors_of_trials(
+    trials: Sequence[Trial],
+    stretches: Sequence[Stretch],
+    forward: ForwardModel,
+    before: Place,
+    after: Place,
+    noise: SensorNoise,
+    *,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> list[TrialError]:
+    """Of every trial that has a used frame."""
+    times: list[Indices] = []
+    chosen: list[Trial] = []
+    for trial in trials:
+        usable = np.flatnonzero(used_mask(stretches, trial.name, trial.times))
+        if len(usable):
+            chosen.append(trial)
+            times.append(usable[evenly(len(usable), FRAMES)])
+    whens = [t.times[frames] for t, frames in zip(chosen, times, strict=True)]
+    motions = forward.motions(
+        [place.vector.case(t, place.x) for place in (before, after) for t in chosen], [*whens, *whens]
+    )
+    errors = []
+    for k, (trial, frames) in enumerate(zip(chosen, times, strict=True)):
+        all_frames = trial.load().frames
+        clouds = [all_frames[int(f)] for f in frames]
+        pair = [trial_errors(clouds, m, noise, seed=trial.order) for m in (motions[k], motions[len(chosen) + k])]
+        errors.append(TrialError(trial.name, trial.design.name, trial.role, pair[0], pair[1]))
+        progress(k + 1, len(chosen))
+    return errors
+
+
+def mean_of(errors: Sequence[TrialError], role: str, which: str, error: str = "surface_rms") -> float | None:
+    """m, mean over trials of a role; None where there is none."""
+    own = [getattr(e, which) for e in errors if e.role == role]
+    own = [e for e in own if np.isfinite(e.surface_rms)]
+    return statistics(own)[error].mean if own else None
+
+
+def other_layouts(errors: Sequence[TrialError]) -> dict[str, list[TrialError]]:
+    """By design, of those of which no trial was fitted."""
+    fitted = {e.design for e in errors if e.role == "fit"}
+    names = dict.fromkeys(e.design for e in errors if e.design not in fitted)
+    return {name: [e for e in errors if e.design == name] for name in names}
