@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -106,6 +107,11 @@ def test_each_room_says_what_belongs_there() -> None:
     rooms = {file.parent for file in FILES}
     silent = [room for room in rooms if not ast.get_docstring(ast.parse((room / "__init__.py").read_text("utf-8")))]
     assert silent == []
+
+
+def test_no_room_is_crowded() -> None:
+    rooms = Counter(file.parent.relative_to(ROOT).as_posix() for file in FILES)
+    assert {room: count for room, count in rooms.items() if count > 20} == {}
 
 
 def test_a_class_name_stands_for_one_thing() -> None:

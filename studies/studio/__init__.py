@@ -1,1 +1,1 @@
-"""Draw a layout in the browser and see the cloth move. Only views, panels, page and server know viser."""
+"""Draw a layout in the browser and see the cloth move. Only `widgets` and `server.py` know viser."""
