@@ -20,6 +20,7 @@ lint: .venv/.ready-test
 	$(PYTHON) -m ruff check .
 	$(PYTHON) -m ruff format --check .
 	$(PYTHON) -m mypy
+	$(PYTHON) scripts/sentences.py >/dev/null
 
 # the checks of tests/verify; writes docs/lab/simulator_verification.md
 verify-sim: .venv/.ready-test
