@@ -9,9 +9,12 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
+sys.path[:0] = [str(ROOT), str(ROOT / "scripts")]
 
-from fabdesign.version import __version__  # noqa: E402 after the path
+from myst_parser.parsers.sphinx_ import MystParser  # noqa: E402 after the path
+from notebooks import as_markdown  # noqa: E402
+
+from fabdesign.version import __version__  # noqa: E402
 
 project = "fabdesign"
 author = "The fabdesign developers"
@@ -19,7 +22,7 @@ copyright = author
 version = release = __version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.viewcode"]
-source_suffix = {".md": "markdown"}
+source_suffix = {".md": "markdown", ".ipynb": "notebook"}
 root_doc = "index"
 myst_heading_anchors = 4
 suppress_warnings = ["myst.header"]  # pages of docs/lab begin at any level
@@ -56,6 +59,15 @@ def parameters_as_fields(app, what, name, obj, options, lines):
             lines[k] = f":param {word}: {sentence}"
 
 
+class NotebookParser(MystParser):
+    """Show a notebook as a page: its text, its code, and the outputs that are kept in it."""
+
+    supported = ("notebook",)
+
+    def parse(self, inputstring, document):
+        super().parse(as_markdown(inputstring), document)
+
+
 def leave_the_laboratory_out(app, env):
     """Pages of docs/lab are linked to, and neither in the navigation nor in the search."""
     for name in env.found_docs:
@@ -65,6 +77,7 @@ def leave_the_laboratory_out(app, env):
 
 def setup(app):
     """Called by Sphinx."""
+    app.add_source_parser(NotebookParser)
     app.connect("env-updated", leave_the_laboratory_out)
     app.connect("autodoc-process-docstring", parameters_as_fields)
     app.connect("build-finished", write_excerpts)
