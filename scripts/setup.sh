@@ -1,6 +1,7 @@
 #!/bin/sh
 # Make .venv with fabdesign and the extras named in $1 (comma separated), from a bare Python on Debian.
-# PYTHON names another one than the first that is here. Missing system libraries are installed by apt where that is allowed, and named in one line where it is not.
+# PYTHON names another one than the first that is here. Missing system libraries are installed by apt where that is
+# allowed, and named in one line where it is not.
 set -eu
 cd "$(dirname "$0")/.."
 extras=${1:-}
