@@ -7,6 +7,7 @@ python scripts/sentences.py               # a table, and an error where a page b
 python scripts/sentences.py PAGE...       # of these pages
 """
 
+import json
 import re
 import sys
 from pathlib import Path
@@ -38,8 +39,16 @@ def site() -> list[Path]:
     docs = ROOT / "docs"
     trees = re.findall(r"```\{toctree\}\n(.*?)```", (docs / "index.md").read_text(encoding="utf-8"), re.DOTALL)
     names = [line.split("<")[-1].rstrip(">").strip() for tree in trees for line in tree.splitlines()]
-    pages = [docs / f"{name}.md" for name in ["index", *names]]
+    pages = [docs / f"{name}{ending}" for name in ["index", *names] for ending in (".md", ".ipynb")]
     return [page for page in [*pages, *(ROOT / name for name in OTHERS)] if page.is_file()]
+
+
+def text_of(page: Path) -> str:
+    """Return a page's Markdown; of a notebook that of its text."""
+    text = page.read_text(encoding="utf-8")
+    if page.suffix != ".ipynb":
+        return text
+    return "\n\n".join("".join(cell["source"]) for cell in json.loads(text)["cells"] if cell["cell_type"] == "markdown")
 
 
 def paragraphs(page: str) -> list[tuple[str, bool]]:
@@ -94,7 +103,7 @@ def too_long(name: str, counted: Count) -> list[str]:
 
 def main(names: list[str]) -> int:
     pages = [Path(name).resolve() for name in names] or site()
-    counts = {page.relative_to(ROOT).as_posix(): count(page.read_text(encoding="utf-8")) for page in pages}
+    counts = {page.relative_to(ROOT).as_posix(): count(text_of(page)) for page in pages}
     wrong = [line for name, counted in counts.items() for line in too_long(name, counted)]
     print("| page | sentences | words a sentence of running text | of all | longest |\n|---|---|---|---|---|")
     for name, counted in counts.items():
