@@ -77,7 +77,7 @@ def sentences(page: str) -> list[tuple[str, bool]]:
     ends = re.compile(r"(?<=[.!?])[*_\"')\]]*\s+(?=[\"'*_(`]*[A-Z0-9`\[])")
     split = []
     for block, item in paragraphs(page):
-        text = re.sub(r"`[^`]*`", "code", re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", block))
+        text = re.sub(r"`[^`]*`", "Code", re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", block))
         text = ABBREVIATIONS.sub(r"\1", text)
         split += [(sentence, item) for sentence in ends.split(text) if sentence and WORD.search(sentence)]
     return split
