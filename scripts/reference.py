@@ -24,9 +24,9 @@ SHARED = ("--force", "--json", "--effects", "--cluster")  # said once, above the
 
 
 class Threshold(NamedTuple):
-    """A constant of the code that a page names: where it stands, its unit in words, and what it decides."""
+    """A constant that a page names: its file, or the room where it stands once; what it decides; its unit."""
 
-    file: str
+    place: str
     name: str
     decides: str
     unit: str = ""
@@ -35,76 +35,62 @@ class Threshold(NamedTuple):
 
 THRESHOLDS = {
     "trace": (
-        Threshold("studies/tracing/run.py", "TOLERANCE", "excess that counts as nothing (`--tolerance`)", "mm", 1e3),
-        Threshold("studies/benches/tracing.py", "TOLERANCE", "the same on a bench", "% of the largest output", 100),
-        Threshold("studies/tracing/run.py", "TRIALS", "trials used, at most"),
-        Threshold("studies/tracing/run.py", "LEAST_TRIALS", "trials with different pressures, at least"),
-        Threshold("studies/tracing/run.py", "GRID", "grid of the simulator (`--grid`)", "points a side"),
-        Threshold("studies/calibration/rest_fit.py", "LEAST", "shapes at rest from which on they are fitted first"),
-        Threshold("optimize/fit/rest_detection.py", "HELD", "time that a cloth must stand to be at rest", "s"),
-        Threshold(
-            "optimize/fit/significance.py", "NEEDED", "an effect that costs less to drop is dropped", "log likelihood"
-        ),
-        Threshold(
-            "studies/tracing/backward_elimination.py", "CAUSE", "a weaker effect is no cause", "deviations of its prior"
-        ),
-        Threshold("studies/tracing/decoys.py", "CHANCE", "share of the decoys that an effect must beat", "%", 100),
-        Threshold("studies/tracing/verdict.py", "SHARE_OF_A_CAUSE", "excess that effects must remove", "%", 100),
-        Threshold(
-            "studies/tracing/verdict.py", "LEAST_SHARE", "the same, where the baseline removes less than that", "%", 100
-        ),
-        Threshold(
-            "studies/tracing/verdict.py", "STRUCTURE", "excess from which on one kind of feature is structure", "%", 100
-        ),
-        Threshold("optimize/fit/significance.py", "ALIKE", "cosine from which on two effects look the same"),
-        Threshold("studies/tracing/discovered_term.py", "SHARE", "excess that a formula may leave", "%", 100),
-        Threshold("studies/tracing/experiment.py", "LEAST_DIFFERENCE", "an experiment must show more", "mm RMS", 1e3),
+        Threshold("studies/tracing", "TOLERANCE", "excess that counts as nothing (`--tolerance`)", "mm", 1e3),
+        Threshold("studies/benches", "TOLERANCE", "the same on a bench", "% of the largest output", 100),
+        Threshold("studies/tracing", "TRIALS", "trials used, at most"),
+        Threshold("studies/tracing", "LEAST_TRIALS", "trials with different pressures, at least"),
+        Threshold("studies/tracing", "GRID", "grid of the simulator (`--grid`)", "points a side"),
+        Threshold("studies/calibration", "LEAST", "shapes at rest from which on they are fitted first"),
+        Threshold("optimize/fit", "HELD", "time that a cloth must stand to be at rest", "s"),
+        Threshold("optimize/fit", "NEEDED", "an effect that costs less to drop is dropped", "log likelihood"),
+        Threshold("studies/tracing", "CAUSE", "a weaker effect is no cause", "deviations of its prior"),
+        Threshold("studies/tracing", "CHANCE", "share of the decoys that an effect must beat", "%", 100),
+        Threshold("studies/tracing", "SHARE_OF_A_CAUSE", "excess that effects must remove", "%", 100),
+        Threshold("studies/tracing", "LEAST_SHARE", "the same, where the baseline removes less than that", "%", 100),
+        Threshold("studies/tracing", "STRUCTURE", "excess from which on one kind of feature is structure", "%", 100),
+        Threshold("optimize/fit", "ALIKE", "cosine from which on two effects look the same"),
+        Threshold("studies/tracing", "SHARE", "excess that a formula may leave", "%", 100),
+        Threshold("studies/tracing", "LEAST_DIFFERENCE", "an experiment must show more", "mm RMS", 1e3),
     ),
     "sensitive stretches": (
-        Threshold("studies/measured/sensitive_stretches.py", "TILT", "tilt of gravity that is tried", "degrees"),
-        Threshold(
-            "studies/measured/sensitive_stretches.py", "PRESSURE", "change of each pressure that is tried", "%", 100
-        ),
-        Threshold("studies/measured/sensitive_stretches.py", "DRAWS", "draws of the data sheet's prior"),
-        Threshold(
-            "studies/measured/sensitive_stretches.py", "SHARE", "share of the draws that must be sensitive", "%", 100
-        ),
-        Threshold(
-            "studies/measured/sensitive_stretches.py", "APART", "distance of two motions, of their size", "%", 100
-        ),
-        Threshold("studies/measured/sensitive_stretches.py", "LEAST_MOTION", "smallest size of a motion", "mm", 1e3),
+        Threshold("studies/measured", "TILT", "tilt of gravity that is tried", "degrees"),
+        Threshold("studies/measured", "PRESSURE", "change of each pressure that is tried", "%", 100),
+        Threshold("studies/measured", "DRAWS", "draws of the data sheet's prior"),
+        Threshold("studies/measured", "SHARE", "share of the draws that must be sensitive", "%", 100),
+        Threshold("studies/measured", "APART", "distance of two motions, of their size", "%", 100),
+        Threshold("studies/measured", "LEAST_MOTION", "smallest size of a motion", "mm", 1e3),
     ),
     "calibrate": (
         Threshold("studies/calibration/calibrate.py", "TRIALS", "trials fitted without effects, at most"),
-        Threshold("studies/calibration/calibrate.py", "MOST_TRIALS", "trials fitted with effects, at most"),
-        Threshold("studies/calibration/intervals.py", "EXCESS", "excess of a reliable fit, at most", "mm", 1e3),
-        Threshold("studies/calibration/intervals.py", "OUTLYING", "outlying frames of a reliable fit", "%", 100),
-        Threshold("optimize/fit/clouds.py", "FAR", "an outlying frame has more", "times the median residual"),
-        Threshold("optimize/fit/normal.py", "BLOCK", "time that counts as one observation of a trial", "s"),
-        Threshold("optimize/fit/normal.py", "MODES", "observations in such a block, at most"),
-        Threshold("studies/intervals/widths.py", "LEAST", "trials from which on motions get intervals"),
+        Threshold("studies/calibration", "MOST_TRIALS", "trials fitted with effects, at most"),
+        Threshold("studies/calibration", "EXCESS", "excess of a reliable fit, at most", "mm", 1e3),
+        Threshold("studies/calibration", "OUTLYING", "outlying frames of a reliable fit", "%", 100),
+        Threshold("optimize/fit", "FAR", "an outlying frame has more", "times the median residual"),
+        Threshold("optimize/fit", "BLOCK", "time that counts as one observation of a trial", "s"),
+        Threshold("optimize/fit", "MODES", "observations in such a block, at most"),
+        Threshold("studies/intervals", "LEAST", "trials from which on motions get intervals"),
     ),
     "search": (
-        Threshold("optimize/search/multistart.py", "AGREE", "restarts that must agree"),
-        Threshold("optimize/search/multistart.py", "ALIKE", "how near they must be", "%", 100),
-        Threshold("optimize/search/multistart.py", "IDLE", "restarts without a gain that end a search"),
-        Threshold("optimize/search/multistart.py", "NO_GAIN", "a smaller gain is none", "%", 100),
-        Threshold("studies/layout_search/first_layouts.py", "PRESSURE_STARTS", "starts drawn for pressures"),
-        Threshold("studies/layout_search/first_layouts.py", "LAYOUT_STARTS", "layouts drawn"),
-        Threshold("studies/layout_search/stages.py", "COARSE", "coarse model", "points a side"),
-        Threshold("studies/layouts/refinement.py", "SHRINKING", "seconds kept for fewer muscles", "%", 100),
-        Threshold("studies/layouts/refinement.py", "ROBUST", "seconds kept for a robust layout", "%", 100),
-        Threshold("studies/layouts/reach.py", "LEAST_GAP", "out of reach: gap over the noise floor", "mm", 1e3),
-        Threshold("studies/layouts/reach.py", "GAP", "and share of the noise floor", "%", 100),
+        Threshold("optimize/search", "AGREE", "restarts that must agree"),
+        Threshold("optimize/search", "ALIKE", "how near they must be", "%", 100),
+        Threshold("optimize/search", "IDLE", "restarts without a gain that end a search"),
+        Threshold("optimize/search", "NO_GAIN", "a smaller gain is none", "%", 100),
+        Threshold("studies/layout_search", "PRESSURE_STARTS", "starts drawn for pressures"),
+        Threshold("studies/layout_search", "LAYOUT_STARTS", "layouts drawn"),
+        Threshold("studies/layout_search", "COARSE", "coarse model", "points a side"),
+        Threshold("studies/layouts", "SHRINKING", "seconds kept for fewer muscles", "%", 100),
+        Threshold("studies/layouts", "ROBUST", "seconds kept for a robust layout", "%", 100),
+        Threshold("studies/layouts", "LEAST_GAP", "out of reach: gap over the noise floor", "mm", 1e3),
+        Threshold("studies/layouts", "GAP", "and share of the noise floor", "%", 100),
         Threshold("studies/layouts/loading_path.py", "OFF", "change of the pressures of a copy", "%", 100),
-        Threshold("studies/layouts/loading_path.py", "LEAST_CHANGE", "another stable shape: distance", "mm RMS", 1e3),
-        Threshold("studies/layouts/loading_path.py", "OTHER_BRANCH", "and share of the motion", "%", 100),
+        Threshold("studies/layouts", "LEAST_CHANGE", "another stable shape: distance", "mm RMS", 1e3),
+        Threshold("studies/layouts", "OTHER_BRANCH", "and share of the motion", "%", 100),
     ),
     "sensitivity": (
-        Threshold("studies/sensitivity/result.py", "WIDE", "width of a Sobol interval that is warned of"),
-        Threshold("studies/sensitivity/snapping.py", "OFF", "change of the pressures that is tried", "%", 100),
-        Threshold("studies/sensitivity/snapping.py", "ASYMMETRIC", "sum of both moves that is a snap", "mm RMS", 1e3),
-        Threshold("studies/sensitivity/result.py", "MANY_SNAP", "share of snaps that is warned of", "%", 100),
+        Threshold("studies/sensitivity", "WIDE", "width of a Sobol interval that is warned of"),
+        Threshold("studies/sensitivity", "OFF", "change of the pressures that is tried", "%", 100),
+        Threshold("studies/sensitivity", "ASYMMETRIC", "sum of both moves that is a snap", "mm RMS", 1e3),
+        Threshold("studies/sensitivity", "MANY_SNAP", "share of snaps that is warned of", "%", 100),
     ),
 }
 
@@ -117,17 +103,26 @@ def with_tables(page: str) -> str:
 
 def thresholds(of: str) -> str:
     """Return the table of the thresholds of a method, with the file of each."""
-    rows = [f"| {each.decides} | {value_of(each)} | `{each.file}` |\n" for each in THRESHOLDS[of]]
+    rows = []
+    for each in THRESHOLDS[of]:
+        file, value = standing(each)
+        rows.append(f"| {each.decides} | {f'{each.factor * value:g} {each.unit}'.strip()} | `{file}` |\n")
     return "| what | value | where |\n|---|---|---|\n" + "".join(rows)
 
 
-def value_of(each: Threshold) -> str:
-    """Return the constant's value as it stands in its file, in the table's unit."""
-    for node in ast.parse((ROOT / each.file).read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == each.name:
-            number = f"{each.factor * ast.literal_eval(node.value):g}"
-            return f"{number} {each.unit}".strip()
-    raise ValueError(f"{each.file} has no {each.name}")
+def standing(each: Threshold) -> tuple[str, float]:
+    """Return the file of a constant and its value. Raises ValueError where it stands nowhere, or in several files."""
+    place = ROOT / each.place
+    found = []
+    for file in [place] if place.is_file() else sorted(place.glob("*.py")):
+        found += [
+            (file.relative_to(ROOT).as_posix(), ast.literal_eval(node.value))
+            for node in ast.parse(file.read_text(encoding="utf-8")).body
+            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == each.name
+        ]
+    if len(found) != 1:
+        raise ValueError(f"{each.place}: {len(found)} constants {each.name}; expected one")
+    return found[0]
 
 
 def command_tables(_: str | None) -> str:
