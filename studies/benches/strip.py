@@ -8,8 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.files.curve_file import MembraneCurve
-from fabdesign.geometry.bspline import design_matrix
-from fabdesign.geometry.least_squares import least_squares_with_inequalities
+from fabdesign.geometry.curves import design_matrix, least_squares_with_inequalities
 from fabdesign.nouns.bench import BenchRecord
 
 Array = NDArray[np.float64]
