@@ -4,7 +4,7 @@ PYTHON := .venv/bin/python
 EXTRAS := clouds,cluster,corrector,dev,dxf,export,mocap,optuna,ros,studio,tables# without corrector, tests that need PyTorch skip
 SETUP := pyproject.toml constraints.txt scripts/setup.sh
 
-.PHONY: demo test coverage lint clean docs reference wheel wheel-test verify-sim verify-cluster verify-trace bench-sim bench-search loop
+.PHONY: demo test coverage lint clean docs reference wheel wheel-test verify-sim verify-cluster verify-trace bench-sim bench-search bench-follow loop
 
 demo: .venv/.ready-demo
 	.venv/bin/fabdesign demo -o demo
@@ -40,6 +40,10 @@ bench-sim: .venv/.ready-bench
 # the search on targets of the virtual rig, in parts: what is done is kept in build/search; QUICK=1 for a small one; writes docs/results/search.md
 bench-search: .venv/.ready-test
 	$(PYTHON) -m benchmarks.search
+
+# twelve motions that a cloth is to follow, and two devices that are not the model, in parts: what is done is kept in build/follow; writes docs/lab/follow.md
+bench-follow: .venv/.ready-test
+	$(PYTHON) -m benchmarks.follow build/follow --page
 
 # six loops on virtual rigs, in parts: what is done is kept in build/loop; writes docs/results/loop.md
 loop: .venv/.ready-test

@@ -34,7 +34,7 @@ from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.output import write_text
 from optimize.fit.parameters import PRIOR
 from sim import Simulator
-from studies.calibration.calibrate import calibrate
+from studies.calibration.calibrate import CalibrationOptions, calibrate
 from studies.calibration.fitted_model import QUANTILE
 from studies.calibration.intervals import data_share, engine_difference
 from studies.measured.fit_data import noise_of
@@ -81,7 +81,7 @@ def calibrated(seed: int, folder: Path, grid: int) -> dict[str, Any]:
     factors = make(seed, folder)
     measured = read_set(folder)
     slopes = Simulator(points_per_side=min(grid, POINTS_PER_SIDE))
-    found = calibrate(measured, simulator, slopes=slopes, points_per_side=grid)
+    found = calibrate(measured, simulator, options=CalibrationOptions(slopes=slopes, points_per_side=grid))
     known = Model({name: Parameter(factor, (factor, factor)) for name, factor in factors.items()})
     return {
         "seed": seed,

@@ -38,7 +38,7 @@ from fabdesign.study_files.unseen_file import CandidateMeasurement
 from fabdesign.units import in_mm
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
-from studies.calibration.calibrate import calibrate
+from studies.calibration.calibrate import CalibrationOptions, calibrate
 from studies.measured.fit_data import noise_of
 from studies.measured.sensitive_stretches import GRID, find_used_frames
 from studies.training.data import choose
@@ -104,12 +104,9 @@ def fitted(plan: Plan, measured: MeasurementSet, work: Path) -> tuple[Model, flo
         found = calibrate(
             replace(measured, trials=tuple(trials)),
             simulator,
-            slopes=simulator,
-            coarse=simulator,
             vector=unknowns(plan, measured),
-            points_per_side=GRID,
-            interruptible=True,  # Ctrl-C keeps what is reached, marked as not reliable
             progress=lambda line, share: print(f"{plan.name}: {line}", flush=True),
+            options=CalibrationOptions(slopes=simulator, coarse=simulator, points_per_side=GRID, interruptible=True),
         )
         spent.write_text(f"{time.process_time() - began:.0f}")
         write_model(found.model, file)

@@ -75,17 +75,24 @@ class KeptMotion:
 
 
 def with_states(
-    simulator: Simulator, cases: Sequence[Case], begin: State, times: Array, ticks: Sequence[int]
+    simulator: Simulator,
+    cases: Sequence[Case],
+    begin: State,
+    times: Array,
+    ticks: Sequence[int],
+    *,
+    jumping: Sequence[int] = (),
 ) -> list[KeptMotion]:
     """Return the same of up to LANES cases of one design from one state, with their states at `ticks`, rising, all
     after the begin; `times` end there. They ride in one block, so that all take the same steps, short after each one's
-    jumps."""
+    jumps. jumping: ticks at which pressures may jump, whose steps follow the midpoint rule, however small a jump is:
+    motions that differ by a small one are then integrated alike."""
     if len(cases) > LANES:
         raise ValueError(f"{len(cases)} cases; expected at most {LANES}, those of one block")
     n, shapes, tensions = simulator.points_per_side, [], []
     states: list[list[State]] = [[] for _ in cases]
     end = np.array([ticks[-1] * simulator.time_step])
-    jumps = together([simulator.jumps(case, end) for case in cases])
+    jumps = together([Jumps(tuple(jumping), ()), *(simulator.jumps(case, end) for case in cases)])
     lanes = [min(k, len(cases) - 1) for k in range(LANES)]
     with lock:
         batch = _resumed(simulator, Chunk([*range(len(cases))], [*cases], lanes), [begin] * len(cases))

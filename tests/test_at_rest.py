@@ -20,6 +20,7 @@ from optimize.fit.problem import columns
 from optimize.fit.rest_detection import HELD, standing_of
 from optimize.fit.significance import NEEDED, needed
 from sim import Simulator
+from studies.calibration.fits import Fits
 from studies.calibration.joint_fit import negligible, unneeded
 from studies.calibration.rest_fit import LEAST, beginning, fit_at_rest
 from studies.measured.fit_data import MeasuredData
@@ -114,9 +115,9 @@ def test_columns_are_what_differences_of_shapes_do_at_the_measured_points(forwar
 def test_errors_of_the_pressures_are_shares_of_each_channels_own(forward, vector, standing):
     """A channel without pressure moves nothing; all channels up by 1 % do what the gain of all muscles does."""
     acting = acting_at_rest(vector)
-    problem = RestProblem(standing[:2], forward.faces_jacobian, acting)
-    inputs = problem.input_errors(acting.start, Accuracy(pressure=0.01, tilt=0.5))
-    first = problem.evaluate([acting.start])[0].found.sample == 0
+    problem = RestProblem(standing[:2], forward.faces_jacobian, acting, Accuracy(pressure=0.01, tilt=0.5))
+    there = problem.evaluate([acting.start])[0]
+    inputs, first = problem.input_errors(there), there.misfit.sample == 0
     assert np.abs(inputs.columns[first, 0]).max() > 1e-5
     assert np.abs(inputs.columns[first, 1 : DESIGN.channels]).max() < 1e-7
     assert np.abs(inputs.columns[:, -2]).max() > 1e-5 and inputs.columns.shape[1] == DESIGN.channels + 2
@@ -126,7 +127,7 @@ def test_a_known_truth_is_found_and_what_is_nothing_lies_aside(forward, vector, 
     data = MeasuredData(
         (), (), (), SensorNoise(SIGMA, 0.0, 0.0), UsedFrames(None, 0.0), Accuracy(0.0, 0.0), 0, standing
     )
-    fitted = fit_at_rest(data, forward, vector)
+    fitted = fit_at_rest(data, Fits(forward, 0.5e-3), vector)
     names, deviation = fitted.vector.names, np.sqrt(np.diag(fitted.covariance))
     truth = {
         "orthotropy.ratio": np.log(0.5),
@@ -158,13 +159,13 @@ def test_a_shape_on_another_side_than_the_measured_one_takes_no_part(forward, ve
     other = standing[0].sample
     turned = replace(standing[0], sample=replace(other, clouds=tuple(c * [1, 1, -1] for c in other.clouds)))
     problem = RestProblem([turned, *standing[1:]], forward.faces_jacobian, acting_at_rest(vector))
-    found = problem.evaluate([problem.vector.start])[0].found
-    whole = RestProblem(standing, forward.faces_jacobian, problem.vector).evaluate([problem.vector.start])[0].found
+    found = problem.evaluate([problem.vector.start])[0].misfit
+    whole = RestProblem(standing, forward.faces_jacobian, problem.vector).evaluate([problem.vector.start])[0].misfit
     assert np.isnan(found.residual[found.sample == 0]).all()
     assert np.isfinite(found.residual[found.sample != 0]).all() and np.isfinite(whole.residual).all()
 
 
 def test_few_shapes_say_nothing(forward, vector, standing):
     data = MeasuredData((), (), (), SensorNoise(SIGMA, 0.0, 0.0), UsedFrames(None, 0.0), Accuracy(0.0, 0.0), 0)
-    assert fit_at_rest(data, forward, vector) is None
-    assert fit_at_rest(replace(data, standing=standing), object(), vector) is None
+    assert fit_at_rest(data, Fits(forward, 0.5e-3), vector) is None
+    assert fit_at_rest(replace(data, standing=standing), Fits(object(), 0.5e-3), vector) is None

@@ -40,23 +40,23 @@ def white(readings: int, count: int = 1) -> list[Array]:
 
 
 def test_repeats_show_it_however_coarse_the_steps() -> None:
-    noise = noise_of(made := bench(*white(6, 3), readings=6), made.records)
+    noise = noise_of(bench(*white(6, 3), readings=6))
     assert noise.source == "repeats" and noise.sigma == pytest.approx(SIGMA, rel=0.1)
 
 
 @pytest.mark.parametrize("readings", [24, 100])
 def test_neighbours_show_it_and_no_friction_is_taken_for_it(readings: int) -> None:
-    noise = noise_of(made := bench(*white(readings, 2), readings=readings, shift=0.001), made.records)
+    noise = noise_of(bench(*white(readings, 2), readings=readings, shift=0.001))
     assert noise.source == "neighbours" and noise.sigma == pytest.approx(SIGMA, rel=0.15)
 
 
 def test_coarse_steps_without_repeats_do_not_show_it() -> None:
-    noise = noise_of(made := bench(*white(8), readings=8), made.records)
+    noise = noise_of(bench(*white(8), readings=8))
     assert noise.source == "unknown" and noise.sigma == 0.0 and "coarse" in noise.in_words("")
 
 
 def test_a_quantised_gauge_has_the_noise_of_its_steps() -> None:
-    noise = noise_of(made := bench(np.zeros(1800), readings=100, step=0.3), made.records)
+    noise = noise_of(bench(np.zeros(1800), readings=100, step=0.3))
     assert noise.sigma == pytest.approx(0.3 / np.sqrt(12), rel=0.3)
 
 
@@ -65,16 +65,14 @@ def test_noise_that_is_correlated_over_a_few_readings_is_not_halved() -> None:
     for k in range(1, len(noise)):
         noise[k] = 0.5 * noise[k - 1] + np.sqrt(0.75) * white_noise[k]
     made = bench(noise, readings=200)
-    assert noise_of(made, made.records).sigma == pytest.approx(SIGMA, rel=0.15)
+    assert noise_of(made).sigma == pytest.approx(SIGMA, rel=0.15)
 
 
 def test_holds_show_it() -> None:
     columns = {name: np.repeat(values[:48], 20) for name, values in quiet(24).items()}
     columns["force"] = columns["force"] + SIGMA * np.random.default_rng(3).standard_normal(960)
     record = BenchRecord("holds", columns, {})
-    assert noise_of(Bench("made", "muscle", (), "force", {}, (record,)), [record]).sigma == pytest.approx(
-        SIGMA, rel=0.1
-    )
+    assert noise_of(Bench("made", "muscle", (), "force", {}, (record,))).sigma == pytest.approx(SIGMA, rel=0.1)
 
 
 def test_friction_is_named_and_not_taken_for_noise() -> None:

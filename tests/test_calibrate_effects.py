@@ -12,7 +12,7 @@ from fabdesign.nouns.forward import PARAMETERS, Case, Term
 from fabdesign.nouns.pressure import PressureProgram
 from optimize.fit.free_parameters import fit_vector
 from sim import Simulator
-from studies.calibration.calibrate import calibrate, most_trials
+from studies.calibration.calibrate import CalibrationOptions, calibrate, most_trials
 from tests.simulated_set import simulated_set
 
 TIMES = np.arange(1, 9) / 16  # s
@@ -71,7 +71,7 @@ def test_two_effects_are_found_among_four(tmp_path):
         tmp_path / "set", forward, design, programs, TIMES, noise=noise, points=200, rng=rng, effects=PUT_IN
     )
     vector = fit_vector(["rest_curvature.down", "filling_lag.fill", "air_drag", "orthotropy"])
-    found = calibrate(measured, forward, vector=vector, engines=np.zeros(len(vector.names)))
+    found = calibrate(measured, forward, vector=vector, options=CalibrationOptions(engines=np.zeros(len(vector.names))))
     at = {p.name: p.value(x) for p, x in zip(vector.parameters, found.fit.x, strict=True)}
     assert found.fit.after < 0.7e-3 < found.fit.without_effects.after / 2
     assert abs(at["rest_curvature.down"] - CURL) < 0.2
@@ -92,7 +92,7 @@ def test_what_is_learned_on_one_layout_is_what_happens_on_another(tmp_path):
     )  # fmt: skip
     held = [name for name in PARAMETERS if name != "muscle_gain"]
     vector = fit_vector(["learned.down", "learned.quick", "learned.stroke"], held)
-    found = calibrate(measured, forward, vector=vector, engines=np.zeros(len(vector.names)))
+    found = calibrate(measured, forward, vector=vector, options=CalibrationOptions(engines=np.zeros(len(vector.names))))
     case = Case(other, program(other))
     learned = replace(case, factors=found.model.factors, effects=found.model.terms)
     plain, learned, true = (

@@ -7,7 +7,7 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import PARAMETERS
 from fabdesign.nouns.pressure import PressureProgram
 from sim import Simulator
-from studies.calibration.calibrate import calibrate
+from studies.calibration.calibrate import CalibrationOptions, calibrate
 from tests.simulated_set import simulated_set
 
 TRUTH = dict(zip(PARAMETERS, np.exp([0.14, -0.02, -0.16, 0.06, -0.2, -0.05, 0.01]), strict=True))
@@ -24,7 +24,7 @@ def test_the_truth_comes_back(tmp_path):
     measured = simulated_set(
         tmp_path / "set", forward, design, programs, TIMES, noise=noise, points=600, rng=rng, factors=TRUTH
     )
-    found = calibrate(measured, forward, engines=np.zeros(7)).fit
+    found = calibrate(measured, forward, options=CalibrationOptions(engines=np.zeros(7))).fit
     error = found.x - np.log([TRUTH[name] for name in PARAMETERS])
     assert found.converged
     assert (np.abs(error) < 3 * np.sqrt(np.diag(found.covariance)) + 0.01).all()

@@ -154,7 +154,9 @@ def test_calibrate_leaves_trials_of_role_test_alone(measured: MeasurementSet, mo
         return replace(model, spread=None), "said"
 
     monkeypatch.setattr(calibration, "with_spread", spared)
-    found = calibration.calibrate(measured, Roll(), orders=[0, 9, 21], intervals=True)
+    found = calibration.calibrate(
+        measured, Roll(), options=calibration.CalibrationOptions(orders=[0, 9, 21], intervals=True)
+    )
     assert found.intervals == "said"
     assert len(asked) == 10 and not {"000", "009", "021"} & {*asked}
     assert {t.role for t in measured.trials if t.name in asked} == {"fit"}

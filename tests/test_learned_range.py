@@ -14,7 +14,7 @@ from fabdesign.nouns.learned_range import LearnedRange
 from fabdesign.nouns.model import EffectTerm, Model
 from fabdesign.nouns.pressure import PressureProgram, rising_program
 from optimize.fit.free_parameters import fit_vector
-from studies.calibration.calibrate import calibrate
+from studies.calibration.calibrate import CalibrationOptions, calibrate
 from studies.prediction.forward_model import extrapolated
 from tests.test_calibrate import TIMES, Curler, write
 
@@ -34,7 +34,9 @@ def test_a_calibration_keeps_how_far_what_it_learned_from_goes(tmp_path: Path) -
     measured = write(tmp_path / "set", [100, 300, 200, 150], times=TIMES[:5])
     held = [name for name in PARAMETERS if name not in ("bending", "damping")]
     forward, engines = Stroker(), np.zeros(3)
-    found = calibrate(measured, forward, vector=fit_vector(["learned.stroke"], held), engines=engines).model
+    found = calibrate(
+        measured, forward, vector=fit_vector(["learned.stroke"], held), options=CalibrationOptions(engines=engines)
+    ).model
     channels = measured.designs["cross"].channels
     assert found.learned_range == LearnedRange(300e3, 3e6, channels)  # of role fit, steps
     write_model(found, tmp_path / "m.toml")
@@ -45,7 +47,9 @@ def test_a_calibration_keeps_how_far_what_it_learned_from_goes(tmp_path: Path) -
         "rates up to 4000 kPa/s; learned from up to 3000 kPa/s"
     )
     assert not extrapolated(found, [trial.program for trial in measured.trials])
-    plain = calibrate(measured, forward, vector=fit_vector([], held), engines=engines[:2]).model
+    plain = calibrate(
+        measured, forward, vector=fit_vector([], held), options=CalibrationOptions(engines=engines[:2])
+    ).model
     assert plain.learned_range is None
 
 

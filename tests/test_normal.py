@@ -1,15 +1,12 @@
 """The normal equations of a fit beside the same done slowly, with the covariance of a block written out."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
-from optimize.fit.clouds import Match
-from optimize.fit.inputs import InputErrors
-from optimize.fit.normal import BLOCK, MODES, normal_equations
+from optimize.fit.misfit import Misfit
+from optimize.fit.normal import MODES, normal_equations
 from optimize.fit.parameters import FitParameter, FitVector
-from optimize.fit.problem import Linearisation
+from optimize.fit.problem import InputErrors, Linearisation
 
 BLOCKS, POINTS = 12, 400
 SIGMA = 0.6e-3  # m
@@ -19,12 +16,8 @@ def linearised(jacobian, residual):
     """BLOCKS trials with one frame of POINTS points each."""
     count = len(residual)
     trial = np.repeat(np.arange(BLOCKS), POINTS)
-    none = np.zeros((count, 3))
-    found = Match(residual, none, none.astype(np.intp), none, trial, np.zeros(count, np.intp))
-    return Linearisation(np.zeros(jacobian.shape[1]), [], found, jacobian)
-
-
-SAMPLES = [SimpleNamespace(times=np.array([BLOCK]))] * BLOCKS
+    misfit = Misfit(residual, trial, np.zeros(count, np.intp), trial)
+    return Linearisation(np.zeros(jacobian.shape[1]), misfit, [], jacobian)
 
 
 def vector(count, deviation=0.15):
@@ -38,7 +31,7 @@ def test_information_is_that_of_a_block_s_whole_covariance():
     residual = np.clip(rng.normal(0, SIGMA, BLOCKS * POINTS), -SIGMA, SIGMA)  # none counts less
     own = vector(3)
     normal = normal_equations(
-        SAMPLES, linearised(jacobian, residual), np.diag(own.prior**-2.0), np.zeros(3), own,
+        linearised(jacobian, residual), np.zeros(3), own,
         InputErrors(errors, np.zeros(len(errors))),
     )  # fmt: skip
     assert normal.capped
@@ -60,7 +53,7 @@ def test_what_looks_like_an_error_of_the_inputs_is_known_as_well_as_these_at_any
     residual = np.clip(rng.normal(0, SIGMA, BLOCKS * POINTS), -SIGMA, SIGMA)
     own = vector(1)
     normal = normal_equations(
-        SAMPLES, linearised(pattern[:, None], residual), np.diag(own.prior**-2.0), np.zeros(1), own,
+        linearised(pattern[:, None], residual), np.zeros(1), own,
         InputErrors(0.01 * pattern[:, None], np.zeros(len(pattern))),
     )  # fmt: skip
     known = float(normal.information[0, 0]) ** -0.5

@@ -16,16 +16,16 @@ from fabdesign.files.design_file import write_design
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Covariance, EffectTerm, Model, Parameter, Quantity
-from fabdesign.nouns.model_sampling import drawn, joint_root
+from fabdesign.nouns.model_sampling import Ensemble
 from fabdesign.study_files.sensitivity_file import SensitivityStudy, read_sensitivity
 from fabdesign.study_files.shape_output import read_shape_output
 from fabdesign.study_files.varied_inputs import Varied
+from studies.prediction.stability import snaps
 from studies.sensitivity.estimators import STEP, indices, saltelli_rows, screening, trajectories
 from studies.sensitivity.inputs import Inputs
 from studies.sensitivity.outputs import Outputs, mean_curvature, tip
 from studies.sensitivity.report import as_text, bars_figure
 from studies.sensitivity.run import Progress, run_sensitivity
-from studies.sensitivity.snapping import snaps
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line
 
@@ -332,9 +332,9 @@ def test_a_covariance_is_drawn_jointly(tmp_path: Path) -> None:
         effects=(EffectTerm("filling_lag", {"fill": Quantity(0.05, "s")}),),
         covariance=Covariance(("bending", "muscle_gain", "filling_lag.fill"), matrix),
     )
-    root = joint_root(model)
+    ensemble = Ensemble(model)
     z = np.random.default_rng(0).normal(size=(4000, 3))
-    models = [drawn(model, root, row) for row in z]
+    models = [ensemble.at(row) for row in z]
     logs = np.log([[m.parameters["bending"].factor, m.parameters["muscle_gain"].factor] for m in models])
     np.testing.assert_allclose(logs.mean(axis=0), np.log([1.1, 0.9]), atol=0.02)
     np.testing.assert_allclose(np.cov(logs.T), matrix[:2, :2], atol=0.005)

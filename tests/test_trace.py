@@ -29,36 +29,30 @@ from fabdesign.output import work_folder
 from fabdesign.runtime.store import Checkpoint
 from fabdesign.study_files.rig_limits_file import RigLimits
 from optimize.fit.cross_validation import LeftOut
-from optimize.fit.descent import STEP, _updated, fit, horizons
+from optimize.fit.descent import FitStart, _updated, fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.normal import _bounded_step
-from optimize.fit.problem import Evaluation, FitProblem
+from optimize.fit.policy import END, NEAR, STEP
+from optimize.fit.problem import Evaluation, FitProblem, horizons_of
 from optimize.fit.significance import NEEDED, alike, conditioned, cost, needed, undecided
+from studies.calibration.fits import Fits
 from studies.calibration.intervals import far_factors
 from studies.calibration.joint_fit import joint_fit, negligible
 from studies.measured.fit_data import MeasuredData
 from studies.measured.splits import fit_trials
 from studies.measured.used_frames import UsedFrames
-from studies.tracing.backward_elimination import (
-    CAUSE,
-    _enough,
-    backwards,
-    gains_of,
-    parts_of,
-    sparse,
-    strength,
-    worth,
-)
 from studies.tracing.black_box import baseline_score, basis_of
 from studies.tracing.candidates import candidates_of
 from studies.tracing.decoys import decoy_columns, decoys_beside, turned
 from studies.tracing.experiment import programs
+from studies.tracing.judged import CAUSE, Judged, strength
 from studies.tracing.reduction import begin_without, reduced
-from studies.tracing.refits import Judged, _label_in, fit_alone
+from studies.tracing.refits import SetRefits, _label_in
 from studies.tracing.residual_analysis import remains
 from studies.tracing.residuals import Residuals
+from studies.tracing.rules import Selection, loses
 from studies.tracing.run import DRAWN, trace_set
-from studies.tracing.selection import Selection
+from studies.tracing.selection import backwards, enough, sparse, worth
 from studies.tracing.statements import as_text
 from studies.tracing.surface_errors import TrialError, other_layouts
 from studies.tracing.task import Place, Task
@@ -188,6 +182,14 @@ def test_trace_json_has_what_the_format_says(lagging):
     assert {"where", "when_s", "follows"} == found["residual"].keys()
 
 
+def test_no_effect_is_adequate_in_the_median_too(lagging):
+    _, outcome = lagging
+    for before, typical, adequate in ((0.4e-3, 0.4e-3, True), (0.4e-3, 0.6e-3, False), (0.6e-3, 0.4e-3, False)):
+        evidence = replace(outcome.evidence, before=before, typical=typical)
+        rows = {row["name"]: row["adequate"] for row in replace(outcome, evidence=evidence).as_json()["candidates"]}
+        assert rows["none"] is adequate is evidence.adequate(outcome.tolerance)
+
+
 def test_the_model_predicts_with_the_effect_and_remembers_what_was_before(lagging):
     folder, outcome = lagging
     model = read_model(folder / "out" / "model.toml")
@@ -288,6 +290,10 @@ def test_what_is_the_same_from_rest_is_named_beside_what_was_found(tmp_path, mon
     [effect] = outcome.effects
     assert {effect.name, *outcome.indistinguishable} == {"dead_time", "time_offset"}
     assert len(outcome.indistinguishable) == 1
+    answer = as_text(outcome).splitlines()[0]
+    one, other = (name.replace("_", " ") for name in (effect.name, *outcome.indistinguishable))
+    assert f"Missing was {one} (" in answer and f") or {other} (" in answer  # one answer, with the size of both
+    assert "; to tell: put a lamp" in answer or "; to tell: film a falling ball" in answer
 
 
 def test_too_few_trials_are_refused(tmp_path):
@@ -435,7 +441,7 @@ def late(tmp_path_factory):
     data = MeasuredData.of([measured], fit_trials(measured.trials), UsedFrames(None, 0.0), DRAWN, seed=0)
     vector = fit_vector(["all"], designs=[build("cross")])
     forward = Predictor(Curler(), Model(), sensing=True)
-    found = fit(data.samples, forward, vector=vector, accuracy=data.accuracy)
+    found = fit(Fits(forward, 0.5e-3).problem(data, vector))
     return found, data
 
 
@@ -450,7 +456,7 @@ def test_what_builds_up_over_the_session_is_seen_and_its_size_said(late):
 
     place = plain.session[:, 0]
     place = (place - place.mean()) / np.ptp(place)
-    moved = plain.residual + 1e-3 * basis_of(plain)[:, 0] * place[plain.found.sample]
+    moved = plain.residual + 1e-3 * basis_of(plain)[:, 0] * place[plain.misfit.sample]
     drifting = replace(plain, residual=np.where(plain.kept, moved, 0.0))
     seen = remains(drifting, data.folds)
     assert seen.follows == "order" and seen.drift == pytest.approx(1e-3, rel=0.15)
@@ -463,7 +469,8 @@ def unhurried(late):
     """The declared parameters alone, fitted to the same trials by the same weights."""
     joint, data = late
     forward = Predictor(Curler(), Model(), sensing=True)
-    return fit(data.samples, forward, vector=joint.vector.without_effects, accuracy=joint.inputs, near=True)
+    problem = FitProblem(data.samples, forward, forward, joint.vector.without_effects)
+    return fit(problem, FitStart(inputs=joint.inputs), NEAR)
 
 
 def test_several_effects_are_found_together_and_no_other(late):
@@ -487,8 +494,9 @@ def selected(late, unhurried, tmp_path_factory):
             data, forward, 0.5e-3, {}, known=[], checkpoint=Checkpoint(work, {}),
             say=lambda line: said.append(line.partition(",")[0]) if "unknowns" in line else None,
         )  # fmt: skip
-        plain, found, small, decoys = backwards(task, joint, unhurried)
-        assert plain is unhurried  # of several effects none goes
+        chosen = backwards(SetRefits(task), joint, unhurried)
+        found, small, decoys = chosen.chosen, chosen.small, chosen.decoys
+        assert chosen.plain is unhurried  # of several effects none goes
         beside_nothing = decoys_beside(task, unhurried, joint.vector)
     return found, small, decoys, beside_nothing, said
 
@@ -509,20 +517,20 @@ def test_an_effect_that_is_next_to_nothing_is_no_cause(selected, late, unhurried
     droop, lag = (strength(found, label) for label in ("supply_droop", "filling_lag"))
     assert droop == pytest.approx(0.15 / EFFECTS["supply_droop"].parameters["share"].deviation, rel=0.2)
     assert min(droop, lag) > CAUSE and droop != lag
-    chosen = Selection(joint, unhurried, found, data.folds, data.noise.sigma, ())
+    chosen = Selection(joint, unhurried, Judged(found, data.folds, data.noise.sigma))
     assert sorted(chosen.labels) == ["filling_lag", "supply_droop"] and not chosen.slight
     less, more = sorted(chosen.labels, key=partial(strength, found))
-    monkeypatch.setattr("studies.tracing.backward_elimination.CAUSE", (droop + lag) / 2)
+    monkeypatch.setattr("studies.tracing.judged.CAUSE", (droop + lag) / 2)
     assert (chosen.labels, chosen.slight) == ((more,), (less,))
-    monkeypatch.setattr("studies.tracing.backward_elimination.CAUSE", 2 * max(droop, lag))
+    monkeypatch.setattr("studies.tracing.judged.CAUSE", 2 * max(droop, lag))
     with work_folder(tmp_path / "out", made_by="trace") as work:
         task = Task(
             data, Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], Checkpoint(work, {}),
             say=lambda line: None,
         )  # fmt: skip
-        plain, none, small, _ = backwards(task, joint, unhurried)
-    assert none is plain and not none.vector.labels
-    assert sorted(small) == ["filling_lag", "supply_droop"]
+        none = backwards(SetRefits(task), joint, unhurried)
+    assert none.chosen is none.plain and not none.chosen.vector.labels
+    assert sorted(none.small) == ["filling_lag", "supply_droop"]
 
 
 def test_the_declared_parameters_begin_beside_the_effects_too(late, unhurried, tmp_path):
@@ -535,7 +543,7 @@ def test_the_declared_parameters_begin_beside_the_effects_too(late, unhurried, t
             say=lambda line: None,
         )  # fmt: skip
         assert task.nearest(away.vector, [away.minimum])[0] > 2 * unhurried.after
-        found = fit_alone(task, joint, away)
+        found = SetRefits(task).alone(joint, away)
     assert not found.vector.terms
     assert found.after < 1.02 * unhurried.after
 
@@ -575,7 +583,7 @@ def test_where_many_cannot_go_at_once_few_go_at_a_time_by_the_joint_fits_jacobia
     columns = len(joint.x) * len(data.trials)
     assert forward.made < 2 * columns  # not a Jacobian for each step
     # where it ends is the minimum of a fit of the same unknowns with a Jacobian of its own
-    slow = fit(data.samples, forward, vector=found.vector, accuracy=joint.inputs, start=found.x, near=True)
+    slow = fit(Fits(forward, 0.5e-3).problem(data, found.vector), FitStart(found.x, inputs=joint.inputs), NEAR)
     moved = np.abs(slow.x - found.x) / np.sqrt(np.diag(slow.covariance))
     assert moved.max() < 0.5
 
@@ -601,12 +609,12 @@ def test_what_cannot_go_alone_stays(late, tmp_path, monkeypatch):
 def test_a_fit_ends_where_even_its_linear_minimum_leaves_too_much(late, unhurried):
     joint, data = late
     forward = Predictor(Curler(), Model(), sensing=True)
-    vector = joint.vector.without_effects
+    problem = FitProblem(data.samples, forward, forward, joint.vector.without_effects)
     ended, gone_on = (
-        fit(data.samples, forward, vector=vector, accuracy=joint.inputs, start=0.8 * unhurried.x, hopeless=hopeless)
+        fit(problem, FitStart(0.8 * unhurried.x, inputs=joint.inputs), replace(END, hopeless=hopeless))
         for hopeless in (0.3 * unhurried.after, 1.2 * unhurried.after)
     )
-    assert not ended.converged and ended.iterations < gone_on.iterations
+    assert ended.ended == "hopeless" and ended.iterations < gone_on.iterations
     assert gone_on.after < ended.after
 
 
@@ -614,12 +622,14 @@ def test_a_fit_whose_first_horizon_leaves_too_much_goes_to_all_frames_at_once(la
     joint, data = late
     forward, said = Predictor(Curler(), Model(), sensing=True), []
     ended = fit(
-        data.samples, forward, vector=joint.vector.without_effects, accuracy=joint.inputs,
-        hopeless=0.3 * unhurried.after, progress=lambda line, share: said.append(line),
+        FitProblem(data.samples, forward, forward, joint.vector.without_effects), FitStart(inputs=joint.inputs),
+        replace(END, hopeless=0.3 * unhurried.after), progress=lambda line, share: said.append(line),
     )  # fmt: skip
-    assert not ended.converged and ended.iterations == len(said)
-    assert {line.partition(",")[0] for line in said} == {"to 0.5 s"} != {f"to {h:g} s" for h in horizons(data.samples)}
-    assert len(ended.state.found.residual) == len(unhurried.state.found.residual)
+    assert ended.ended == "hopeless" and ended.iterations == len(said)
+    assert (
+        {line.partition(",")[0] for line in said} == {"to 0.5 s"} != {f"to {h:g} s" for h in horizons_of(data.samples)}
+    )
+    assert len(ended.state.misfit.residual) == len(unhurried.state.misfit.residual)
     assert ended.before == pytest.approx(unhurried.before) and ended.after > 0.9 * unhurried.after
 
 
@@ -634,7 +644,7 @@ def test_an_effect_that_is_enough_is_fitted_alone(tolerance, apart, alone, late,
             data, Predictor(Curler(), Model(), sensing=True), tolerance, {}, [], Checkpoint(work, {}),
             say=lambda line: said.append(line.partition(",")[0]),
         )  # fmt: skip
-        found = _enough(task, joint, ["supply_droop", "filling_lag"])
+        found = enough(SetRefits(task), joint, ["supply_droop", "filling_lag"])
     assert {*said} == {"filling_lag alone"}
     assert (found is not None) is alone
     assert found is None or (found.vector.labels == ("filling_lag",) and found.after < unhurried.after)
@@ -648,10 +658,11 @@ def test_other_layouts_ask_for_nothing_that_is_no_cause(selected, late, unhurrie
             late[1], Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], Checkpoint(work, {}),
             say=lambda line: None,
         )  # fmt: skip
-        most, all_of_it = Judged(task, selected[0]), 1.0  # m: trials left out lose less
-        assert most.loses(unhurried, all_of_it, cause=True)
-        assert not most.loses(unhurried, all_of_it, cause=False)
-        assert most.loses(unhurried, 0.5e-3, cause=False)  # trials left out tell
+        refits, all_of_it = SetRefits(task), 1.0  # m: trials left out lose less
+        most, simpler = (refits.judged(fit) for fit in (selected[0], unhurried))
+        assert loses(refits, most, simpler, all_of_it, cause=True)
+        assert not loses(refits, most, simpler, all_of_it, cause=False)
+        assert loses(refits, most, simpler, 0.5e-3, cause=False)  # trials left out tell
 
 
 def test_effects_that_do_the_same_in_the_joint_fit_are_alike(late):
@@ -692,19 +703,17 @@ def test_what_lay_aside_is_asked_for_again_at_the_end(late, monkeypatch):
     joint, data = late
     forward, asked = Counting(Curler(), Model(), sensing=True), []
 
-    def fitted(data, vector, start, /, *, named, expected, jacobian=None, **_):
-        made, before = forward.made, len(asked)
-        found = fit(
-            data.samples, forward, vector=vector, accuracy=data.weighed, start=start, near=True, jacobian=jacobian
-        )
-        assert len(asked) == before
-        asked.append((named, vector.labels, forward.made - made, jacobian))
-        return found
+    class Asked(Fits):
+        def fit(self, problem, start, policy, named=""):
+            made = forward.made
+            found = super().fit(problem, start, policy, named)
+            asked.append((named, problem.vector.labels, forward.made - made, start.jacobian))
+            return found
 
     monkeypatch.setattr(
         "studies.calibration.joint_fit.negligible", lambda early, tolerance: frozenset(["supply_droop"])
     )
-    found = joint_fit(data, joint.vector, joint.vector.start, 0.5e-3, fitted)
+    found = joint_fit(data, joint.vector, joint.vector.start, Asked(forward, 0.5e-3))
     *_, (_, without, _, _), (named, labels, _, jacobian) = asked
     assert named == "at last" and labels == joint.vector.labels and "supply_droop" not in without
     missing = np.flatnonzero(np.isnan(jacobian).all(axis=0))
@@ -725,15 +734,17 @@ def test_a_joint_fit_that_leaves_too_much_begins_again_where_the_factors_alone_l
     asked = []
     monkeypatch.setattr("studies.calibration.joint_fit.negligible", lambda early, tolerance: frozenset())
 
-    def fitted(data, vector, start, /, *, named, expected, horizon, **_):
-        asked.append((named, len(start), float(np.abs(start[len(vector.without_effects.parameters) :]).sum())))
-        x = np.full(len(vector.parameters), 0.01)
-        left = 9e-3 if named == bad else 0.5e-3
-        return replace(joint, vector=vector, x=x, after=left) if vector.terms else SimpleNamespace(x=x)
+    class Asked(Fits):
+        def fit(self, problem, start, policy, named=""):
+            vector, effects = problem.vector, len(problem.vector.without_effects.parameters)
+            asked.append((named, len(start.x), float(np.abs(start.x[effects:]).sum())))
+            x = np.full(len(vector.parameters), 0.01)
+            left = 9e-3 if named == bad else 0.5e-3
+            return replace(joint, vector=vector, x=x, after=left) if vector.terms else SimpleNamespace(x=x)
 
     few = data.until(1.0)
-    assert horizons(few.samples) == [0.5, 1.0]
-    found = joint_fit(few, joint.vector, joint.vector.start, 0.5e-3, fitted, patient=patient)
+    assert horizons_of(few.samples) == [0.5, 1.0]
+    found = joint_fit(few, joint.vector, joint.vector.start, Asked(None, 0.5e-3, patient=patient))
     told = [named for named, *_ in asked]
     first, again = "to 0.5 s", ["factors to 0.5 s", "from factors to 0.5 s"]
     if bad == first:
@@ -753,7 +764,7 @@ def test_no_decoy_gains_beside_what_is_there(late, selected):
     (joint, data), (found, _, decoys, beside_nothing, _) = late, selected
     assert len(decoys.gains) == 2 * len(joint.vector.labels)
     assert decoys.taken(0.5e-3) == 0 and decoys.chance < 0.2e-3
-    lag = gains_of(parts_of(found.vector), LeftOut.of(found, data.folds), data.noise.sigma)["filling_lag"][0]
+    lag = Judged(found, data.folds, data.noise.sigma).gains["filling_lag"][0]
     # what is missing leaves structure, which decoys take less of
     assert decoys.chance < beside_nothing.chance < 0.7 * lag
 
@@ -763,7 +774,7 @@ def test_a_model_with_another_effect_instead_is_where_the_residuals_are_least(la
     (joint, data), (found, *_) = late, selected
     monkeypatch.setattr("optimize.fit.significance.ALIKE", 0.15)
     monkeypatch.setattr("studies.tracing.candidates.alike", lambda *_: [])  # where the joint fit is: above
-    selection = Selection(joint, unhurried, found, data.folds, data.noise.sigma, ())
+    selection = Selection(joint, unhurried, Judged(found, data.folds, data.noise.sigma))
     _, instead = candidates_of(selection)
     [(name, explanation)] = instead.items()  # a late clock does a fifth of what the lag does, and nothing of the droop
     assert name in ("dead_time", "time_offset")  # which of these two, the noise decides
@@ -775,7 +786,7 @@ def test_a_model_with_another_effect_instead_is_where_the_residuals_are_least(la
     prior = np.concatenate([found.vector.prior[kept], joint.vector.prior[other]])
     x = np.concatenate([found.x[kept], np.zeros(len(other))])
     precise = found.normal.tempering * _precision(found)
-    residual = found.state.found.residual - found.state.jacobian[:, part] @ found.x[part]
+    residual = found.state.misfit.residual - found.state.jacobian[:, part] @ found.x[part]
     slope = jacobian.T @ precise @ residual + x / prior**2
     least = x - np.linalg.solve(jacobian.T @ precise @ jacobian + np.diag(1 / prior**2), slope)
     np.testing.assert_allclose(explanation.x, explanation.vector.inside(least), atol=1e-3 * np.abs(least).max())
@@ -803,9 +814,9 @@ def test_a_column_of_a_decoy_is_what_another_trials_motion_does_at_this_ones_poi
         [problem.forward.motions([joint.vector.case(s.trial, x)], [s.times])[0] for s in data.samples]
         for x in (joint.x + step, joint.x)
     )
-    rows = np.flatnonzero(joint.state.found.sample == 0)
+    rows = np.flatnonzero(joint.state.misfit.sample == 0)
     change = _middle(moved[1].astype(float)) - _middle(still[1].astype(float))
-    match, side = joint.state.found, 41
+    match, side = joint.state.misfit, 41
     for row in rows[::40]:
         corners = match.vertex[row] % (side * side)
         at = match.weights[row] @ change[match.frame[row]][corners]
@@ -826,7 +837,7 @@ class Stiffer(Curler):
 
 def test_an_effect_within_the_tolerance_stays_where_it_matters_to_another_layout(late, unhurried, tmp_path):
     joint, data = late
-    gains = gains_of(parts_of(joint.vector), LeftOut.of(joint, data.folds), data.noise.sigma)
+    gains = Judged(joint, data.folds, data.noise.sigma).gains
     droop, lag = (gains[label][0] for label in ("supply_droop", "filling_lag"))
     tolerance = 1.25 * droop
     assert 2 * tolerance < lag
@@ -837,10 +848,10 @@ def test_an_effect_within_the_tolerance_stays_where_it_matters_to_another_layout
             data, Predictor(Stiffer(), Model(), sensing=True), tolerance, {}, known=[],
             checkpoint=Checkpoint(work, {}), say=lambda line: None, elsewhere=[other],
         )  # fmt: skip
-        assert worth(replace(task, elsewhere=()), joint) == (["filling_lag"], ["supply_droop"])
-        _, found, small, _ = backwards(task, joint, unhurried)
-    assert sorted(found.vector.labels) == ["filling_lag", "supply_droop"]
-    assert not small
+        assert worth(SetRefits(replace(task, elsewhere=())), joint) == (["filling_lag"], ["supply_droop"])
+        chosen = backwards(SetRefits(task), joint, unhurried)
+    assert sorted(chosen.chosen.vector.labels) == ["filling_lag", "supply_droop"]
+    assert not chosen.small
 
 
 def test_models_are_compared_on_the_layout_where_they_differ_most(late, tmp_path):
@@ -876,8 +887,8 @@ def _middle(points):
 def _precision(found):
     """(N, N) 1/m^2: block by block, the inverse of the points' covariance by noise and by errors of the inputs."""
     normal, result = found.normal, np.zeros((len(found.normal.weights),) * 2)
-    for block in np.unique(normal.clusters):
-        rows = np.flatnonzero((normal.clusters == block) & (normal.weights > 0))
+    for block in np.unique(found.state.misfit.block):
+        rows = np.flatnonzero((found.state.misfit.block == block) & (normal.weights > 0))
         u = found.inputs.columns[rows]
         result[np.ix_(rows, rows)] = np.linalg.inv(np.diag(1 / normal.weights[rows]) + u @ u.T)
     return result
@@ -890,10 +901,10 @@ def test_trials_left_out_are_predicted_from_the_others(late):
     off = found.vector.part("supply_droop")
     scored = left.scored(off)
     free = np.setdiff1d(np.arange(len(found.x)), off)
-    sample, jacobian = found.state.found.sample, found.state.jacobian
+    sample, jacobian = found.state.misfit.sample, found.state.jacobian
     back = np.zeros(len(found.x))
     back[off] = -found.x[off]
-    residual = found.state.found.residual + jacobian @ back
+    residual = found.state.misfit.residual + jacobian @ back
     precise = found.normal.tempering * _precision(found)
     for out in range(len(data.samples)):
         rows = sample != out
@@ -945,10 +956,10 @@ def test_a_gain_up_and_every_channel_down_as_much_is_left_to_the_priors(monkeypa
     rng = np.random.default_rng(0)
     residual, slopes = rng.normal(size=30), rng.normal(size=(30, len(x)))  # these are noise
     monkeypatch.setattr(FitProblem, "changes", lambda self, evaluation, rows: slopes)
-    at = Evaluation(x, [], SimpleNamespace(residual=residual, loss=SimpleNamespace(cap=99.0)))
+    at = Evaluation(x, SimpleNamespace(residual=residual, loss=SimpleNamespace(cap=99.0)), [])
     state = problem.linearise(at, np.eye(len(x)))
-    there = Evaluation(x + rng.normal(size=len(x)), [], SimpleNamespace(residual=rng.normal(size=30)))
+    there = Evaluation(x + rng.normal(size=len(x)), SimpleNamespace(residual=rng.normal(size=30)), [])
     updated = _updated(problem, state, there)
     np.testing.assert_allclose(state.jacobian @ idle, 0.0, atol=1e-12)
     np.testing.assert_allclose(updated @ idle, 0.0, atol=1e-12)
-    np.testing.assert_allclose(updated @ (there.x - x), there.found.residual - residual)  # Broyden's secant
+    np.testing.assert_allclose(updated @ (there.x - x), there.misfit.residual - residual)  # Broyden's secant

@@ -10,7 +10,7 @@ import pytest
 from fabdesign.files.model_file import read_model
 from fabdesign.nouns.bench import Bench, BenchRecord, Specimen
 from studies.benches.cylinder import friction_state
-from studies.benches.trace_law import law
+from studies.benches.records import LAWS
 from studies.benches.trace_outcome import BenchOutcome
 from studies.benches.trace_report import as_text
 from studies.benches.tracing import examine
@@ -119,9 +119,7 @@ def test_a_muscles_law_takes_the_pressure_commanded_where_none_was_measured() ->
         BenchRecord(r.name, {"pressure_command" if k == "pressure" else k: v for k, v in r.columns.items()}, {})
         for r in measured
     ]
-    found = [
-        law(Bench("made", "muscle", (), "force", {}, tuple(pair)), pair[:1], pair[1]) for pair in (measured, commanded)
-    ]
+    found = [LAWS["muscle"].still(pair[:1], pair[1]) for pair in (measured, commanded)]
     np.testing.assert_array_equal(*found)
 
 

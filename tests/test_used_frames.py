@@ -7,8 +7,9 @@ import pytest
 from sheets import rolled_sheet
 from test_calibrate import write
 
-from studies.measured.sensitive_stretches import find_used_frames, on_another_branch, sensitive_stretches
+from studies.measured.sensitive_stretches import find_used_frames, sensitive_stretches
 from studies.measured.used_frames import Stretch, left_out_in_words, share_left_out, used_mask
+from studies.prediction.stability import instants_elsewhere
 
 TIMES = np.arange(1, 31) * 0.05
 
@@ -92,7 +93,7 @@ def test_a_motion_that_diverges_is_left_out():
     middle = np.zeros((2, 9, 3))
     lost = middle.copy()
     lost[1] = np.nan
-    assert on_another_branch(middle, middle, lost).tolist() == [False, True]
+    assert instants_elsewhere(middle, middle, lost).tolist() == [False, True]
 
 
 def test_a_large_change_in_proportion_is_used_until_it_is_many_times_the_usual():
@@ -101,9 +102,9 @@ def test_a_large_change_in_proportion_is_used_until_it_is_many_times_the_usual()
         middle = np.zeros((2, 9, 3))
         middle[1, :, 2] = size
         last = np.array([[[0.0]], [[1.0]]]) * size
-        assert not on_another_branch(middle, middle + 0.09 * last, middle - 0.09 * last).any()
-        assert on_another_branch(middle, middle + 0.11 * last, middle - 0.11 * last)[1]
-        assert on_another_branch(middle, middle + 0.05 * last, middle)[1]  # to one side only
+        assert not instants_elsewhere(middle, middle + 0.09 * last, middle - 0.09 * last).any()
+        assert instants_elsewhere(middle, middle + 0.11 * last, middle - 0.11 * last)[1]
+        assert instants_elsewhere(middle, middle + 0.05 * last, middle)[1]  # to one side only
 
 
 def test_frames_within_a_stretch_are_left_out():

@@ -87,7 +87,7 @@ def calibrate(
     from fabdesign.files.model_file import write_model
     from fabdesign.nouns.model import Model
     from fabdesign.runtime.effort import CALIBRATION, fit_in_words, fit_seconds
-    from studies.calibration.calibrate import DRAWN, orders_of
+    from studies.calibration.calibrate import DRAWN, CalibrationOptions, orders_of
     from studies.calibration.calibrate import calibrate as calibrate_sets
     from studies.measured.sensitive_stretches import GRID as COARSE
 
@@ -101,20 +101,12 @@ def calibrate(
     with run.file(out, paths_of(measured, model)) as unfinished, run.computing():
         run.progress(fit_in_words(len(motion), len(vector.parameters), seconds), None)
         calibration = calibrate_sets(
-            sets,
-            simulator(grid),
-            slopes=simulator(min(grid, COARSE)),
-            coarse=simulator(COARSE),
-            vector=vector,
-            points_per_side=grid,
-            orders=orders,
-            skipped=skipped,
-            skip_bad=skip_bad,
-            seed=seed,
-            intervals=True,
-            interruptible=True,
-            progress=run.progress,
-        )
+            sets, simulator(grid), vector=vector, progress=run.progress,
+            options=CalibrationOptions(
+                slopes=simulator(min(grid, COARSE)), coarse=simulator(COARSE), points_per_side=grid, orders=orders,
+                skipped=skipped, skip_bad=skip_bad, seed=seed, intervals=True, interruptible=True,
+            ),
+        )  # fmt: skip
         if base.learned_range is not None and calibration.model.learned_range is None:  # what was learned is held
             calibration = replace(calibration, model=replace(calibration.model, learned_range=base.learned_range))
         if unfinished is not None:
@@ -210,8 +202,7 @@ def trace(
             sound,
             folder,
             inputs=paths_of(measured, model),
-            model=fitted,
-            options=Options(TOLERANCE if tolerance is None else tolerance, grid, seed),
+            options=Options(TOLERANCE if tolerance is None else tolerance, grid, seed, fitted),
             force=run.force,
             say=lambda line: show(line, None if line.startswith(SO_FAR) else pace.share()),
         )

@@ -1,7 +1,8 @@
 """Models drawn from a model's joint covariance: whoever samples a model samples jointly."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,22 +31,48 @@ def joint_root(model: Model) -> Array:
         raise InputError("the model's [covariance] is no covariance: a direction has a negative variance") from None
 
 
-def drawn(model: Model, root: Array, z: Sequence[float] | Array) -> Model:
-    """The model with the parameters of its covariance at centre + root z, in their transforms, within their bounds.
-    The centre is the model itself; the corrector stays the one trained there."""
-    names = model.covariance.names if model.covariance is not None else ()
-    parameters, effects = dict(model.parameters), list(model.effects)
-    for name, shift in zip(names, root @ np.asarray(z), strict=True):
-        centre, logarithmic, (low, high) = _centre(model, name)
-        value = float(np.clip(centre * np.exp(shift) if logarithmic else centre + shift, low, high))
-        if name in parameters:
-            parameters[name] = replace(parameters[name], factor=value)
-            continue
-        effect, _, key = name.rpartition(".")
-        i = labels_of(model.terms).index(effect)
-        quantity = replace(effects[i].parameters[key], value=value)
-        effects[i] = replace(effects[i], parameters={**effects[i].parameters, key: quantity})
-    return replace(model, parameters=parameters, effects=tuple(effects))
+@dataclass(frozen=True, eq=False)
+class Ensemble:
+    """Models that a model's joint covariance leaves possible: a vector of independent standard normals z stands for
+    each. The centre is the model itself; the corrector stays the one trained there."""
+
+    model: Model
+
+    @cached_property
+    def root(self) -> Array:
+        """As `joint_root`; (0, 0) of a model without a covariance, which stands for itself."""
+        return np.empty((0, 0)) if self.model.covariance is None else joint_root(self.model)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the parameters that differ."""
+        return () if self.model.covariance is None else self.model.covariance.names
+
+    @property
+    def size(self) -> int:
+        """Return how many normals stand for a model."""
+        return len(self.names)
+
+    def at(self, z: Sequence[float] | Array) -> Model:
+        """Return the model with its parameters at centre + root z, in their transforms, within their bounds."""
+        parameters, effects = dict(self.model.parameters), list(self.model.effects)
+        for name, shift in zip(self.names, self.root @ np.asarray(z), strict=True):
+            centre, logarithmic, (low, high) = _centre(self.model, name)
+            value = float(np.clip(centre * np.exp(shift) if logarithmic else centre + shift, low, high))
+            if name in parameters:
+                parameters[name] = replace(parameters[name], factor=value)
+                continue
+            effect, _, key = name.rpartition(".")
+            i = labels_of(self.model.terms).index(effect)
+            quantity = replace(effects[i].parameters[key], value=value)
+            effects[i] = replace(effects[i], parameters={**effects[i].parameters, key: quantity})
+        return replace(self.model, parameters=parameters, effects=tuple(effects))
+
+    def drawn(self, count: int, seed: int) -> list[Model]:
+        """Return so many models, the same wherever a model is asked; none without a covariance."""
+        return (
+            [self.at(z) for z in np.random.default_rng(seed).standard_normal((count, self.size))] if self.size else []
+        )
 
 
 def covered(model: Model) -> set[str]:

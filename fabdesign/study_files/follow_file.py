@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from fabdesign.files.design_file import read_design
 from fabdesign.files.model_file import read_model
 from fabdesign.files.pressure_file import read_pressures
-from fabdesign.formats.schema import ABOVE_0, GRIDS, FileUnit, Key, Second, Within
+from fabdesign.formats.schema import ABOVE_0, GRIDS, FileUnit, Key, Metre, Second, Within
 from fabdesign.formats.table import Table
 from fabdesign.geometry.placement import Unit
 from fabdesign.geometry.regions import Region, Weighting
@@ -19,7 +19,7 @@ from fabdesign.nouns.model import POINTS_PER_SIDE, Model
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.runtime.effort import LONGEST
 from fabdesign.study_files.rig_limits_file import USUAL_LIMITS, RigLimits
-from fabdesign.study_files.study_file import Name, Order, Seed, study_of
+from fabdesign.study_files.study_file import MuscleChoice, Name, Order, Seed, StudyLimits, study_of
 from fabdesign.study_files.study_targets import TargetFile
 
 _REGIONS = Key("regions", form=tuple[Region, ...])
@@ -54,11 +54,22 @@ class Moment:
 
 
 @dataclass(frozen=True)
-class Scatter:
+class MotionScatter:
     """How the motion is tried beside its own program."""
 
     pressure: Annotated[float, Within(least=0, most=0.5), "of every channel, relative, as standard deviation"] = 0.01
     copies: Annotated[int, Within(least=0, most=100), "of the motion, with a model drawn from the covariance each"] = 7
+
+
+@dataclass(frozen=True)
+class LayoutChoice:
+    """A layout that is searched for, by its shapes at rest at some instants, before it is driven."""
+
+    muscles: MuscleChoice
+    instants: Annotated[int, Within(least=1, most=12), "whose shapes are wanted of it, the last one among them"] = 4
+    seconds: Annotated[Second, ABOVE_0, "of search"] = 120.0
+    spacing: Annotated[Metre, Within(least=0), "between muscles on one face"] = StudyLimits.spacing
+    edge: Annotated[Metre, Within(least=0), "between a muscle's corner points and the cloth's edge"] = StudyLimits.edge
 
 
 _EITHER = "one [motion], or [[moments]] with their times"
@@ -96,14 +107,17 @@ class FollowStudy:
     start: Annotated[
         PressureProgram | None, Key(form=str, read=_program), "a program to begin with; absent: from shapes at rest"
     ] = None
-    scatter: Scatter = Scatter()
+    layout: Annotated[LayoutChoice | None, "absent: the design's own"] = None
+    scatter: MotionScatter = MotionScatter()
     points_per_side: Annotated[int, Key(absent=_grid), GRIDS, "absent: the model's, or 41"] = POINTS_PER_SIDE
     seconds: Annotated[Second | None, Key("limits.seconds"), ABOVE_0, "then no further window is begun"] = None
 
     def resolved(self, table: Table) -> "FollowStudy":
         """Return the study with its moments by rising time. Raises InputError for two at one instant, and for a design
         that cannot be driven."""
-        if not self.design.muscles:
+        if self.layout is not None and self.start is not None:
+            raise table.bad("start", "none beside [layout], whose channels are not known")
+        if not self.design.muscles and self.layout is None:
             raise table.error(f"design {self.design.name} has no muscles; expected some")
         if self.rig.channels is not None and self.design.channels > self.rig.channels:
             raise table.error(

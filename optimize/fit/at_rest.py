@@ -13,10 +13,10 @@ from fabdesign.nouns.forward import Case
 from fabdesign.nouns.jacobian import Floats, Jacobians
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.nouns.trial import Accuracy
-from optimize.fit.clouds import Array, Indices, Match, Sample, match
-from optimize.fit.inputs import InputErrors
+from optimize.fit.clouds import Match, Sample, match
+from optimize.fit.misfit import Array, Indices
 from optimize.fit.parameters import FitVector
-from optimize.fit.problem import Evaluation, Linearisation, Problem, columns
+from optimize.fit.problem import Evaluation, InputErrors, Linearisation, Problem, columns
 
 _STEP, _FAR = 0.007, 0.15  # of a prior's deviation, of a column, and of the differences of what sensors add
 
@@ -34,11 +34,12 @@ class Standing:
 @dataclass(frozen=True, eq=False)
 class RestProblem(Problem):
     """Shapes at rest. jacobians: a forward model's, which gives the shapes too: near a snap another way to them may
-    lead to another one."""
+    lead to another one. accuracy: of the inputs; None: they are exact."""
 
     standing: Sequence[Standing]
     jacobians: Jacobians
     vector: FitVector
+    accuracy: Accuracy | None = None
     lengths: ClassVar[tuple[float, ...]] = (1.0, 0.5)  # shapes leave no lane empty
 
     @property
@@ -58,12 +59,14 @@ class RestProblem(Problem):
         there, table = self._columns(evaluation.x, [_column(self.vector, k) for k in range(len(evaluation.x))])
         return self.with_jacobian(there, self.moving(table))
 
-    def input_errors(self, x: Array, accuracy: Accuracy) -> InputErrors:
+    def input_errors(self, evaluation: Evaluation) -> InputErrors | None:
         """Return what errors of the pressures and of the frame's level do, to first order."""
+        if self.accuracy is None:
+            return None
         channels = max(len(one.pressure) for one in self.standing)
         tilts = [of_effect("frame_tilt", axis, 0.01) for axis in ("about_x", "about_z")]
-        _, table = self._columns(x, [*map(_share_of_pressure, range(channels)), *tilts])
-        deviations = np.array([accuracy.pressure] * channels + [accuracy.tilt] * len(tilts))
+        _, table = self._columns(evaluation.x, [*map(_share_of_pressure, range(channels)), *tilts])
+        deviations = np.array([self.accuracy.pressure] * channels + [self.accuracy.tilt] * len(tilts))
         return InputErrors(table * deviations, np.zeros(len(table)))
 
     def _cases(self, x: Array) -> list[Case]:
@@ -80,17 +83,17 @@ class RestProblem(Problem):
 
     def _evaluation(self, x: Array, shapes: Sequence[Floats]) -> Evaluation:
         motions = [np.asarray(points)[None] for points in shapes]
-        found = match(self.samples, motions)
-        return Evaluation(x, [of_faces(points) for points in motions], _without_other_branches(found))
+        misfit = _without_other_branches(match(self.samples, motions))
+        return Evaluation(x, misfit, [of_faces(points) for points in motions])
 
 
-def _without_other_branches(found: Match) -> Match:
+def _without_other_branches(misfit: Match) -> Match:
     """Return the residuals, NaN for a shape that ends far off where most are near: on another side than the measured
     one, which no small change of the unknowns mends."""
-    _, shape = np.unique(found.sample, return_inverse=True)
-    squares = np.bincount(shape, np.square(np.nan_to_num(found.residual))) / np.bincount(shape)
+    _, shape = np.unique(misfit.sample, return_inverse=True)
+    squares = np.bincount(shape, np.square(np.nan_to_num(misfit.residual))) / np.bincount(shape)
     other = squares > _OTHER_BRANCH**2 * np.median(squares)
-    return replace(found, residual=np.where(other[shape], np.nan, found.residual))
+    return replace(misfit, residual=np.where(other[shape], np.nan, misfit.residual))
 
 
 def _solved(changes: Floats) -> Floats:

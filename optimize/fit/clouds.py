@@ -3,21 +3,20 @@
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.files.trial_file import TrialData
-from fabdesign.geometry.surface import CAP, Surface
+from fabdesign.geometry.surface import Surface
 from fabdesign.nouns.forward import SIDE
 from fabdesign.nouns.trial import Trial
+from optimize.fit.misfit import Array, Indices, Misfit
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 Motion = NDArray[np.floating[Any]]
-FAR = 2.0  # times the usual median residual: an outlying frame, which counts less
+BLOCK = 0.5  # s: residuals of one trial within it count as one observation, about half a swing of the cloth
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,55 +64,18 @@ def cut(sample: Sample, until: float) -> Sample:
     return replace(sample, times=sample.times[:count], clouds=sample.clouds[:count])
 
 
-@dataclass(frozen=True)
-class Loss:
-    """Limits on what one residual, or one frame, can do; by default those of clouds."""
-
-    huber: float = 1.345  # of the scale: 95 % efficient on normal noise (Huber 1981)
-    far: float = FAR
-    stray: float = 5.0  # times the frame's robust deviation: a point farther off is no part of an error
-    largest: float = 0.020  # m: a residual farther off counts as this far where trials are left out
-    cap: float = CAP  # m, the same in the RMS that a fit reports
-    smallest: float = 1e-6  # m, of the scale, for clouds without noise
-
-    def scale(self, residual: Array) -> float:
-        """Robust standard deviation."""
-        return max(1.4826 * float(np.median(np.abs(residual))), self.smallest)
-
-    def of(self, t: Array) -> Array:
-        """(N,) -log likelihood of residuals in units of their scale (Huber's function)."""
-        size = np.abs(t)
-        return np.where(size <= self.huber, 0.5 * t * t, self.huber * (size - 0.5 * self.huber))
-
-
-CLOUDS = Loss()
-ROWS = Loss(far=np.inf, stray=np.inf, largest=np.inf, cap=np.inf, smallest=1e-12)  # of a bench, in its output's unit
-
-
 @dataclass(frozen=True, eq=False)
-class Match:
-    """Each measured point (N of them, all samples in a row) with the nearest place on the model's surface.
+class Match(Misfit):
+    """Each measured point with the nearest place on the model's surface; its residual is the height along the normal,
+    positive off the sheet.
 
     A point beyond a hem counts by its height over the sheet alone. Its distance from the hem would widen the sheet:
     noise puts as many points inside, and those say nothing.
     """
 
-    residual: Array  # (N,) m, height along the normal, positive off the sheet; NaN in frames that the model has lost
     normal: Array  # (N, 3) of the matched triangle, outwards
     vertex: Indices  # (N, 3) of its triangle
     weights: Array  # (N, 3) barycentric
-    sample: Indices  # (N,)
-    frame: Indices  # (N,) within its sample
-    _: KW_ONLY
-    loss: Loss = CLOUDS
-    block: Indices | None = None  # (N,) which points share the model's error; None: those of half a second of a trial
-
-    @staticmethod
-    def of_rows(residual: Array, record: Indices, block: Indices) -> "Match":
-        """Of a bench's rows: (N,) in the output's unit, which have no place on a surface. record, block: (N,)."""
-        none = np.zeros((len(residual), 3))
-        corners, frame = none.astype(np.intp), np.zeros(len(residual), dtype=np.intp)
-        return Match(residual, none, corners, none, record, frame, loss=ROWS, block=block)
 
 
 def match(samples: Sequence[Sample], motions: Sequence[Motion]) -> Match:
@@ -127,24 +89,19 @@ def _match_one(s: int, sample: Sample, motion: Motion) -> list[tuple[Array | Ind
     """The fields of `Match`, of each frame of sample number `s`."""
     parts: list[tuple[Array | Indices, ...]] = []
     for f, (cloud, vertices) in enumerate(zip(sample.clouds, motion, strict=True)):
-        where = (np.full(len(cloud), s), np.full(len(cloud), f))
+        block = s * 10_000 + int(sample.times[f] / BLOCK - 1e-6)
+        where = (np.full(len(cloud), s), np.full(len(cloud), f), np.full(len(cloud), block))
         if not np.isfinite(vertices).all():
             zeros = np.zeros((len(cloud), 3))
-            parts.append((np.full(len(cloud), np.nan), zeros, zeros.astype(np.intp), zeros, *where))
+            parts.append((np.full(len(cloud), np.nan), *where, zeros, zeros.astype(np.intp), zeros))
             continue
         surface = Surface.of_faces(vertices)
         near = surface.nearest(cloud)
         corners = surface.triangles[near.triangle]
         offset = cloud - np.einsum("nc,ncd->nd", near.weights, surface.vertices[corners])
         normal = surface.normals_of(near.triangle)
-        parts.append((np.einsum("nd,nd->n", offset, normal), normal, corners, near.weights, *where))
+        parts.append((np.einsum("nd,nd->n", offset, normal), *where, normal, corners, near.weights))
     return parts
-
-
-def frames_of(match: Match, rows: NDArray[np.bool_] | slice = slice(None)) -> tuple[Indices, list[Indices]]:
-    """Of the points `rows`, counted among themselves: the frame of each, and the points of each frame."""
-    _, frame = np.unique(match.sample[rows] * 100_000 + match.frame[rows], return_inverse=True)
-    return frame, np.split(np.argsort(frame, kind="stable"), np.cumsum(np.bincount(frame))[:-1])
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.metrics import over
-from optimize.fit.clouds import Array, Indices, Match, frames_of
 from optimize.fit.fitted import Fit
-from optimize.fit.inputs import InputErrors
+from optimize.fit.misfit import Array, Indices, Misfit, not_strays
 from optimize.fit.normal import Normal, whitened
+from optimize.fit.problem import InputErrors
 
 _DRAWS = 2000  # of trials, for an interval
 Gain = tuple[float, tuple[float, float]]  # m of excess, in quadrature, and 90 %
@@ -40,12 +40,12 @@ class Scored:
 
 @dataclass(frozen=True, eq=False)
 class LeftOut:
-    """A linear model of the residuals about a fit: found + jacobian @ step.
+    """A linear model of the residuals about a fit: residual + jacobian @ step.
 
     folds: (samples,) trials with the same pressures share one. Points count as errors of the inputs leave them.
     """
 
-    found: Match
+    misfit: Misfit
     jacobian: Array  # (N, p) m
     x: Array  # (p,)
     prior: Array  # (p,) standard deviations
@@ -55,7 +55,7 @@ class LeftOut:
 
     @staticmethod
     def of(fit: Fit, folds: Sequence[int]) -> "LeftOut":
-        return LeftOut(fit.state.found, fit.state.jacobian, fit.x, fit.vector.prior, fit.normal, fit.inputs, folds)
+        return LeftOut(fit.state.misfit, fit.state.jacobian, fit.x, fit.vector.prior, fit.normal, fit.inputs, folds)
 
     def with_columns(self, columns: Array, prior: Array) -> "LeftOut":
         """With unknowns more that are off: (N, k) m changes of the residuals by them, and their prior deviations (k,).
@@ -70,25 +70,25 @@ class LeftOut:
     @cached_property
     def kept(self) -> NDArray[np.bool_]:
         """(N,) points that are there and not much farther off than the others of their frame."""
-        return not_strays(self.found) & (self.normal.counts > 0)
+        return not_strays(self.misfit) & (self.normal.counts > 0)
 
     @cached_property
     def residual(self) -> Array:
         """(N,) m, cut at the loss's largest, zero where not kept."""
-        most = self.found.loss.largest
-        return np.where(self.kept, np.clip(np.nan_to_num(self.found.residual), -most, most), 0.0)
+        most = self.misfit.loss.largest
+        return np.where(self.kept, np.clip(np.nan_to_num(self.misfit.residual), -most, most), 0.0)
 
     @cached_property
     def white(self) -> Array:
         """(N, p) m, the Jacobian less what errors of the inputs can make of it."""
-        return whitened(np.nan_to_num(self.jacobian), self.normal, self.inputs)
+        return whitened(np.nan_to_num(self.jacobian), self.misfit.block, self.normal, self.inputs)
 
     @cached_property
     def _parts(self) -> tuple[Array, Array]:
         """(samples, p, p) and (samples, p): Hessian and gradient by trial, tempered."""
         weighted = self.white * self.normal.weights[:, None]
-        residual, jacobian = np.nan_to_num(self.found.residual), np.nan_to_num(self.jacobian)
-        rows = [np.flatnonzero(self.found.sample == s) for s in range(len(self.folds))]
+        residual, jacobian = np.nan_to_num(self.misfit.residual), np.nan_to_num(self.jacobian)
+        rows = [np.flatnonzero(self.misfit.sample == s) for s in range(len(self.folds))]
         hessian = np.stack([weighted[r].T @ jacobian[r] for r in rows])
         gradient = np.stack([weighted[r].T @ residual[r] for r in rows])
         return self.normal.tempering * hessian, self.normal.tempering * gradient
@@ -113,7 +113,7 @@ class LeftOut:
         back[gone] = -self.x[gone]
         precision = np.diag(1 / self.prior[free] ** 2)
         squares, weights = np.zeros(len(fold)), np.zeros(len(fold))
-        counts, jacobian, most = self.normal.counts, np.nan_to_num(self.jacobian), self.found.loss.largest
+        counts, jacobian, most = self.normal.counts, np.nan_to_num(self.jacobian), self.misfit.loss.largest
         several = len(np.unique(fold)) > 1
         for out in np.unique(fold):
             used = fold != out if several else fold == out
@@ -123,7 +123,7 @@ class LeftOut:
             left = own[np.ix_(free, free)] + precision
             step[free] = -np.linalg.solve(left, slope[free] + precision @ self.x[free])
             for s in np.flatnonzero(fold == out):
-                rows = np.flatnonzero((self.found.sample == s) & self.kept)
+                rows = np.flatnonzero((self.misfit.sample == s) & self.kept)
                 moved = np.clip(self.residual[rows] + jacobian[rows] @ step, -most, most)
                 squares[s], weights[s] = counts[rows] @ np.square(moved), counts[rows].sum()
         return Scored(squares, weights)
@@ -138,17 +138,6 @@ class LeftOut:
         drawn = table[rng.integers(0, len(table), size=(_DRAWS, len(table)))].sum(axis=1)
         low, high = np.quantile(_taken(drawn, floor), [0.05, 0.95])
         return float(_taken(table.sum(axis=0)[None], floor)[0]), (float(low), float(high))
-
-
-def not_strays(match: Match) -> NDArray[np.bool_]:
-    """(N,) points that are there and not much farther off than the others of their frame."""
-    size = np.abs(match.residual)
-    kept = np.isfinite(size)
-    for points in frames_of(match)[1]:
-        own = size[points]
-        if np.isfinite(own).all():
-            kept[points] = own <= match.loss.stray * max(1.4826 * float(np.median(own)), 1e-4)
-    return kept
 
 
 def _taken(sums: Array, floor: float) -> Array:

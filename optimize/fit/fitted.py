@@ -2,16 +2,20 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 
-from fabdesign.geometry.surface import CAP
 from fabdesign.runtime.store import Arrays, Checkpoint
-from optimize.fit.clouds import Array, Match, Sample, frames_of
-from optimize.fit.inputs import InputErrors
+from optimize.fit.clouds import Sample
+from optimize.fit.misfit import Array, Misfit, capped, frames_of
 from optimize.fit.normal import Normal, scatter, step_to_minimum
 from optimize.fit.parameters import FitVector
-from optimize.fit.problem import Linearisation, Problem
+from optimize.fit.problem import InputErrors, Linearisation, Problem
+
+# why a fit ended: too many steps; a step that promised next to nothing; more left than another fit would look at
+Ending = Literal["iterations", "converged", "hopeless", "interrupted"]
+_ENDINGS: tuple[Ending, ...] = get_args(Ending)
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +32,21 @@ class Fit:
     outlying: float  # share of frames that the model misses by far, or has lost
     lost: tuple[tuple[str, float], ...]  # trials whose motion diverged, and from when on [s] they were left out
     iterations: int
-    converged: bool
+    ended: Ending
     state: Linearisation  # the residuals and their Jacobian
     normal: Normal  # the normal equations there
     inputs: InputErrors | None = None  # where these are weighed
     without_effects: "Fit | None" = None
-    interrupted: bool = False
+
+    @property
+    def converged(self) -> bool:
+        """Whether it ended where a step promised next to nothing."""
+        return self.ended == "converged"
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether it was ended by Ctrl-C."""
+        return self.ended == "interrupted"
 
     @property
     def information(self) -> Array:
@@ -57,24 +70,23 @@ def concluded(
     inputs: InputErrors | None,
     before: float,
     iterations: int,
-    converged: bool,
+    ended: Ending,
 ) -> Fit:
-    """The fit that ended at a state."""
-    samples, vector, found = problem.samples, problem.vector, state.found
-    weight = np.diag(1 / vector.prior**2)
-    step, normal = step_to_minimum(samples, state, weight, 0.0, vector, inputs)
+    """The fit that ended at a state. before: m RMS, at the data sheet."""
+    samples, vector, misfit = problem.samples, problem.vector, state.misfit
+    step, normal = step_to_minimum(state, vector, inputs)
     return Fit(
         vector=vector,
         x=state.x,
         minimum=vector.inside(state.x + step),
-        covariance=_covariance(normal, weight),
+        covariance=_covariance(normal, vector.precision),
         before=before,
-        after=capped(found.residual, found.loss.cap),
-        by_trial=np.array([capped(found.residual[found.sample == s], found.loss.cap) for s in range(len(samples))]),
-        outlying=_share_outlying(found),
-        lost=_lost(samples, found),
+        after=misfit.rms,
+        by_trial=np.array([capped(misfit.residual[misfit.sample == s], misfit.loss.cap) for s in range(len(samples))]),
+        outlying=_share_outlying(misfit),
+        lost=_lost(samples, misfit),
         iterations=iterations,
-        converged=converged,
+        ended=ended,
         state=state,
         normal=normal,
         inputs=inputs,
@@ -82,21 +94,17 @@ def concluded(
 
 
 def kept(
-    checkpoint: Checkpoint,
-    named: str,
-    problem: Problem,
-    compute: Callable[[], Fit],
-    inputs: InputErrors | None = None,
+    checkpoint: Checkpoint, named: str, problem: Problem, inputs: InputErrors | None, compute: Callable[[], Fit]
 ) -> Fit:
     """The fit `named` of a problem: that of the checkpoint, else computed and kept. Kept are where it ended, its
     Jacobian, and what errors of the inputs do, unless that is given; the motions there are made again."""
     fresh: list[Fit] = []
 
     def arrays() -> Arrays:
-        fresh.append(found := compute())
-        own = {} if inputs is not None or found.inputs is None else vars(found.inputs)
-        told = np.array([found.before, found.iterations, found.converged], dtype=float)
-        return {"x": found.x, "jacobian": found.state.jacobian, "told": told, **own}
+        fresh.append(fit := compute())
+        numbers = np.array([fit.before, fit.iterations, _ENDINGS.index(fit.ended)], dtype=float)
+        weighed = {} if inputs is not None or fit.inputs is None else vars(fit.inputs)
+        return {"x": fit.x, "jacobian": fit.state.jacobian, "told": numbers, **weighed}
 
     there = checkpoint.arrays(f"fit_{named}", arrays)
     if fresh:
@@ -104,8 +112,8 @@ def kept(
     if inputs is None and "columns" in there:
         inputs = InputErrors(there["columns"], there["bent"])
     state = problem.with_jacobian(problem.evaluate([there["x"]])[0], there["jacobian"])
-    before, iterations, converged = there["told"].tolist()
-    return concluded(problem, state, inputs, before, int(iterations), bool(converged))
+    before, iterations, ended = there["told"].tolist()
+    return concluded(problem, state, inputs, before, int(iterations), _ENDINGS[int(ended)])
 
 
 def _covariance(normal: Normal, weight: Array) -> Array:
@@ -117,20 +125,16 @@ def _covariance(normal: Normal, weight: Array) -> Array:
     return np.asarray(bread @ meat @ bread)
 
 
-def capped(residual: Array, cap: float = CAP) -> float:
-    """m, RMS of what is not lost."""
-    kept = residual[np.isfinite(residual)]
-    return float(np.sqrt(np.mean(np.square(np.clip(kept, -cap, cap))))) if len(kept) else float("nan")
-
-
-def _share_outlying(found: Match) -> float:
+def _share_outlying(misfit: Misfit) -> float:
     """Share of frames whose median residual is over the loss's `far` times the usual one, or lost."""
-    size = np.where(np.isfinite(found.residual), np.abs(found.residual), np.inf)
-    medians = np.array([np.median(size[points]) for points in frames_of(found)[1]])
-    return float(np.mean(medians > found.loss.far * max(np.median(medians), 1e-30)))
+    size = np.where(np.isfinite(misfit.residual), np.abs(misfit.residual), np.inf)
+    medians = np.array([np.median(size[points]) for points in frames_of(misfit)[1]])
+    return float(np.mean(medians > misfit.loss.far * max(np.median(medians), 1e-30)))
 
 
-def _lost(samples: Sequence[Sample], found: Match) -> tuple[tuple[str, float], ...]:
-    bad = np.isnan(found.residual)
-    first = {int(s): float(samples[s].times[found.frame[bad & (found.sample == s)].min()]) for s in found.sample[bad]}
+def _lost(samples: Sequence[Sample], misfit: Misfit) -> tuple[tuple[str, float], ...]:
+    bad = np.isnan(misfit.residual)
+    first = {
+        int(s): float(samples[s].times[misfit.frame[bad & (misfit.sample == s)].min()]) for s in misfit.sample[bad]
+    }
     return tuple((samples[s].trial.name, time) for s, time in sorted(first.items()))

@@ -1,6 +1,5 @@
 """The linearised problem at a state: residuals reweighted for strays, whitened, tempered, with priors."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,12 +8,10 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import lsq_linear
 
 from fabdesign.errors import SimulationError
-from optimize.fit.clouds import FAR, Array, Indices, Loss, Match, Sample, frames_of
-from optimize.fit.inputs import InputErrors
+from optimize.fit.misfit import FAR, Array, Indices, Loss, Misfit, frames_of
 from optimize.fit.parameters import DECLARED, FitVector
-from optimize.fit.problem import Evaluation, Linearisation
+from optimize.fit.problem import Evaluation, InputErrors, Linearisation
 
-BLOCK = 0.5  # s: residuals of one trial within it count as one observation, about half a swing of the cloth
 MODES = 10  # observations that the points of such a block count as at most: about the shapes a model's error takes
 BENT = 2.0  # times what is not proportional in errors of the inputs, for those that were not tried
 _CHANGE = 0.2e-3  # m, RMS of the residuals' change that later differences aim at: ten times the noise of two motions
@@ -37,7 +34,6 @@ class Normal:
     frames: Array  # (N,) weight of each point by its frame, and by MODES; 0 where it is not used
     counts: Array  # (N,) how much of what a point says errors of the inputs leave, 0 to 1
     weights: Array  # (N,) 1/m^2 of each point; 0 where it is not used
-    clusters: Indices  # (N,) which share the model's error
 
     @property
     def information(self) -> Array:
@@ -46,19 +42,18 @@ class Normal:
 
 
 def step_to_minimum(
-    samples: Sequence[Sample],
     state: Linearisation,
-    weight: Array,
-    damping: float,
-    vector: FitVector = DECLARED,
+    vector: FitVector,
     inputs: InputErrors | None = None,
+    *,
+    damping: float = 0.0,
     far: float = FAR,
 ) -> tuple[Array, Normal]:
     """The step to the minimum of the linearised residuals, reweighted until it stands; and its normal equations. An
     unknown at its limit stays there where the step would lead beyond."""
-    step: Array = np.zeros(len(weight))
+    step, weight = np.zeros(len(state.x)), vector.precision
     for _ in range(_REWEIGHTED):
-        normal = normal_equations(samples, state, weight, step, vector, inputs, far)
+        normal = normal_equations(state, step, vector, inputs, far)
         gradient = normal.tempering * normal.gradient + weight @ state.x
         damped = normal.information + weight + damping * np.diag(np.diag(normal.information))
         last, step = step, _bounded_step(damped, gradient, state.x, vector)
@@ -101,13 +96,7 @@ def directions(normal: Normal, vector: FitVector = DECLARED) -> Array:
 
 
 def normal_equations(
-    samples: Sequence[Sample],
-    state: Linearisation,
-    weight: Array,
-    step: Array,
-    vector: FitVector = DECLARED,
-    inputs: InputErrors | None = None,
-    far: float = FAR,
+    state: Linearisation, step: Array, vector: FitVector, inputs: InputErrors | None = None, far: float = FAR
 ) -> Normal:
     """Weights, scores and tempering are those of the residuals that `step` is expected to leave.
 
@@ -116,26 +105,27 @@ def normal_equations(
     proportional counts as noise. Where small errors of the inputs move the cloth far, little is left.
     far: times the usual median residual over which a frame counts less.
     """
-    found, jacobian = state.found, state.jacobian
-    sound = np.isfinite(found.residual) & np.isfinite(jacobian).all(axis=1)
+    misfit, jacobian, weight = state.misfit, state.jacobian, vector.precision
+    sound = np.isfinite(misfit.residual) & np.isfinite(jacobian).all(axis=1)
     if inputs is not None:
         sound &= np.isfinite(inputs.columns).all(axis=1) & np.isfinite(inputs.bent)
     if not sound.any():
         raise SimulationError("every motion of the trials to fit diverged")
-    r, j = found.residual[sound], jacobian[sound]
-    _, cluster = np.unique(clusters(samples, found)[sound], return_inverse=True)
+    r, j = misfit.residual[sound], jacobian[sound]
+    _, cluster = np.unique(misfit.block[sound], return_inverse=True)
     left, sharp = r + j @ step, np.ones(len(r))
-    scale = found.loss.scale(left)
+    scale = misfit.loss.scale(left)
     if inputs is not None:
         u, bent = inputs.columns[sound], inputs.bent[sound]
         sharp = 1 / (1 + np.square(BENT * bent / scale))
-        left = _cleaned(left, u, sharp, cluster, scale, found.loss)
-        scale = found.loss.scale(left[sharp > 0.5]) if (sharp > 0.5).any() else scale
+        left = _cleaned(left, u, sharp, cluster, scale, misfit.loss)
+        scale = misfit.loss.scale(left[sharp > 0.5]) if (sharp > 0.5).any() else scale
         sharp = 1 / (1 + np.square(BENT * bent / scale))
-    frames = sharp * _frame_weights(found, sound, left * np.sqrt(sharp), max(far, found.loss.far))
+    frames = sharp * _frame_weights(misfit, sound, left * np.sqrt(sharp), max(far, misfit.loss.far))
     most = MODES * (cluster.max() + 1) / max(float(frames.sum()), 1e-12)
     frames = frames * min(1.0, most)  # before errors of the inputs take their part, which bounds what is left by itself
-    w = frames * np.minimum(1.0, found.loss.huber * scale / np.maximum(np.abs(left) * np.sqrt(sharp), 1e-12)) / scale**2
+    size = np.maximum(np.abs(left) * np.sqrt(sharp), 1e-12)
+    w = frames * np.minimum(1.0, misfit.loss.huber * scale / size) / scale**2
     white = j if inputs is None else j - _explained(j, u, w, cluster)[0]
     scores = np.zeros((cluster.max() + 1, len(weight)))
     np.add.at(scores, cluster, white * (w * (r + j @ step))[:, None])
@@ -156,7 +146,6 @@ def normal_equations(
         frames=_everywhere(frames, sound),
         counts=_everywhere(sharp * _share(j, white, w, cluster, vector.prior), sound),
         weights=_everywhere(w, sound),
-        clusters=clusters(samples, found),
     )
 
 
@@ -179,12 +168,12 @@ def _explained(table: Array, u: Array, w: Array, cluster: Indices) -> tuple[Arra
     return out, paid
 
 
-def whitened(columns: Array, normal: Normal, inputs: InputErrors | None) -> Array:
+def whitened(columns: Array, block: Indices, normal: Normal, inputs: InputErrors | None) -> Array:
     """(N, k) m: columns of changes of the residuals less what errors of the inputs can make of them."""
     if inputs is None:
         return columns
     used = np.flatnonzero(normal.weights > 0)
-    _, cluster = np.unique(normal.clusters[used], return_inverse=True)
+    _, cluster = np.unique(block[used], return_inverse=True)
     out = columns.copy()
     out[used] -= _explained(columns[used], inputs.columns[used], normal.weights[used], cluster)[0]
     return out
@@ -221,32 +210,24 @@ def scatter(scores: Array, information: Array, weight: Array) -> Array:
 
 
 def loss(
-    samples: Sequence[Sample],
-    old: Evaluation,
-    new: Evaluation,
-    normal: Normal,
-    weight: Array,
-    inputs: InputErrors | None = None,
+    old: Evaluation, new: Evaluation, normal: Normal, vector: FitVector, inputs: InputErrors | None = None
 ) -> float:
     """How much worse `new` is than `old`, over the points that both have; infinite where `new` loses over a tenth."""
-    both = np.isfinite(old.found.residual) & np.isfinite(new.found.residual) & (normal.frames > 0)
-    if both.sum() < 0.9 * (np.isfinite(old.found.residual) & (normal.frames > 0)).sum():
+    there = np.isfinite(old.misfit.residual) & (normal.frames > 0)
+    both = there & np.isfinite(new.misfit.residual)
+    if both.sum() < 0.9 * there.sum():
         return float("inf")
-    _, cluster = np.unique(clusters(samples, old.found)[both], return_inverse=True)
-    size = [_size(e.found.residual[both], e.found.loss, normal, both, cluster, inputs) for e in (new, old)]
-    return normal.tempering * (size[0] - size[1]) + 0.5 * float(new.x @ weight @ new.x - old.x @ weight @ old.x)
+    _, cluster = np.unique(old.misfit.block[both], return_inverse=True)
+    size = [_size(e.misfit, normal, both, cluster, inputs) for e in (new, old)]
+    prior = 0.5 * float(new.x @ vector.precision @ new.x - old.x @ vector.precision @ old.x)
+    return normal.tempering * (size[0] - size[1]) + prior
 
 
 def _size(
-    residual: Array,
-    counted: Loss,
-    normal: Normal,
-    rows: NDArray[np.bool_],
-    cluster: Indices,
-    inputs: InputErrors | None,
+    misfit: Misfit, normal: Normal, rows: NDArray[np.bool_], cluster: Indices, inputs: InputErrors | None
 ) -> float:
     """Of -log likelihood, with the errors of the inputs that make it least."""
-    scale, frames = normal.scale, normal.frames[rows]
+    residual, counted, scale, frames = misfit.residual[rows], misfit.loss, normal.scale, normal.frames[rows]
     if inputs is None:
         return float((frames * counted.of(residual / scale)).sum())
     u = inputs.columns[rows]
@@ -256,21 +237,10 @@ def _size(
     return float((frames * counted.of(left / scale)).sum()) + 0.5 * float(paid[0])
 
 
-def _frame_weights(match: Match, sound: NDArray[np.bool_], residual: Array, most: float) -> Array:
+def _frame_weights(misfit: Misfit, sound: NDArray[np.bool_], residual: Array, most: float) -> Array:
     """Of each point, by its frame: less where the median residual is over `most` times the usual one."""
-    frame, groups = frames_of(match, sound)
+    frame, groups = frames_of(misfit, sound)
     size = np.abs(residual)
     medians = np.array([np.median(size[points]) for points in groups])
-    far = medians / (most * max(float(np.median(medians)), match.loss.smallest))
+    far = medians / (most * max(float(np.median(medians)), misfit.loss.smallest))
     return np.asarray(np.square(1 / np.maximum(1.0, far))[frame])
-
-
-def clusters(samples: Sequence[Sample], match: Match) -> Indices:
-    """Trial and block of time of each point, or the block that is stated."""
-    if match.block is not None:
-        return match.block
-    result = np.empty(len(match.sample), dtype=np.intp)
-    for s, sample in enumerate(samples):
-        rows = match.sample == s
-        result[rows] = s * 10_000 + (sample.times[match.frame[rows]] / BLOCK - 1e-6).astype(int)
-    return result

@@ -74,6 +74,11 @@ class FitVector:
         return np.array([parameter.deviation for parameter in self.parameters])
 
     @cached_property
+    def precision(self) -> Array:
+        """(p, p) of the prior, of x."""
+        return np.diag(1 / self.prior**2)
+
+    @cached_property
     def are_factors(self) -> NDArray[np.bool_]:
         """(p,) which of the unknowns are factors, not parameters of effects."""
         return np.array([parameter.is_factor for parameter in self.parameters], dtype=bool)

@@ -1,7 +1,7 @@
 """What is measured beside what a forward says at some unknowns, and how that changes with each unknown."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isqrt
 from typing import ClassVar
@@ -9,30 +9,49 @@ from typing import ClassVar
 import numpy as np
 
 from fabdesign.geometry.sheet import Sheet, sheets_of
-from fabdesign.nouns.forward import Case, ForwardModel
-from optimize.fit.clouds import Array, Indices, Match, Motion, Sample, derivatives, match, nodes_of
+from fabdesign.nouns.forward import Case, ForwardModel, Term
+from fabdesign.nouns.trial import Accuracy, Trial
+from optimize.fit.clouds import BLOCK, Match, Motion, Sample, cut, derivatives, match, nodes_of
+from optimize.fit.misfit import ROWS, Array, Indices, Misfit, frames_of
 from optimize.fit.parameters import DECLARED, FitVector
 
 _AT_ONCE = 192  # motions in memory
+_PATTERNS = 2  # of signs, of all inputs together, whose two sides say what is not proportional
+
+
+@dataclass(frozen=True, eq=False)
+class InputErrors:
+    """What errors of the inputs do to the residuals at a state. columns: (N, k) m, by a standard deviation of each
+    input. bent: (N,) m RMS of the point's frame, what errors to either side do that is not proportional: where they
+    lead to another shape, that is all there is."""
+
+    columns: Array
+    bent: Array
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    x: Array  # (p,) the unknowns
-    sheets: Sequence[Sheet]  # a sample; none of a bench
-    found: Match
+    """The residuals at the unknowns x (p,), and the model's motions or shapes, one a sample; none of a bench."""
+
+    x: Array
+    misfit: Misfit
+    sheets: Sequence[Sheet]
 
 
 @dataclass(frozen=True, eq=False)
 class Linearisation(Evaluation):
-    jacobian: Array  # (N, p) m
+    """The same, and the residuals' Jacobian (N, p) m."""
+
+    jacobian: Array
 
 
 class Problem:
-    """What a descent asks of trials and of a bench alike."""
+    """What a fit asks: residuals at some unknowns, columns by them, their priors, and how good the inputs are. Motions,
+    shapes at rest and records of a bench are problems beside one another."""
 
     samples: Sequence[Sample]
     vector: FitVector
+    expected: float = np.inf  # m RMS that a right model leaves at most; infinite where that is not known
     lengths: ClassVar[tuple[float, ...]] = (1.0, 0.5, 2.0, 0.25)  # of a step, tried at once: lanes that are empty else
 
     def evaluate(self, xs: Sequence[Array]) -> list[Evaluation]:
@@ -42,6 +61,28 @@ class Problem:
     def changes(self, evaluation: Evaluation, rows: Array) -> Array:
         """(N, k): of each residual by k steps (k, p) of the unknowns."""
         raise NotImplementedError
+
+    @property
+    def horizons(self) -> Sequence[float]:
+        """Return s of the samples, one a descent; the last holds all."""
+        return (1.0,)
+
+    def until(self, horizon: float) -> "Problem":
+        """Return the problem of the samples' first `horizon` s."""
+        return self
+
+    def span(self, horizon: float) -> str:
+        """Return how progress begins over so many s."""
+        return ""
+
+    @property
+    def coarse(self) -> "Problem":
+        """Return the problem on the engine that the descent goes by: its own unless it has a cheaper one."""
+        return self
+
+    def input_errors(self, evaluation: Evaluation) -> InputErrors | None:
+        """Return what errors of the inputs do; None where they are exact."""
+        return None
 
     @property
     def idle(self) -> Array:
@@ -66,7 +107,7 @@ class Problem:
         return self.with_jacobian(evaluation, self.moving(jacobian))
 
     def with_jacobian(self, evaluation: Evaluation, jacobian: Array) -> Linearisation:
-        return Linearisation(evaluation.x, evaluation.sheets, evaluation.found, jacobian)
+        return Linearisation(evaluation.x, evaluation.misfit, evaluation.sheets, jacobian)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,21 +122,44 @@ class BenchProblem(Problem):
     samples: Sequence[Sample] = ()
 
     def evaluate(self, xs: Sequence[Array]) -> list[Evaluation]:
-        return [Evaluation(x, (), Match.of_rows(self.residuals(x), self.record, self.block)) for x in xs]
+        """Return the law's residuals at each of the unknowns."""
+        frame = np.zeros(len(self.record), dtype=np.intp)
+        return [Evaluation(x, Misfit(self.residuals(x), self.record, frame, self.block, loss=ROWS), ()) for x in xs]
 
     def changes(self, evaluation: Evaluation, rows: Array) -> Array:
-        moved = [self.residuals(evaluation.x + row) - evaluation.found.residual for row in rows]
+        moved = [self.residuals(evaluation.x + row) - evaluation.misfit.residual for row in rows]
         return np.array(moved).reshape(len(rows), -1).T
 
 
 @dataclass(frozen=True, eq=False)
 class FitProblem(Problem):
-    """The samples, the unknowns, and the engines that make motions and differences of them."""
+    """Motions: the samples, the unknowns, and the engines that make motions and differences of them, `slopes` often a
+    cheaper one. accuracy: of the inputs; None: they are exact."""
 
     samples: Sequence[Sample]
     forward: ForwardModel
     slopes: ForwardModel
     vector: FitVector = DECLARED
+    accuracy: Accuracy | None = None
+    expected: float = np.inf
+
+    @cached_property
+    def horizons(self) -> Sequence[float]:
+        """As `horizons_of` the samples."""
+        return horizons_of(self.samples)
+
+    def until(self, horizon: float) -> "FitProblem":
+        """Return the problem of the samples' first `horizon` s, on the cheaper engine alone."""
+        return replace(self.coarse, samples=[cut(sample, horizon) for sample in self.samples])
+
+    def span(self, horizon: float) -> str:
+        """Return how progress begins over so many s."""
+        return f"to {horizon:g} s, "
+
+    @property
+    def coarse(self) -> "FitProblem":
+        """Return the problem on the engine of differences."""
+        return self if self.slopes == self.forward else replace(self, forward=self.slopes)
 
     @cached_property
     def idle(self) -> Array:
@@ -110,7 +174,7 @@ class FitProblem(Problem):
         motions = sheets_of(self.forward)(cases, len(xs) * self._times)
         parts = [motions[k : k + count] for k in range(0, len(motions), count)]
         return [
-            Evaluation(x, own, match(self.samples, [sheet.points for sheet in own]))
+            Evaluation(x, match(self.samples, [sheet.points for sheet in own]), own)
             for x, own in zip(xs, parts, strict=True)
         ]
 
@@ -122,6 +186,38 @@ class FitProblem(Problem):
         """(N, k) m: change of each residual from the evaluation's motions to those of k times a case a sample."""
         parts = [columns(evaluation, moved) for moved in self.displacements(evaluation, others)]
         return np.concatenate(parts, axis=1)
+
+    def input_errors(self, evaluation: Evaluation) -> InputErrors | None:
+        """By a motion for each channel and each axis of the frame's tilt, and two sides of two patterns."""
+        if self.accuracy is None:
+            return None
+        channels = max(s.trial.program.pressure.shape[1] for s in self.samples)
+        single = [*np.eye(channels + 2)]
+        rng = np.random.default_rng(0)
+        patterns = [rng.choice([-1.0, 1.0], channels + 2) for _ in range(_PATTERNS)]
+        rows = [*single, *(sign * pattern for pattern in patterns for sign in (1.0, -1.0))]
+        changed = self.differences(
+            evaluation, [[self._off(s.trial, evaluation.x, row) for s in self.samples] for row in rows]
+        )
+        ends = changed[:, channels + 2 :].reshape(len(changed), _PATTERNS, 2)
+        bent = np.sqrt(np.square(0.5 * ends.sum(axis=2)).mean(axis=1))
+        frame, groups = frames_of(evaluation.misfit)
+        by_frame = np.array([np.sqrt(np.square(bent[points]).mean()) for points in groups])
+        return InputErrors(changed[:, : channels + 2], by_frame[frame])
+
+    def _off(self, trial: Trial, x: Array, deviations: Array) -> Case:
+        """deviations: (channels + 2,), in standard deviations: of the pressures, then of the tilt about x and z."""
+        assert self.accuracy is not None
+        case = self.vector.case(trial, x)
+        own = case.program.pressure.shape[1]
+        program = replace(
+            case.program, pressure=case.program.pressure * (1 + self.accuracy.pressure * deviations[:own])
+        )
+        if not deviations[-2:].any():
+            return replace(case, program=program)
+        about_x, about_z = (self.accuracy.tilt * deviations[-2:]).tolist()
+        level = Term("frame_tilt", {"about_x": about_x, "about_z": about_z})
+        return replace(case, program=program, effects=(*case.effects, level))
 
     def displacements(self, evaluation: Evaluation, others: Sequence[Sequence[Case]]) -> Iterator[list[Motion]]:
         """Some of the k after others: (some, F, n, n, 3) m a sample, what the mid-surface does from the evaluation's
@@ -153,7 +249,24 @@ def widened(jacobian: Array, at: Indices | Sequence[int], count: int) -> Array:
     return wide
 
 
+def horizons_of(samples: Sequence[Sample]) -> list[float]:
+    """Return s after rest, one a descent: 0.5, 1.0, 2.0 and so on while that holds frames that the one before does not
+    and is well short of the last, which holds all.
+
+    Cloth that buckles late goes one way or another at factors a hair apart; what came before leads to factors near
+    enough, and has fewer false minima."""
+    blocks = {max(1, int(np.ceil(time / BLOCK - 1e-6))) for sample in samples for time in sample.times}
+    last, before, horizon = BLOCK * max(blocks), 0.0, BLOCK
+    early: list[float] = []
+    while 1.4 * horizon <= last:
+        if any(before < BLOCK * k <= horizon for k in blocks):
+            early.append(horizon)
+        before, horizon = horizon, 2 * horizon
+    return [*early, last]
+
+
 def columns(evaluation: Evaluation, changes: Sequence[Motion]) -> Array:
     """(N, k) m: change of each residual by changes (k, F, n, n, 3) m of the mid-surface, a sample each."""
+    assert isinstance(evaluation.misfit, Match)
     face = isqrt(evaluation.sheets[0].points.shape[1] // 2)
-    return derivatives(evaluation.found, nodes_of(evaluation.found, changes[0].shape[2], face), changes)
+    return derivatives(evaluation.misfit, nodes_of(evaluation.misfit, changes[0].shape[2], face), changes)

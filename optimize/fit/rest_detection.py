@@ -9,7 +9,8 @@ from fabdesign.files.trial_file import TrialData
 from fabdesign.nouns.jacobian import Floats
 from fabdesign.nouns.trial import Trial
 from optimize.fit.at_rest import Standing
-from optimize.fit.clouds import Array, Indices, Sample
+from optimize.fit.clouds import Sample
+from optimize.fit.misfit import Array, Indices
 
 HELD = 0.3  # s that it must stand at the end of constant pressures: a swing stops for a moment where it turns
 AHEAD = 0.13  # s between the frames that are compared

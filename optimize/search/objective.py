@@ -18,6 +18,7 @@ from fabdesign.geometry.surface import CAP, Surface, capped_rms, half_of
 from fabdesign.geometry.wishes import Landmarks
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import SIDE, Case, ForwardModel
+from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import PressureProgram
 from optimize.search.design_space import DesignSpace, Vector
 
@@ -72,12 +73,17 @@ class Objective:
         weights = np.array(self.weights or [1.0] * len(self.targets))
         return np.asarray(weights / weights.sum())
 
-    def shapes(self, forward: ForwardModel, points: Sequence[tuple[DesignSpace, Vector]]) -> list[Shape]:
-        """The shape of each point; a diverged one holds NaN."""
+    def shapes(
+        self, forward: ForwardModel, points: Sequence[tuple[DesignSpace, Vector]], models: Sequence[Predictor] = ()
+    ) -> list[Shape]:
+        """The shape of each point; a diverged one holds NaN. models: of which each point's cases carry what its own
+        adds."""
         decoded = [space.decode(x) for space, x in points]
         shapes: list[list[Shape]] = [[] for _ in points]
         for pose, target in enumerate(self.targets):
             cases = self.cases(pose, decoded)
+            if models:
+                cases = [model.case(case) for model, case in zip(models, cases, strict=True)]
             if target.time is None:
                 clouds = forward.equilibria(cases)
             else:

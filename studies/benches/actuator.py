@@ -1,17 +1,23 @@
 """The static curve of an actuator: displacement held at a pressure, from steps on and off."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fabdesign.errors import InputError
-from fabdesign.nouns.bench import BenchRecord
+from fabdesign.files.bench_law_file import BenchLaw
+from fabdesign.nouns.bench import Bench, BenchRecord
+from fabdesign.nouns.model import Quantity
+from fabdesign.units import from_kpa, in_kpa
+from studies.benches.law import Law, Predict, twice
 
 Array = NDArray[np.float64]
 
 PRESSURES = ("pressure", "pressure_amplitude", "pressure_command")  # columns, in order of preference
+_MOVED = 0.05  # of the level held: what counts as moved
 _SETTLED = 0.5  # s after the onset: ringing is over, creep goes on
 _RELEASE = 0.1  # s before the end of the hold that are left out
 
@@ -28,12 +34,19 @@ class Hold:
 
 
 @dataclass(frozen=True, eq=False)
-class StaticCurve:
+class StaticCurve(Law):
     """Displacement [m] over pressure [Pa]: rising, through the levels; linear in its logarithm between them.
 
     Interpolated by monotone cubics (Fritsch and Carlson 1980) in log(1 + displacement / smallest level), because
     displacement grows manifold over a few steps. Beyond the largest pressure it stays at the last level.
     """
+
+    columns: ClassVar = (("time",), PRESSURES, ("displacement",))
+    unit: ClassVar = "m"
+    output: ClassVar = "displacement"
+    slides_over: ClassVar = None
+    damped: ClassVar = False
+    late: ClassVar = True
 
     pressure: Array  # (n,) Pa, rising from 0
     level: Array  # (n,) m
@@ -59,6 +72,43 @@ class StaticCurve:
         curve = PchipInterpolator(self.pressure, np.log1p(self.level / scale))
         inside = np.clip(np.asarray(pressure_pa, dtype=float), 0.0, self.pressure[-1])
         return np.asarray(scale * np.expm1(curve(inside)))
+
+    @classmethod
+    def still(cls, others: Sequence[BenchRecord], record: BenchRecord) -> Array:
+        """(n,) m. The level at the highest pressure is the record's own: there is no curve beyond it."""
+        hold = hold_of(record)
+        highest = hold.pressure > max(hold_of(other).pressure for other in others)
+        level = float(cls.fit([*others, record] if highest else others).displacement(hold.pressure))
+        onset, release = _instants(record, hold)
+        time = record.columns["time"]
+        return np.where((time > onset) & (time <= release), level, 0.0)
+
+    def predict(self, record: BenchRecord) -> Array:
+        """(1,) m, the level held."""
+        return np.atleast_1d(self.displacement(hold_of(record).pressure))
+
+    @staticmethod
+    def measured(record: BenchRecord) -> Array:
+        """(1,) m, the level held."""
+        return np.array([hold_of(record).level])
+
+    def constants(self) -> Mapping[str, Quantity]:
+        """Return how it creeps."""
+        return {"creep_per_decade": Quantity(self.creep_per_decade, "1")}
+
+    def written(self, *, sized: bool) -> Predict:
+        """Return what its file says: all of it."""
+        return lambda record: twice(self.predict(record))
+
+    def file(self, bench: Bench) -> BenchLaw:
+        """Return pressures and levels."""
+        return BenchLaw("actuator", bench.output, {"pressure_kpa": in_kpa(self.pressure), "displacement_m": self.level})
+
+    @staticmethod
+    def read(law: BenchLaw) -> Predict:
+        """Return the curve through pressures and levels."""
+        curve = StaticCurve(from_kpa(law.columns["pressure_kpa"]), law.columns["displacement_m"], ())
+        return curve.written(sized=True)
 
     @property
     def creep_per_decade(self) -> float:
@@ -88,3 +138,12 @@ def hold_of(record: BenchRecord) -> Hold:
         release=float(time[last]),
         creep=float(slope),
     )
+
+
+def _instants(record: BenchRecord, hold: Hold) -> tuple[float, float]:
+    """s: when the actuator begins to move and to fall back, so that all that comes later than the pressure shows."""
+    time, share = record.columns["time"], record.columns["displacement"] / hold.level
+    rest, held = time[(time < hold.onset) & (share < _MOVED)], time[(time <= hold.release) & (share > 1 - _MOVED)]
+    onset = float(rest[-1]) if len(rest) else hold.onset
+    falls = hold.release < time[-1] and len(held) > 0
+    return onset, float(held[-1]) if falls else float(hold.release)

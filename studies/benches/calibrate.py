@@ -17,15 +17,13 @@ from fabdesign.nouns.model import EffectTerm, Quantity
 from fabdesign.runtime.effort import bench_fit_seconds, in_words
 from fabdesign.units import in_mm
 from optimize.fit.parameters import FitVector
-from studies.benches.actuator import StaticCurve
-from studies.benches.cylinder import CylinderLaw
-from studies.benches.muscle import BenchMuscle
+from studies.benches.law import Law
+from studies.benches.muscle import BenchMuscle, travels
 from studies.benches.muscle_effects import FittedEffects, bench_vector, fit_effects
 from studies.benches.noise import BenchNoise, noise_of
-from studies.benches.predictions import Law, as_fitted, as_written, errors_of, travels
-from studies.benches.records import measured, require_columns, unit_of
+from studies.benches.predictions import errors_of
+from studies.benches.records import LAWS, require_columns, unit_of
 from studies.benches.rows import only_speed, rows_of
-from studies.benches.strip import StripLaw
 
 LEAST_SHOWN = 0.001  # mm or N: what no gauge reads
 
@@ -44,7 +42,7 @@ class BenchCalibration(Tabled):
     error_left_out: float | None  # of fitted records, each predicted from the others; None for one or two records
     error_test: float | None  # of records of role test
     error_as_fitted: float  # of the fit with all that was fitted, also what the file does not hold
-    noise: BenchNoise  # of the records fitted
+    noise: BenchNoise
     constants: Mapping[str, Quantity]
     effects: tuple[EffectTerm, ...] = ()  # fitted with the law
     speed: float | None = None  # 1/s, of a muscle's contraction in all records, where there is only one
@@ -103,7 +101,7 @@ def calibrate_bench(
     vector = bench_vector(free, bench.name) if free else None
     unknowns = 0 if vector is None else len(vector.parameters)
     if bench.specimen == "muscle":
-        rows = sum(len(measured(bench.specimen, record)) for record in chosen)
+        rows = sum(len(BenchMuscle.measured(record)) for record in chosen)
         seconds = bench_fit_seconds(len(chosen), rows, unknowns)
         what = f"{len(chosen)} records", f"{rows} rows", *([f"{unknowns} unknowns of effects"] if free else [])
         progress(in_words(seconds, *what), None)
@@ -115,17 +113,17 @@ def calibrate_bench(
     for i, told in enumerate(later):
         others = chosen[:i] + chosen[i + 1 :]
         left_out.append(_error(bench, _fit(bench, others, vector, told, intervals=False)[0], [chosen[i]]))
-    plain = [as_fitted(law, record) - measured(bench.specimen, record) for record in chosen]
+    plain = [law.predict(record) - law.measured(record) for record in chosen]
     return BenchCalibration(
         bench=bench,
         law=law,
-        unit=unit_of(bench.specimen),
+        unit=unit_of(bench),
         error_fit=_error(bench, law, chosen),
         error_left_out=float(np.mean(left_out)) if left_out else None,
         error_test=_error(bench, law, tests) if tests else None,
         error_as_fitted=float(np.mean([np.sqrt(np.mean(np.square(error))) for error in plain])),
-        noise=noise_of(bench, chosen),
-        constants=_constants(law),
+        noise=noise_of(bench),
+        constants=law.constants(),
         effects=effects,
         speed=only_speed(rows_of(chosen)) if bench.specimen == "muscle" else None,
     )
@@ -210,25 +208,9 @@ def _fit(
         fitted = FittedEffects() if vector is None else fit_effects(partial(rows_of, records), vector, told)
         options: dict[str, Any] = {} if intervals else {"refits": 0}
         return BenchMuscle.fit(records, terms=fitted.terms, **options), fitted.effects
-    if bench.specimen == "strip":
-        return StripLaw.fit(records), ()
-    if bench.specimen == "cylinder":
-        return CylinderLaw.fit(records), ()
-    return StaticCurve.fit(records), ()
+    return LAWS[bench.specimen].fit(records), ()
 
 
 def _error(bench: Bench, law: Law, records: Sequence[BenchRecord]) -> float:
-    predict = as_written(law, sized="width" in bench.constants)
+    predict = law.written(sized="width" in bench.constants)
     return float(np.mean([errors.after for errors in errors_of(predict, bench, records)]))
-
-
-def _constants(law: Law) -> dict[str, Quantity]:
-    """What a record has to say beyond the quasi-static law."""
-    if isinstance(law, BenchMuscle):
-        constants = {"viscosity": (law.viscosity, "N s"), "hysteresis": (law.hysteresis, "N")}
-        return {name: Quantity(value, unit) for name, (value, unit) in constants.items() if value is not None}
-    if isinstance(law, StaticCurve):
-        return {"creep_per_decade": Quantity(law.creep_per_decade, "1")}
-    if isinstance(law, CylinderLaw):
-        return {"presliding": Quantity(law.presliding, "m")}
-    return {}

@@ -1,15 +1,18 @@
 """The force law of a pneumatic cylinder: area times pressure, and friction that grows with pressure."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
-from fabdesign.nouns.bench import BenchRecord
+from fabdesign.files.bench_law_file import BenchLaw
+from fabdesign.nouns.bench import Bench, BenchRecord
+from fabdesign.nouns.model import Quantity
+from studies.benches.law import Law, Predict
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -28,12 +31,15 @@ _PRESSURE, _STROKE = 1e5, 0.01  # Pa, m, one unit of p and x
 
 
 @dataclass(frozen=True, eq=False)
-class CylinderLaw:
+class CylinderLaw(Law):
     """Force [N] over pressure and displacement, with a branch for each direction of motion.
 
     The state of friction follows the motion over the presliding distance l as Dahl's: ds = (sign(dx) - s) |dx| / l
     (Dahl 1968, Aerospace Corp. TOR-0158). It depends on the path, not on the rate.
     """
+
+    columns: ClassVar = (("pressure",), ("displacement",), ("force",))
+    slides_over: ClassVar = "m"
 
     form: str
     terms: tuple[str, ...]
@@ -69,9 +75,44 @@ class CylinderLaw:
             {name: min(score for (f, _), score in scores.items() if f == name) for name in FORMS},
         )
 
+    @classmethod
+    def still(cls, others: Sequence[BenchRecord], record: BenchRecord) -> Array:
+        """(n,) N by preload, spring, area times pressure, and its change over the stroke: without friction."""
+        tables = [terms_of(one, ("1", "x", "p", "x p"), 1.0) for one in others]
+        return terms_of(record, ("1", "x", "p", "x p"), 1.0) @ _solve(tables, others)
+
+    def constants(self) -> Mapping[str, Quantity]:
+        """Return over which distance friction comes."""
+        return {"presliding": Quantity(self.presliding, "m")}
+
+    def written(self, *, sized: bool) -> Predict:
+        """Return what its file says: the terms without friction, and all of them."""
+        return _prediction(self.terms, self.coefficients, self.presliding)
+
+    def file(self, bench: Bench) -> BenchLaw:
+        """Return coefficients with their bands."""
+        low, high = self.interval90.T
+        columns = {"coefficient_n": self.coefficients, "low90_n": low, "high90_n": high}
+        return BenchLaw("cylinder", bench.output, columns, self.terms, self.form, self.presliding)
+
+    @staticmethod
+    def read(law: BenchLaw) -> Predict:
+        """Return the sum of its terms."""
+        return _prediction(law.terms, law.columns["coefficient_n"], law.presliding or 1.0)
+
     def predict(self, record: BenchRecord) -> Array:
         """N at every row of a record, in its order."""
         return terms_of(record, self.terms, self.presliding) @ self.coefficients
+
+
+def _prediction(terms: Sequence[str], coefficients: Array, presliding: float) -> Predict:
+    still = np.array(["s" not in term for term in terms]) * coefficients
+
+    def cylinder(record: BenchRecord) -> tuple[Array, Array]:
+        columns = terms_of(record, terms, presliding)
+        return columns @ still, columns @ coefficients
+
+    return cylinder
 
 
 def area_alone(records: Sequence[BenchRecord], held_out: BenchRecord) -> Array:

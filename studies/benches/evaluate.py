@@ -27,7 +27,7 @@ class BenchEvaluation(Tabled):
 
     bench: Bench
     unit: str  # N or m
-    noise: BenchNoise  # of all records
+    noise: BenchNoise
     tests: Mapping[str, RecordErrors]
     others: Mapping[str, RecordErrors]
 
@@ -88,7 +88,7 @@ def evaluate_bench(path: Path, law: Path, *, all_records: bool = False) -> Bench
     others = errors(fitted if all_records else [])
     if not tests and not others:
         raise InputError(f"{bench.file}: no record of role test; expected one, or --all for those of role fit")
-    return BenchEvaluation(bench, unit_of(bench.specimen), noise_of(bench, bench.records), errors(tests), others)
+    return BenchEvaluation(bench, unit_of(bench), noise_of(bench), errors(tests), others)
 
 
 def _statistics(records: Mapping[str, RecordErrors], state: str) -> Statistics:

@@ -1,18 +1,22 @@
 """A muscle type from bench records: isometric, isotonic or any other, time series or points."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.nouns.bench import BenchRecord
+from fabdesign.nouns.model import EffectTerm, Quantity
 from fabdesign.nouns.muscle import BenchTable
-from fabdesign.nouns.muscle_law import MuscleLaw
+from fabdesign.nouns.muscle_law import MuscleLaw, law_of
 from fabdesign.nouns.term import Term
-from studies.benches.rows import Rows, motion_columns, rows_of, taken
+from studies.benches.law import FORCES, Law, Predict
+from studies.benches.rows import PRESSURES, Rows, motion_columns, rows_of, taken
 
 Array = NDArray[np.float64]
 
@@ -23,12 +27,14 @@ _PRESSURES, _CONTRACTIONS = 9, 16  # of the table in a file
 
 
 @dataclass(frozen=True, eq=False)
-class BenchMuscle:
+class BenchMuscle(Law):
     """F = law(p, eps) - viscosity deps/dt - hysteresis sign(deps/dt): the law is the mean of both directions. With
     effects, p, eps are what they leave, and braid_hysteresis stands for the last term.
 
     Intervals are 90 %, by a block bootstrap over records (or tenths of them).
     """
+
+    columns: ClassVar = (PRESSURES, ("contraction",), FORCES)
 
     law: MuscleLaw
     viscosity: float | None  # N s, tension lost per contraction rate; None: no motion in the records
@@ -75,6 +81,20 @@ class BenchMuscle:
         low, high = np.quantile(forces, (0.05, 0.95), axis=0)
         return low, high
 
+    @classmethod
+    def still(cls, others: Sequence[BenchRecord], record: BenchRecord) -> Array:
+        """(n,) N by the law alone."""
+        return replace(cls.fit(others, refits=0), viscosity=None, hysteresis=None).predict(record)
+
+    def constants(self) -> Mapping[str, Quantity]:
+        """Return what damps, as far as records move."""
+        values = {"viscosity": (self.viscosity, "N s"), "hysteresis": (self.hysteresis, "N")}
+        return {name: Quantity(value, unit) for name, (value, unit) in values.items() if value is not None}
+
+    def written(self, *, sized: bool) -> Predict:
+        """Return what its file says: its table, without constant hysteresis and what belongs to the bench's rig."""
+        return of_type(law_of(self.table()), self.viscosity, [term for term in self.terms if travels(term)])
+
     def predict(self, record: BenchRecord) -> Array:
         """N at every row of a record, from its pressure, contraction and time."""
         rows = rows_of([record], self.terms)
@@ -92,6 +112,17 @@ class BenchMuscle:
             eps = np.unique(np.append(eps[np.abs(eps) > 0.2 * (eps[1] - eps[0])], 0.0))
         p, eps = (x.ravel() for x in np.meshgrid(p, eps, indexing="ij"))
         return BenchTable(tuple(p.tolist()), tuple(eps.tolist()), tuple(self.law.tension(p, eps).tolist()))
+
+
+def of_type(law: MuscleLaw, viscosity: float | None, terms: Sequence[Term]) -> Predict:
+    still = BenchMuscle(law, None, None, None, None, 0.0, ())
+    moving = replace(still, viscosity=viscosity or None, terms=tuple(terms))
+    return lambda record: (still.predict(record), moving.predict(record))
+
+
+def travels(effect: EffectTerm | Term) -> bool:
+    """Return whether an effect belongs to the muscle; a bench's regulator stays where it is."""
+    return EFFECTS[effect.name].scope == "muscle type"
 
 
 def _has_friction(terms: Sequence[Term]) -> bool:

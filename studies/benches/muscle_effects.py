@@ -15,17 +15,17 @@ from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.geometry.bspline import design_matrix
 from fabdesign.nouns.forward import MUSCLE_TYPES, PARAMETERS, Term
-from fabdesign.nouns.model import EffectTerm, Quantity
-from optimize.fit.descent import fit_bench
+from fabdesign.nouns.model import EffectTerm
+from optimize.fit.descent import fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import BenchProblem
 from studies.benches.rows import Rows, motion_columns
+from studies.calibration.fitted_model import effect_term, quantities_of
 
 Array = NDArray[np.float64]
 _SPANS = (4, 6)  # of pressure and contraction
 _RIDGE = 1e-4  # of the law's coefficients, relative to the tension's size
-_QUANTILE = 1.645
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,25 +67,13 @@ def fit_effects(
     def left(x: Array) -> Array:
         return spans.left(rows_of(vector.terms_at(vector.inside(x))), acting)
 
-    fitted = fit_bench(
-        BenchProblem(left, np.zeros_like(plain.block), plain.block, vector), lambda _, share: told(share)
-    )
+    problem = BenchProblem(left, np.zeros_like(plain.block), plain.block, vector)
+    fitted = fit(problem, progress=lambda _, share: told(share))
     deviation = np.sqrt(np.diag(fitted.covariance))
     terms = vector.terms_at(fitted.x)
-    quantities = {
-        p.name: Quantity(p.value(v), p.unit, (p.value(v - _QUANTILE * s), p.value(v + _QUANTILE * s)))
-        for p, v, s in zip(vector.parameters, fitted.x, deviation, strict=True)
-    }
-    return FittedEffects(terms, tuple(_with_intervals(term, quantities) for term in terms))
-
-
-def _with_intervals(term: Term, quantities: dict[str, Quantity]) -> EffectTerm:
-    effect = EFFECTS[term.name]
-    values = {
-        key: quantities.get(f"{term.name}.{key}", Quantity(value, effect.parameters[key].unit))
-        for key, value in effect.values(term.values).items()
-    }
-    return EffectTerm(term.name, values, term.scope or effect.scope)
+    quantities = quantities_of(vector, fitted.x, deviation)
+    effects = [effect_term(label, term, quantities, None) for label, term in zip(vector.labels, terms, strict=True)]
+    return FittedEffects(terms, tuple(effects))
 
 
 @dataclass(frozen=True)

@@ -43,10 +43,10 @@ class BenchNoise:
         return f"noise {shown}, from {'repeats' if self.source == 'repeats' else 'neighbouring readings'}"
 
 
-def noise_of(bench: Bench, records: Sequence[BenchRecord]) -> BenchNoise:
-    """Return the noise of the records' output: by repeats where there are any, else by neighbours, as the median over
-    records. A quantised output has at least the noise of its steps."""
-    output = output_of(bench)
+def noise_of(bench: Bench) -> BenchNoise:
+    """Return the noise of a bench's output, one for all who ask, from all of its records: by repeats where there are
+    any, else by neighbours, as the median over records. A quantised output has at least the noise of its steps."""
+    output, records = output_of(bench), bench.records
     readings = [record.columns[output] for record in records]
     inputs = [_inputs(record, output) for record in records]
     sizes = _sizes(inputs)

@@ -1,23 +1,21 @@
-"""What a specimen's records must hold for `calibrate` to find its law, and what they measure in which unit."""
+"""The specimens that a bench may have, each with its law; and what their records must hold."""
 
 from collections.abc import Mapping, Sequence
-
-import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.nouns.bench import Bench, BenchRecord, Specimen
 from fabdesign.nouns.muscle import WIDEST
-from studies.benches import actuator, rows
-from studies.benches.actuator import hold_of
-from studies.benches.rows import FORCES
+from studies.benches.actuator import StaticCurve
+from studies.benches.cylinder import CylinderLaw
+from studies.benches.law import Law
+from studies.benches.muscle import BenchMuscle
+from studies.benches.strip import StripLaw
 
-# of each group of columns, one is needed
-COLUMNS: Mapping[Specimen, tuple[tuple[str, ...], ...]] = {
-    "muscle": (rows.PRESSURES, ("contraction",), rows.FORCES),
-    "strip": (("stretch",), ("force",)),
-    "cylinder": (("pressure",), ("displacement",), ("force",)),
-    "actuator": (("time",), actuator.PRESSURES, ("displacement",)),
+LAWS: Mapping[Specimen, type[Law]] = {
+    "muscle": BenchMuscle,
+    "strip": StripLaw,
+    "cylinder": CylinderLaw,
+    "actuator": StaticCurve,
 }
 SIZES = ("outer_diameter", "mass_per_length", "axis_offset")  # m, kg/m, m: a muscle type has them, no bench shows them
 
@@ -25,7 +23,7 @@ SIZES = ("outer_diameter", "mass_per_length", "axis_offset")  # m, kg/m, m: a mu
 def require_columns(bench: Bench, records: Sequence[BenchRecord]) -> None:
     """Raise InputError for a record without a column that the specimen's law is fitted to."""
     for record in records:
-        for group in COLUMNS[bench.specimen]:
+        for group in LAWS[bench.specimen].columns:
             if not set(group) & record.columns.keys():
                 raise InputError(
                     f"{bench.file}: {record.name}: no column {' or '.join(group)}, which a {bench.specimen} needs; "
@@ -47,18 +45,11 @@ def require_sizes(bench: Bench) -> None:
         )
 
 
-def unit_of(specimen: Specimen) -> str:
-    """N, of an actuator m."""
-    return "m" if specimen == "actuator" else "N"
+def unit_of(bench: Bench) -> str:
+    """Return the SI unit of what is predicted: N, of an actuator m."""
+    return LAWS[bench.specimen].unit
 
 
 def output_of(bench: Bench) -> str:
     """Return the column that is compared row by row; of an actuator the displacement."""
-    return "displacement" if bench.specimen == "actuator" else bench.output
-
-
-def measured(specimen: Specimen, record: BenchRecord) -> NDArray[np.float64]:
-    """(n,) N; of an actuator (1,) m, the level held."""
-    if specimen == "actuator":
-        return np.array([hold_of(record).level])
-    return record.columns[next(name for name in FORCES if name in record.columns)]
+    return LAWS[bench.specimen].output or bench.output

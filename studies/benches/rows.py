@@ -11,11 +11,11 @@ from fabdesign.effects.bench import MuscleRecord
 from fabdesign.errors import InputError
 from fabdesign.nouns.bench import BenchRecord
 from fabdesign.nouns.forward import Term
+from studies.benches.law import FORCES
 
 Array = NDArray[np.float64]
 
 PRESSURES = ("pressure", "pressure_command")  # columns, in order of preference
-FORCES = ("force", "load")
 _BLOCKS = 10  # a record is cut into, where there are too few records to draw from
 _SAME_WAY = 1e-5  # 1/s: slower contraction counts as standing still
 

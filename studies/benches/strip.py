@@ -2,15 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fabdesign.errors import InputError
+from fabdesign.files.bench_law_file import BenchLaw
 from fabdesign.files.curve_file import MembraneCurve
 from fabdesign.geometry.bspline import design_matrix
 from fabdesign.geometry.least_squares import least_squares_with_inequalities
-from fabdesign.nouns.bench import BenchRecord
+from fabdesign.nouns.bench import Bench, BenchRecord
+from studies.benches.law import Law, Predict, twice
 
 Array = NDArray[np.float64]
 
@@ -24,8 +27,12 @@ _SAMPLES = 33  # of a curve in a file
 
 
 @dataclass(frozen=True, eq=False)
-class StripLaw:
+class StripLaw(Law):
     """Force [N] over strain: rises, ever more steeply; linear beyond the measured strains."""
+
+    columns: ClassVar = (("stretch",), ("force",))
+    damped: ClassVar = False
+    slow: ClassVar = ("stress_relaxation", -1.0)
 
     coefficients: Array  # N, cubic B-splines over the measured strains
     start: float  # strain of the first knot
@@ -58,6 +65,23 @@ class StripLaw:
     def predict(self, record: BenchRecord) -> Array:
         return self.force(record.columns["stretch"])
 
+    def written(self, *, sized: bool) -> Predict:
+        """Return what its file says: its samples; where the width is known, a cloth's, whose tension begins at zero."""
+        strain, force = self.samples()
+        return of_strip(strain, force if sized else self.force(1 + strain))
+
+    def file(self, bench: Bench) -> BenchLaw:
+        """Return samples with the band of another record."""
+        strain, _ = self.samples()
+        low, high = self.interval90(1 + strain)
+        columns = {"strain": strain, "force_n": self.force(1 + strain), "low90_n": low, "high90_n": high}
+        return BenchLaw("strip", bench.output, columns)
+
+    @staticmethod
+    def read(law: BenchLaw) -> Predict:
+        """Return the line through its samples."""
+        return of_strip(law.columns["strain"], law.columns["force_n"])
+
     def interval90(self, stretch: ArrayLike) -> tuple[Array, Array]:
         """N, where another record would lie in 9 of 10 cases, by how the fitted ones differ (Student's t)."""
         from scipy.stats import t
@@ -82,6 +106,18 @@ class StripLaw:
             (tuple(strain.tolist()), tuple((force / width).tolist())) if on else (empty, empty) for on in (across, down)
         ]
         return MembraneCurve((pairs[0][0], pairs[1][0]), (pairs[0][1], pairs[1][1]))
+
+
+def of_strip(strain: Array, force: Array) -> Predict:
+    """Return a prediction that is linear between the samples and beyond them."""
+    slopes = np.diff(force) / np.diff(strain)
+
+    def strip(record: BenchRecord) -> tuple[Array, Array]:
+        x = record.columns["stretch"] - 1
+        k = np.clip(np.searchsorted(strain, x) - 1, 0, len(slopes) - 1)
+        return twice(force[k] + slopes[k] * (x - strain[k]))
+
+    return strip
 
 
 def straight_line(records: Sequence[BenchRecord], held_out: BenchRecord) -> Array:

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fabdesign.nouns.bench import BenchRecord, Specimen
+from fabdesign.nouns.bench import BenchRecord
 from fabdesign.units import in_kpa
-from optimize.fit.clouds import Array
+from optimize.fit.misfit import Array
 from studies.benches.cylinder import friction_state
+from studies.benches.law import Law
 
 PATHS = {
     "displacement": 1.0,
@@ -48,28 +49,27 @@ def signals_of(record: BenchRecord, law: Array, number: int) -> Signals:
     return Signals(law, path, pressure, record.columns.get("time"), number)
 
 
-def shapes_of(specimen: Specimen, signals: list[Signals], unit: str) -> list[Shape]:
-    """Those that make sense on the specimen and that its records can show."""
+def shapes_of(law: type[Law], signals: list[Signals]) -> list[Shape]:
+    """Those that make sense on a specimen and that its records can show."""
     has = {name: all(getattr(s, name) is not None for s in signals) for name in ("path", "pressure", "time")}
     shapes: list[Shape] = []
-    force = specimen != "actuator"
-    if force and has["path"] and has["pressure"]:
+    along, unit = law.slides_over, law.unit
+    if along is not None and has["path"] and has["pressure"]:
         reach = float(np.median([np.ptp(s.path) for s in signals if s.path is not None]))
         slips = [share * reach for share in (0.005, 0.02, 0.06)]
-        along = "m" if specimen == "cylinder" else "1"
         units = {"friction": f"{unit}/kPa", "friction_at_zero": unit, "slip": along}
         shapes += [Shape("braid_hysteresis", {"slip": s}, units, _friction(s)) for s in slips]
     if has["time"]:
         late = {"delay": "s"}
-        if force and has["path"] and specimen != "strip":
+        if law.damped and has["path"]:
             rate = {"contracting": f"{unit} s", "lengthening": f"{unit} s"}
             shapes.append(Shape("muscle_viscosity", {}, rate, _viscosity))
-        if specimen == "actuator":
+        if law.late:
             shapes += [Shape("filling_lag", {"time": t}, {"share": "1", "time": "s"}, _slow(t)) for t in FAST]
             shapes += [Shape("dead_time", {}, late, _delay)]
         else:
             shapes += [Shape("time_offset", {}, {"offset": "s"}, _offset)]
-        slow, sign = ("stress_relaxation", -1.0) if specimen == "strip" else ("muscle_creep", 1.0)
+        slow, sign = law.slow
         shapes += [Shape(slow, {"time": t}, {"share": "1", "time": "s"}, _slow(t, sign)) for t in SLOW]
     if len(signals) > 2:
         shapes += [

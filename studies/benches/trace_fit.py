@@ -5,21 +5,20 @@ As on a set (`selection.py`), but for the forward: the law of the specimen and, 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.nouns.forward import Term
-from optimize.fit.clouds import Array, Indices
-from optimize.fit.cross_validation import Gain, LeftOut, Scored
 from optimize.fit.fitted import Fit, concluded
+from optimize.fit.misfit import Array, Indices
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.problem import BenchProblem
 from optimize.fit.significance import NEEDED, conditioned, eliminated
 from studies.benches.trace_candidates import Shape
 from studies.calibration.fitted_model import QUANTILE
-from studies.tracing.backward_elimination import gains_of, parts_of, weakest
+from studies.tracing.judged import Judged
+from studies.tracing.rules import ON_BENCHES, Refits, Selection, follow
 from studies.tracing.verdict import STRUCTURE
 
 _WIDE = 3.0  # prior deviation of a strength, times the one that moves the records as much as all that the law leaves
@@ -28,48 +27,10 @@ _ROUNDS = 3  # of the search for shapes
 
 
 @dataclass(frozen=True, eq=False)
-class JointFit:
-    """A fit of several effects, and the places of their shapes."""
-
-    places: tuple[int, ...]
-    fit: Fit
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        return self.fit.vector.labels
-
-    @cached_property
-    def held(self) -> Indices:
-        """The unknowns at their limit: what they would take has a sign that they cannot have."""
-        low, high = self.fit.vector.limits
-        return np.flatnonzero(np.minimum(self.fit.x - low, high - self.fit.x) < _AT_LIMIT * self.fit.vector.prior)
-
-    @cached_property
-    def left_out(self) -> LeftOut:
-        return LeftOut.of(self.fit, range(int(self.fit.state.found.sample.max()) + 1))
-
-    @cached_property
-    def scored(self) -> Scored:
-        return self.left_out.scored(self.held)
-
-    def parts(self) -> dict[str, Indices]:
-        """The unknowns of each effect that are not at their limit; without the effects that have none."""
-        free = {label: np.setdiff1d(own, self.held) for label, own in parts_of(self.fit.vector).items()}
-        return {label: own for label, own in free.items() if len(own)}
-
-    def needed(self) -> list[str]:
-        """The effects that cost NEEDED of log likelihood to drop, to first order."""
-        return [*eliminated(*conditioned(self.fit.x.copy(), self.fit.covariance, self.held), self.parts(), NEEDED)[0]]
-
-    def gains(self, floor: float) -> dict[str, Gain]:
-        """By each effect, what records left out gain by it."""
-        return gains_of(self.parts(), self.left_out, floor, self.held)
-
-
-@dataclass(frozen=True, eq=False)
-class BenchTask:
+class BenchTask(Refits):
     """residual (N,): law less measured, in the output's unit; record (N,): of which, whose rows share the error of the
-    law. tables: of each shape {parameter: (N,)}, by which a unit of it changes the residual."""
+    law. tables: of each shape {parameter: (N,)}, by which a unit of it changes the residual. As rules ask it
+    (`rules.Refits`): a fit with fewer effects is one with their shapes searched anew."""
 
     shapes: Sequence[Shape]
     tables: Sequence[Mapping[str, Array]]
@@ -82,7 +43,23 @@ class BenchTask:
     def effects(self) -> list[str]:
         return list(dict.fromkeys(shape.effect for shape in self.shapes))
 
-    def fit(self, places: Sequence[int] = (), *, any_sign: bool = False) -> JointFit:
+    def judged(self, fit: Fit) -> Judged:
+        """Return a fit with what records left out say of it. Unknowns at their limit take no part: what they would take
+        has a sign that they cannot have."""
+        low, high = fit.vector.limits
+        held = np.flatnonzero(np.minimum(fit.x - low, high - fit.x) < _AT_LIMIT * fit.vector.prior)
+        return Judged(fit, range(int(self.record.max()) + 1), self.floor, held)
+
+    def without(self, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf) -> Fit:
+        """Return the fit of the effects of another but `labels`."""
+        return self.shaped([label for label in known.vector.labels if label not in labels]).fit
+
+    def places(self, fit: Fit) -> list[int]:
+        """Return which shapes the effects of a fit have."""
+        keys = [(shape.effect, shape.values) for shape in self.shapes]
+        return [keys.index((term.name, term.values)) for term in fit.vector.terms]
+
+    def fit(self, places: Sequence[int] = (), *, any_sign: bool = False) -> Judged:
         """The effects at these shapes, together, from off. Residuals are linear in these, so the second step is the
         last. any_sign: without bounds."""
         strengths = [(self.shapes[k], key, column) for k in places for key, column in self.tables[k].items()]
@@ -93,28 +70,29 @@ class BenchTask:
         x, before = vector.start, float(np.sqrt(np.mean(self.residual**2)))
         for _ in range(2):
             state = problem.with_jacobian(problem.evaluate([x])[0], columns)
-            fitted = concluded(problem, state, None, before, 1, True)
+            fitted = concluded(problem, state, None, before, 1, "converged")
             x = fitted.minimum
-        return JointFit(tuple(places), fitted)
+        return self.judged(fitted)
 
     def _strength(self, shape: Shape, key: str, column: Array, any_sign: bool) -> FitParameter:
         size = np.sqrt(np.mean(self.residual**2) / max(float(np.mean(column**2)), 1e-30))
         bounds = -np.inf if any_sign else lowest(f"{shape.effect}.{key}"), np.inf
         return FitParameter(f"{shape.effect}.{key}", _WIDE * float(size), 0.0, "linear", shape.units[key], bounds)
 
-    def deviation(self, joint: JointFit, *, any_sign: bool = False) -> Array:
+    def deviation(self, joint: Fit, *, any_sign: bool = False) -> Array:
         """(p,) of the unknowns, by their covariance and by how far leaving out each record moves them (jackknife): its
         rows share the law's error."""
         records = np.unique(self.record)
-        alone = np.array([self._without(k).fit(joint.places, any_sign=any_sign).fit.x for k in records])
-        return np.asarray(np.sqrt(np.diag(joint.fit.covariance) + (len(records) - 1) * alone.var(axis=0)))
+        places = self.places(joint)
+        alone = np.array([self._without(k).fit(places, any_sign=any_sign).fit.x for k in records])
+        return np.asarray(np.sqrt(np.diag(joint.covariance) + (len(records) - 1) * alone.var(axis=0)))
 
     def _without(self, record: int) -> "BenchTask":
         kept = self.record != record
         tables = [{key: column[kept] for key, column in table.items()} for table in self.tables]
         return replace(self, tables=tables, residual=self.residual[kept], record=self.record[kept])
 
-    def shaped(self, effects: Sequence[str], beside: Sequence[int] = (), *, any_sign: bool = False) -> JointFit:
+    def shaped(self, effects: Sequence[str], beside: Sequence[int] = (), *, any_sign: bool = False) -> Judged:
         """Each effect at the shape that leaves least of records left out, the others being at theirs; beside: shapes
         that stay."""
         own = {effect: [k for k, shape in enumerate(self.shapes) if shape.effect == effect] for effect in effects}
@@ -139,22 +117,20 @@ def lowest(name: str) -> float:
     return -np.inf if declared is not None and declared.bounds[0] < 0 else 0.0
 
 
-def select(task: BenchTask) -> JointFit:
-    """Every effect at once, then backwards: to first order what the data do not need, then what records left out gain
-    too little by, the smallest first, with shapes and strengths fitted anew."""
-    if (none := task.fit()).scored.excess(task.floor) <= task.tolerance:
+def select(task: BenchTask) -> Judged:
+    """Every effect at once, then by the rules: to first order what the data do not need, then what records left out
+    gain too little by, with shapes and strengths fitted anew."""
+    none = task.fit()
+    if none.excess <= task.tolerance:
         return none
-    labels = task.shaped(task.effects).needed()
-    while labels:
-        joint = task.shaped(labels)
-        gains = joint.gains(task.floor)
-        # beside a stronger one an effect must gain more than all leave, as on a set
-        least = max(task.tolerance, joint.scored.excess(task.floor)) if len(gains) > 1 else task.tolerance
-        weak = weakest(gains, least)
-        if weak is None and len(gains) == len(labels):
-            return joint
-        labels = [label for label in gains if label != weak]
-    return none
+    everything = task.shaped(task.effects)
+    known = conditioned(everything.fit.x.copy(), everything.fit.covariance, everything.off)
+    labels = [*eliminated(*known, everything.parts, NEEDED)[0]]
+    if not labels:
+        return none
+    judged = task.shaped(labels)
+    begun = Selection(everything.fit, none.fit, judged, everything.excess, most=judged)
+    return follow(ON_BENCHES, task, begun).judged
 
 
 @dataclass(frozen=True)
@@ -172,32 +148,30 @@ class BenchCandidate:
 def candidates_of(task: BenchTask) -> tuple[BenchCandidate, ...]:
     """Every effect, the one that leaves least first."""
     rows = []
-    before = task.fit().scored.excess(task.floor)
+    before = task.fit().excess
     for effect in task.effects:
         alone = task.shaped([effect], any_sign=True)
-        gain, interval = alone.gains(task.floor)[effect]
-        takes = interval[0] > 0 and alone.scored.excess(task.floor) <= (1 - STRUCTURE) * before
+        gain, interval = alone.gains_without(())[effect]
+        takes = interval[0] > 0 and alone.excess <= (1 - STRUCTURE) * before
         rows.append(BenchCandidate(effect, gain, interval, alone.scored.rms(), takes and _wrong_sign(task, alone)))
     return tuple(sorted(rows, key=lambda row: row.held_out))
 
 
-def _wrong_sign(task: BenchTask, alone: JointFit) -> bool:
+def _wrong_sign(task: BenchTask, alone: Judged) -> bool:
     """Whether a strength is less than it can be for certain."""
-    most = alone.fit.x + QUANTILE * task.deviation(alone, any_sign=True)
+    most = alone.fit.x + QUANTILE * task.deviation(alone.fit, any_sign=True)
     return any(m < lowest(name) for m, name in zip(most.tolist(), alone.fit.vector.names, strict=True))
 
 
-def alike(task: BenchTask, chosen: JointFit) -> tuple[str, ...]:
+def alike(task: BenchTask, chosen: Judged) -> tuple[str, ...]:
     """Effects that in the place of one of those chosen do as well, as far as records left out can say."""
-    names = []
-    for place in chosen.places:
-        others = [k for k in chosen.places if k != place]
+    names, places = [], task.places(chosen.fit)
+    for place in places:
+        others = [k for k in places if k != place]
         for effect in task.effects:
-            if effect not in chosen.labels:
+            if effect not in chosen.fit.vector.labels:
                 swapped = task.shaped([effect], others)
-                if (
-                    effect in swapped.parts()
-                    and chosen.left_out.gain(swapped.scored, chosen.scored, task.floor)[1][0] <= 0
-                ):
+                gain = chosen.trials.gain(swapped.scored, chosen.scored, task.floor)
+                if effect in swapped.parts and gain[1][0] <= 0:
                     names.append(effect)
     return tuple(dict.fromkeys(names))

@@ -10,7 +10,7 @@ from fabdesign.formats.json_file import plain
 from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.nouns.bench import Bench
 from fabdesign.nouns.model import EffectTerm
-from optimize.fit.clouds import Array
+from optimize.fit.misfit import Array
 from studies.benches.noise import BenchNoise
 from studies.benches.trace_fit import BenchCandidate
 from studies.tracing.verdict import STRUCTURE, Evidence, Word, effect_entry, shared_out

@@ -32,7 +32,7 @@ def bench_in_words(outcome: BenchOutcome) -> str:
         )
     named = " and ".join(effect_in_words(e) for e in outcome.found)
     also = (
-        f" These records cannot tell it from {', '.join(outcome.indistinguishable)}."
+        f" These records cannot tell it from {', '.join(outcome.indistinguishable)}: that is one answer."
         if outcome.indistinguishable
         else ""
     )

@@ -17,18 +17,19 @@ from fabdesign.nouns.model import EffectTerm, Model, Provenance, Quantity
 from fabdesign.output import new_folder, write_text
 from fabdesign.runtime.fingerprint import sha256
 from fabdesign.version import __version__
-from optimize.fit.clouds import Array, Indices, evenly
+from optimize.fit.clouds import evenly
 from optimize.fit.cross_validation import Scored
 from optimize.fit.descent import Progress, parts
+from optimize.fit.misfit import Array, Indices
 from studies.benches.noise import noise_of
-from studies.benches.records import output_of, require_columns, unit_of
+from studies.benches.records import LAWS, output_of, require_columns, unit_of
 from studies.benches.trace_candidates import Shape, Signals, shapes_of, signals_of
-from studies.benches.trace_fit import BenchTask, JointFit, alike, candidates_of, select
-from studies.benches.trace_law import law, laws_of
+from studies.benches.trace_fit import BenchTask, alike, candidates_of, select
 from studies.benches.trace_outcome import BenchOutcome, Curve
 from studies.benches.trace_report import render_bench
-from studies.calibration.fitted_model import QUANTILE
+from studies.calibration.fitted_model import quantities_of
 from studies.tracing.black_box import WIDTHS, kernel_of, left_out, standardised
+from studies.tracing.judged import Judged
 from studies.tracing.verdict import Evidence, decide
 
 TOLERANCE = 0.02  # of the largest output
@@ -75,60 +76,83 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
     residual = np.concatenate([(p - m)[k] for p, m, k in zip(laws, measured, rows, strict=True)])
     record = np.repeat(np.arange(len(records)), [len(k) for k in rows])
     limit = tolerance * max(float(np.abs(m).max()) for m in measured)
-    noise = noise_of(bench, records)
+    noise = noise_of(bench)
     floor = noise.sigma
-    shapes = shapes_of(bench.specimen, signals, unit_of(bench.specimen))
+    shapes = shapes_of(LAWS[bench.specimen], signals)
     tables = [_table(shape, signals, rows) for shape in shapes]
     task = BenchTask(shapes, tables, residual, record, floor, limit)
     second(f"{len(task.effects)} effects together on {len(records)} records", 0.0)
     none, chosen = task.fit(), select(task)
     refitted = _with_law(bench, records, task, chosen, signals, rows, told=partial(third, "law and effects in turn"))
-    left = refitted.fit.state.found.residual
+    left = refitted.fit.state.misfit.residual
     box = _baseline(signals, rows, record, residual)
-    beside = _baseline(signals, rows, record, left) if chosen.places else box
+    beside = _baseline(signals, rows, record, left) if chosen.parts else box
     evidence = Evidence(
-        none.scored.excess(floor), refitted.scored.excess(floor), len(chosen.places), box.excess(floor),
+        none.excess, refitted.excess, len(chosen.fit.vector.labels), box.excess(floor),
         beside.excess(floor),
         left=1 - float(beside.squares.sum() / np.square(left).sum()), typical=none.scored.typical(floor),
     )  # fmt: skip
     return BenchOutcome(
         bench=bench,
-        unit=unit_of(bench.specimen),
+        unit=unit_of(bench),
         verdict=decide(evidence, limit),
         evidence=evidence,
         tolerance=limit,
         noise=noise,
         candidates=candidates_of(task),
         found=_effects(task, refitted),
-        gains={label: gain for label, (gain, _) in chosen.gains(floor).items()},
+        gains={label: gain for label, (gain, _) in chosen.gains.items()},
         indistinguishable=alike(task, chosen),
         fit=(_rms(residual), _rms(left)),
-        test=_tested(bench, output, [shapes[k] for k in chosen.places], refitted.fit.x),
+        test=_tested(bench, output, [shapes[k] for k in task.places(chosen.fit)], refitted.fit.x),
         curves=_curves(records, bench, rows, measured, residual, left, record),
     )
+
+
+def laws_of(
+    bench: Bench,
+    records: Sequence[BenchRecord],
+    added: Sequence[Array] | None = None,
+    *,
+    told: Callable[[float], None] = lambda share: None,
+) -> list[Array]:
+    """Return what the law says of each record, fitted to the others. added: what effects add to each, taken off
+    before the fit. told: is given the share done."""
+    output = output_of(bench)
+    if added is not None:
+        records = [
+            replace(r, columns={**r.columns, output: r.columns[output] - more})
+            for r, more in zip(records, added, strict=True)
+        ]
+    laws = []
+    for k, record in enumerate(records):
+        told(k / len(records))
+        laws.append(LAWS[bench.specimen].still([*records[:k], *records[k + 1 :]], record))
+    return laws
 
 
 def _with_law(
     bench: Bench,
     records: Sequence[BenchRecord],
     task: BenchTask,
-    chosen: JointFit,
+    chosen: Judged,
     signals: Sequence[Signals],
     rows: Sequence[Indices],
     *,
     told: Callable[[float], None],
-) -> JointFit:
+) -> Judged:
     """Return the effects chosen and the law fitted in turn: a law that was fitted alone has taken a part of them. An
     actuator's law is the level held, which has none."""
     refitted, output = chosen, output_of(bench)
     if bench.specimen == "actuator":
         return chosen
-    columns = [[c for place in chosen.places for c in task.shapes[place].columns(s).values()] for s in signals]
-    for turn in range(_TURNS if chosen.places else 0):
+    places = task.places(chosen.fit)
+    columns = [[c for place in places for c in task.shapes[place].columns(s).values()] for s in signals]
+    for turn in range(_TURNS if places else 0):
         added = [sum((x * c for x, c in zip(refitted.fit.x, own, strict=True)), np.zeros(1)) for own in columns]
         laws = laws_of(bench, records, added, told=partial(_turned, told, turn))
         residual = [(p - r.columns[output])[k] for p, r, k in zip(laws, records, rows, strict=True)]
-        last, refitted = refitted, replace(task, residual=np.concatenate(residual)).fit(chosen.places)
+        last, refitted = refitted, replace(task, residual=np.concatenate(residual)).fit(places)
         if refitted.scored.rms() > (1 - _SETTLED) * last.scored.rms():
             break
     return refitted
@@ -143,7 +167,7 @@ def _tested(bench: Bench, output: str, shapes: Sequence[Shape], coefficients: Ar
     records, tests = ([r for r in bench.records if r.role == role] for role in ("fit", "test"))
     if not tests:
         return None
-    laws = [law(bench, records, record) for record in tests]
+    laws = [LAWS[bench.specimen].still(records, record) for record in tests]
     signals = [signals_of(r, way, len(records) + k) for k, (r, way) in enumerate(zip(tests, laws, strict=True))]
     residual = np.concatenate([way - r.columns[output] for r, way in zip(tests, laws, strict=True)])
     every = [np.arange(len(way)) for way in laws]
@@ -161,14 +185,11 @@ def _table(shape: Shape, signals: Sequence[Signals], rows: Sequence[Indices]) ->
     return {name: np.concatenate([part[name][k] for part, k in zip(parts, rows, strict=True)]) for name in parts[0]}
 
 
-def _effects(task: BenchTask, chosen: JointFit) -> tuple[EffectTerm, ...]:
+def _effects(task: BenchTask, chosen: Judged) -> tuple[EffectTerm, ...]:
     vector = chosen.fit.vector
-    strengths = {
-        p.name: Quantity(p.value(x), p.unit, (p.value(x - QUANTILE * s), p.value(x + QUANTILE * s)))
-        for p, x, s in zip(vector.parameters, chosen.fit.x, task.deviation(chosen), strict=True)
-    }
+    strengths = quantities_of(vector, chosen.fit.x, task.deviation(chosen.fit))
     terms = []
-    for label, shape in zip(vector.labels, (task.shapes[k] for k in chosen.places), strict=True):
+    for label, shape in zip(vector.labels, (task.shapes[k] for k in task.places(chosen.fit)), strict=True):
         own = {name.partition(".")[2]: q for name, q in strengths.items() if name.startswith(f"{label}.")}
         fixed = {name: Quantity(float(v), shape.units[name]) for name, v in shape.values.items()}
         terms.append(EffectTerm(label, own | fixed))

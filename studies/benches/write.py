@@ -6,18 +6,14 @@ from pathlib import Path
 import tomlkit
 
 from fabdesign.errors import InputError
-from fabdesign.files.bench_law_file import BenchLaw, write_bench_law
+from fabdesign.files.bench_law_file import write_bench_law
 from fabdesign.files.bench_table_file import write_bench_table
 from fabdesign.files.curve_file import MembraneCurve, write_membrane_curve
 from fabdesign.formats.encoder import plain
 from fabdesign.nouns.bench import Bench
 from fabdesign.output import write_text
-from fabdesign.units import in_kpa
-from studies.benches.actuator import StaticCurve
 from studies.benches.calibrate import BenchCalibration
-from studies.benches.cylinder import CylinderLaw
-from studies.benches.muscle import BenchMuscle
-from studies.benches.predictions import Law, travels
+from studies.benches.muscle import BenchMuscle, travels
 from studies.benches.records import SIZES, require_sizes
 from studies.benches.strip import StripLaw
 
@@ -75,7 +71,7 @@ def write_bench_type(calibration: BenchCalibration, output: Path) -> list[Path]:
         return [output, table]
     if isinstance(law, StripLaw) and "width" in bench.constants:
         return _write_curve(_curve(calibration), _origin(bench), output)
-    write_bench_law(_bench_law(bench, law), output, table, comment=_origin(bench))
+    write_bench_law(law.file(bench), output, table, comment=_origin(bench))
     return [output, table]
 
 
@@ -106,18 +102,3 @@ def _table_of(output: Path) -> Path:
 def _origin(bench: Bench) -> str:
     source = bench.source or bench.description
     return f"fitted to the bench {bench.name}{source and f': {source}'}"
-
-
-def _bench_law(bench: Bench, law: Law) -> BenchLaw:
-    """As it is written to a file."""
-    if isinstance(law, CylinderLaw):
-        low, high = law.interval90.T
-        columns = {"coefficient_n": law.coefficients, "low90_n": low, "high90_n": high}
-        return BenchLaw("cylinder", bench.output, columns, law.terms, law.form, law.presliding)
-    if isinstance(law, StaticCurve):
-        return BenchLaw("actuator", bench.output, {"pressure_kpa": in_kpa(law.pressure), "displacement_m": law.level})
-    assert isinstance(law, StripLaw)
-    strain, _ = law.samples()
-    low, high = law.interval90(1 + strain)
-    columns = {"strain": strain, "force_n": law.force(1 + strain), "low90_n": low, "high90_n": high}
-    return BenchLaw("strip", bench.output, columns)

@@ -11,7 +11,7 @@ from fabdesign.nouns.model import Covariance, EffectTerm, Model, Parameter, Prov
 from fabdesign.nouns.trial import Trial
 from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import muscle_scope
-from optimize.fit.parameters import FitParameter
+from optimize.fit.parameters import FitParameter, FitVector
 
 QUANTILE = 1.645  # two-sided 90 %
 
@@ -28,20 +28,18 @@ def fitted_model(
     """covariance: (p, p) of the fit's unknowns, whatever the intervals hold included. trials: that were fitted."""
     deviation = np.sqrt(np.diag(covariance))
     muscles = muscle_scope([trial.design for trial in trials])
-    parameters, quantities = {}, {}
-    for parameter, x, s in zip(fit.vector.parameters, fit.x, deviation, strict=True):
-        interval = parameter.value(x - QUANTILE * s), parameter.value(x + QUANTILE * s)
-        if parameter.is_factor:
-            scope = _scope_of(parameter, muscles)
-            parameters[parameter.name] = Parameter(parameter.value(x), interval, reliable, scope)
-        else:
-            quantities[parameter.name] = Quantity(parameter.value(x), parameter.unit, interval)
+    quantities = quantities_of(fit.vector, fit.x, deviation)
+    parameters = {
+        p.name: Parameter(quantities[p.name].value, quantities[p.name].interval90, reliable, _scope_of(p, muscles))
+        for p in fit.vector.parameters
+        if p.is_factor
+    }
     for name, factor in fit.vector.factors:
         parameters.setdefault(name, Parameter(factor))
     effects, unnamed = [], False
     for label, term in zip(fit.vector.labels, fit.vector.terms_at(fit.x), strict=True):
         unnamed |= not EFFECTS[term.name].named and len(fit.vector.part(label)) > 0
-        effects.append(_effect(label, term, quantities, muscles))
+        effects.append(effect_term(label, term, quantities, muscles))
     return Model(
         parameters,
         tuple(effects),
@@ -53,8 +51,17 @@ def fitted_model(
     )
 
 
-def _effect(label: str, term: Term, quantities: Mapping[str, Quantity], muscles: str | None) -> EffectTerm:
-    """quantities: of those of its parameters that were fitted, by LABEL.PARAMETER."""
+def quantities_of(vector: FitVector, x: np.ndarray, deviation: np.ndarray) -> dict[str, Quantity]:
+    """Return each unknown's value with its 90 % interval, by its name. deviation: (p,) of x."""
+    return {
+        p.name: Quantity(p.value(v), p.unit, (p.value(v - QUANTILE * s), p.value(v + QUANTILE * s)))
+        for p, v, s in zip(vector.parameters, x, deviation, strict=True)
+    }
+
+
+def effect_term(label: str, term: Term, quantities: Mapping[str, Quantity], muscles: str | None) -> EffectTerm:
+    """Return an effect with its intervals. quantities: of its parameters that were fitted, by LABEL.PARAMETER. muscles:
+    the scope of what belongs to a muscle type."""
     declared = EFFECTS[term.name]
     values = {
         key: quantities.get(f"{label}.{key}", Quantity(value, declared.parameters[key].unit))

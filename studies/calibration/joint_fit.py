@@ -8,20 +8,22 @@ way has false minima too, and what the factors alone lead to may be nearer.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Protocol
+from itertools import pairwise
 
 import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import label_effect
 from fabdesign.nouns.forward import Term
-from optimize.fit.clouds import Array, Indices, evenly
-from optimize.fit.descent import Progress, horizons, parts
+from optimize.fit.clouds import evenly
+from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
+from optimize.fit.misfit import Array, Indices
 from optimize.fit.parameters import FitParameter, FitVector
-from optimize.fit.problem import widened
+from optimize.fit.policy import NEAR
+from optimize.fit.problem import horizons_of, widened
 from optimize.fit.significance import needed
+from studies.calibration.fits import Fits
 from studies.calibration.intervals import expected_rms
 from studies.calibration.rest_fit import beginning, shown
 from studies.measured.fit_data import MeasuredData
@@ -33,101 +35,64 @@ KEPT = 4.0  # of log likelihood: an effect that costs less to drop at rest, or f
 _AT_LAST = 0.5  # of all work, where the last fit has all trials; of that where the same are seen again, a quarter
 
 
-class FitUntil(Protocol):
-    """What makes the fit of a horizon."""
-
-    def __call__(
-        self,
-        data: MeasuredData,
-        vector: FitVector,
-        start: Array,
-        /,
-        *,
-        named: str,
-        horizon: float | None,
-        expected: float,
-        progress: Progress,
-        jacobian: Array | None = None,
-    ) -> Fit:
-        """Of so much data, from a start (p,). horizon: s; None: the last fit. expected, jacobian: as
-        optimize.fit.descent.fit takes them. progress: is told its share of the work."""
-        ...
-
-
-def joint_fit(
-    data: MeasuredData,
-    vector: FitVector,
-    start: Array,
-    tolerance: float,
-    fitted: FitUntil,
-    progress: Progress = lambda line, share: None,
-    *,
-    patient: bool = False,
-    at_rest: Fit | None = None,
-) -> Fit:
-    """The fit of all frames. What cannot matter beside `tolerance` [m], of the terms whose strengths alone are fitted
-    and that no model gave, takes part in the last fit alone. fitted: makes each fit. patient: whether it begins again
-    wherever a horizon leaves more than a right model, not the first alone where that is far more. at_rest: what shapes
-    at rest say; where that is known, no horizon is looked at, and what they say is nothing takes no part at all."""
-    right = expected_rms(data.noise, tolerance)
-    much = right if patient else expected_rms(data.noise, 2 * tolerance)
+def joint_fit(data: MeasuredData, vector: FitVector, start: Array, fits: Fits, at_rest: Fit | None = None) -> Fit:
+    """The fit of all frames. What cannot matter beside the tolerance, of the terms whose strengths alone are fitted and
+    that no model gave, takes part in the last fit alone. at_rest: what shapes at rest say; where that is known, no
+    horizon is looked at, and what they say is nothing takes no part at all."""
+    right = expected_rms(data.noise, fits.tolerance)
+    much = right if fits.patient else expected_rms(data.noise, 2 * fits.tolerance)
     few = data.only(evenly(len(data.trials), EARLY_TRIALS).tolist())
     nothing: frozenset[str] = frozenset()
-    lengths = horizons(data.samples)
+    lengths = horizons_of(data.samples)
     lengths = [horizon for horizon in lengths if horizon <= EARLY or horizon == lengths[-1]]
     if at_rest is not None:
         nothing = unneeded(at_rest)
         lengths, start = lengths[-1:], beginning(vector, at_rest, nothing)
     share = _AT_LAST if len(few.trials) < len(data.trials) else _AT_LAST / 4
-    *told, at_last = parts(progress, *((1 - share) * np.cumsum(lengths) / sum(lengths)).tolist())
+    ends = [0.0, *((1 - share) * np.cumsum(lengths) / sum(lengths)).tolist()]
     expected = np.inf if vector.terms else right  # effects at nothing leave much
     stages = [
-        _Stage(
-            few.until(horizon),
-            horizon,
-            tolerance if horizon < lengths[-1] else 0.0,
-            partial(fitted, expected=expected, progress=own),
-        )
-        for horizon, own in zip(lengths, told, strict=True)
+        _Stage(few.until(horizon), horizon, horizon == lengths[-1], fits.coarse.within(*part), expected)
+        for horizon, part in zip(lengths, pairwise(ends), strict=True)
     ]
-    descent, untried = _Descent(vector, start, aside=nothing), bool(vector.terms) and at_rest is None
+    descent, untried = _Descent(vector, start, inactive=nothing), bool(vector.terms) and at_rest is None
     for k, stage in enumerate(stages):
         descent = stage.after(descent)
-        if untried and descent.left > much and (patient or k == 0):
+        if untried and descent.remaining > much and (fits.patient or k == 0):
             untried, other = False, _from_factors(vector, stages[0])
             for before in stages[: k + 1]:
                 other = before.after(other)
-            descent = min(descent, other, key=lambda one: one.left)
+            descent = min(descent, other, key=lambda one: one.remaining)
     if at_rest is not None and descent.fit is not None:
         shapes_tell = {label_effect(label) for label in shown(at_rest)}
         descent = descent.less(k for k in unneeded(descent.fit) if label_effect(k) not in shapes_tell)
-        nothing = descent.aside
+        nothing = descent.inactive
     there, index = vector.only(set(vector.labels) - nothing)
-    return fitted(
-        data, there, descent.x[index], named=f"{descent.named} at last".strip(), horizon=None, expected=expected,
-        progress=at_last, jacobian=descent.jacobian[:, index] if len(few.trials) == len(data.trials) else None,
-    )  # fmt: skip
+    jacobian = descent.jacobian[:, index] if len(few.trials) == len(data.trials) else None
+    last = fits.within(ends[-1], 1.0)
+    problem, named = last.problem(data, there, expected), f"{descent.named} at last".strip()
+    return last.fit(problem, FitStart(descent.x[index], jacobian), fits.last(there), named)
 
 
 @dataclass(frozen=True, eq=False)
 class _Descent:
-    """A fit between horizons: all unknowns, where they are, and the terms that are off and take no part, by label.
+    """A fit between horizons: all unknowns, where they are, and the inactive terms, by label.
     named: in what is said. at: which of the unknowns the last fit has."""
 
     vector: FitVector
     x: Array
     named: str = ""
-    aside: frozenset[str] = frozenset()
+    inactive: frozenset[str] = frozenset()
     fit: Fit | None = None
     at: Indices | None = None
 
     @property
     def part(self) -> tuple[FitVector, Indices]:
         """The unknowns that take part, and which they are."""
-        return self.vector.only([label for label in self.vector.labels if label not in self.aside])
+        return self.vector.only([label for label in self.vector.labels if label not in self.inactive])
 
     @property
-    def left(self) -> float:
+    def remaining(self) -> float:
         """m RMS, capped."""
         return np.inf if self.fit is None else self.fit.after
 
@@ -139,34 +104,37 @@ class _Descent:
         return widened(self.fit.state.jacobian, self.at, len(self.x))
 
     def less(self, labels: Iterable[str]) -> "_Descent":
-        """Return the descent with more terms aside, by their labels among those that take part, and at nothing."""
-        gone = {*labels}
-        every = [label for label in self.vector.labels if label not in self.aside]
-        more = {whole for whole, label in zip(every, self.part[0].labels, strict=True) if label in gone}
+        """Return the descent with more terms inactive, by their labels among those that take part, and at nothing."""
+        dropped = {*labels}
+        every = [label for label in self.vector.labels if label not in self.inactive]
+        more = {whole for whole, label in zip(every, self.part[0].labels, strict=True) if label in dropped}
         x = self.x.copy()
         x[self.vector.parts(more)] = 0.0
-        return replace(self, x=x, aside=self.aside | more)
+        return replace(self, x=x, inactive=self.inactive | more)
 
 
 @dataclass(frozen=True, eq=False)
 class _Stage:
-    """A horizon [s] of some trials. tolerance: m, beside which what cannot matter takes no part in the next."""
+    """A horizon [s] of some trials. last: whether that is all of their frames."""
 
     data: MeasuredData
     horizon: float
-    tolerance: float
-    fitted: partial[Fit]
+    last: bool
+    fits: Fits
+    expected: float
 
     def fit(self, vector: FitVector, start: Array, named: str) -> Fit:
-        named = f"{named} to {self.horizon:g} s".strip()
-        return self.fitted(self.data, vector, start, named=named, horizon=self.horizon)
+        """Return the fit of a vector over the horizon. named: before the horizon."""
+        problem = self.fits.problem(self.data, vector, self.expected)
+        return self.fits.fit(problem, FitStart(start), NEAR, f"{named} to {self.horizon:g} s".strip())
 
     def after(self, descent: _Descent) -> _Descent:
+        """Return the descent over the horizon; what cannot matter takes no part in the next."""
         vector, index = descent.part
-        found = self.fit(vector, descent.x[index], descent.named)
+        fit = self.fit(vector, descent.x[index], descent.named)
         x = np.zeros(len(descent.x))
-        x[index] = found.x
-        return replace(descent, x=x, fit=found, at=index).less(negligible(found, self.tolerance))
+        x[index] = fit.x
+        return replace(descent, x=x, fit=fit, at=index).less(negligible(fit, 0.0 if self.last else self.fits.tolerance))
 
 
 def _from_factors(vector: FitVector, first: _Stage) -> _Descent:

@@ -2,7 +2,7 @@
 
 from fabdesign.nouns.model import Parameter
 from fabdesign.units import in_mm
-from studies.calibration.calibrate import Calibration
+from studies.calibration.result import Calibration
 
 _ENGINES = (
     "the intervals include the difference between this simulator and the virtual rig; a real cloth may differ by more"

@@ -6,17 +6,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.jacobian import Jacobians
 from fabdesign.nouns.trial import Trial
-from fabdesign.runtime.store import Checkpoint
 from optimize.fit.at_rest import RestProblem, Standing, acting_at_rest
-from optimize.fit.clouds import Array, evenly
-from optimize.fit.descent import Progress, come_near
-from optimize.fit.fitted import Fit, kept
+from optimize.fit.clouds import evenly
+from optimize.fit.descent import fit
+from optimize.fit.fitted import Fit
+from optimize.fit.misfit import Array
 from optimize.fit.parameters import FitVector
+from optimize.fit.policy import AT_REST
 from optimize.fit.rest_detection import standing_of
 from optimize.fit.significance import conditioned
+from studies.calibration.fits import Fits
 from studies.measured.fit_data import MeasuredData
 
 TRIALS = 48  # looked at for shapes at rest, at most
@@ -42,26 +43,20 @@ def with_shapes_at_rest(data: MeasuredData, trials: Sequence[Trial]) -> Measured
     return replace(data, standing=tuple(shapes_at_rest(trials, data.noise.sigma, data.seed)))
 
 
-def fit_at_rest(
-    data: MeasuredData,
-    forward: ForwardModel,
-    vector: FitVector,
-    *,
-    checkpoint: Checkpoint | None = None,
-    progress: Progress = lambda line, share: None,
-) -> Fit | None:
-    """Return the fit to shapes of what acts at rest of a vector; None without shapes, or a tangent of `forward`."""
-    jacobians: Jacobians | None = getattr(forward, "faces_jacobian", None)
+def fit_at_rest(data: MeasuredData, fits: Fits, vector: FitVector) -> Fit | None:
+    """Return the fit to shapes of what acts at rest of a vector; None without shapes, or a tangent of the engine."""
+    jacobians: Jacobians | None = getattr(fits.coarse.forward, "faces_jacobian", None)
     if not data.standing or jacobians is None:
         return None
-    named = "at rest" if vector.terms else "factors at rest"
-    problem = RestProblem(data.standing, jacobians, acting_at_rest(vector))
-
-    def fitted() -> Fit:
-        inputs = None if data.weighed is None else problem.input_errors(problem.vector.start, data.weighed)
-        return come_near(problem, inputs, lambda line, share: progress(f"{named}, {line}", share))
-
-    return fitted() if checkpoint is None else kept(checkpoint, named, problem, fitted)
+    named, told = "at rest" if vector.terms else "factors at rest", fits.told("", vector)
+    problem = RestProblem(data.standing, jacobians, acting_at_rest(vector), data.weighed)
+    return fit(
+        problem,
+        policy=AT_REST,
+        named=named,
+        checkpoint=fits.checkpoint,
+        progress=lambda line, share: told(f"{named}, {line}", share),
+    )
 
 
 def beginning(vector: FitVector, at_rest: Fit, dropped: Collection[str]) -> Array:

@@ -12,6 +12,7 @@ from scipy.ndimage import gaussian_filter
 from fabdesign.errors import InputError
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.trial_file import TrialData, read_trial
+from fabdesign.geometry.sheet import Face
 from fabdesign.geometry.surface import Surface
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import require_pressures
@@ -43,37 +44,44 @@ def read_run(path: Path, design: Design) -> MeasuredRun:
     return MeasuredRun(path, data)
 
 
-def displacements(run: MeasuredRun, motion: Floats, times: Array) -> tuple[Array, NDArray[np.bool_]]:
+def displacements(
+    run: MeasuredRun, motion: Floats, times: Array, *, face: Face = "both"
+) -> tuple[Array, NDArray[np.bool_]]:
     """Return (K, 2 n, 3) m, by how much the measured cloth lies beside the model's `motion` (K, 2 n, 3) m at `times`
-    (K,) s, along its normals; and (K,) whether it was measured then."""
+    (K,) s, along its normals; and (K,) whether it was measured then. face: that the measured points lie on."""
     measured, apart = run.data.time, np.median(np.diff(run.data.time)) if len(run.data.time) > 1 else np.inf
     moved, seen = np.zeros(motion.shape), np.zeros(len(times), bool)
     for k, time in enumerate(times):
         frame = int(np.argmin(np.abs(measured - time)))
         if abs(measured[frame] - time) <= APART * apart + 1e-6:
             seen[k] = True
-            moved[k] = _beside(run.data.frames[frame], np.asarray(motion[k], np.float64))
+            moved[k] = _beside(run.data.frames[frame], np.asarray(motion[k], np.float64), face)
     return moved, seen
 
 
-def _beside(cloud: Array, faces: Array) -> Array:
+def _beside(cloud: Array, faces: Array, face: Face) -> Array:
     """(2 n, 3) m along the normals of the front face."""
     side = isqrt(len(faces) // 2)
+    count = side * side
+    half = float(np.linalg.norm(faces[:count] - faces[count:], axis=1).mean()) / 2
     surface = Surface.of_faces(faces)
     place = surface.nearest(cloud)
     near = place.distance < FARTHEST
-    corners, weights = surface.triangles[place.triangle[near]], place.weights[near]
-    behind = corners[:, 0] >= side * side
-    height = np.where(behind, -place.signed[near], place.signed[near])
-    node = (corners % (side * side))[np.arange(len(corners)), np.argmax(weights, axis=1)]
-    sums, counts = (
-        gaussian_filter(np.bincount(node, own, side * side).reshape(side, side), SMOOTH * side, mode="nearest")
-        for own in (height, np.ones(len(height)))
-    )
-    mean = sums / np.maximum(counts, 1e-3 * counts.max())
-    normal = _normals(faces[: side * side].reshape(side, side, 3))
-    moved = (mean[..., None] * normal).reshape(-1, 3)
-    return np.concatenate([moved, moved])
+    corners = surface.triangles[place.triangle[near]]
+    node = (corners % count)[np.arange(len(corners)), np.argmax(place.weights[near], axis=1)]
+    over = np.where(corners[:, 0] >= count, -1.0, 1.0) * (half + place.signed[near])  # the middle, towards the front
+
+    def mean(heights: Array) -> Array:
+        sums, counts = (
+            gaussian_filter(np.bincount(node, own, count).reshape(side, side), SMOOTH * side, mode="nearest")
+            for own in (heights, np.ones(len(heights)))
+        )
+        return np.asarray(sums / np.maximum(counts, 1e-3 * counts.max()))
+
+    # a cloth that lies farther off than its thickness is nearest to its other face: its own middle says which is which
+    signs = {"front": 1.0, "back": -1.0}.get(face) or np.where(over > mean(over).ravel()[node], 1.0, -1.0)
+    moved = mean(over - signs * half)[..., None] * _normals(faces[:count].reshape(side, side, 3))
+    return np.concatenate([moved.reshape(-1, 3)] * 2)
 
 
 def _normals(grid: Array) -> Array:

@@ -50,10 +50,11 @@ def _blocks(result: FollowResult) -> Iterator[page.Block]:
     steps = [charts.curve(f"channel {c}", instants, values, line_shape="hv") for c, values in enumerate(rows.T)]
     yield charts.chart("pressures", steps, x="time, s", y="pressure, kPa", yaxis={"rangemode": "tozero"})
     if result.copies is not None:
-        number = len(result.copies.motions)
+        number, expected = result.copies.number, page.mm(result.copies.expected)
+        drawn = " and a model drawn from the covariance each" if study.model and study.model.covariance else ""
         yield page.Text(
-            f"The band is that of {number} copies, with pressures {100 * study.scatter.pressure:g} % off"
-            + (" and a model drawn from the covariance each." if study.model and study.model.covariance else "."),
+            f"The band is that of {number} copies, {expected} mm off in the mean, with pressures "
+            f"{100 * study.scatter.pressure:g} % off{drawn}.",
             "quiet",
         )
     yield page.Text(

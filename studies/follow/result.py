@@ -12,7 +12,7 @@ from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.study_files.follow_file import FollowStudy
 from fabdesign.units import in_kpa, in_mm
 from studies.follow.programs import Regulator
-from studies.follow.scatter import Copies
+from studies.follow.scatter import MotionCopies
 from studies.follow.wanted import Wanted
 
 Array = NDArray[np.float64]
@@ -53,7 +53,7 @@ class FollowResult:
     motion: NDArray[np.floating[Any]]
     errors: Sequence[Errors]
     begun: float
-    copies: Copies | None
+    copies: MotionCopies | None
     complete: bool
     seconds: float
     run: int = 0
@@ -107,7 +107,7 @@ class FollowResult:
         """Return what limits the motion, and how sure it is, for people."""
         said = [one.sentence for one in self.limitations]
         if self.copies is not None and (snap := self.copies.snap) is not None:
-            said.append(f"near a snap at {snap:.2f} s: copies that differ by little then move to another side")
+            said.append(f"near a snap at {snap:.2f} s: pressures that differ by 2 % then lead to another stable shape")
         if not self.complete:
             said.append("the time was used before all windows were solved; the same command goes on")
         return said
@@ -135,7 +135,12 @@ class FollowResult:
                 {"from_s": one.begin, "to_s": one.end, "by": one.by, "channels": list(one.channels)}
                 for one in self.limitations
             ],
-            "copies": None if copies is None else {"number": len(copies.motions), "snap_s": copies.snap},
+            "copies": copies
+            and {
+                "number": copies.number,
+                "snap_s": copies.snap,
+                "expected_mm": in_mm(copies.expected),
+            },
             "largest_kpa": in_kpa(self.pressures.max(axis=0)).tolist(),
             "complete": self.complete,
             "repetition": self.run,

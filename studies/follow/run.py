@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, SimulationError
+from fabdesign.files.design_file import write_design
 from fabdesign.files.pressure_file import read_csv, write_pressures
 from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.model import Model
@@ -20,9 +21,12 @@ from fabdesign.runtime.effort import in_words, on_cores
 from fabdesign.runtime.fingerprint import content_of, sha256
 from fabdesign.runtime.store import Arrays, Checkpoint
 from fabdesign.study_files.follow_file import FollowStudy, read_follow
+from fabdesign.units import in_mm
 from fabdesign.version import SIMULATOR
 from optimize.fit.descent import Progress
+from optimize.search.evaluations import Evaluations
 from sim import Simulator
+from studies.follow.layout import chosen_layout
 from studies.follow.measured import MeasuredRun, displacements, read_run
 from studies.follow.programs import Regulator, case_of, regulator_of
 from studies.follow.report import write_report
@@ -31,7 +35,7 @@ from studies.follow.scatter import copies_of
 from studies.follow.start import quasi_static
 from studies.follow.target import files_of, wanted_of
 from studies.follow.wanted import Wanted
-from studies.follow.windows import Effort, Task, solve
+from studies.follow.windows import Effort, FollowTask, solve
 from studies.layout_search.target import pose_errors
 from studies.prediction.forward_model import forward_model, without_resistance
 
@@ -69,16 +73,36 @@ def run_follow(
     file = os.path.relpath(inputs[0], out).replace(os.sep, "/") if inputs else None
     inputs += [*files_of(study), *([measured] if measured is not None else [])]
     with work_folder(out, made_by="follow", force=force, inputs=inputs) as work:
-        run = None if measured is None else _last_run(work, Path(measured), study)
         checkpoint = Checkpoint(work, _content(study))
+        if study.layout is not None:
+            study = _with_layout(study, wanted, regulator, work, progress)
+            regulator = regulator_of(study)
+        run = None if measured is None else _last_run(work, Path(measured), study)
         solver = _Solver(study, wanted, regulator, checkpoint, progress)
         result = solver.found() if run is None else solver.corrected(*run)
         with work.adding() as files:
+            if study.layout is not None:
+                write_design(study.design, files / "design.toml")
             if run is not None:
                 write_pressures(regulator.program(run[2]), files / f"pressures_{result.run}.csv")
             write_pressures(result.program, files / "pressures.csv")
             write_report(result, files, file)
     return result
+
+
+def _with_layout(
+    study: FollowStudy, wanted: Wanted, regulator: Regulator, work: WorkFolder, progress: Progress
+) -> FollowStudy:
+    """Return the study with the design that a search finds, as the rig can drive it."""
+
+    def show(at: Evaluations) -> None:
+        best = "none yet" if at.best is None else f"{in_mm(at.best.value):.3f} mm"
+        progress(f"a layout for shapes at rest: best {best}", 0.0)
+
+    design = chosen_layout(study, wanted, regulator, work, show)
+    if study.rig.channels is not None and design.channels > study.rig.channels:
+        raise InputError(f"{study.name}: the layout has {design.channels} channels; the rig has {study.rig.channels}")
+    return replace(study, design=design)
 
 
 def follow_in_words(study: FollowStudy) -> str:
@@ -120,7 +144,7 @@ class _Solver:
         """Return the answer to a measured motion of `program`, in which the model's own changes are asked of it
         (iterative learning control: Bristow et al. 2006)."""
         motion = self._motion(program)
-        beside, seen = displacements(run, motion, self._wanted.times)
+        beside, seen = displacements(run, motion, self._wanted.times, face=self._wanted.targets[0].face)
         if not seen.any():
             raise InputError(f"{run.file}: no frame at a wanted instant; expected the motion of this study")
         measured = self._errors(motion + beside)
@@ -144,7 +168,7 @@ class _Solver:
         lacks = self._lacks(program, grid)
         if beside is not None:
             lacks = beside if lacks is None else lacks + beside
-        task = Task(predictor.case(self._case), self._wanted, self._regulator, lacks)
+        task = FollowTask(predictor.case(self._case), self._wanted, self._regulator, lacks)
         so_far = program.copy()
 
         def keep(window: str, compute: Callable[[], Array]) -> Array:
@@ -195,7 +219,7 @@ class _Solver:
         case = replace(self._case, program=self._regulator.program(program))
         self._progress("copies with other pressures and models", 1.0)
         copies = copies_of(
-            Simulator(COARSE), self._study.model, case, self._wanted.times, self._study.scatter, self._study.seed
+            Simulator(COARSE), self._study.model, case, self._wanted, self._study.scatter, self._study.seed
         )
         shown = motion if beside is None else motion + beside
         seconds = working_time.seconds() - self._begun

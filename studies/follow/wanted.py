@@ -12,16 +12,17 @@ from numpy.typing import NDArray
 from fabdesign.geometry.metrics import landmark_errors, surface_rms
 from fabdesign.geometry.mid_surface import at_places, cells_of, mid_surface
 from fabdesign.geometry.surface import Surface
-from optimize.fit.clouds import Indices, Match, Nodes, nodes_of
+from optimize.fit.clouds import Match, Nodes, nodes_of
 from studies.layout_search.target import LoadedTarget
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 Floats = NDArray[np.floating[Any]]
 POINTS = 300  # of a cloud that are compared while searching: more say nothing new
 SCALE = 2e-4  # m, of what distances are worth where a target shows no noise
 WISHED = 1e-3  # m, the same of wishes, which nobody means so exactly
 EACH = 100.0  # independent points that an instant counts as, whatever its cloud has
-HUBER, FARTHEST = 1.345, 0.020  # of the scale; m, a distance beyond which counts as this far
+HUBER, FARTHEST = 1.345, 0.020  # of the scale; m, a distance that counts less beyond
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +42,9 @@ class Distances:
 
     @property
     def cost(self) -> float:
-        """The sum of weighted squares, capped."""
-        return float(self.weight @ np.minimum(np.abs(self.off), FARTHEST) ** 2)
+        """The sum of weighted squares, beyond FARTHEST of Huber's lines."""
+        size = np.abs(self.off)
+        return float(self.weight @ np.where(size < FARTHEST, size**2, FARTHEST * (2 * size - FARTHEST)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +82,12 @@ class Wanted:
                 errors[frame] = surface_rms(target.points, shape, target.face, target.weighting)
         return errors
 
+    def mean_distance(self, motion: Floats) -> float:
+        """Return the mean over instants [m] of the RMS distance to a motion (K, 2 n, 3) m."""
+        side = isqrt(motion.shape[1] // 2)
+        each = [self.distances(k, points, side) for k, points in enumerate(motion)]
+        return float(np.mean([np.inf if own is None else np.sqrt(np.square(own.off).mean()) for own in each]))
+
     @cached_property
     def _few(self) -> list[Array]:
         return [target.points[:: -(-len(target.points) // POINTS)] for target in self.targets]
@@ -96,7 +104,8 @@ def _of_cloud(target: LoadedTarget, points: Array, shape: Floats, side: int) -> 
     offset = points - np.einsum("nc,ncd->nd", place.weights, surface.vertices[corners])
     off = np.einsum("nd,nd->n", offset, normal)
     none = np.zeros(len(off), np.intp)
-    nodes = nodes_of(Match(off, normal, corners, place.weights, none, none), side, isqrt(len(shape) // 2))
+    matched = Match(off, none, none, none, normal, corners, place.weights)
+    nodes = nodes_of(matched, side, isqrt(len(shape) // 2))
     counts = np.ones(len(off))
     if target.weighting is not None:
         counts = np.einsum("nc,nc->n", place.weights, target.weighting.of_points(len(shape))[corners])

@@ -32,7 +32,7 @@ WORTH = 0.3  # of the cost: after a step that gains less, columns are made anew
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class FollowTask:
     """A program to be found. case: of the design with all that a model adds; only its program is replaced.
 
     lacks: (K, 2 n, 3) m, what is added to the simulated faces at each wanted instant: what a corrector, or a measured
@@ -61,7 +61,7 @@ class Effort:
 class _Window:
     """Cycles `begin` to `end` of a task, from a state on."""
 
-    task: Task
+    task: FollowTask
     simulator: Simulator
     begin: int
     end: int
@@ -88,8 +88,9 @@ class _Window:
         return [self.task.wanted.distances(k, own, side) for k, own in zip(self.moments, shapes, strict=True)]
 
     def with_states(self, programs: Sequence[Array]) -> list[KeptMotion]:
-        ticks = [self.ticks(k) for k in range(self.begin + 1, self.end + 1)]
-        return with_states(self.simulator, self.task.cases(programs), self.state, self.times, ticks)
+        first, *ticks = [self.ticks(k) for k in range(self.begin, self.end + 1)]
+        cases, jumping = self.task.cases(programs), [first, *ticks[:-1]]
+        return with_states(self.simulator, cases, self.state, self.times, ticks, jumping=jumping)
 
 
 Keep = Callable[[str, Callable[[], Array]], Array]  # of a window: its name, and what computes its set points
@@ -100,7 +101,7 @@ def _computed(name: str, compute: Callable[[], Array]) -> Array:
 
 
 def solve(
-    task: Task,
+    task: FollowTask,
     program: Array,
     effort: Effort,
     *,
@@ -126,7 +127,7 @@ def solve(
     return program
 
 
-def _end(task: Task, begin: int, length: int, ahead: int, cycles: int) -> int:
+def _end(task: FollowTask, begin: int, length: int, ahead: int, cycles: int) -> int:
     """The cycle at which a window ends: where there is little to see, it reaches as far as the next instant does."""
     cycle, end = task.regulator.cycle, begin + length
     later = task.wanted.times[task.wanted.times > (begin + ahead) * cycle + 1e-9]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
-from fabdesign.nouns.model_sampling import drawn, joint_root
+from fabdesign.nouns.model_sampling import Ensemble
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import Trial
 from fabdesign.runtime.effort import batches
@@ -26,11 +26,7 @@ _SEED = 0  # the same draws wherever a model is asked: what a few of them miss i
 
 def drawn_models(model: Model, draws: int = DRAWS) -> list[Model]:
     """None without a covariance."""
-    if model.covariance is None:
-        return []
-    root = joint_root(model)
-    rng = np.random.default_rng(_SEED)
-    return [drawn(model, root, z) for z in rng.standard_normal((draws, len(root)))]
+    return Ensemble(model).drawn(draws, _SEED)
 
 
 def drawn_motions(

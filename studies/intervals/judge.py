@@ -1,7 +1,7 @@
 """A model's intervals against measured trials."""
 
 from collections.abc import Callable, Sequence
-from functools import partial
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,24 +31,26 @@ def interval_judges(
     times = [trial.times[own] for trial, own in zip(trials, frames, strict=True)]
     others = drawn_motions(predictor, coarse, cases, times) if spread.covariance else [[]] * len(trials)
     rows = zip(trials, frames, rests(predictor, cases), motions, others, strict=True)
-    return [partial(_judge, spread, *row) for row in rows]
+    return [_Judge(spread, *row) for row in rows]
 
 
-def _judge(
-    spread: Spread,
-    trial: Trial,
-    frames: NDArray[np.intp],
-    rest: Motion,
-    motion: Motion,
-    others: Sequence[Motion],
-    clouds: Sequence[NDArray[np.float64]],
-    used: NDArray[np.intp],
-) -> IntervalScore | None:
-    own = np.isin(frames, used)
-    kept = frames[own]
-    found = residuals_of(
-        trial, [clouds[k] for k in kept.tolist()], rest, motion[kept], [other[own] for other in others]
-    )
-    if not len(found.residual):
-        return None
-    return IntervalScore.of(found.residual, half_widths(spread, found.deviation, found.moved, found.design) / TWO_SIDED)
+@dataclass(frozen=True, eq=False)
+class _Judge:
+    """Of one trial: frames looked at, where its motion begins, the model's motion and those of drawn models."""
+
+    spread: Spread
+    trial: Trial
+    frames: NDArray[np.intp]
+    rest: Motion
+    motion: Motion
+    others: Sequence[Motion]
+
+    def __call__(self, clouds: Sequence[NDArray[np.float64]], used: NDArray[np.intp]) -> IntervalScore | None:
+        own = np.isin(self.frames, used)
+        kept = self.frames[own]
+        taken, others = [clouds[k] for k in kept.tolist()], [other[own] for other in self.others]
+        found = residuals_of(self.trial, taken, self.rest, self.motion[kept], others)
+        if not len(found.residual):
+            return None
+        widths = half_widths(self.spread, found.deviation, found.moved, found.design)
+        return IntervalScore.of(found.residual, widths / TWO_SIDED)

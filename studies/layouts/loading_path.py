@@ -13,12 +13,10 @@ from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.pressure import PressureProgram, rising_program, sequence_program
 from fabdesign.units import InFile, in_mm
 from optimize.search.objective import Objective, Shape, refined
+from studies.prediction.stability import OFF, apart, are_one, sides
 
-OFF = 0.02  # that a copy's pressures are off
 RISES = (0.2, 2.0)  # s, of copies
 SETTLE = 3.0  # s after the rise: a swing is over but for a millimetre
-OTHER_BRANCH = 0.15  # of what a shape lies off the cloth at rest, RMS: farther apart two are of different branches,
-LEAST_CHANGE = 5e-3  # m, and at least that
 NEARER = 0.8  # of the value: a copy that comes so much nearer shows where the target lies
 
 Pressures = NDArray[np.float64]  # (poses, channels) Pa
@@ -125,10 +123,10 @@ def loading_paths(
     paths = []
     for plan, shape, still in zip(plans, shapes, at_rest, strict=True):
         ended = [np.array([next(ends) for _ in programs]) for _, programs in plan]
-        near = max(LEAST_CHANGE, OTHER_BRANCH * _apart(shape, still))
+        off_rest = apart(shape, still)
         own = [shape, *(ended[:1] if np.isfinite(ended[0]).all() else [shape]) * (len(plan) - 1)]
         copies = [
-            Copy(name, objective.value(end), not _apart(end, other) <= near)
+            Copy(name, objective.value(end), not are_one(apart(end, other), off_rest))
             for (name, _), end, other in zip(plan, ended, own, strict=True)
         ]
         paths.append(LoadingPath(copies[0], tuple(copies[1:]), ended[0]))
@@ -139,7 +137,7 @@ def _plans(
     objective: Objective, design: Design, pressures: Pressures, rise: float
 ) -> list[tuple[str, list[PressureProgram]]]:
     """Name of the motion and of each copy, and their programs, one a pose."""
-    signs = _signs(design)
+    signs = sides(design)
     at_rest = any(target.time is None for target in objective.targets)
     chosen = [(f"the rise within {rise:g} s" if at_rest else "the motion", np.zeros(len(signs)), rise)]
     chosen += [
@@ -168,16 +166,3 @@ def _plans(
         numbers = range(1, len(pressures) + 1)
         plans.append(("the poses one after another", [sequence_program(pressures[:k], rise, SETTLE) for k in numbers]))
     return plans
-
-
-def _signs(design: Design) -> NDArray[np.float64]:
-    """(channels,) 1 of the front's, -1 of the back's, 0 of those of both."""
-    signs = np.zeros(design.channels)
-    for muscle in design.muscles:
-        signs[muscle.channel] += 1 if muscle.side == "front" else -1
-    return np.asarray(np.sign(signs))
-
-
-def _apart(a: Shape, b: Shape) -> float:
-    """m RMS, of the pose where it is most; NaN where one diverged."""
-    return float(np.sqrt(np.square(a - b).sum(axis=-1).mean(axis=-1)).max())

@@ -22,6 +22,7 @@ from optimize.search.objective import Objective, Shape
 from optimize.search.starts import Start
 from optimize.search.step import LinearShape
 from studies.layouts.scatter import Linear, Scatter, linear
+from studies.prediction.stability import copies_elsewhere
 
 Array = NDArray[np.float64]
 
@@ -31,9 +32,6 @@ NEAR_FOLD = 24  # true copies on the coarse model in place of derivatives
 HOLDS = 1.5  # factor by which the mean error of copies and that by derivatives may differ
 OFF = 0.003  # m that a muscle lies off its place when the most delicate one is looked for
 YIELD_OVER = 0.25  # of the nominal value, within which a copy counts where the study states no tolerance
-APART = 0.005  # m RMS, and
-BRANCH = 0.5  # of its own way from the nominal shape, by which a copy misses what the derivatives say: another branch
-FAR = 3.0  # times the median copy's way, the same where derivatives do not hold
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,28 +151,11 @@ def robustness_of(
         expected=float(np.mean(values[np.isfinite(values)])) if sound else float("inf"),
         yielded=float(np.mean(values <= tolerance)),
         worst=float(np.max(np.where(np.isfinite(values), values, np.inf))),
-        on_another_branch=_on_another_branch(
-            centre, shapes, [model.at(z) - model.shape for z in zs] if holds else None
-        ),
+        on_another_branch=copies_elsewhere(shapes, [model.at(z) - model.shape for z in zs] if holds else None, centre),
         shapes=tuple(sound),
         band=np.sqrt(np.square(moved).sum(axis=2).mean(axis=0)),
         delicate=_most_delicate(scatter, model if holds else None, objective, coarse, len(result[0].muscles)),
     )
-
-
-def _on_another_branch(centre: Shape, shapes: Sequence[Shape], predicted: Sequence[Shape] | None) -> int:
-    """How many lie on another branch than `centre`. predicted: displacements by the derivatives; None: go by the
-    median copy's."""
-    lengths = np.array([_rms(shape - centre) for shape in shapes])
-    if predicted is None:
-        sound = lengths[np.isfinite(lengths)]
-        return int(sum(~(lengths <= max(APART, FAR * np.median(sound) if len(sound) else 0.0))))
-    missed = np.array([_rms(shape - centre - by) for shape, by in zip(shapes, predicted, strict=True)])
-    return int(sum(~(missed <= np.maximum(APART, BRANCH * lengths))))
-
-
-def _rms(difference: Shape) -> float:
-    return float(np.sqrt(np.square(difference).sum(axis=-1).mean()))
 
 
 def _most_delicate(

@@ -5,7 +5,7 @@ and every muscle's gain, and what the model's joint covariance leaves open.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from fabdesign.nouns.column import Column, corner_or_still
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model
-from fabdesign.nouns.model_sampling import drawn, joint_root
+from fabdesign.nouns.model_sampling import Ensemble
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.study_files.search_terms import Robust
@@ -32,36 +32,15 @@ STANDARD = "standard deviations"  # unit of a column
 Copy = tuple[Design, Array, Model]
 
 
-@dataclass(frozen=True)
-class EachWithItsModel:
-    """A forward model whose case number k has the k-th model. Implements fabdesign.nouns.forward.ForwardModel."""
-
-    predictor: Predictor
-    models: tuple[Model, ...]
-
-    def motions(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
-        """As each case's model gives them."""
-        return replace(self.predictor, model=Model()).motions(self._own(cases), times)
-
-    def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
-        """As each case's model gives them."""
-        return replace(self.predictor, model=Model()).equilibria(self._own(cases))
-
-    def _own(self, cases: Sequence[Case]) -> list[Case]:
-        models = zip(cases, self.models, strict=True)
-        return [replace(self.predictor, model=model).case(case) for case, model in models]
-
-
 class Scatter:
     """How copies of one layout differ: `size` standard normals a copy."""
 
     def __init__(self, study: Study, robust: Robust, design: Design, pressures: Array) -> None:
         self._study, self._robust, self._design, self._pressures = study, robust, design, pressures
         self._model = study.model or Model()
-        covered = robust.covariance and self._model.covariance is not None
-        self._root = joint_root(self._model) if covered else np.empty((0, 0))
+        self._ensemble = Ensemble(self._model if robust.covariance else replace(self._model, covariance=None))
         self._corners = [len(muscle.path) for muscle in design.muscles]
-        counts = 2 * sum(self._corners), design.channels, len(design.muscles), len(self._root)
+        counts = 2 * sum(self._corners), design.channels, len(design.muscles), self._ensemble.size
         self._ends = np.cumsum(counts).tolist()
         self.size: int = self._ends[-1]
 
@@ -85,7 +64,7 @@ class Scatter:
             muscles.append(replace(muscle, channel=k, path=tuple((float(u), float(v)) for u, v in moved)))
         own = [muscle.channel for muscle in self._design.muscles]
         pressures = np.maximum(0.0, self._pressures[:, own] * self.pull(z))
-        model = drawn(self._model, self._root, rest) if len(rest) else self._model
+        model = self._ensemble.at(rest) if len(rest) else self._model
         return replace(self._design, muscles=tuple(muscles)), pressures, model
 
     def pull(self, z: Array) -> Array:
@@ -107,8 +86,8 @@ class Scatter:
         for design, pressures, model in copies:
             space = DesignSpace(design, limits_of(self._study), pressures, vary_pressures=False)
             points.append((space, np.empty(0)))
-            models.append(model)
-        return objective.shapes(EachWithItsModel(forward, tuple(models)), points)
+            models.append(replace(forward, model=model))
+        return objective.shapes(replace(forward, model=Model()), points, models)
 
     def case(self, objective: Objective, pose: int) -> Case:
         """The layout as it should be, as `case_of` gives it."""
@@ -136,12 +115,12 @@ class Scatter:
             *(_placed(m, k, way, robust.placement) for m, k in corners for way in ((1.0, 0.0), (0.0, 1.0))),
             *(_pulling(f"channel {k}", share) for k, share in enumerate(by_channel)),
             *(_pulling(f"muscle {k}", share) for k, share in enumerate(np.eye(count) * robust.muscle_gain)),
-            *(self._of_model(k) for k in range(len(self._root))),
+            *(self._of_model(k) for k in range(self._ensemble.size)),
         ]
 
     def _of_model(self, k: int) -> Column:
         def moved(case: Case, by: float) -> Case:
-            model = drawn(self._model, self._root, by * np.eye(len(self._root))[k])
+            model = self._ensemble.at(by * np.eye(self._ensemble.size)[k])
             return replace(case, factors=dict(model.factors), effects=unresisted(model).terms)
 
         return Column(f"covariance {k}", STANDARD, 0.2, 1.0, moved)

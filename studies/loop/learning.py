@@ -17,7 +17,8 @@ from fabdesign.output import WorkFolder
 from fabdesign.study_files.loop_file import LoopStudy
 from fabdesign.units import in_mm
 from optimize.fit.free_parameters import fit_vector
-from studies.calibration.calibrate import Calibration, calibrate
+from studies.calibration.calibrate import CalibrationOptions, calibrate
+from studies.calibration.result import Calibration
 from studies.loop.record import Learned, TracedEffects
 from studies.measured.sensitive_stretches import GRID
 from studies.prediction.evaluate import DesignResult, evaluate_sets
@@ -112,8 +113,7 @@ def _traced(
         measured,
         out,
         inputs=[],
-        model=known,
-        options=Options(learning.tolerance, learning.trace_grid, study.search.seed),
+        options=Options(learning.tolerance, learning.trace_grid, study.search.seed, known),
         forward=simulators(learning.trace_grid),
         say=lambda line: say(f"trace: {line}"),
     )
@@ -146,12 +146,14 @@ def _calibrated(
     return calibrate(
         sets,
         simulators(grid),
-        slopes=simulators(min(grid, GRID)),
-        coarse=simulators(min(grid, GRID)),
         vector=vector,
-        points_per_side=grid,
-        seed=study.search.seed,
         progress=lambda line, share: say(f"calibrating: {line}"),
+        options=CalibrationOptions(
+            slopes=simulators(min(grid, GRID)),
+            coarse=simulators(min(grid, GRID)),
+            points_per_side=grid,
+            seed=study.search.seed,
+        ),
     )
 
 

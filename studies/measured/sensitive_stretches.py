@@ -8,10 +8,8 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.formats.json_file import read_json, write_json
@@ -23,6 +21,7 @@ from fabdesign.runtime.store import read_kept, user_cache
 from fabdesign.version import SIMULATOR
 from optimize.fit.parameters import PRIOR
 from studies.measured.used_frames import Array, Flags, Stretch, UsedFrames, used_mask
+from studies.prediction.stability import BENT, LEAST, OF_MOTION, instants_elsewhere, sides
 
 GRID = 21  # points a side, of the simulator that searches
 SCREEN = 2  # draws for every trial: the data sheet itself, and one of its prior
@@ -31,9 +30,6 @@ SHARE = 0.5  # of the draws, from which on an instant is sensitive
 TILT = 0.05  # degrees that gravity is off
 PRESSURE = 0.01  # that a channel's pressure is off, up or down
 INTERVAL = 0.1  # s between the instants that are looked at
-APART = 0.35  # of the motion's size, between the motions of changes to either side: they are on different branches
-BENT = 0.05  # of it, of what is not proportional in them, where it is over half of what is
-LEAST_MOTION = 0.005  # m, of a motion's size
 GAP = 0.35  # s: sensitive stretches nearer than this are one
 _SEED = 0
 _AT_ONCE = 128  # motions in memory
@@ -135,7 +131,7 @@ def _sensitive(
         cases = [_changed(trials[t], draws[d], d, side) for t, d in some for side in (0.0, 1.0, -1.0)]
         motions = forward.motions(cases, [times[t] for t, _ in some for _ in range(3)])
         for k, pair in enumerate(some):
-            flags[pair] = on_another_branch(*motions[3 * k : 3 * k + 3])
+            flags[pair] = instants_elsewhere(*motions[3 * k : 3 * k + 3])
         progress(3 * (before + first + len(some)), 3 * (before + len(wanted)))
     return flags
 
@@ -152,10 +148,8 @@ def _signs(design: Design, channels: int, draw: int) -> Array:
     signs = np.random.default_rng([_SEED, draw]).choice([-1.0, 1.0], channels)
     if draw:
         return signs
-    front = np.zeros(channels)
-    for muscle in design.muscles:
-        front[muscle.channel] += 1 if muscle.side == "front" else -1
-    return np.asarray(np.where(front, np.sign(front), signs))
+    own = np.pad(sides(design), (0, channels - design.channels))
+    return np.asarray(np.where(own, own, signs))
 
 
 def instants(trial: Trial) -> Array:
@@ -163,20 +157,6 @@ def instants(trial: Trial) -> Array:
     times = trial.times
     count = max(2, round((times[-1] - times[0]) / INTERVAL) + 1)
     return np.asarray(times[np.unique(np.linspace(0, len(times) - 1, min(count, len(times))).round().astype(int))])
-
-
-def on_another_branch(middle: NDArray[Any], up: NDArray[Any], down: NDArray[Any]) -> Flags:
-    """(T,) whether motions (T, n, 3) m with a small change to either side are on another branch than the middle one; a
-    motion that diverged is. At any scale: by the motion's size, the largest RMS distance from where it begins."""
-    plus, minus = up - middle, down - middle
-    linear, bent = _rms(plus - minus), _rms(plus + minus)
-    sound = np.isfinite(linear) & np.isfinite(bent)
-    size = max(float(np.nanmax(_rms(middle - middle[0]), initial=0.0)), LEAST_MOTION)
-    return ~sound | (linear > APART * size) | ((bent > BENT * size) & (bent > 0.5 * linear))
-
-
-def _rms(difference: NDArray[Any]) -> Array:
-    return np.asarray(np.sqrt(np.square(difference, dtype=float).sum(axis=2).mean(axis=1)))
 
 
 def _runs(times: Array, flags: Flags) -> list[Span]:
@@ -204,9 +184,9 @@ def _kept(trial: Trial, forward: ForwardModel) -> Path | None:
         TILT,
         PRESSURE,
         INTERVAL,
-        APART,
+        OF_MOTION,
         BENT,
-        LEAST_MOTION,
+        LEAST,
         GAP,
         _SEED,
         sorted(PRIOR.items()),

@@ -12,7 +12,7 @@ from fabdesign.files.pressure_file import constant_program
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case, Term
 from fabdesign.nouns.model import Model
-from fabdesign.nouns.model_sampling import drawn, joint_root
+from fabdesign.nouns.model_sampling import Ensemble
 from fabdesign.study_files.sensitivity_file import SensitivityStudy
 from fabdesign.study_files.varied_inputs import moved_paths
 from fabdesign.units import from_kpa
@@ -48,12 +48,11 @@ class Inputs:
 
     @property
     def _joint(self) -> tuple[str, ...]:
-        model = self.study.model
-        return model.covariance.names if self.study.joint and model is not None and model.covariance else ()
+        return self._ensemble.names if self.study.joint else ()
 
     @cached_property
-    def _root(self) -> Array:
-        return joint_root(self.study.model or Model())
+    def _ensemble(self) -> Ensemble:
+        return Ensemble(self.study.model or Model())
 
     def values(self, cube: Array, *, screened: bool = False) -> Array:
         """(n, inputs) in their units, of points of the unit cube. screened: its edges are those of a 90 % interval
@@ -68,7 +67,7 @@ class Inputs:
         study, own = self.study, dict(zip(self.study.varied, values, strict=False))
         model = study.model or Model()
         if study.joint:
-            model = drawn(model, self._root, values[len(own) :])
+            model = self._ensemble.at(values[len(own) :])
         pressures = study.pressures.copy()
         for v, x in own.items():
             if v.kind == "pressure":

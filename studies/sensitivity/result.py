@@ -11,10 +11,10 @@ from scipy.stats import binomtest
 
 from fabdesign.errors import SimulationError
 from fabdesign.study_files.sensitivity_file import SensitivityStudy
+from studies.prediction.stability import snaps
 from studies.sensitivity.estimators import INTERVAL, Indices, Screening, indices, screening
 from studies.sensitivity.inputs import Inputs
 from studies.sensitivity.outputs import OutputColumn
-from studies.sensitivity.snapping import snaps
 
 Array = NDArray[np.float64]
 Measured = TypeVar("Measured", Screening, Indices)
@@ -52,7 +52,7 @@ class Computed:
 @dataclass(frozen=True, eq=False)
 class SensitivityResult:
     """computed: by method. moves (n, 2) m: of the samples that were looked at, how far pressures 2 % off move them
-    (snapping.moved)."""
+    (`moves` of prediction/stability.py)."""
 
     study: SensitivityStudy
     inputs: Inputs

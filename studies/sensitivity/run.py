@@ -18,12 +18,12 @@ from fabdesign.study_files.sensitivity_file import SensitivityStudy, read_sensit
 from studies.layout_search.target import LoadedTarget, load_target
 from studies.prediction.forward_model import forward_model
 from studies.prediction.laced_motion import WithMuscleStates, knows_muscles
+from studies.prediction.stability import moves, to_either_side
 from studies.sensitivity.estimators import saltelli_rows, trajectories
 from studies.sensitivity.inputs import Inputs
 from studies.sensitivity.outputs import Outputs, needs_tension
 from studies.sensitivity.report import write_report
 from studies.sensitivity.result import Computed, SensitivityResult
-from studies.sensitivity.snapping import moved, spreads
 from studies.sensitivity.store import FILE, Samples, sweep_content
 
 Array = NDArray[np.float64]
@@ -187,10 +187,10 @@ class _Sweep:
         return [self.outputs.of(f, t) for f, t in zip(frames, tensions, strict=True)]
 
     def _moves_of(self, values: Array) -> list[Array]:
-        signs = (None, *spreads(self.study.design))
+        signs = (None, *to_either_side(self.study.design))
         shapes = self._shapes([self.inputs.case(row, spread) for row in values for spread in signs])
         last = [np.asarray(shape[-1], float) for shape in shapes]
-        return [moved(*last[3 * k : 3 * k + 3]) for k in range(len(values))]
+        return [moves(*last[3 * k : 3 * k + 3]) for k in range(len(values))]
 
     def _shapes(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
         """(T, 3362, 3) m of each case at the study's times, or at rest."""

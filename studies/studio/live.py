@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.nouns.model import Model
-from studies.layouts.loading_path import LEAST_CHANGE, OTHER_BRANCH
+from studies.prediction.stability import LEAST, are_one, rms
 from studies.studio.layout import Layout
 from studies.studio.solver import Answer, Ask, Correction
 
@@ -131,7 +131,7 @@ class Live:
 class JumpDetector:
     """Tells a jump to another stable shape from a motion that keeps pace with what is dragged.
 
-    A followed shape has jumped where it moved by more than LEAST_CHANGE, and SNAP times as far as the last changes of
+    A followed shape has jumped where it moved by more than LEAST, and SNAP times as far as the last changes of
     its size moved it. The exact shape is another one than the followed where they lie as far apart as branches do.
     """
 
@@ -147,16 +147,16 @@ class JumpDetector:
         last, self._last = self._last, (layout, points)
         if last is None or last[1].shape != points.shape:
             return None, None
-        moved = float(np.sqrt(np.square(points - last[1]).sum(axis=-1).mean()))
+        moved = rms(points - last[1])
         self._off = max(self._off, moved)
         change = size_of_change(last[0], layout)
         if exact and change == 0:
-            return (moved, last[1]) if moved > max(LEAST_CHANGE, OTHER_BRANCH * self._off) else (None, None)
+            return (None, None) if are_one(moved, self._off) else (moved, last[1])
         if change == 0:
             return None, None
         usual = float(np.median(self._rates)) if self._rates else np.inf
         self._rates = [*self._rates[-8:], moved / change]
-        return (moved, last[1]) if moved > max(LEAST_CHANGE, SNAP * usual * change) else (None, None)
+        return (moved, last[1]) if moved > max(LEAST, SNAP * usual * change) else (None, None)
 
 
 def size_of_change(a: Layout, b: Layout) -> float:

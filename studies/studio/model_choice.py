@@ -10,7 +10,7 @@ from fabdesign.effects.registry import EFFECTS, effect_named
 from fabdesign.errors import InputError
 from fabdesign.geometry.mid_surface import mid_surface
 from fabdesign.nouns.model import EffectTerm, Model, Quantity
-from fabdesign.nouns.model_sampling import drawn, joint_root
+from fabdesign.nouns.model_sampling import Ensemble
 
 SHOWN = 2.0  # prior deviations off, for an effect that is switched on to be seen
 NORMAL90 = 1.6449  # standard deviations to either side that hold 90 % of a normal distribution
@@ -104,12 +104,11 @@ def lower_edge(points: NDArray[np.float32]) -> Array:
 def models_around(model: Model) -> list[Model]:
     """Return two models for each column of the covariance's root, one standard deviation to either side, without the
     corrector; none where the model has no joint covariance."""
+    ensemble = Ensemble(model.without(["corrector"]))
     try:
-        root = joint_root(model)
+        return [ensemble.at(sign * unit) for unit in np.eye(ensemble.size) for sign in (1.0, -1.0)]
     except InputError:
         return []
-    plain = model.without(["corrector"])
-    return [drawn(plain, root, sign * unit) for unit in np.eye(len(root)) for sign in (1.0, -1.0)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.nouns.pressure import PressureProgram
-from optimize.fit.clouds import Array, Indices, frames_of
 from optimize.fit.cross_validation import Scored
+from optimize.fit.misfit import Array, Indices, frames_of
 from studies.tracing.residuals import Residuals
 
 BANDS = (0, 3), (4, 5), (6, 7)  # degrees of the polynomials on the cloth
@@ -42,7 +42,7 @@ class Frames:
 
 def frames_at(state: Residuals) -> Frames:
     """The residual of a state as shapes, and the features of its frames."""
-    frame, groups = frames_of(state.found)
+    frame, groups = frames_of(state.misfit)
     basis = basis_of(state)
     shapes, trial = np.zeros((len(groups), basis.shape[1])), np.zeros(len(groups), dtype=int)
     ridge = 1e-2 * np.eye(basis.shape[1])  # a frame of few points says little of its shapes
@@ -50,17 +50,17 @@ def frames_at(state: Residuals) -> Frames:
         rows = points[state.kept[points]]
         b = basis[rows]
         shapes[k] = np.linalg.solve(b.T @ b + ridge, b.T @ state.residual[rows])
-        trial[k] = state.found.sample[points[0]]
+        trial[k] = state.misfit.sample[points[0]]
     return Frames(shapes, features_of(state), trial, frame, basis)
 
 
 def basis_of(state: Residuals) -> Array:
     """(N, m): polynomials of the cloth's coordinates at each point's place, along the front's normal; of mean square 1
     over the cloth."""
-    side = state.found.vertex % _SIDE**2
-    u = np.einsum("nc,nc->n", state.found.weights, 2 * (side % _SIDE) / (_SIDE - 1) - 1)
-    v = np.einsum("nc,nc->n", state.found.weights, 2 * (side // _SIDE) / (_SIDE - 1) - 1)
-    front = np.where(state.found.vertex[:, 0] < _SIDE**2, 1.0, -1.0)
+    side = state.misfit.vertex % _SIDE**2
+    u = np.einsum("nc,nc->n", state.misfit.weights, 2 * (side % _SIDE) / (_SIDE - 1) - 1)
+    v = np.einsum("nc,nc->n", state.misfit.weights, 2 * (side // _SIDE) / (_SIDE - 1) - 1)
+    front = np.where(state.misfit.vertex[:, 0] < _SIDE**2, 1.0, -1.0)
     legendre = np.polynomial.legendre.Legendre.basis
     return np.stack(
         [front * np.sqrt((2 * i + 1) * (2 * j + 1)) * legendre(i)(u) * legendre(j)(v) for i, j in _POWERS], axis=1

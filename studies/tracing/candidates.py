@@ -8,26 +8,33 @@ import numpy as np
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import effects_of, label_effect
 from optimize.fit.cross_validation import LeftOut, Scored
+from optimize.fit.descent import FitStart
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
 from optimize.fit.significance import NEEDED, alike, does
 from studies.tracing.experiment import Explanation
-from studies.tracing.refits import CLOSE, Judged
-from studies.tracing.selection import Selection
+from studies.tracing.refits import SURE, SetRefits
+from studies.tracing.rules import Selection
 from studies.tracing.task import Task
 
 
 @dataclass(frozen=True)
 class Candidate:
     """An effect. gain: m of excess, in quadrature: of one chosen, what trials left out gain by it; of another, what
-    they would gain by it beside those chosen. detectable: the smallest value of each strength that would show."""
+    they would gain by it beside those chosen. excess, typical: m, of the model with it, in the mean and the median of
+    trials left out. detectable: the smallest value of each strength that would show."""
 
     name: str
     gain: float
     interval90: tuple[float, float]
-    excess: float  # m, of the model with it
+    excess: float
+    typical: float
     chosen: bool
     detectable: dict[str, float]
+
+    def adequate(self, tolerance: float) -> bool:
+        """Return whether the model with it leaves no more than the tolerance [m], in the mean and in the median."""
+        return max(self.excess, self.typical) <= tolerance
 
 
 def candidates_of(selection: Selection) -> tuple[tuple[Candidate, ...], dict[str, Explanation]]:
@@ -49,7 +56,7 @@ def candidates_of(selection: Selection) -> tuple[tuple[Candidate, ...], dict[str
     none = wide.scored(added)
     candidates = [_chosen(wide, none, added, label, selection) for label in chosen.vector.labels]
     candidates += [_other(wide, none, added, places[label], label, selection) for label in others]
-    candidates += _aside(selection, none.excess(selection.floor))
+    candidates += _aside(selection, _remaining(none, selection))
     best: dict[str, Candidate] = {}
     for candidate in sorted(candidates, key=lambda c: c.gain):
         best[candidate.name] = candidate
@@ -61,15 +68,17 @@ def same_from_rest(task: Task, selection: Selection) -> dict[str, Explanation]:
     """By name, effects that do the same as one chosen wherever motions begin at rest, as the model with it instead:
     fitted, since Jacobians of two places tell them apart, and left out where trials left out lose by it."""
     chosen, found = selection.chosen, dict[str, Explanation]()
-    most, taken = Judged(task, chosen), {*effects_of(chosen.vector.labels), *task.known}
+    refits, taken = SetRefits(task), {*effects_of(chosen.vector.labels), *task.known}
     for label in selection.labels:
         other = EFFECTS[label_effect(label)].same_from_rest
         if other and EFFECTS[other].named and other not in taken:
             vector, kept = _in_place(chosen.vector, label, fit_vector([other], designs=task.designs), other)
             start = np.concatenate([chosen.x[kept], chosen.x[chosen.vector.part(label)]])
-            fitted = task.fit(f"{other} for {label}", vector, chosen.inputs, start, close=CLOSE)
-            if not most.predicts_better(fitted, task.tolerance):
-                found[other] = Explanation(" and ".join(effects_of(vector.labels)), vector, fitted.x)
+            fitted = task.fit(f"{other} for {label}", vector, FitStart(start, inputs=chosen.inputs), SURE)
+            if not selection.judged.predicts_better(refits.judged(fitted), task.tolerance):
+                found[other] = Explanation(
+                    " and ".join(effects_of(vector.labels)), vector, fitted.x, label_effect(label)
+                )
     return found
 
 
@@ -91,7 +100,7 @@ def _chosen(wide: LeftOut, none: Scored, added: np.ndarray, label: str, selectio
     without = wide.scored(np.concatenate([added, part]))
     gain, interval = wide.gain(without, none, selection.floor)
     return Candidate(
-        label_effect(label), gain, interval, none.excess(selection.floor), label in selection.labels,
+        label_effect(label), gain, interval, *_remaining(none, selection), label in selection.labels,
         _detectable(wide, added, part, label),
     )  # fmt: skip
 
@@ -102,13 +111,18 @@ def _other(
     beside = wide.scored(np.setdiff1d(added, own))
     gain, interval = wide.gain(none, beside, selection.floor)
     return Candidate(
-        label_effect(label), gain, interval, beside.excess(selection.floor), False,
+        label_effect(label), gain, interval, *_remaining(beside, selection), False,
         _detectable(wide, np.setdiff1d(added, own), own, label),
     )  # fmt: skip
 
 
-def _aside(selection: Selection, excess: float) -> list[Candidate]:
-    """Effects of which shapes at rest say that they are nothing. excess: m, of the model chosen."""
+def _remaining(scored: Scored, selection: Selection) -> tuple[float, float]:
+    """m of excess, in the mean and in the median of trials left out."""
+    return scored.excess(selection.floor), scored.typical(selection.floor)
+
+
+def _aside(selection: Selection, remaining: tuple[float, float]) -> list[Candidate]:
+    """Effects of which shapes at rest say that they are nothing. remaining: m, of the model chosen."""
     at_rest = selection.at_rest
     if at_rest is None:
         return []
@@ -116,7 +130,7 @@ def _aside(selection: Selection, excess: float) -> list[Candidate]:
     deviation = np.sqrt(np.diag(at_rest.covariance))
     none: tuple[float, float] = (0.0, 0.0)
     return [
-        Candidate(name, 0.0, none, excess, False, _smallest(name, deviation[at_rest.vector.part(label)]))
+        Candidate(name, 0.0, none, *remaining, False, _smallest(name, deviation[at_rest.vector.part(label)]))
         for label in at_rest.vector.labels
         if (name := label_effect(label)) not in judged
     ]
@@ -173,4 +187,4 @@ def _instead(wide: LeftOut, selection: Selection, label: str, other: str, column
     slope = wide.gradient - wide.information[:, part] @ wide.x[part]
     x = wide.x[free] - np.linalg.solve(wide.information[np.ix_(free, free)], slope[free])
     names = effects_of([*(own for own in chosen.labels if own != label), other])
-    return Explanation(" and ".join(names), vector, vector.inside(x))
+    return Explanation(" and ".join(names), vector, vector.inside(x), label_effect(label))

@@ -12,11 +12,12 @@ import numpy as np
 
 from fabdesign.effects.registry import label_effect
 from fabdesign.units import in_mm
-from optimize.fit.clouds import Array, Indices, Motion, Sample
+from optimize.fit.clouds import Motion, Sample
 from optimize.fit.cross_validation import Gain, LeftOut
-from optimize.fit.descent import STEP
 from optimize.fit.fitted import Fit
+from optimize.fit.misfit import Array, Indices
 from optimize.fit.parameters import FitVector
+from optimize.fit.policy import STEP
 from optimize.fit.problem import Evaluation, FitProblem, columns
 from optimize.fit.significance import NEEDED, cost
 from studies.tracing.task import Task
@@ -73,8 +74,8 @@ def _judged(task: Task, known: Fit, joint: FitVector) -> list[tuple[Gain, bool]]
     vector = FitVector((*own.parameters, *added), own.factors, (*own.terms, *others.terms))
     x = np.concatenate([known.x, np.zeros(len(added))])
     parts = {label: vector.part(label) for label in vector.labels}
-    problem = FitProblem(task.data.samples, task.forward, task.forward, vector)
-    tables = decoy_columns(problem, Evaluation(x, known.state.sheets, known.state.found), parts, orders)
+    problem = task.problem(vector)
+    tables = decoy_columns(problem, Evaluation(x, known.state.misfit, known.state.sheets), parts, orders)
     trials = LeftOut.of(known, task.data.folds)
     without, found = trials.scored(), []
     for table in tables:

@@ -12,13 +12,15 @@ import numpy as np
 from fabdesign.effects.learned import DISCOVERED, formula
 from fabdesign.nouns.model import EffectTerm
 from fabdesign.units import in_mm
-from optimize.fit.clouds import Array
 from optimize.fit.cross_validation import LeftOut
+from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import fit_vector
+from optimize.fit.misfit import Array
 from optimize.fit.parameters import FitVector
+from optimize.fit.policy import NEAR
 from optimize.fit.significance import NEEDED, eliminated
-from studies.tracing.selection import Selection
+from studies.tracing.rules import Selection
 from studies.tracing.task import Task
 
 SHARE = 0.5  # of the excess of trials left out, that may stay
@@ -46,12 +48,12 @@ def discover(task: Task, selection: Selection) -> Discovered | None:
     """From the data sheet, as the joint fit; None where nothing is needed or too little gained."""
     inputs = selection.everything.inputs
     vector = fit_vector([DISCOVERED.name], factors=task.factors, designs=task.designs)
-    whole = task.fit("discovered", vector, inputs, near=True)
+    whole = task.fit("discovered", vector, FitStart(inputs=inputs), NEAR)
     kept, start = _needed(whole)
     if not kept:
         return None
     few = _only(vector, kept)
-    found = task.fit(f"discovered, {' '.join(kept)}", few, inputs, start)
+    found = task.fit(f"discovered, {' '.join(kept)}", few, FitStart(start, inputs=inputs))
     before, excess = (LeftOut.of(one, task.data.folds).scored().excess(task.floor) for one in (selection.plain, found))
     return Discovered(found, before, excess) if excess <= SHARE * before else None
 

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.nouns.design import Design
-from fabdesign.nouns.forward import Case, ForwardModel
+from fabdesign.nouns.forward import Case, ForwardModel, Term
 from fabdesign.nouns.pressure import PressureProgram, limits
 from fabdesign.study_files.rig_limits_file import USUAL_LIMITS, RigLimits
 from fabdesign.units import in_kpa, in_mm
-from optimize.fit.clouds import Array
+from optimize.fit.misfit import Array
 from optimize.fit.parameters import FitVector
 
 LEAST_DIFFERENCE = 0.3e-3  # m RMS, under which no program tells explanations apart in one trial
@@ -22,11 +22,17 @@ _STEP = 0.5  # prior standard deviations, of the differences by the declared par
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """A fitted model that the data leave possible."""
+    """A fitted model that the data leave possible. instead_of: the effect chosen in whose place its last term is."""
 
     name: str
     vector: FitVector
     x: Array
+    instead_of: str = ""
+
+    @property
+    def term(self) -> Term:
+        """Return its last term."""
+        return self.vector.terms_at(self.x)[-1]
 
 
 def programs(design: Design, rig: RigLimits = USUAL_LIMITS) -> dict[str, PressureProgram]:

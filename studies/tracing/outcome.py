@@ -1,6 +1,6 @@
 """What a trace found, as `trace.json` and as a model."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -16,16 +16,17 @@ from fabdesign.geometry.metrics import over
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.model import EffectTerm, Model
 from fabdesign.units import in_mm
-from optimize.fit.clouds import frames_of
 from optimize.fit.fitted import Fit
+from optimize.fit.misfit import frames_of
 from optimize.fit.significance import undecided
 from studies.calibration.fitted_model import fitted_model
 from studies.calibration.intervals import far_factors, with_engines
 from studies.measured.fit_data import MeasuredData
 from studies.tracing.candidates import Candidate
 from studies.tracing.discovered_term import Discovered
+from studies.tracing.experiment import Explanation
 from studies.tracing.residual_analysis import Remains
-from studies.tracing.selection import Selection
+from studies.tracing.rules import Selection
 from studies.tracing.surface_errors import TrialError, mean_of, other_layouts
 from studies.tracing.verdict import GROSS, Evidence, Word, effect_entry, shared_out
 
@@ -44,7 +45,7 @@ class Outcome(OfModel):
     data: MeasuredData
     forward: ForwardModel
     candidates: tuple[Candidate, ...]
-    alike: tuple[str, ...]
+    alike: tuple[Explanation, ...]  # models that do as well, with another effect in the place of one chosen
     errors: tuple[TrialError, ...]
     remains: Remains
     model: Model
@@ -86,13 +87,14 @@ class Outcome(OfModel):
 
     @property
     def indistinguishable(self) -> tuple[str, ...]:
-        return self.alike if self.verdict == "effect" else ()
+        """Return the effects that these data cannot tell from those chosen."""
+        return tuple(one.term.name for one in self.alike) if self.verdict == "effect" else ()
 
     @property
     def share_below_tenth(self) -> float:
         """Of the frames, those that count for less than a tenth of their share."""
         state, counts = self.selection.everything.state, self.selection.everything.normal.counts
-        means = np.array([counts[points].mean() for points in frames_of(state.found)[1]])
+        means = np.array([counts[points].mean() for points in frames_of(state.misfit)[1]])
         return float(np.mean(means < _LITTLE * means.mean()))
 
     @property
@@ -100,11 +102,11 @@ class Outcome(OfModel):
         """Lines for people."""
         lines = []
         if self.selection.small:
-            names = ", ".join(effects_of(self.selection.small))
-            lines.append(f"certain but within the tolerance, or too small for a cause, so not added: {names}")
+            names = _listed(self.selection.small)
+            lines.append(f"{names}: seen for certain, but too small to matter; not in the model")
         if self.verdict == "effect" and self.selection.slight:
-            names = ", ".join(effects_of(self.selection.slight))
-            lines.append(f"too small for a cause, in the model since it predicts trials left out better: {names}")
+            names = _listed(self.selection.slight)
+            lines.append(f"{names}: no more than in any careful build; in the model, which predicts better with it")
         if self.remains.follows == "order":
             lines.append(
                 f"what is left changes by {in_mm(self.remains.drift):.2f} mm from the first trial to the last; to tell "
@@ -120,12 +122,12 @@ class Outcome(OfModel):
             )
         if (decoys := self.selection.decoys) is not None and decoys.gains:
             lines.append(
-                f"of {len(decoys.gains)} decoys (an effect driven by another trial's pressures) "
-                f"{decoys.taken(self.tolerance) or 'none'} would have been called missing beside what was found; one "
-                f"in twenty gains {in_mm(decoys.chance):.2f} mm or more"
+                f"names by chance: of {len(decoys.gains)} effects that cannot be there (driven by another trial's "
+                f"pressures) {decoys.taken(self.tolerance) or 'none'} would have been called missing; one in twenty "
+                f"gains {in_mm(decoys.chance):.2f} mm or more"
             )
         lines += [
-            f"{effect.name}: what looks the same is {EFFECTS[effect.name].looks_like}"
+            f"{effect.name}: the same in these data would be {EFFECTS[effect.name].looks_like}"
             for effect in {effect.name: effect for effect in self.effects}.values()
             if EFFECTS[effect.name].looks_like
         ]
@@ -201,14 +203,14 @@ class Outcome(OfModel):
         return self.selection.floor
 
     def _candidates(self) -> list[dict[str, Any]]:
-        none = Candidate("none", 0.0, (0.0, 0.0), self.evidence.before, False, {})
+        none = Candidate("none", 0.0, (0.0, 0.0), self.evidence.before, self.evidence.typical, False, {})
         return [
             {
                 "name": c.name,
                 "held_out": self._surface(c.excess),
                 "gain": in_mm(c.gain),
                 "interval90": [in_mm(end) for end in c.interval90],
-                "adequate": bool(c.excess <= self.tolerance),
+                "adequate": c.adequate(self.tolerance),
                 "chosen": c.chosen and self.verdict == "effect",
             }
             for c in (none, *self.candidates)
@@ -243,6 +245,11 @@ class Outcome(OfModel):
             "before": pair("before", self.evidence.before),
             "after": pair("after", self._after),
         }
+
+
+def _listed(labels: Sequence[str]) -> str:
+    """Return the effects of some labels, for people."""
+    return ", ".join(name.replace("_", " ") for name in effects_of(labels))
 
 
 def model_of(

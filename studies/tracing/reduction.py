@@ -10,9 +10,11 @@ from dataclasses import dataclass
 from fabdesign.geometry.metrics import over
 from fabdesign.nouns.forward import Term
 from fabdesign.units import in_mm
-from optimize.fit.clouds import Array
-from optimize.fit.fitted import Fit, capped
+from optimize.fit.descent import FitStart
+from optimize.fit.fitted import Fit
+from optimize.fit.misfit import Array, capped
 from optimize.fit.parameters import FitVector
+from optimize.fit.policy import NEAR
 from optimize.fit.significance import cheapest_first, conditioned
 from studies.tracing.task import Task
 
@@ -47,7 +49,7 @@ def reduced(task: Task, joint: Fit, labels: Collection[str]) -> tuple[Fit, list[
         stage += 1
         without = f"{in_mm(begin.rms):.3f} mm RMS without {', '.join(gone)}"
         task.say(f"{without}; to first order {in_mm(begin.promised):.3f}")
-        fitted = task.fit(f"fewer {stage}", begin.vector, known.inputs, begin.x, near=True, jacobian=begin.jacobian)
+        fitted = task.fit(f"fewer {stage}", begin.vector, FitStart(begin.x, begin.jacobian, known.inputs), NEAR)
         if over(fitted.after, begin.promised) > task.tolerance:
             wanted += _terms(known, gone)
         else:
@@ -67,7 +69,7 @@ def begin_without(task: Task, known: Fit, labels: Collection[str]) -> Begin:
 
 def promised(known: Fit, there: Array) -> float:
     """m RMS of residuals capped at 10 mm that a fit leaves to first order where its unknowns are `there` (p,)."""
-    return capped(known.state.found.residual + known.state.jacobian @ (there - known.x))
+    return capped(known.state.misfit.residual + known.state.jacobian @ (there - known.x))
 
 
 def _holds(task: Task, begin: Begin) -> bool:

@@ -1,23 +1,96 @@
-"""Fits with fewer effects than another, from where that is and on its Jacobian; and what they lose."""
+"""Fits of a set with fewer effects than another, from where that is and on its Jacobian."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.nouns.forward import Term
-from optimize.fit.clouds import Array
-from optimize.fit.cross_validation import Gain, LeftOut, Scored
+from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
+from optimize.fit.misfit import Array
 from optimize.fit.normal import loss
 from optimize.fit.parameters import FitParameter, FitVector
+from optimize.fit.policy import FitStage, to_the_end
 from optimize.fit.problem import Evaluation, widened
 from optimize.fit.significance import NEEDED, conditioned
+from studies.tracing.decoys import Decoys, decoys_beside
+from studies.tracing.judged import Judged
+from studies.tracing.rules import Refits
 from studies.tracing.task import Place, Task
 
-CLOSE = 2.0  # of log likelihood, a quarter of what makes an effect needed: a step that promises less is the last
+# A step is the last that promises less than a quarter, in log likelihood, of what makes an effect needed.
+SURE = to_the_end("fewer effects, sure", FitStage(slight=0.01, least=NEEDED / 4))
+ASKED = to_the_end("fewer effects, asked", FitStage(slight=0.01, least=NEEDED / 4, sure=False))
+
+
+@dataclass(frozen=True, eq=False)
+class SetRefits(Refits):
+    """What rules ask of a set's motions (`rules.Refits`)."""
+
+    task: Task
+
+    @property
+    def tolerance(self) -> float:  # type: ignore[override]
+        """m of excess."""
+        return self.task.tolerance
+
+    def say(self, line: str) -> None:
+        """Tell what is done."""
+        self.task.say(line)
+
+    def judged(self, fit: Fit) -> Judged:
+        """Return a fit with what trials left out say of it."""
+        return Judged(fit, self.task.data.folds, self.task.floor)
+
+    def of(
+        self, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf, sure: bool = False, named: str = ""
+    ) -> Fit:
+        """Return a fit of these effects alone, from where one with more is, on its Jacobian but for shapes that it has
+        not. hopeless: m RMS, of a fit that need not be refined. sure: whether its Jacobian is made where it ends."""
+        vector, starts = with_shapes(known, labels)
+        fewer, index = known.vector.only(labels)
+        at = [vector.names.index(name) for name in fewer.names]
+        jacobian = widened(known.state.jacobian[:, index], at, len(vector.names))
+        named = named or f"{' '.join(vector.labels)}{' at last' if sure else ''}"
+        policy = replace(SURE if sure else ASKED, hopeless=hopeless)
+        return self.task.fit(named, vector, FitStart(starts, jacobian, known.inputs), policy)
+
+    def without(self, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf) -> Fit:
+        """Return a fit of the effects of another but `labels`, as `of` has it."""
+        return self.of(known, [other for other in known.vector.labels if other not in labels], hopeless=hopeless)
+
+    def sure(self, known: Fit) -> Fit:
+        """Return the fit of the same effects with a Jacobian made where it ends."""
+        return self.of(known, known.vector.labels, sure=True)
+
+    def alone(self, known: Fit, plain: Fit) -> Fit:
+        """Return the declared parameters' fit, from where they are by themselves or beside the effects of a fit,
+        whichever is nearer: what one of their false minima leaves is nothing that an effect explains."""
+        vector, starts = with_shapes(known, [])
+        begin = FitStart(np.array([plain.minimum, *starts]), inputs=known.inputs)
+        return self.task.fit("plain to its end", vector, begin)
+
+    def decoys(self, known: Fit, everything: Fit) -> Decoys:
+        """Return effects by chance beside a fit."""
+        return decoys_beside(self.task, known, everything.vector)
+
+    def matters_elsewhere(self, fit: Fit, dropped: Sequence[str], label: str) -> bool:
+        """Return whether a fit with terms `dropped` off differs on other layouts where one more is, to first order: by
+        the tolerance, whatever is left of trials left out."""
+        vector = fit.vector
+        places = [
+            Place(vector, vector.inside(conditioned(fit.minimum, fit.covariance, vector.parts(labels))[0]))
+            for labels in (dropped, [*dropped, label])
+        ]
+        return self.task.matters_elsewhere(*places)
+
+    def needed_elsewhere(self, known: Fit, simpler: Fit, x: Array | None = None) -> bool:
+        """Return whether the data lose by a simpler fit, and other layouts move otherwise than where `known` has its
+        unknowns x (p,), by default where it ended."""
+        place = Place(known.vector, known.x if x is None else x)
+        return _lost(known, simpler) >= NEEDED and self.task.matters_elsewhere(place, Place(simpler.vector, simpler.x))
 
 
 def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
@@ -44,88 +117,12 @@ def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
     return whole, np.array([[of.get(p.name, p.start) for p in parameters] for of in known])
 
 
-def fit_of(
-    task: Task,
-    known: Fit,
-    labels: Sequence[str],
-    *,
-    hopeless: float = np.inf,
-    sure: bool = False,
-    named: str | None = None,
-) -> Fit:
-    """Return a fit of these effects alone, from where one with more is, on its Jacobian but for shapes that it has not.
-    hopeless: m RMS, of a fit that need not be refined. sure: whether its Jacobian is made where it ends."""
-    vector, starts = with_shapes(known, labels)
-    fewer, index = known.vector.only(labels)
-    at = [vector.names.index(name) for name in fewer.names]
-    jacobian = widened(known.state.jacobian[:, index], at, len(vector.names))
-    named = named or f"{' '.join(vector.labels)}{' at last' if sure else ''}"
-    return task.fit(named, vector, known.inputs, starts, close=CLOSE, hopeless=hopeless, sure=sure, jacobian=jacobian)
-
-
-def fit_without(task: Task, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf) -> Fit:
-    """Return a fit of the effects of another but `labels`, as `fit_of` has it."""
-    return fit_of(task, known, [other for other in known.vector.labels if other not in labels], hopeless=hopeless)
-
-
-def fit_alone(task: Task, known: Fit, plain: Fit) -> Fit:
-    """Return the declared parameters' fit, from where they are by themselves or beside the effects of a fit, whichever
-    is nearer: what one of their false minima leaves is nothing that an effect explains."""
-    vector, starts = with_shapes(known, [])
-    return task.fit("plain to its end", vector, known.inputs, np.array([plain.minimum, *starts]))
-
-
 def _chosen_only(term: Term) -> Term:
     """What a fit of all parameters does not move."""
     return replace(term, values={k: v for k, v in term.values.items() if EFFECTS[term.name].parameters[k].whole})
 
 
-def is_certain(gain: Gain, least: float) -> bool:
-    """least: m."""
-    return gain[0] >= least and gain[1][0] > 0
-
-
-@dataclass(frozen=True, eq=False)
-class Judged:
-    """A fit and what trials left out say of it, and of those with fewer effects. What goes one after another must not
-    add up, so these are compared with the one with most effects."""
-
-    task: Task
-    fit: Fit
-
-    @cached_property
-    def trials(self) -> LeftOut:
-        return LeftOut.of(self.fit, self.task.data.folds)
-
-    @cached_property
-    def scored(self) -> Scored:
-        """Of trials left out."""
-        return self.trials.scored()
-
-    def loses(self, simpler: Fit, least: float, cause: bool) -> bool:
-        """Whether a fit with fewer effects does not do as well. As well: trials left out lose under `least` [m], or not
-        for certain, and, where what it lacks may be a `cause`, either the data lose too little, or other layouts differ
-        by less than the tolerance."""
-        if self.predicts_better(simpler, least):
-            return True
-        return cause and needed_elsewhere(self.task, self.fit, self.fit.x, simpler)
-
-    def predicts_better(self, other: Fit, least: float) -> bool:
-        """Whether trials left out lose `least` [m] by another fit, and that for certain."""
-        without, own = LeftOut.of(other, self.task.data.folds).scored(), self.scored
-        alike = replace(own, squares=own.squares * without.weights / np.maximum(own.weights, 1e-12))
-        return is_certain(self.trials.gain(without, alike, self.task.floor), least)
-
-
-def needed_elsewhere(task: Task, known: Fit, x: Array, simpler: Fit) -> bool:
-    """Whether the data lose by a simpler fit, and other layouts move otherwise than where `known` has its unknowns x
-    (p,)."""
-    return _lost(task, known, simpler) >= NEEDED and task.matters_elsewhere(
-        Place(known.vector, x), Place(simpler.vector, simpler.x)
-    )
-
-
-def _lost(task: Task, known: Fit, other: Fit) -> float:
+def _lost(known: Fit, other: Fit) -> float:
     """Of log likelihood and prior, what a fit with fewer effects loses; shapes that `known` has not cost nothing."""
     x = np.zeros(len(known.x))
     places = {name: k for k, name in enumerate(known.vector.names)}
@@ -136,8 +133,8 @@ def _lost(task: Task, known: Fit, other: Fit) -> float:
         label, dot, key = name.rpartition(".")
         if (place := places.get(f"{labels.get(label, label)}{dot}{key}")) is not None:
             x[place] = value
-    there = Evaluation(x, other.state.sheets, other.state.found)
-    return loss(task.data.samples, known.state, there, known.normal, np.diag(1 / known.vector.prior**2), known.inputs)
+    there = Evaluation(x, other.state.misfit, other.state.sheets)
+    return loss(known.state, there, known.normal, known.vector, known.inputs)
 
 
 def _label_in(vector: FitVector, term: Term) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimize.fit.clouds import Array, Indices
+from optimize.fit.misfit import Array, Indices
 from studies.tracing.black_box import RIDGES, Frames, frames_at, lagged
 from studies.tracing.residuals import Residuals
 
@@ -32,9 +32,9 @@ class Remains:
 
 def remains(state: Residuals, folds: Sequence[int]) -> Remains:
     """Of the residual of a state."""
-    side = state.found.vertex % _SIDE**2
-    u = np.einsum("nc,nc->n", state.found.weights, (side % _SIDE) / (_SIDE - 1))
-    v = np.einsum("nc,nc->n", state.found.weights, (side // _SIDE) / (_SIDE - 1))
+    side = state.misfit.vertex % _SIDE**2
+    u = np.einsum("nc,nc->n", state.misfit.weights, (side % _SIDE) / (_SIDE - 1))
+    v = np.einsum("nc,nc->n", state.misfit.weights, (side // _SIDE) / (_SIDE - 1))
     kept, squared = state.kept, np.square(state.residual)
     cell = np.minimum((v * CELLS).astype(int), CELLS - 1) * CELLS + np.minimum((u * CELLS).astype(int), CELLS - 1)
     counts = np.bincount(cell[kept], minlength=CELLS**2)
@@ -46,8 +46,8 @@ def remains(state: Residuals, folds: Sequence[int]) -> Remains:
     over_time: dict[str, tuple[Array, Array]] = {}
     all_times, all_squares = [], []
     for s, sample in enumerate(state.samples):
-        own = kept & (state.found.sample == s)
-        frame = state.found.frame[own]
+        own = kept & (state.misfit.sample == s)
+        frame = state.misfit.frame[own]
         count = np.maximum(np.bincount(frame, minlength=len(sample.times)), 1)
         squares = np.bincount(frame, squared[own], minlength=len(sample.times)) / count
         over_time[sample.trial.name] = (sample.times, np.sqrt(squares))

@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.sheet import Sheet
-from optimize.fit.clouds import Array, Match, Sample
+from optimize.fit.clouds import Match, Sample
 from optimize.fit.cross_validation import LeftOut, Scored
 from optimize.fit.fitted import Fit
+from optimize.fit.misfit import Array
 from studies.measured.fit_data import MeasuredData
 
 
@@ -17,7 +18,7 @@ from studies.measured.fit_data import MeasuredData
 class Residuals:
     samples: Sequence[Sample]
     sheets: Sequence[Sheet]  # the model's motions, a sample each
-    found: Match
+    misfit: Match
     residual: Array  # (N,) m, zero where not kept
     kept: NDArray[np.bool_]  # (N,) no stray, and the motion is there
     counts: Array  # (N,) how much of what a point says errors of the inputs leave, 0 to 1
@@ -27,8 +28,9 @@ class Residuals:
     def of(data: MeasuredData, fit: Fit) -> "Residuals":
         """Return the residuals of a fit to the data, whose sets say what each specimen went through before."""
         linear = LeftOut.of(fit, range(len(data.samples)))
+        assert isinstance(linear.misfit, Match)
         return Residuals(
-            data.samples, fit.state.sheets, linear.found, linear.residual, linear.kept, fit.normal.counts, data.session
+            data.samples, fit.state.sheets, linear.misfit, linear.residual, linear.kept, fit.normal.counts, data.session
         )
 
     @property
@@ -40,6 +42,6 @@ class Residuals:
         """Of each trial, with (N,) m in place of the residual."""
         weights = self.counts * self.kept
         squares, sums = np.zeros(len(self.samples)), np.zeros(len(self.samples))
-        np.add.at(squares, self.found.sample, weights * np.square(residual))
-        np.add.at(sums, self.found.sample, weights)
+        np.add.at(squares, self.misfit.sample, weights * np.square(residual))
+        np.add.at(sums, self.misfit.sample, weights)
         return Scored(squares, sums)

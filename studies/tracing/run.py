@@ -33,7 +33,8 @@ from studies.tracing.experiment import Explanation, next_experiment
 from studies.tracing.outcome import Outcome, model_of
 from studies.tracing.residual_analysis import remains
 from studies.tracing.residuals import Residuals
-from studies.tracing.selection import Selection, select
+from studies.tracing.rules import Selection
+from studies.tracing.selection import select
 from studies.tracing.surface_errors import errors_of_trials
 from studies.tracing.task import Place, Task
 from studies.tracing.verdict import Evidence, decide
@@ -53,11 +54,18 @@ Experiment = Mapping[str, Any] | None
 
 @dataclass(frozen=True)
 class Options:
-    """tolerance: m of held-out excess within which a model is adequate. grid: points a side; None: GRID."""
+    """tolerance: m of held-out excess within which a model is adequate. grid: points a side; None: GRID. model: where
+    the fit starts, and effects that are known already; they stay as they are."""
 
     tolerance: float = TOLERANCE
     grid: int | None = None
     seed: int = 0
+    model: Model | None = None
+
+    @property
+    def known(self) -> Model:
+        """Return the model given, or one that says nothing."""
+        return self.model or Model()
 
 
 def trace_set(
@@ -65,7 +73,6 @@ def trace_set(
     out: Path | str,
     *,
     inputs: Sequence[Path],
-    model: Model | None = None,
     options: Options = Options(),
     forward: ForwardModel | None = None,
     force: bool = False,
@@ -73,56 +80,46 @@ def trace_set(
 ) -> Outcome:
     """Trace, and write `trace.json`, `model.toml` and `report.html` into `out`. The same call goes on after a kill.
 
-    inputs: the files and folders read, never written over. model: where the fit starts, and effects that are known
-    already; they stay as they are. forward: the bare simulator, by default with `options.grid`. Raises TooLittle for
-    too few trials and OtherContent for a folder of another, both InputErrors.
+    inputs: the files and folders read, never written over. forward: the bare simulator, by default with `options.grid`.
+    Raises TooLittle for too few trials and OtherContent for a folder of another, both InputErrors.
     """
     trials = fit_trials(measured.trials)
     trials = tuple(trials[i] for i in evenly(len(trials), TRIALS))
-    tests = tuple(t for t in measured.trials if t.role == "test")
-    known = model or Model()
-    _check(known)
+    every = (*trials, *(t for t in measured.trials if t.role == "test"))
+    _check(options.known)
     with work_folder(out, made_by="trace", force=force, inputs=inputs) as work:
-        checkpoint = Checkpoint(work, _content(measured, (*trials, *tests), known, options))
+        checkpoint = Checkpoint(work, _content(measured, every, options))
         if forward is None:
             from sim import Simulator  # here: it loads and starts taichi
 
             forward = Simulator(options.grid or GRID, calm_steps=CALM_STEPS)
-        outcome = _trace(measured, trials, tests, known, checkpoint, forward, options, say)
+        used = _used(checkpoint, every, forward, say)
+        say(used.in_words)
+        data = MeasuredData.of([measured], trials, used, DRAWN, seed=options.seed)
+        data = with_shapes_at_rest(data, fit_trials(measured.trials))
+        if len(data.trials) < LEAST_TRIALS:
+            raise TooLittle(
+                f"{measured.name}: {len(data.trials)} trials with frames to use; expected at least {LEAST_TRIALS}"
+            )
+        known = options.known
+        task = Task(
+            data=data,
+            forward=Predictor(forward, Model(effects=known.effects), sensing=True),
+            tolerance=options.tolerance,
+            factors=known.factors,
+            known=[effect.name for effect in known.effects],
+            checkpoint=checkpoint,
+            say=say,
+            elsewhere=_elsewhere(measured, data),
+        )
+        outcome = _outcome(task, every, options)
         _write(work, outcome)
     return outcome
 
 
-def _trace(
-    measured: MeasurementSet,
-    trials: tuple[Trial, ...],
-    tests: tuple[Trial, ...],
-    known: Model,
-    checkpoint: Checkpoint,
-    bare: ForwardModel,
-    options: Options,
-    say: Say,
-) -> Outcome:
-    every = (*trials, *tests)
-    used = _used(checkpoint, every, bare, say)
-    say(used.in_words)
-    data = MeasuredData.of([measured], trials, used, DRAWN, seed=options.seed)
-    data = with_shapes_at_rest(data, fit_trials(measured.trials))
-    if len(data.trials) < LEAST_TRIALS:
-        raise TooLittle(
-            f"{measured.name}: {len(data.trials)} trials with frames to use; expected at least {LEAST_TRIALS}"
-        )
-    forward = Predictor(bare, Model(effects=known.effects), sensing=True)
-    task = Task(
-        data=data,
-        forward=forward,
-        tolerance=options.tolerance,
-        factors=known.factors,
-        known=[effect.name for effect in known.effects],
-        checkpoint=checkpoint,
-        say=say,
-        elsewhere=_elsewhere(measured, data),
-    )
+def _outcome(task: Task, every: Sequence[Trial], options: Options) -> Outcome:
+    """Return what the selection of effects comes to. every: trials fitted, and those of role test, looked at once."""
+    data, known = task.data, options.known
     selection = select(task)
     left = remains(Residuals.of(data, selection.chosen), selection.folds)
     evidence = _evidence(selection, data, max(left.shares.values()))
@@ -133,34 +130,27 @@ def _trace(
         fitted = discovered.fit
     if verdict != "effect" and selection.chosen is not selection.plain:
         left = remains(Residuals.of(data, selection.plain), selection.folds)
-    say("errors before and after, on the trials fitted and once on those of role test")
-    before, after = (Place(found.vector, found.x) for found in (selection.plain, fitted))
-    errors = errors_of_trials(every, used.stretches or (), forward, before, after, data.noise)
+    task.say("errors before and after, on the trials fitted and once on those of role test")
+    before, after = (Place(fit.vector, fit.x) for fit in (selection.plain, fitted))
+    errors = errors_of_trials(every, data.used.stretches or (), task.forward, before, after, data.noise)
     candidates, instead = candidates_of(selection)
     if verdict == "effect":
         instead |= same_from_rest(task, selection)
-    say("what to measure next")
-    experiment = _experiment(measured, data, forward, selection, [*instead.values()], verdict)
+    task.say("what to measure next")
+    grid, reliable = options.grid or GRID, verdict != "unexplained"
     return Outcome(
         verdict=verdict,
         evidence=evidence,
         tolerance=options.tolerance,
         selection=selection,
         data=data,
-        forward=forward,
+        forward=task.forward,
         candidates=candidates,
-        alike=tuple(instead),
+        alike=tuple(instead.values()),
         errors=tuple(errors),
         remains=left,
-        model=model_of(
-            fitted,
-            selection,
-            data,
-            points_per_side=options.grid or GRID,
-            known=known.effects,
-            reliable=verdict != "unexplained",
-        ),
-        next_experiment=experiment,
+        model=model_of(fitted, selection, data, points_per_side=grid, known=known.effects, reliable=reliable),
+        next_experiment=_experiment(task, selection, [*instead.values()], verdict),
         discovered=discovered,
     )
 
@@ -174,7 +164,7 @@ def _check(model: Model) -> None:
         check_values(effect_named(term.name, "--model"), term.values, "--model")
 
 
-def _used(checkpoint: Checkpoint, trials: tuple[Trial, ...], bare: ForwardModel, say: Say) -> UsedFrames:
+def _used(checkpoint: Checkpoint, trials: Sequence[Trial], bare: ForwardModel, say: Say) -> UsedFrames:
     def found() -> list[list[Any]]:
         def told(done: int, total: int) -> None:
             say(f"stretches near a bifurcation: {done} of {total} motions")
@@ -215,29 +205,24 @@ def _evidence(selection: Selection, data: MeasuredData, left: float) -> Evidence
     )
 
 
-def _experiment(
-    measured: MeasurementSet,
-    data: MeasuredData,
-    forward: ForwardModel,
-    selection: Selection,
-    instead: Sequence[Explanation],
-    verdict: str,
-) -> Experiment:
+def _experiment(task: Task, selection: Selection, instead: Sequence[Explanation], verdict: str) -> Experiment:
     """Between the model and what else the data leave possible: models with other effects `instead`, else the declared
     parameters alone, and the joint fit. None where the model is adequate, and no effect is certain all the same."""
     if verdict == "adequate" and selection.chosen is selection.plain and not selection.small:
         return None
+    data = task.data
     fits = {"none": selection.plain, "every effect": selection.everything}
     if selection.chosen is not selection.plain:
         own = {" and ".join(effects_of(selection.labels)): selection.chosen}
         fits = own if instead else {**own, **fits}
     explanations = [Explanation(name, found.vector, found.x) for name, found in fits.items()]
     return next_experiment(
-        data.trials[0].design, forward, [*explanations, *instead], data.noise.sigma, measured.rig_limits
+        data.trials[0].design, task.forward, [*explanations, *instead], data.noise.sigma, data.sets[0].rig_limits
     )
 
 
-def _content(measured: MeasurementSet, trials: tuple[Trial, ...], known: Model, options: Options) -> dict[str, str]:
+def _content(measured: MeasurementSet, trials: Sequence[Trial], options: Options) -> dict[str, str]:
+    known = options.known
     content = {f"trial {t.name}": sha256(t.file) for t in trials}
     content |= {f"design {name}": repr(design) for name, design in measured.designs.items()}
     content |= {f"role of {t.name}": t.role for t in trials}

@@ -4,63 +4,34 @@ Around the false minimum that a fit without them goes to the wrong names come fi
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from optimize.fit.clouds import Array
-from optimize.fit.cross_validation import Gain, LeftOut
+from fabdesign.effects import EFFECTS
+from fabdesign.effects.registry import label_effect
+from fabdesign.geometry.metrics import over
+from optimize.fit.cross_validation import LeftOut
+from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
+from optimize.fit.policy import NEAR
 from optimize.fit.problem import widened
-from optimize.fit.significance import NEEDED, needed
+from optimize.fit.significance import NEEDED, cheapest_first, conditioned, cost, needed
 from studies.calibration.intervals import expected_rms
 from studies.calibration.joint_fit import beside, joint_fit
 from studies.calibration.rest_fit import fit_at_rest
-from studies.measured.fit_data import MeasuredData
-from studies.tracing.backward_elimination import backwards, gains_of, is_cause, parts_of, sparse
-from studies.tracing.decoys import Decoys
+from studies.tracing.judged import Judged, is_certain
+from studies.tracing.reduction import promised, reduced
+from studies.tracing.refits import SetRefits
+from studies.tracing.rules import ON_SETS, Selection, below, follow
 from studies.tracing.task import Task
 from studies.tracing.verdict import so_far
 
 SLIGHT = 2.0  # times the tolerance: what leaves no more is near the minimum, and the joint fit begins there
 HOPELESS = 4.0  # times the tolerance: what leaves more is not refined before the joint fit
-
-
-@dataclass(frozen=True, eq=False)
-class Selection:
-    """everything: the joint fit; to first order about `plain` where that is adequate. plain: the declared parameters
-    alone. chosen: with what is needed; `plain` itself where that is nothing. small: effects that are certain but within
-    the tolerance, or like all others too small for a cause. decoys: beside what is chosen; None without effects."""
-
-    everything: Fit
-    plain: Fit
-    chosen: Fit
-    folds: Sequence[int]
-    floor: float
-    small: tuple[str, ...]
-    decoys: Decoys | None = None
-    at_rest: Fit | None = None  # what shapes at rest say of the effects that act there
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Of the effects chosen that are causes, the one whose absence costs most first."""
-        gains = self.gains
-        causes = [label for label in gains if is_cause(self.chosen, label)]
-        return tuple(sorted(causes, key=lambda label: -gains[label][0]))
-
-    @property
-    def slight(self) -> tuple[str, ...]:
-        """Of the effects chosen, those too small for a cause: trials left out gain by them beside one."""
-        causes = self.labels
-        return tuple(label for label in self.gains if label not in causes)
-
-    @cached_property
-    def gains(self) -> dict[str, Gain]:
-        """Of each effect chosen."""
-        return gains_of(parts_of(self.chosen.vector), LeftOut.of(self.chosen, self.folds), self.floor)
 
 
 def select(task: Task) -> Selection:
@@ -74,40 +45,38 @@ def select(task: Task) -> Selection:
     every = fit_vector(["all"], factors=task.factors, designs=task.designs)
     vector = without(every, task.known)
     hopeless = expected_rms(task.data.noise, HOPELESS * task.tolerance)
-    at_rest = partial(
-        fit_at_rest, task.data, task.forward, checkpoint=task.checkpoint, progress=lambda line, _: task.say(line)
-    )
-    factors = at_rest(vector.without_effects)
-    start = None if factors is None else factors.x
-    plain = task.fit("plain", vector.without_effects, start=start, near=True, hopeless=hopeless)
+    factors = fit_at_rest(task.data, task.fits, vector.without_effects)
+    begin = FitStart(None if factors is None else factors.x)
+    plain = task.fit("plain", vector.without_effects, begin, replace(NEAR, hopeless=hopeless))
     excess = _excess(task, plain)
     plausible = plain.vector.is_plausible(plain.x)
     if excess <= task.tolerance and plausible:
         task.say(so_far(()))
-        return _adequate(task, vector, task.fit("plain to its end", plain.vector, plain.inputs, plain.minimum))
+        begin = FitStart(plain.minimum, inputs=plain.inputs)
+        return _adequate(task, vector, task.fit("plain to its end", plain.vector, begin))
     start = beside(vector, plain.x) if excess <= SLIGHT * task.tolerance and plausible else vector.start
-
-    def fitted(
-        data: MeasuredData,
-        own: FitVector,
-        start: Array,
-        *,
-        named: str,
-        expected: float,
-        jacobian: Array | None = None,
-        **_: object,
-    ) -> Fit:
-        named = f"every effect {named}".strip()
-        return replace(task, data=data).fit(named, own, start=start, near=True, expected=expected, jacobian=jacobian)
-
-    rested = at_rest(vector)
-    everything = joint_fit(task.data, vector, start, task.tolerance, fitted, patient=True, at_rest=rested)
+    rested = fit_at_rest(task.data, task.fits, vector)
+    everything = joint_fit(task.data, vector, start, replace(task.fits, named="every effect"), rested)
     if rested is not None:  # what the shapes do not need may be what motions do
         everything = _with_all(task, vector, everything)
     task.say(so_far(needed(everything.minimum, everything.covariance, everything.vector, NEEDED)))
-    plain = task.weighed(plain, everything.inputs)
-    plain, chosen, small, decoys = backwards(task, everything, plain)
-    return Selection(everything, plain, chosen, task.data.folds, task.floor, tuple(small), decoys, rested)
+    selection = backwards(SetRefits(task), everything, task.weighed(plain, everything.inputs))
+    return replace(selection, at_rest=rested)
+
+
+def backwards(refits: SetRefits, everything: Fit, plain: Fit) -> Selection:
+    """What the rules leave of a joint fit. plain: where the declared parameters ended by themselves, by the weights of
+    `everything`."""
+    labels, small = worth(refits, everything)
+    if not labels:
+        alone = refits.alone(everything, plain)
+        return Selection(everything, alone, refits.judged(alone), small=tuple(small))
+    known = enough(refits, everything, labels)
+    if known is None:
+        fewer, labels = reduced(refits.task, everything, labels)
+        known = refits.of(fewer, labels, sure=True)
+    judged, of_all = refits.judged(known), refits.judged(everything).excess
+    return follow(ON_SETS, refits, Selection(everything, plain, judged, of_all, tuple(small), most=judged))
 
 
 def _with_all(task: Task, vector: FitVector, joint: Fit) -> Fit:
@@ -116,7 +85,7 @@ def _with_all(task: Task, vector: FitVector, joint: Fit) -> Fit:
     x = np.zeros(len(vector.parameters))
     x[at] = joint.x
     jacobian = widened(joint.state.jacobian, at, len(x))
-    return task.linearised("every effect beside them", vector, x, joint.inputs, jacobian)
+    return task.linearised("every effect beside them", vector, FitStart(x, jacobian, joint.inputs))
 
 
 def _excess(task: Task, fitted: Fit) -> float:
@@ -127,12 +96,67 @@ def _excess(task: Task, fitted: Fit) -> float:
 
 def _adequate(task: Task, vector: FitVector, plain: Fit) -> Selection:
     """What the declared parameters explain: effects take part to first order."""
-    everything = task.linearised("every effect beside them", vector, beside(vector, plain.x), plain.inputs)
+    everything = task.linearised(
+        "every effect beside them", vector, FitStart(beside(vector, plain.x), inputs=plain.inputs)
+    )
     small = sparse(everything, needed(everything.minimum, everything.covariance, vector, NEEDED))
-    return Selection(everything, plain, plain, task.data.folds, task.floor, tuple(small))
+    return Selection(everything, plain, SetRefits(task).judged(plain), small=tuple(small))
 
 
 def without(vector: FitVector, known: Sequence[str]) -> FitVector:
     """Less the effects that the model has already."""
     labels = [label for label, term in zip(vector.labels, vector.terms, strict=True) if term.name not in known]
     return vector.only(labels)[0]
+
+
+def worth(refits: SetRefits, everything: Fit) -> tuple[list[str], list[str]]:
+    """The terms that the joint fit says the data need, and of those the ones that trials left out gain too little by,
+    to first order. Shapes are not fitted yet, so what is left says nothing."""
+    vector, judged = everything.vector, refits.judged(everything)
+    certain = needed(everything.minimum, everything.covariance, vector, NEEDED)
+    labels = _with_channels(judged, refits.tolerance, certain, sparse(everything, certain))
+    dropped = [label for label in vector.labels if label not in labels]
+    stays = partial(refits.matters_elsewhere, everything)
+    small = below(judged, labels, dropped, refits.tolerance, stays)
+    return [label for label in labels if label not in small], small
+
+
+def _with_channels(judged: Judged, tolerance: float, certain: Sequence[str], few: Sequence[str]) -> list[str]:
+    """Those that are sparse, and the other channels of their effects where trials left out gain by them together. A
+    place moves to where it is in a fit."""
+    vector, trials = judged.fit.vector, judged.trials
+    kept = [label for label in certain if label in few or _sits_in_a_channel(label)]
+    one, all_of_them = (
+        trials.scored(vector.parts([label for label in vector.labels if label not in own])) for own in (few, kept)
+    )
+    several = len(kept) > len(few) and is_certain(trials.gain(one, all_of_them, judged.floor), tolerance)
+    return kept if several else [*few]
+
+
+def _sits_in_a_channel(label: str) -> bool:
+    effect = EFFECTS[label_effect(label)]
+    return bool(effect.chosen) and all(effect.parameters[name].whole for name in effect.chosen)
+
+
+def sparse(everything: Fit, labels: Sequence[str]) -> list[str]:
+    """Of several places or channels of one effect, the one that costs most to drop: the sparse case."""
+    x, covariance = everything.minimum, everything.covariance
+    costs = {label: cost(x, covariance, everything.vector.part(label)) for label in labels}
+    best: dict[str, str] = {}
+    for label in sorted(labels, key=lambda label: costs[label]):
+        best[label_effect(label)] = label
+    return [label for label in labels if label in best.values()]
+
+
+def enough(refits: SetRefits, everything: Fit, labels: Sequence[str]) -> Fit | None:
+    """The fit with one of the effects alone, that which costs most to drop, if it leaves as little as all together do,
+    to first order: the joint fit shares out what it does, and one by one the others go only slowly."""
+    vector = everything.vector
+    gone = vector.parts(label for label in vector.labels if label not in labels)
+    there = conditioned(everything.minimum, everything.covariance, gone)
+    *_, (strongest, _, _) = cheapest_first(*there, {label: vector.part(label) for label in labels})
+    least = promised(everything, everything.minimum)
+    hopeless = float(np.hypot(least, refits.tolerance))
+    one = refits.of(everything, [strongest], hopeless=hopeless, sure=True, named=f"{strongest} alone")
+    fits = over(one.after, least) <= 0.5 * refits.tolerance
+    return one if fits and not refits.needed_elsewhere(everything, one, vector.inside(there[0])) else None

@@ -1,9 +1,14 @@
 """A trace in words."""
 
+from collections.abc import Sequence
+
+from fabdesign.effects import EFFECTS
 from fabdesign.effects.learned import formula
+from fabdesign.nouns.forward import Term
 from fabdesign.nouns.model import EffectTerm, Quantity
 from fabdesign.units import in_mm
 from studies.report.page import gain_in_words
+from studies.tracing.experiment import Explanation
 from studies.tracing.outcome import Outcome
 
 
@@ -13,8 +18,8 @@ def verdict_in_words(outcome: Outcome) -> str:
     before = f"{in_mm(evidence.before):.2f} mm"
     if outcome.verdict == "adequate":
         return (
-            f"The model with its declared parameters refitted is adequate: on held-out trials its excess over the "
-            f"noise is {before}, within the tolerance of {in_mm(outcome.tolerance):g} mm."
+            f"Nothing is missing: with its declared parameters refitted, the model is {before} off over the noise on "
+            f"held-out trials, within the tolerance of {in_mm(outcome.tolerance):g} mm."
         )
     if outcome.verdict == "unexplained":
         missing = "Something is missing that none of the known effects explains, alone or in combination:"
@@ -36,7 +41,7 @@ def verdict_in_words(outcome: Outcome) -> str:
                 "not have in common may be the experiment's (handling, heat), or another stable shape of the cloth."
             )
         return sentence
-    named = " and ".join(effect_in_words(effect) for effect in outcome.effects)
+    named = " and ".join(_one_answer(effect, outcome.alike) for effect in outcome.effects)
     sentence = (
         f"Missing was {named}: on held-out trials the excess over the noise is {before} without and {left:.2f} mm "
         "with it"
@@ -44,9 +49,30 @@ def verdict_in_words(outcome: Outcome) -> str:
     if evidence.after > outcome.tolerance >= evidence.fitted_after:
         sentence += f", which leaves {in_mm(evidence.fitted_after):.2f} mm of the trials that it was fitted to"
     sentence += "."
-    if outcome.indistinguishable:
-        sentence += f" These data cannot distinguish it from {', '.join(outcome.indistinguishable)}."
+    if outcome.alike:
+        sentence += f" {_how_to_tell(outcome.alike)}"
     return sentence
+
+
+def _one_answer(effect: EffectTerm, alike: Sequence[Explanation]) -> str:
+    """Return an effect, with what does the same in the data as a part of the one answer."""
+    others = {one.term.name: one.term for one in alike if one.instead_of == effect.name}
+    return " or ".join([effect_in_words(effect), *(_term_in_words(term) for term in others.values())])
+
+
+def _how_to_tell(alike: Sequence[Explanation]) -> str:
+    """Say that effects are one answer, and by which measurements they would be two."""
+    pairs = dict.fromkeys([*(one.instead_of for one in alike), *(one.term.name for one in alike)])
+    measured = [EFFECTS[name].looks_like.partition("; ")[2] for name in pairs]
+    how = "; or ".join(text for text in measured if text)
+    sentence = 'These data cannot tell apart what stands on either side of an "or"'
+    return f"{sentence}; to tell: {how}." if how else f"{sentence}."
+
+
+def _term_in_words(term: Term) -> str:
+    effect = EFFECTS[term.name]
+    quantities = {name: Quantity(value, effect.parameters[name].unit) for name, value in term.values.items()}
+    return effect_in_words(EffectTerm(term.name, quantities))
 
 
 def effect_in_words(effect: EffectTerm) -> str:

@@ -10,13 +10,13 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.trial import Trial
 from fabdesign.runtime.store import Checkpoint
-from optimize.fit.clouds import Array
-from optimize.fit.descent import STEP, begun, fit
-from optimize.fit.fitted import Fit, capped, concluded, kept
-from optimize.fit.inputs import InputErrors
+from optimize.fit.descent import FitStart, Progress, begun
+from optimize.fit.fitted import Fit, concluded, kept
+from optimize.fit.misfit import Array
 from optimize.fit.parameters import FitVector
-from optimize.fit.problem import FitProblem
-from studies.calibration.intervals import expected_rms
+from optimize.fit.policy import END, STEP, Policy
+from optimize.fit.problem import FitProblem, InputErrors
+from studies.calibration.fits import Fits
 from studies.measured.fit_data import MeasuredData
 
 FAR = 0.020  # m: a point that is farther off counts as this far
@@ -70,77 +70,40 @@ class Task:
         """Whether two models differ on other layouts by the tolerance."""
         return self.differs_elsewhere(one, other) >= self.tolerance
 
-    def fit(
-        self,
-        named: str,
-        vector: FitVector,
-        inputs: InputErrors | None = None,
-        start: Array | None = None,
-        *,
-        close: float | None = None,
-        near: bool = False,
-        sure: bool = True,
-        expected: float | None = None,
-        hopeless: float = np.inf,
-        jacobian: Array | None = None,
-    ) -> Fit:
-        """As `optimize.fit.descent.fit`. named: in the folder and in what is said. inputs: what errors of them do,
-        where that is known. expected: by default, one without any effect is not refined where it leaves far more than
-        a right model."""
-        if expected is None:
-            expected = np.inf if vector.terms else expected_rms(self.data.noise, self.tolerance)
-        return self._kept(
-            named,
-            vector,
-            inputs,
-            lambda: fit(
-                self.data.samples,
-                self.forward,
-                vector=vector,
-                accuracy=inputs or self.data.weighed,
-                start=start,
-                close=close,
-                near=near,
-                sure=sure,
-                jacobian=jacobian,
-                expected=expected,
-                hopeless=hopeless,
-                progress=lambda line, share: self.say(f"{named}, {len(vector.parameters)} unknowns: {line}"),
-            ),
-        )
+    @property
+    def fits(self) -> Fits:
+        """Return how its fits are made."""
+        return Fits(self.forward, self.tolerance, checkpoint=self.checkpoint, told=self._told, patient=True)
+
+    def _told(self, named: str, vector: FitVector) -> Progress:
+        begin = f"{named}, {len(vector.parameters)} unknowns: " if named else ""
+        return lambda line, share: self.say(begin + line)
+
+    def fit(self, named: str, vector: FitVector, start: FitStart, policy: Policy = END) -> Fit:
+        """As `optimize.fit.descent.fit`. named: in the folder and in what is said."""
+        return self.fits.fit(self.problem(vector), start, policy, named)
 
     def nearest(self, vector: FitVector, xs: Sequence[Array]) -> tuple[float, Array]:
         """m RMS of the residuals capped at 10 mm, and the place of `xs` where that is least."""
-        found = self._problem(vector).evaluate(xs)
-        best = min(found, key=lambda one: capped(one.found.residual))
-        return capped(best.found.residual), best.x
+        best = min(self.problem(vector).evaluate(xs), key=lambda one: one.misfit.rms)
+        return best.misfit.rms, best.x
 
-    def linearised(
-        self,
-        named: str,
-        vector: FitVector,
-        x: Array,
-        inputs: InputErrors | None,
-        jacobian: Array | None = None,
-    ) -> Fit:
-        """A fit that ends where it begins, with a Jacobian by differences; of `jacobian` (N, p) the columns of NaN are
-        made."""
+    def linearised(self, named: str, vector: FitVector, start: FitStart) -> Fit:
+        """A fit that ends where it begins, with the columns of the Jacobian that are missing by differences."""
+        x, problem = start.x, self.problem(vector)
+        assert x is not None
 
         def there() -> Fit:
             self.say(f"{named}, {len(vector.parameters)} unknowns, to first order")
-            problem = self._problem(vector)
-            state = begun(problem, problem.evaluate([x])[0], np.diag(STEP * vector.scale), jacobian)
-            return concluded(problem, state, inputs, capped(state.found.residual), 0, True)
+            state = begun(problem, problem.evaluate([x])[0], np.diag(STEP * vector.scale), start.jacobian)
+            return concluded(problem, state, start.inputs, state.misfit.rms, 0, "converged")
 
-        return self._kept(named, vector, inputs, there)
+        return kept(self.checkpoint, named, problem, start.inputs, there)
 
     def weighed(self, known: Fit, inputs: InputErrors | None) -> Fit:
         """A fit as it ended, with what errors of the inputs do elsewhere: models are compared by the same weights."""
-        problem = self._problem(known.vector)
-        return concluded(problem, known.state, inputs, known.before, known.iterations, known.converged)
+        return concluded(self.problem(known.vector), known.state, inputs, known.before, known.iterations, known.ended)
 
-    def _problem(self, vector: FitVector) -> FitProblem:
-        return FitProblem(self.data.samples, self.forward, self.forward, vector)
-
-    def _kept(self, named: str, vector: FitVector, inputs: InputErrors | None, compute: Callable[[], Fit]) -> Fit:
-        return kept(self.checkpoint, named, self._problem(vector), compute, inputs)
+    def problem(self, vector: FitVector) -> FitProblem:
+        """Return the motions of the trials fitted."""
+        return self.fits.problem(self.data, vector)

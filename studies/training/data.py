@@ -16,7 +16,7 @@ from fabdesign.runtime.effort import batches
 from fabdesign.runtime.store import Arrays, Checkpoint
 from optimize.fit.clouds import evenly
 from optimize.fit.parameters import FitVector
-from studies.calibration.calibrate import calibrate
+from studies.calibration.calibrate import CalibrationOptions, calibrate
 from studies.measured.sensitive_stretches import find_used_frames
 from studies.measured.splits import split
 from studies.measured.used_frames import UsedFrames
@@ -120,12 +120,10 @@ def fitted_base(
     return calibrate(
         [one for one in own if one.trials],
         forward,
-        slopes=slopes,
         vector=vector,
-        points_per_side=points_per_side,
-        seed=seed,
         checkpoint=checkpoint,
         progress=lambda line, share: progress(f"base: {line}", round(100 * share), 100),
+        options=CalibrationOptions(slopes=slopes, points_per_side=points_per_side, seed=seed),
     ).model
 
 

@@ -16,7 +16,7 @@ from fabdesign.units import in_mm
 from optimize.fit.clouds import evenly
 from optimize.fit.descent import Progress, parts
 from optimize.fit.free_parameters import fit_vector
-from studies.calibration.calibrate import calibrate
+from studies.calibration.calibrate import CalibrationOptions, calibrate
 from studies.prediction.evaluate import SetEvaluation, evaluate_sets
 from studies.prediction.forward_model import forward_model
 
@@ -51,11 +51,9 @@ def left_out(
     calibration = calibrate(
         replace(measured, trials=others),
         forward,
-        coarse=coarse,
         vector=fit_vector(free, designs=[trial.design for trial in others]),
-        points_per_side=points_per_side,
-        seed=seed,
         progress=lambda line, share: fitting(f"without {name}: {line}", share),
+        options=CalibrationOptions(coarse=coarse, points_per_side=points_per_side, seed=seed),
     )
     model = replace(calibration.model, without_effects={})  # before is the data sheet
 

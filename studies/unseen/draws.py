@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import MUSCLE_TYPES, OF_MUSCLES, Case
 from fabdesign.nouns.model import Model
-from fabdesign.nouns.model_sampling import drawn, joint_root
+from fabdesign.nouns.model_sampling import Ensemble
 from fabdesign.nouns.pressure import PressureProgram
 from optimize.fit.parameters import PRIOR
 
@@ -34,17 +34,16 @@ class Draws:
 
     @property
     def names(self) -> tuple[str, ...]:
-        assert self.model.covariance is not None
-        return (*self.model.covariance.names, *self.unknown)
+        return (*self._ensemble.names, *self.unknown)
 
     @cached_property
-    def _root(self) -> Array:
-        return joint_root(self.model)
+    def _ensemble(self) -> Ensemble:
+        return Ensemble(self.model)
 
     def case(self, z: Array, program: PressureProgram, design: Design | None = None) -> Case:
         """Of (n,) z; on the design, or on another one."""
-        count = len(self._root)
-        model = drawn(self.model, self._root, z[:count])
+        count = self._ensemble.size
+        model = self._ensemble.at(z[:count])
         own = {
             name: float(np.exp(PRIOR[name.rpartition(".")[2]] * x))
             for name, x in zip(self.unknown, z[count:], strict=True)

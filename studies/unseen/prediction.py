@@ -13,8 +13,8 @@ from fabdesign.nouns.spread import spread_of
 from fabdesign.study_files.unseen_file import Unsewn
 from fabdesign.units import in_kpa, in_mm
 from studies.intervals.band import shapes_with_error
+from studies.prediction.stability import moves, snaps, to_either_side
 from studies.sensitivity.outputs import mean_curvature, tip
-from studies.sensitivity.snapping import moved, snaps, spreads
 from studies.unseen.draws import Draws
 from studies.unseen.result import CorrectorStatement, Percentiles, PoseResult
 
@@ -32,7 +32,7 @@ def predicted(unsewn: Unsewn, draws: Draws, forward: ForwardModel, samples: int,
     """
     rng, count = np.random.default_rng([seed, 5]), len(draws.names)
     zs = [np.zeros(count), *rng.normal(size=(samples, count))]
-    factors = spreads(unsewn.design)
+    factors = to_either_side(unsewn.design)
     cases = []
     for pose in unsewn.poses:
         cases += [draws.case(z, constant_program(pose)) for z in zs]
@@ -74,7 +74,7 @@ def _pose(
         },
         "mean_curvature": _percentiles(np.array([mean_curvature(shape) for shape in sound])),
         "failed": failed,
-        "snaps": bool(snaps(moved(drawn[0], *off)[None])[0]),
+        "snaps": bool(snaps(moves(drawn[0], *off)[None])[0]),
         "middle": np.round(_column(sound), 6).tolist(),
     }
 

@@ -20,7 +20,7 @@ from optimize.fit.descent import Progress, parts
 from optimize.fit.free_parameters import fit_vector
 from studies.measured.sensitive_stretches import GRID
 from studies.prediction.forward_model import forward_model
-from studies.sensitivity.snapping import spreads
+from studies.prediction.stability import to_either_side
 from studies.unseen.cross_validation import left_out
 from studies.unseen.draws import Draws
 from studies.unseen.measurement import Array, after, candidates_of, in_turn, information, pose_slopes, spread
@@ -80,7 +80,7 @@ def unseen_in_words(study: UnseenStudy) -> str:
     """Return what a study computes and about how long that takes."""
     seconds, what = 0.0, []
     if (unsewn := study.unsewn) is not None:
-        shapes = len(unsewn.poses) * (study.samples + 1 + len(spreads(unsewn.design)))
+        shapes = len(unsewn.poses) * (study.samples + 1 + len(to_either_side(unsewn.design)))
         candidates = candidates_of(unsewn, study.rig)
         seconds += unseen_seconds(shapes, len(candidates), study.points_per_side)
         what += [f"{shapes} shapes", f"{len(candidates)} measurements that could be made"]

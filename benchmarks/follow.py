@@ -1,0 +1,307 @@
+"""Does a cloth follow? Twelve motions made by programs that are not used, and a specimen that is not the model.
+
+    python -m benchmarks.follow FOLDER             # all of them; those in FOLDER/results.jsonl are not done again
+    python -m benchmarks.follow FOLDER steps_0     # some of them; device_0, device_1: on the virtual rig
+    python -m benchmarks.follow FOLDER --page      # writes its part of docs/lab/follow.md besides
+
+Motions are the simulator's own with the noise of a depth sensor, on four layouts, two of them not square: steps, ramps
+and waves up to 2 Hz, of 1.5 and 3 s. `device`: the virtual rig (another engine) with lag, droop and hysteresis is run
+with the program of the data sheet, with that of a model that was calibrated on three other motions of it, and after
+one and three repetitions. With `cma` installed, CMA-ES searches the first motion of each kind for five times as
+long, in a grid of set points between which pressures are linear.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.machine import ROOT, commit, processor
+from benchmarks.trace_sets import Rig, measure
+from fabdesign.files.measurement_set import read_set
+from fabdesign.files.trial_file import TrialData, write_trial
+from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import Case
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.output import write_text
+from fabdesign.study_files.follow_file import FollowStudy, MotionScatter, MovingTarget
+from optimize.fit.free_parameters import fit_vector
+from sim import Simulator
+from studies.calibration.calibrate import CalibrationOptions, calibrate
+from studies.follow.result import FollowResult
+from studies.follow.run import regulator_of, run_follow
+from studies.follow.target import wanted_of
+
+Array = NDArray[np.float64]
+PAGE = ROOT / "docs" / "lab" / "follow.md"
+BEGIN, END = "<!-- table -->", "<!-- end of table -->"
+CYCLE, HIGHEST, NOISE, POINTS = 0.05, 280e3, 3e-4, 1500  # s; Pa, of hidden programs; m; of a frame
+LAYOUTS = ("basic", 0.2, 0.2), ("cross", 0.2, 0.2), ("side", 0.24, 0.16), ("vertical", 0.16, 0.24)
+KINDS = "steps", "ramps", "waves"
+CHANNELS, GRID = 4, 21
+FEWER, TIMES, BATCH = 0.1, 5.0, 32  # s between CMA-ES's set points; of our time; motions of a generation
+RIG_NOISE = 6e-4  # m, of the virtual rig's sensors
+DEVICE = {"filling_lag": {"fill": 0.08, "empty": 0.16}, "supply_droop": {"share": 0.03}, "braid_hysteresis": {}}
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One that is to be followed."""
+
+    kind: str
+    number: int
+
+    @property
+    def name(self) -> str:
+        return f"{self.kind}_{self.number}"
+
+    @property
+    def seconds(self) -> float:
+        return 3.0 if (self.number + KINDS.index(self.kind)) % 2 else 1.5
+
+    @property
+    def design(self) -> Design:
+        layout, width, height = LAYOUTS[self.number]
+        return build(layout, muscles=CHANNELS, width=width, height=height)
+
+    def program(self, channels: int = CHANNELS) -> Array:
+        """The hidden set points (cycles, channels) Pa."""
+        rng = np.random.default_rng([7, KINDS.index(self.kind), self.number])
+        times = CYCLE * np.arange(round(self.seconds / CYCLE))
+        if self.kind == "steps":
+            levels = rng.uniform(0, HIGHEST, (int(np.ceil(self.seconds / 0.4)), channels))
+            return np.asarray(levels[(times / 0.4 + 1e-9).astype(int)])
+        if self.kind == "ramps":
+            knots = np.append(np.arange(0, self.seconds, 0.5), self.seconds)
+            values = rng.uniform(0, HIGHEST, (len(knots), channels))
+            return np.stack([np.interp(times, knots, column) for column in values.T], axis=1)
+        rate, phase = rng.uniform(0.4, 2.0, channels), rng.uniform(0, 2 * np.pi, channels)
+        return np.asarray(HIGHEST / 2 * (1 + np.sin(2 * np.pi * np.outer(times, rate) + phase)))
+
+
+MOTIONS = [Motion(kind, number) for number in range(len(LAYOUTS)) for kind in KINDS]
+
+
+def study_of(motion: Motion, folder: Path, design: Design, model: Model | None = None) -> FollowStudy:
+    """The study of a motion that is simulated here, with noise, and written as a trial."""
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / f"{motion.name}.npz"
+    target = MovingTarget(file)
+    study = FollowStudy(motion.name, design, target, model, scatter=MotionScatter(copies=0), points_per_side=GRID)
+    if not file.is_file():
+        rng, times = np.random.default_rng(motion.number), np.arange(1, round(30 * motion.seconds) + 1) / 30
+        program = regulator_of(study).program(motion.program(design.channels))
+        [points] = Simulator(GRID).motions([Case(design, program)], [times])
+        clouds = [Surface.of_faces(frame).sample(POINTS, rng)[0] for frame in points]
+        noisy = tuple(cloud + NOISE * rng.standard_normal(cloud.shape) for cloud in clouds)
+        write_trial(TrialData(times, np.zeros((len(times), design.channels)), noisy), file)
+    return study
+
+
+def followed(motion: Motion, folder: Path) -> dict[str, Any]:
+    """Follow it, and say how near. mm, s."""
+    study = study_of(motion, folder, motion.design)
+    [truth] = Simulator(GRID).motions(
+        [Case(study.design, regulator_of(study).program(motion.program()))], [wanted_of(study).times]
+    )
+    floor = rms(study, truth)
+    first = Watch()
+    result = run_follow(study, folder / motion.name, force=True, progress=first.heard)
+    own = rms(study, result.motion)
+    return {
+        "motion": motion.name, "seconds": motion.seconds, "floor": floor, "error": own, "ratio": own / floor,
+        "from_rest": 1e3 * result.begun, "wall": first.wall(), "first": first.first, "cpu": first.cpu(),
+    }  # fmt: skip
+
+
+def rms(study: FollowStudy, motion: NDArray[Any]) -> float:
+    """mm, of the mean over instants of the target's points' RMS distance."""
+    wanted = wanted_of(study)
+    each = [
+        np.sqrt(np.square(Surface.of_faces(frame).distance(target.points)).mean())
+        for target, frame in zip(wanted.targets, motion, strict=True)
+    ]
+    return 1e3 * float(np.mean(each))
+
+
+class Watch:
+    """Seconds of a run. first: until its first pass was done."""
+
+    def __init__(self) -> None:
+        self._begun, self._cpu = time.monotonic(), time.process_time()
+        self.first, self._share = np.nan, 0.0
+
+    def heard(self, line: str, share: float | None) -> None:
+        if share is not None and share < self._share and np.isnan(self.first):
+            self.first = self.wall()
+        self._share = share or 0.0
+
+    def wall(self) -> float:
+        return time.monotonic() - self._begun
+
+    def cpu(self) -> float:
+        return time.process_time() - self._cpu
+
+
+def by_cma(motion: Motion, folder: Path, seconds: float) -> float:
+    """mm, what CMA-ES (Hansen 2016) comes to in so many seconds, on the same simulator."""
+    import cma
+
+    study = study_of(motion, folder, motion.design)
+    wanted, regulator = wanted_of(study), regulator_of(study)
+    cycles = round(motion.seconds / CYCLE)
+    knots = np.arange(0.0, motion.seconds + FEWER / 2, FEWER)
+    at = CYCLE * np.arange(cycles)
+
+    def program(x: Array) -> Array:
+        rows = x.reshape(len(knots), regulator.channels) * regulator.highest
+        return regulator.kept(np.stack([np.interp(at, knots, own) for own in rows.T], axis=1))
+
+    size = len(knots) * regulator.channels
+    options = {"bounds": [0, 1], "popsize": BATCH, "seed": 1, "verbose": -9}
+    search = cma.CMAEvolutionStrategy(np.full(size, 0.4), 0.2, options)
+    begun, best = time.monotonic(), np.inf
+    while time.monotonic() - begun < seconds and not search.stop():
+        asked = search.ask()
+        cases = [Case(study.design, regulator.program(program(np.asarray(x)))) for x in asked]
+        motions = Simulator(GRID).motions(cases, [wanted.times] * len(cases))
+        values = [rms(study, own) if np.isfinite(own).all() else 1e3 for own in motions]
+        best = min(best, *values)
+        search.tell(asked, values)
+    return best
+
+
+def on_device(number: int, folder: Path, say: Callable[[str], None]) -> dict[str, Any]:
+    """A motion of the data sheet, on a specimen with lag, droop and hysteresis. mm: what the rig's motion is off."""
+    motion = Motion("ramps", 2 * number)
+    design = build(LAYOUTS[2 * number + 1][0], muscles=2)
+    rig = Rig("one", f"device_{number}", (LAYOUTS[2 * number + 1][0], 2), 40 + number, DEVICE)
+    place = folder / rig.name
+    study = study_of(replace(motion, number=2 * number), place, design)
+    row: dict[str, Any] = {"device": rig.name}
+
+    def run(result: FollowResult, name: str) -> float:
+        measure(rig, [result.program], place / name)
+        trial = read_set(place / name).trials[0].load()
+        wanted = wanted_of(study)
+        frames = [trial.frames[int(np.argmin(np.abs(trial.time - t)))] for t in wanted.times]
+        apart = [both_ways(cloud, target.points) for cloud, target in zip(frames, wanted.targets, strict=True)]
+        say(f"{rig.name} {name}: {1e3 * np.mean(apart):.3f} mm")
+        return 1e3 * float(np.mean(apart))
+
+    row["data_sheet"] = run(run_follow(study, place / "sheet", force=True), "sheet_run")
+    model = calibrated(rig, design, place)
+    known = replace(study, model=replace(model, points_per_side=GRID))
+    result = run_follow(known, place / "model", force=True)
+    row["calibrated"] = run(result, "run_0")
+    for turn in range(1, 4):
+        result = run_follow(known, place / "model", measured=place / f"run_{turn - 1}")
+        row[f"repetition_{turn}"] = run(result, f"run_{turn}")
+    row["floor"] = _floor(study, motion)
+    return row
+
+
+def _floor(study: FollowStudy, motion: Motion) -> float:
+    """mm, that the wanted motion itself is off when the rig's sensors see it."""
+    rng, wanted = np.random.default_rng(0), wanted_of(study)
+    program = regulator_of(study).program(motion.program(study.design.channels))
+    [truth] = Simulator(GRID).motions([Case(study.design, program)], [wanted.times])
+    seen = [Surface.of_faces(frame).sample(POINTS, rng)[0] for frame in truth]
+    noisy = [cloud + RIG_NOISE * rng.standard_normal(cloud.shape) for cloud in seen]
+    return 1e3 * float(np.mean([both_ways(a, b.points) for a, b in zip(noisy, wanted.targets, strict=True)]))
+
+
+def both_ways(one: Array, other: Array) -> float:
+    """m, RMS of the distances from the points of a cloud to the plane of their nearest points of the other."""
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(other)
+    _, near = tree.query(one, k=8)
+    patch = other[near]
+    middle = patch.mean(axis=1)
+    normal = np.linalg.svd(patch - middle[:, None])[2][:, -1]
+    height = np.abs(np.einsum("nd,nd->n", one - middle, normal))
+    return float(np.sqrt(np.square(np.minimum(height, 0.01)).mean()))
+
+
+def calibrated(rig: Rig, design: Design, place: Path) -> Model:
+    """What three other motions of the specimen say of the three effects."""
+    others = [Motion("waves", 1), Motion("steps", 1), Motion("ramps", 3)]
+    times: Array = CYCLE * np.arange(30.0)
+    programs = [PressureProgram(times, own.program(design.channels)[:30], 1.5) for own in others]
+    if not (place / "others" / "set.toml").is_file():
+        measure(rig, programs, place / "others")
+    vector, options = fit_vector(tuple(DEVICE), where="bench"), CalibrationOptions(points_per_side=GRID)
+    calibration = calibrate(read_set(place / "others"), Simulator(GRID), vector=vector, options=options)
+    return calibration.model
+
+
+_HEAD = (
+    "| motion | s | error over floor | mm | floor, mm | from shapes at rest, mm | first answer, s | all, s | CPU s | "
+    "CMA-ES, mm |"
+)
+_DEVICES = "| device, mm | data sheet | calibrated | after one | after two | after three | floor |"
+
+
+def page(rows: Sequence[dict[str, Any]]) -> str:
+    """The tables."""
+    own = [row for row in rows if "motion" in row]
+    lines = [f"At {commit(PAGE)}, {processor()}.", "", _HEAD, "|---" * 10 + "|"]
+    for row in own:
+        cma = f"{row['cma']:.2f}" if "cma" in row else ""
+        lines.append(
+            f"| {row['motion']} | {row['seconds']:g} | {row['ratio']:.2f} | {row['error']:.3f} | {row['floor']:.3f} | "
+            f"{row['from_rest']:.2f} | {row['first']:.0f} | {row['wall']:.0f} | {row['cpu']:.0f} | {cma} |"
+        )
+    devices = [row for row in rows if "device" in row]
+    if devices:
+        lines += ["", _DEVICES, "|---" * 7 + "|"]
+        keys = ("data_sheet", "calibrated", "repetition_1", "repetition_2", "repetition_3", "floor")
+        lines += [f"| {row['device']} | " + " | ".join(f"{row[key]:.2f}" for key in keys) + " |" for row in devices]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("names", nargs="*")
+    parser.add_argument("--page", action="store_true")
+    parser.add_argument("--cma", action="store_true", help="CMA-ES besides, on the motions named")
+    given = parser.parse_args()
+    given.folder.mkdir(parents=True, exist_ok=True)
+    file = given.folder / "results.jsonl"
+    rows = {}
+    for line in file.read_text().splitlines() if file.is_file() else []:
+        row = json.loads(line)
+        rows[row.get("motion") or row["device"]] = row
+    names = given.names or [*(motion.name for motion in MOTIONS), "device_0", "device_1"]
+    for name in names:
+        if name not in rows:
+            if name.startswith("device"):
+                rows[name] = on_device(int(name[-1]), given.folder, print)
+            else:
+                rows[name] = followed(next(motion for motion in MOTIONS if motion.name == name), given.folder)
+        if given.cma and "motion" in rows[name] and "cma" not in rows[name]:
+            motion = next(motion for motion in MOTIONS if motion.name == name)
+            rows[name]["cma"] = by_cma(motion, given.folder, TIMES * rows[name]["wall"])
+        print(json.dumps(rows[name]), flush=True)
+        write_text(file, "".join(json.dumps(row) + "\n" for row in rows.values()))
+    tables = page([*rows.values()])
+    print(tables)
+    if given.page:
+        text = PAGE.read_text()
+        begin, end = text.index(BEGIN) + len(BEGIN), text.index(END)
+        write_text(PAGE, f"{text[:begin]}\n{tables}\n{text[end:]}")
+
+
+if __name__ == "__main__":
+    main()

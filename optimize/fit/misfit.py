@@ -1,0 +1,77 @@
+"""What a model leaves of what was measured, point by point or row by row, and what one of these can do at most."""
+
+from dataclasses import KW_ONLY, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.geometry.surface import CAP
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+FAR = 2.0  # times the usual median residual: an outlying frame, which counts less
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Limits on what one residual, or one frame, can do; by default those of clouds."""
+
+    huber: float = 1.345  # of the scale: 95 % efficient on normal noise (Huber 1981)
+    far: float = FAR
+    stray: float = 5.0  # times the frame's robust deviation: a point farther off is no part of an error
+    largest: float = 0.020  # m: a residual farther off counts as this far where trials are left out
+    cap: float = CAP  # m, the same in the RMS that a fit reports
+    smallest: float = 1e-6  # m, of the scale, for clouds without noise
+
+    def scale(self, residual: Array) -> float:
+        """Robust standard deviation."""
+        return max(1.4826 * float(np.median(np.abs(residual))), self.smallest)
+
+    def of(self, t: Array) -> Array:
+        """(N,) -log likelihood of residuals in units of their scale (Huber's function)."""
+        size = np.abs(t)
+        return np.where(size <= self.huber, 0.5 * t * t, self.huber * (size - 0.5 * self.huber))
+
+
+CLOUDS = Loss()
+ROWS = Loss(far=np.inf, stray=np.inf, largest=np.inf, cap=np.inf, smallest=1e-12)  # of a bench, in its output's unit
+
+
+@dataclass(frozen=True, eq=False)
+class Misfit:
+    """Of N points of clouds or rows of a bench's records, all samples in a row, how far the model is off."""
+
+    residual: Array  # (N,) m, or in the bench's unit; NaN in frames that the model has lost
+    sample: Indices  # (N,) of which trial, shape or record
+    frame: Indices  # (N,) within its sample
+    block: Indices  # (N,) which of them share the model's error
+    _: KW_ONLY
+    loss: Loss = CLOUDS
+
+    @property
+    def rms(self) -> float:
+        """m, capped."""
+        return capped(self.residual, self.loss.cap)
+
+
+def frames_of(misfit: Misfit, rows: NDArray[np.bool_] | slice = slice(None)) -> tuple[Indices, list[Indices]]:
+    """Of the points `rows`, counted among themselves: the frame of each, and the points of each frame."""
+    _, frame = np.unique(misfit.sample[rows] * 100_000 + misfit.frame[rows], return_inverse=True)
+    return frame, np.split(np.argsort(frame, kind="stable"), np.cumsum(np.bincount(frame))[:-1])
+
+
+def not_strays(misfit: Misfit) -> NDArray[np.bool_]:
+    """(N,) points that are there and not much farther off than the others of their frame."""
+    size = np.abs(misfit.residual)
+    kept = np.isfinite(size)
+    for points in frames_of(misfit)[1]:
+        own = size[points]
+        if np.isfinite(own).all():
+            kept[points] = own <= misfit.loss.stray * max(1.4826 * float(np.median(own)), 1e-4)
+    return kept
+
+
+def capped(residual: Array, cap: float = CAP) -> float:
+    """m, RMS of what is not lost."""
+    kept = residual[np.isfinite(residual)]
+    return float(np.sqrt(np.mean(np.square(np.clip(kept, -cap, cap))))) if len(kept) else float("nan")

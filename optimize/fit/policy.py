@@ -1,0 +1,61 @@
+"""How a fit goes on and when it ends: policies by name, each of their constants with its reason."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from optimize.fit.misfit import FAR
+
+STEP = 0.03  # of a logarithm, in the first finite differences: its noise is a tenth of what it shows
+ITERATIONS = 20  # at most, of a stage; those that converge take 3 to 9
+PROMISED = 0.25  # of the gain that a step promised: while it gains as much, its Jacobian is updated, not made anew
+WRONG = 2.0  # times what a right model leaves: no last steps are worth their motions
+LITTLE = 2.0  # of log likelihood: an effect that costs less to drop keeps its former column
+DAMPING = 0.3  # Levenberg-Marquardt's, after a step that made it worse
+
+
+@dataclass(frozen=True)
+class FitStage:
+    """Steps until one is slight, or gains nothing, or promises less than the largest of three gains."""
+
+    slight: float  # of a logarithm: a shorter step is the last
+    least: float = 0.0  # of log likelihood, in all
+    least_each: float = 0.0  # the same for each unknown
+    least_share: float = 0.0  # the same for each observation, where what is left is far more than an unknown could gain
+    far: float = FAR  # times the usual residual, over which a frame counts less
+    sure: bool = True  # whether the last step goes by a Jacobian that was made where it begins
+
+    def enough(self, unknowns: int, observations: float) -> float:
+        """Return the log likelihood of which a step that promises less is the last."""
+        return max(self.least, self.least_each * unknowns, self.least_share * observations)
+
+
+@dataclass(frozen=True)
+class Policy:
+    """name: for people. near: the first steps on all rows. end: those after them; None: another fit goes on. finer:
+    the last ones, of a problem with a finer engine. hopeless: m RMS: where a horizon leaves more, or on all rows the
+    minimum of the linearised residuals, the fit ends."""
+
+    name: str
+    near: FitStage
+    finer: FitStage
+    end: FitStage | None = None
+    hopeless: float = np.inf
+
+
+# What a model has not got yet may show in a few frames alone, so none counts less for being far off. A step under 3 %,
+# or one that promises under 2 % of what is left, is mended by the fit that goes on.
+_NEARLY = FitStage(slight=0.03, least=3.0, least_share=0.02, far=np.inf)
+UNSURE = replace(_NEARLY, sure=False)
+# Values are told to 1 %; 0.007 of log likelihood is a tenth of a standard deviation.
+_PRECISE = FitStage(slight=0.01, least_each=0.007)
+
+
+def to_the_end(name: str, end: FitStage) -> Policy:
+    """Return the policy of near steps and then those of a stage, with the last word on the finer engine."""
+    return Policy(name, UNSURE, replace(end, sure=False), end)
+
+
+NEAR = Policy("near", _NEARLY, UNSURE)
+AT_REST = Policy("at rest", UNSURE, UNSURE)  # a column costs little, but motions go on from there
+END = to_the_end("to its end", _PRECISE)
