@@ -98,7 +98,7 @@ def test_a_knot_takes_the_set_points_beside_it_along(study: Path) -> None:
     edit.put(200e3)  # 1,000 kPa/s: not more than 49.9 kPa a cycle, from rest on
     assert np.abs(np.diff(edit.pressures[:, 0], prepend=0)).max() <= 50e3
     assert 50e3 < edit.pressure < 100e3
-    edit.as_opened()
+    edit.take(edit.moving.pressures)
     assert not edit.pressures.any()
 
 

@@ -120,18 +120,21 @@ def _of_result(folder: Path) -> Opened:
     study = read_json(folder / "result.json").get("study")
     if not isinstance(study, str):
         raise InputError(f"{folder}: of a study without a file; expected the result of a study's file")
-    opened = _of_moving(folder / study)
-    assert opened.moving is not None
-    program = read_pressures(folder / "pressures.csv", opened.layout.design)
-    return replace(opened, moving=opened.moving.under(program))
+    return _of_moving(folder / study, folder)
 
 
-def _of_moving(file: Path) -> Opened:
-    study = read_follow(file)
-    design_file, model_file = _files_of(file)
-    layout, moving = Layout.of(study.design), MovingProgram.of(study)
+def _of_moving(file: Path, result: Path | None = None) -> Opened:
+    """Return a study of a target that moves; with the folder of a result its layout, where one was searched for, and
+    its pressures."""
+    study, (design_file, model_file) = read_follow(file), _files_of(file)
+    if result is not None and (result / "design.toml").is_file():
+        design_file = result / "design.toml"
+        study = replace(study, design=read_design(design_file))
+    moving, design = MovingProgram.of(study), study.design
+    if result is not None:
+        moving = moving.under(read_pressures(result / "pressures.csv", design))
     return Opened(
-        design_file, layout, search_limits(study.design), model_file=model_file, model=study.model, moving=moving
+        design_file, Layout.of(design), search_limits(design), model_file=model_file, model=study.model, moving=moving
     )
 
 

@@ -14,7 +14,7 @@ from studies.studio.document import Document
 from studies.studio.measured import TrialMotion
 from studies.studio.playing import Playing
 from studies.studio.shapes import Shapes
-from studies.studio.solver import Answer, Ask
+from studies.studio.solver import Answer, Ask, Kind
 from studies.studio.target import MovingProgram
 
 Array = NDArray[np.float64]
@@ -45,11 +45,6 @@ class ProgramEdit:
         return np.arange(0, len(self.pressures), self._each)
 
     @property
-    def highest(self) -> float:
-        """Return Pa, that the channel under edit may have."""
-        return float(self.moving.regulator.highest[self.channel])
-
-    @property
     def pressure(self) -> float:
         """Return Pa of the knot under edit."""
         return float(self.pressures[self.knots[self.knot], self.channel])
@@ -63,12 +58,10 @@ class ProgramEdit:
         row, rows = int(self.knots[self.knot]), self.pressures.copy()
         share = np.maximum(0.0, 1 - np.abs(np.arange(len(rows)) - row) / self._each)
         rows[:, self.channel] += (pressure - rows[row, self.channel]) * share
-        self._take(self.moving.regulator.kept(rows))
+        self.take(self.moving.regulator.kept(rows))
 
-    def as_opened(self) -> None:
-        self._take(self.moving.pressures)
-
-    def _take(self, pressures: Array) -> None:
+    def take(self, pressures: Array) -> None:
+        """Take other set points (cycles, channels) Pa."""
         self.pressures = pressures
         self._document.show()
         self.play()
@@ -83,10 +76,10 @@ class ProgramEdit:
                 raise InputError(
                     f"{design.name}: {design.channels} channels; the program has {moving.regulator.channels}"
                 )
-            rows, model = self.pressures, document.choice.model
-            case = case_of(moving.study, moving.regulator.program(rows))
+            case = case_of(moving.study, moving.regulator.program(self.pressures))
+            kind: Kind = "motion" if exact else "program"
             ask = Ask(
-                0, "motion" if exact else "program", design, case.program, model, moving.times, case.order,
+                0, kind, design, case.program, document.choice.model, moving.times, case.order,
                 effects=case.effects, wanted=moving.few,
             )  # fmt: skip
             self._under_way = True
@@ -94,22 +87,20 @@ class ProgramEdit:
 
     def _arrived(self, ask: Ask, answer: Answer) -> None:
         document, self._under_way = self._document, False
-        if ask.design != document.layout.design:
-            return  # another by now: its motion is for another layout
+        if (ask.design, ask.model) != (document.layout.design, document.choice.model):
+            return  # others by now, and the motion was stopped
         if answer.points is None or answer.off is None:
             document.tell(answer.error or "no motion", bad=True)
             return
         self.off = answer.off
         self.first = self.off if self.first is None else self.first
-        name = f"program, {answer.points_per_side} points a side"
-        moving = self.moving
-        motion = TrialMotion(name, moving.times, answer.points, moving.clouds, answer.correction, answer.off)
-        self._playing.show(motion, ask)
+        name, times, clouds = f"{answer.points_per_side} points a side", self.moving.times, self.moving.clouds
+        self._playing.show(TrialMotion(name, times, answer.points, clouds, answer.correction, answer.off), ask)
         if not np.array_equal(ask.program.pressure, self.pressures):
             self.play()
-            return
-        mean = in_mm(float(np.nanmean(answer.off)))
-        document.tell(f"{mean:.2f} mm from the target, {answer.seconds:.1f} s of computing")
+        else:
+            mean = in_mm(float(np.nanmean(answer.off)))
+            document.tell(f"{mean:.2f} mm from the target, {answer.seconds:.1f} s of computing")
 
     def save(self, path: Path, *, replace: bool = False) -> None:
         """Write the program, set points at the regulator's cycle."""

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.errors import InputError
 from fabdesign.geometry.distances import nearest_distances
 from fabdesign.geometry.metrics import Errors, told_beyond
 from fabdesign.geometry.surface import Surface
@@ -89,6 +90,8 @@ class MovingProgram:
     @staticmethod
     def of(study: FollowStudy) -> "MovingProgram":
         """Return the study under the program that it begins with, or at rest. Raises InputError."""
+        if not study.design.muscles:
+            raise InputError(f"{study.name}: no layout yet; expected the folder of the study's result")
         wanted, regulator = wanted_of(study), regulator_of(study)
         rest = np.zeros((regulator.cycles(float(wanted.times[-1])), regulator.channels))
         moving = MovingProgram(study, wanted, regulator, rest)

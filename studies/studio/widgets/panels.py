@@ -14,22 +14,11 @@ from studies.studio.measured import errors_table
 from studies.studio.results import Row, one_more_buys
 from studies.studio.search import VARIES
 from studies.studio.session import Session
-from studies.studio.widgets.declared import (
-    KPA,
-    MM,
-    Widget,
-    Widgets,
-    button,
-    buttons,
-    choice,
-    entry,
-    folder,
-    html,
-    words,
-)
+from studies.studio.widgets.declared import MM, Widget, Widgets, button, buttons, choice, entry, folder, html, words
 from studies.studio.widgets.design_panels import NONE, model, muscle, pressures
 from studies.studio.widgets.hung_view import LEAST_SCALE
-from studies.studio.widgets.status import error_over_time, profile, scale_bar, status
+from studies.studio.widgets.program_view import program
+from studies.studio.widgets.status import profile, scale_bar, status
 
 OWN = "own drawing"
 _SHIFT, _TURN, _TEMPLATE = "Shift, mm", "Turn, degrees", "Sewing template, 1:1"
@@ -48,7 +37,7 @@ class Panel:
             "Model": [html("profile", profile(self._session)), *model(self._document)],
             "Target": self._target(),
             "Results": self._results(),
-            "Motion": [*self._program(), *self._motion()],
+            "Motion": [*program(self._session, self._made), *self._motion()],
             "Files": self._files(),
         }
         pages = [Widget("tab", name, inside=widgets) for name, widgets in tabs.items()]
@@ -136,32 +125,7 @@ class Panel:
             words("message", "\n\n".join(said) or nothing),
         ]  # fmt: skip
 
-    # Motion: of a program under edit beside its target; played, scrubbed through, written
-
-    def _program(self) -> list[Widget]:
-        edit = self._session.program
-        if edit is None:
-            return []
-        channels = tuple(map(str, range(edit.moving.regulator.channels)))
-        time = partial("{:.2f}".format)
-        knots = tuple(time(edit.moving.regulator.cycle * cycle) for cycle in edit.knots)
-
-        def save() -> None:
-            path = Path(self._made.typed("Motion", "Program", "File").strip())
-            reason = f"{path} is there" if path.exists() else None
-            self._made.unless_lost(reason, partial(edit.save, path))
-
-        inside = [
-            choice("Channel", channels, channels[edit.channel], lambda name: edit.select(int(name), edit.knot)),
-            choice("Knot, s", knots, knots[edit.knot], lambda name: edit.select(edit.channel, knots.index(name))),
-            entry("slider", "Pressure, kPa", edit.pressure, edit.put, KPA, min=0.0, max=edit.highest, step=0.1),
-            buttons("Play it over the target", {"coarse": edit.play, "exact": partial(edit.play, exact=True)}),
-            html("error", error_over_time(self._session)),
-            button("As it was opened", edit.as_opened),
-            entry("text", "File", f"{edit.moving.study.name}_pressures.csv"),
-            button("Save the program", save),
-        ]
-        return [folder("Program", *inside)]
+    # Motion: played, scrubbed through, written
 
     def _motion(self) -> list[Widget]:
         playing, trials, typed = (
