@@ -124,7 +124,7 @@ def test_motion_and_error_follow_a_knot(study: Path) -> None:
     assert playing.motion is None  # it was of other pressures
     edit.play(exact=True)
     settle(session)
-    assert (worker.asked[-1].kind, worker.asked[-1].wanted) == ("motion", edit.moving.few)
+    assert (worker.asked[-1].kind, worker.asked[-1].wanted) == ("motion", edit.moving.wanted)
 
 
 def test_a_program_is_saved_and_opened_again(study: Path, tmp_path: Path) -> None:

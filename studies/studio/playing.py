@@ -66,7 +66,7 @@ class Playing:
             times = frame_times(program, frame_rate=FRAME_RATE)
             document.history.end()
             ask = Ask(0, "motion", document.layout.design, program, document.choice.model, times)
-            self._ask(ask, lambda answer: TrialMotion(name, times, points_of(answer), None, answer.correction))
+            self._ask(ask, lambda answer: TrialMotion(name, times, _points(answer), None, answer.correction))
 
     def trial(self, label: str) -> None:
         """Play a trial of the set, measured, and its prediction under the model that is chosen."""
@@ -80,7 +80,7 @@ class Playing:
 
             def motion(answer: Answer) -> TrialMotion:
                 self._errors.add(label, answer)
-                return TrialMotion(label, trial.times, points_of(answer), data.frames, answer.correction)
+                return TrialMotion(label, trial.times, _points(answer), data.frames, answer.correction)
 
             self._ask(ask, motion)
 
@@ -145,7 +145,7 @@ class Playing:
             self._shapes.also(replace(ask, kind="laced", measured=(), wanted=None), arrived)
 
 
-def points_of(answer: Answer) -> np.ndarray:
+def _points(answer: Answer) -> np.ndarray:
     assert answer.points is not None
     return answer.points
 

@@ -80,7 +80,7 @@ class ProgramEdit:
             kind: Kind = "motion" if exact else "program"
             ask = Ask(
                 0, kind, design, case.program, document.choice.model, moving.times, case.order,
-                effects=case.effects, wanted=moving.few,
+                effects=case.effects, wanted=moving.wanted,
             )  # fmt: skip
             self._under_way = True
             self._shapes.also(ask, lambda answer: self._arrived(ask, answer))

@@ -92,7 +92,7 @@ class MovingProgram:
         """Return the study under the program that it begins with, or at rest. Raises InputError."""
         if not study.design.muscles:
             raise InputError(f"{study.name}: no layout yet; expected the folder of the study's result")
-        wanted, regulator = wanted_of(study), regulator_of(study)
+        wanted, regulator = wanted_of(study).thinned(POINTS), regulator_of(study)
         rest = np.zeros((regulator.cycles(float(wanted.times[-1])), regulator.channels))
         moving = MovingProgram(study, wanted, regulator, rest)
         return moving if study.start is None else moving.under(study.start)
@@ -112,9 +112,4 @@ class MovingProgram:
     @cached_property
     def clouds(self) -> list[Floats]:
         """Return what is wanted at each of these instants, or next (n_t, 3) m."""
-        return [self.few.targets[k].points for k in np.searchsorted(self.wanted.times, self.times - 1e-9)]
-
-    @cached_property
-    def few(self) -> Wanted:
-        """Return what is wanted with as many points as are shown and errors are taken of."""
-        return self.wanted.thinned(POINTS)
+        return [self.wanted.targets[k].points for k in np.searchsorted(self.wanted.times, self.times - 1e-9)]

@@ -8,19 +8,7 @@ import numpy as np
 
 from fabdesign.units import in_kpa
 from studies.studio.session import Session
-from studies.studio.widgets.declared import (
-    KPA,
-    Node,
-    Post,
-    Widget,
-    Widgets,
-    button,
-    buttons,
-    choice,
-    entry,
-    folder,
-    html,
-)
+from studies.studio.widgets.declared import KPA, Node, Post, Widget, Widgets, buttons, choice, entry, folder, html
 from studies.studio.widgets.scene import LIFT, Array, Places, colour, on_plane
 from studies.studio.widgets.status import error_over_time
 
@@ -49,9 +37,8 @@ def program(session: Session, made: Widgets) -> list[Widget]:
         ),
         buttons("Play it over the target", {"coarse": edit.play, "exact": partial(edit.play, exact=True)}),
         html("error", error_over_time(session)),
-        button("As it was opened", partial(edit.take, edit.moving.pressures)),
         entry("text", "File", f"{edit.moving.study.name}_pressures.csv"),
-        button("Save the program", save),
+        buttons("Program", {"save": save, "as it was opened": partial(edit.take, edit.moving.pressures)}),
     ]  # fmt: skip
     return [folder("Program", *inside)]
 
