@@ -56,7 +56,7 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     at_rest = Bowing(None).motion(Case(DESIGN, program(RAMP * 0)), np.zeros(1))
     motion = Bowing(None).motion(Case(DESIGN, program(RAMP)), 0.1 * np.arange(1, 11))
     for k, points in enumerate([*at_rest, *motion]):
-        np.savetxt(tmp_path / "clouds" / f"{k:02d}.xyz", points[::3])
+        np.savetxt(tmp_path / "clouds" / f"{k:02d}.xyz", points[::12])
     head = 'format = "fabdesign.study/1"\nkind = "follow"\ndesign = "cross.toml"\n'
     path = tmp_path / "follow.toml"
     path.write_text(f'{head}[motion]\nfile = "clouds"\nframe_rate = 10\n[rig_limits]\nrate = 1000\n')
