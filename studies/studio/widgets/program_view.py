@@ -5,13 +5,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fabdesign.units import in_kpa
 from studies.studio.session import Session
 from studies.studio.widgets.declared import KPA, Node, Post, Widget, Widgets, buttons, choice, entry, folder, html
-from studies.studio.widgets.scene import LIFT, Array, Places, colour, on_plane
+from studies.studio.widgets.scene import LIFT, Places, colour, on_plane
 from studies.studio.widgets.status import error_over_time
 
+Floats = NDArray[np.floating[Any]]
 _KNOT = 0.0035  # m, radius
 _DARK, _GREY = (20, 20, 20), (120, 130, 142)
 
@@ -58,7 +60,7 @@ class ProgramView:
         rows, cycle = edit.pressures, edit.moving.regulator.cycle
         most, end = float(edit.moving.regulator.highest.max()), len(rows) * cycle
 
-        def line(times: Array, pressures: Array, shade: tuple[int, int, int], thickness: float = 1.0) -> Node:
+        def line(times: Floats, pressures: Floats, shade: tuple[int, int, int], thickness: float = 1.0) -> Node:
             path = self._places(times / end, pressures / most)
             look = {"colors": shade, "thickness": thickness, "thickness_units": "screen"}
             return Node("line_segments", {"points": np.stack([path[:-1], path[1:]], axis=1), **look})
@@ -106,7 +108,7 @@ class ProgramView:
     def _box(self) -> tuple[tuple[float, float], tuple[float, float]]:
         return Places.of(self._session.document.layout.design.fabric).plot
 
-    def _places(self, x: Array, y: Array) -> Array:
+    def _places(self, x: Floats, y: Floats) -> Floats:
         """(n, 3) m of shares (n,) of the plot."""
         origin, size = map(np.array, self._box)
         return np.concatenate([origin + size * np.stack([x, y], axis=1), np.full((len(x), 1), LIFT)], axis=1)
