@@ -1,10 +1,10 @@
 # `make demo` and `make test` do their own set-up, from nothing but Python and a Debian underneath.
 
 PYTHON := .venv/bin/python
-EXTRAS := clouds,cluster,corrector,dev,dxf,export,mocap,optuna,ros,studio,tables# without corrector, tests that need PyTorch skip
+EXTRAS := clouds,cluster,corrector,dev,dxf,export,mocap,optuna,realsense,ros,studio,tables# without corrector, tests that need PyTorch skip
 SETUP := pyproject.toml constraints.txt scripts/setup.sh
 
-.PHONY: demo test coverage lint clean docs reference wheel wheel-test verify-sim verify-cluster verify-trace bench-sim bench-search bench-follow loop
+.PHONY: demo test coverage lint clean docs reference wheel wheel-test verify-sim verify-cluster verify-trace bench-sim bench-search bench-recordings bench-follow loop
 
 demo: .venv/.ready-demo
 	.venv/bin/fabdesign demo -o demo
@@ -44,6 +44,13 @@ bench-search: .venv/.ready-test
 # twelve motions that a cloth is to follow, and two devices that are not the model, in parts: what is done is kept in build/follow; writes docs/lab/follow.md
 bench-follow: .venv/.ready-test
 	$(PYTHON) -m benchmarks.follow build/follow --page
+
+# recordings by the RealSense SDK's own recorder from virtual cameras, 10 minutes; writes its part of docs/results/fuse.md
+bench-recordings: .venv/.ready-test
+	for version in 2.56.5.9235 2.59.1.11053; do \
+		$(PYTHON) -m pip install --quiet --no-deps --target build/realsense-$$version pyrealsense2==$$version; done
+	$(PYTHON) -m benchmarks.recordings build/recordings --sdk build/realsense-2.56.5.9235 \
+		--sdk build/realsense-2.59.1.11053 --page
 
 # six loops on virtual rigs, in parts: what is done is kept in build/loop; writes docs/results/loop.md
 loop: .venv/.ready-test

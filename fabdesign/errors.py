@@ -22,6 +22,8 @@ EXTRAS = {
     "distributed": "cluster",
     "xarray": "tables",
     "c3d": "mocap",
+    "cv2": "board",
+    "rosbags": "realsense",
     "mcap": "ros",
     "mcap_ros2": "ros",
 }

@@ -215,6 +215,9 @@ def quick(monkeypatch):
 
 def test_a_study_goes_on_where_it_was_stopped_and_a_measured_run_corrects_it(tmp_path, wanted, simulator, quick):
     study, out = folder(tmp_path, wanted), tmp_path / "out"
+    with pytest.raises(InputError, match=r"no pressures\.csv; expected the folder of a study whose program was run"):
+        run_follow(study, out, measured=tmp_path / "trial.npz")
+    assert not out.exists()
     first = run_follow(study, out, seconds=1e-6)
     assert not first.complete
     assert "the same command goes on" in first.sentences[-1]

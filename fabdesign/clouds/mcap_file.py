@@ -8,7 +8,7 @@ begins, and its type.
 
 import io
 import struct
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import redirect_stderr
 from functools import partial
 from pathlib import Path
@@ -38,7 +38,7 @@ def read_mcap(path: Path | str) -> Mapping[str, tuple[Array, ...]]:
     clouds_of: dict[str, list[Array]] = {}
     frames: dict[str, str] = {}  # by topic, in which its points stand
     size = 0
-    for topic, _, message in _messages(path):
+    for topic, _, message, _ in messages_of(path, _SCHEMAS, "clouds"):
         content = message()
         cloud = points_of(content, f"{path}: {topic}")
         frame = getattr(getattr(content, "header", None), "frame_id", "")
@@ -57,7 +57,7 @@ def read_stamps(path: Path | str) -> Mapping[str, NDArray[np.int64]]:
     """Return by topic the stamps [ns] of its clouds, in the order of `read_mcap`. A cloud without a stamp has the
     instant at which it was logged, less the delay of the topic's others. Raises InputError like it."""
     stamps_of: dict[str, list[tuple[int, int]]] = {}
-    for topic, record, _ in _messages(Path(path)):
+    for topic, record, _, _ in messages_of(Path(path), _SCHEMAS, "clouds"):
         seconds, rest = struct.unpack_from("<iI" if record.data[1] & 1 else ">iI", record.data, _ENCAPSULATION)
         stamps_of.setdefault(topic, []).append((seconds * 10**9 + rest, record.log_time))
     stamps = {}
@@ -69,8 +69,13 @@ def read_stamps(path: Path | str) -> Mapping[str, NDArray[np.int64]]:
     return stamps
 
 
-def _messages(path: Path) -> Iterator[tuple[str, Any, Callable[[], Any]]]:
-    """Topic and record of every cloud, and what decodes it. Raises InputError."""
+def messages_of(
+    path: Path, schemas: Sequence[str], what: str, *, required: bool = True
+) -> Iterator[tuple[str, Any, Callable[[], Any], str]]:
+    """Yield topic and record of every message of these schemas, what decodes it, and its schema's name.
+
+    what: is said to be expected where there is none and one is required. Raises InputError.
+    """
     try:
         from mcap.reader import make_reader
         from mcap_ros2.decoder import DecoderFactory
@@ -86,7 +91,7 @@ def _messages(path: Path) -> Iterator[tuple[str, Any, Callable[[], Any]]]:
         kinds = {key: schema.name for key, schema in summary.schemas.items()}
         named = {f"{c.topic} ({kinds.get(c.schema_id, 'no schema')})" for c in summary.channels.values()}
         held = ", ".join(sorted(named)[:5]) or held
-        topics = [c.topic for c in summary.channels.values() if kinds.get(c.schema_id) in _SCHEMAS]
+        topics = [c.topic for c in summary.channels.values() if kinds.get(c.schema_id) in schemas]
         _require_bounded(content, summary, topics, path)
         factory = DecoderFactory()
         for schema, channel, record in reader.iter_messages(topics=topics) if topics else ():
@@ -95,13 +100,13 @@ def _messages(path: Path) -> Iterator[tuple[str, Any, Callable[[], Any]]]:
             if decode is None or len(record.data) < _ENCAPSULATION + 8:
                 raise ValueError(channel.message_encoding)
             count += 1
-            yield channel.topic, record, partial(_decoded, decode, record.data, path)
+            yield channel.topic, record, partial(_decoded, decode, record.data, path), kinds[channel.schema_id]
     except (InputError, GeneratorExit):
         raise
     except Exception as error:  # mcap raises whatever its parsers meet
         raise _unreadable(path, error) from None
-    if not count:
-        raise InputError(f"{path}: holds {held}; expected clouds, {_SCHEMAS[0]}")
+    if not count and required:
+        raise InputError(f"{path}: holds {held}; expected {what}, {schemas[0]}")
 
 
 def _require_bounded(content: bytes, summary: Any, topics: list[str], path: Path) -> None:

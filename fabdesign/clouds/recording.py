@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import tomlkit
@@ -16,17 +16,21 @@ from fabdesign.clouds.frame_pairs import left_out_line, pair_frames
 from fabdesign.clouds.mcap_file import read_mcap, read_stamps
 from fabdesign.clouds.measured_points import sound_cloud
 from fabdesign.clouds.ply import write_ply
+from fabdesign.depth.cut import NO_CUT, Cut
+from fabdesign.depth.sensor import SeenTarget, Sensor, depth_stream
+from fabdesign.depth.stream import DepthStream, paired_as_stamped
 from fabdesign.errors import InputError, note
 from fabdesign.files.design_file import read_design, write_design
-from fabdesign.files.pressure_file import read_pressures, write_pressures
+from fabdesign.files.pressure_file import write_pressures
+from fabdesign.files.pressure_log import NO_LOG, PressureLog, read_pressure_log
 from fabdesign.formats.decoder import decode
 from fabdesign.formats.encoder import Encoder
-from fabdesign.formats.measured_units import require_measured_pressures, require_seconds
+from fabdesign.formats.measured_units import require_seconds
 from fabdesign.formats.schema import ABOVE_0, FileUnit, Key, Second
 from fabdesign.formats.table import Table, load_toml
 from fabdesign.formats.toml_file import file_name, file_stem
 from fabdesign.nouns.design import Design
-from fabdesign.nouns.pressure import PressureProgram, require_pressures
+from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.runtime.effort import LONGEST
 
 Array = NDArray[np.float64]
@@ -37,37 +41,6 @@ _ORTHONORMAL = 1e-3
 _FRAMES = 9999  # NNNN has four digits
 _OTHER_RATE = 1.5  # times the declared interval: the stamps are of another recording
 _SIZE = 4.0  # m; a cloud ten times as far from its camera is in another unit
-
-
-def _pose(value: Any, table: Table) -> Array:
-    """Return a matrix of a turn and a shift. Raises InputError for any other."""
-    try:
-        pose = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise table.bad("camera_to_world", "4 rows of 4 numbers") from None
-    if pose.shape == (4, 4) and not np.allclose(pose[3], [0, 0, 0, 1], atol=1e-9):
-        likely = " (is it transposed?)" if np.allclose(pose[:, 3], [0, 0, 0, 1], atol=1e-9) else ""
-        raise table.bad("camera_to_world", f"0, 0, 0, 1 as the last row{likely}")
-    turn = pose[:3, :3] if pose.shape == (4, 4) else np.zeros((3, 3))
-    if np.abs(turn @ turn.T - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(turn) < 0:
-        raise table.bad("camera_to_world", "a 4x4 matrix of a turn and a shift, metres")
-    return pose
-
-
-@dataclass(frozen=True, eq=False)
-class Sensor:
-    name: Annotated[str, "of its clouds' files"]
-    camera_to_world: Annotated[Array, Key(read=_pose), "(4, 4) m, nominal: good to 10 mm and 2 degrees"]
-    topic: Annotated[str | None, "of the recording's MCAP, where it has one"] = None
-
-    @property
-    def position(self) -> Array:
-        return self.camera_to_world[:3, 3]
-
-    @property
-    def side(self) -> Literal["front", "back"]:
-        """The face that the sensor looks at."""
-        return "front" if self.position[2] > 0 else "back"
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +57,10 @@ class Recording:
     mcap: Path | None = None  # a file of ROS 2 with the clouds of all sensors, in the place of `frames`
     chosen: NDArray[np.intp] | None = None  # (T, sensors) the number of each frame's cloud on its topic; None: k of k
     left_out: str = ""  # a line on frames that are not among `times`, since a sensor lost them
+    depth: tuple[DepthStream, ...] = ()  # of each sensor, where they have depth images in place of clouds
+    cut: Cut = NO_CUT
+    log: PressureLog = NO_LOG
+    target: SeenTarget | None = None
 
     @cached_property
     def topics(self) -> Mapping[str, tuple[Array, ...]]:
@@ -101,6 +78,9 @@ class Recording:
 
     def frame(self, sensor: Sensor, index: int) -> Array:
         """(n, 3) m, in the camera's own frame, z forward and y down. Raises InputError."""
+        if self.depth:
+            column = self.sensors.index(sensor)
+            return self.depth[column].cloud(index if self.chosen is None else int(self.chosen[index, column]))
         if self.mcap is not None and sensor.topic is not None:
             what = f"{self.mcap}: {sensor.topic}, frame {index}"
             return self._ahead(sound_cloud(self.topics[sensor.topic][index], what, size=_SIZE), what)
@@ -157,6 +137,9 @@ class RecordingKeys:
     frame_rate: Annotated[float | None, FileUnit("Hz"), ABOVE_0, "in place of times"] = None
     mcap: Annotated[str, Key(brief=True), "a file of ROS 2 with all clouds, in place of frames"] = ""
     sensors: tuple[Sensor, ...] = ()
+    cut: Annotated[Cut, Key(brief=True), "what of the depth images is the cloth"] = NO_CUT
+    target: Annotated[SeenTarget | None, Key(brief=True), "that the cameras saw, for their poses"] = None
+    pressure: Annotated[PressureLog, Key(brief=True), "the log of pressures, where it is no pressure.csv"] = NO_LOG
 
     def resolved(self, table: Table) -> "RecordingKeys":
         """Raise InputError for no sensors, two of one name, and times that do not rise."""
@@ -166,11 +149,13 @@ class RecordingKeys:
         if len(set(names)) < len(names):
             raise table.error(f"two sensors have one name: {', '.join(names)}")
         for sensor in self.sensors:
-            if bool(self.mcap) != (sensor.topic is not None):
+            if sensor.has_depth != self.sensors[0].has_depth:
+                raise table.error("some sensors have depth images, others clouds; expected one kind")
+            if not sensor.has_depth and bool(self.mcap) != (sensor.topic is not None):
                 expected = "a topic for each sensor" if self.mcap else 'mcap = "FILE", where a sensor has a topic'
                 raise table.bad("mcap", expected)
         if self.times is None:
-            if self.frame_rate is None:
+            if self.frame_rate is None and not self.sensors[0].has_depth:
                 raise table.missing("frame_rate")
             return self
         times = np.array(self.times)
@@ -205,14 +190,31 @@ def read_recording(path: Path | str, *, convention: Convention = "forward") -> R
         path = path / "recording.toml"
     keys, folder = decode(RecordingKeys, load_toml(path, FORMAT)), path.parent
     mcap = folder / file_name(keys.mcap, str(path)) if keys.mcap else None
+    streams = tuple(filter(None, (depth_stream(sensor, folder, mcap) for sensor in keys.sensors)))
+    if streams:
+        return _with_depth(keys, folder, streams, convention)
     frames = _stamped(keys, mcap) if mcap is not None else _Frames(_times(keys, folder))
-    program = read_pressures(folder / "pressure.csv", keys.design)
-    require_pressures(program, keys.design, str(folder / "pressure.csv"))
-    require_measured_pressures(program.pressure, str(folder / "pressure.csv"))
+    program = read_pressure_log(keys.pressure, folder, keys.design)
     if frames.times[-1] > program.duration + 1.5 * float(np.diff(frames.times, prepend=0.0).max()):
-        note(f"{folder / 'pressure.csv'}: ends at {program.duration:.3g} s, the frames at {frames.times[-1]:.3g} s")
-    found = (frames.chosen, frames.left_out)
-    return Recording(folder, keys.name, keys.design, frames.times, keys.sensors, program, convention, mcap, *found)
+        note(f"{folder / keys.pressure.file}: ends at {program.duration:.3g} s, the frames at {frames.times[-1]:.3g} s")
+    paired = (frames.chosen, frames.left_out)
+    return Recording(folder, keys.name, keys.design, frames.times, keys.sensors, program, convention, mcap, *paired)
+
+
+def _with_depth(
+    keys: RecordingKeys, folder: Path, streams: tuple[DepthStream, ...], convention: Convention
+) -> Recording:
+    where = str(folder / "recording.toml")
+    if len(streams) != len(keys.sensors):
+        raise InputError(f"{where}: some sensors have depth images, others clouds; expected one kind")
+    depth, chosen = paired_as_stamped(streams, keys.frame_rate, where)
+    times = depth[0].stamps[chosen[:, 0]] - depth[0].stamps.min()
+    require_seconds(times, where)
+    program = read_pressure_log(keys.pressure, folder, keys.design)
+    return Recording(
+        folder, keys.name, keys.design, times, keys.sensors, program, convention, chosen=chosen, depth=depth,
+        cut=keys.cut, log=keys.pressure, target=keys.target,
+    )  # fmt: skip
 
 
 def write_recording(

@@ -15,7 +15,7 @@ from fabdesign.formats.encoder import Encoder
 from fabdesign.formats.table import load_toml
 from fabdesign.formats.toml_file import file_stem
 from fabdesign.nouns.design import Design
-from fabdesign.nouns.trial import USUAL, Accuracy, MeasurementSet, Role, Trial
+from fabdesign.nouns.trial import USUAL, Accuracy, MeasurementSet, RecordingTiming, Role, Trial
 from fabdesign.output import Inputs, new_folder
 
 __all__ = ["MeasurementSet", "NewTrial", "Trial", "TrialData", "read_set", "write_set"]
@@ -43,6 +43,7 @@ class NewTrial:
     order: int
     role: Role
     data: TrialData
+    timing: RecordingTiming | None = None  # of the recording that it was fused from
 
 
 def write_set(
@@ -66,14 +67,17 @@ def write_set(
     """
     files = (f"{file_stem(key)}.toml" for key in designs)
     listed: list[Trial] = []
+    timings: dict[str, RecordingTiming] = {}
     with new_folder(folder, made_by=made_by, force=force, inputs=inputs) as unfinished:
         for key, design in designs.items():
             write_design(design, unfinished / f"{file_stem(key)}.toml")
         for trial in trials:
             file = unfinished / "trials" / f"{file_stem(trial.name)}.npz"
             write_trial(trial.data, file, scale=scale)
+            if trial.timing is not None:
+                timings[file.stem] = trial.timing
             listed.append(Trial(file, trial.design_name, designs[trial.design_name], trial.order, trial.role))
-        whole = MeasurementSet(name, designs, tuple(listed), description, frame_rate, accuracy)
+        whole = MeasurementSet(name, designs, tuple(listed), description, frame_rate, accuracy, recording=timings)
         document = tomlkit.document()
         document["format"] = FORMAT
         document.update(Encoder(unfinished / "set.toml", {Design: lambda design: next(files)}).encode(whole))

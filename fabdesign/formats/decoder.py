@@ -199,7 +199,8 @@ def expected_of(kind: Any, notes: Notes, value: Any = None) -> str:
         return "one of " + ", ".join(arguments) + (nearest(value, arguments) if isinstance(value, str) else "")
     if origin is tuple:
         if get_origin(arguments[0]) is tuple:
-            return "a list of [u, v] points in m"
+            count = len(get_args(arguments[0]))
+            return "a list of [u, v] points in m" if count == 2 else f"rows of {count} numbers"
         many = {str: "texts", int: "whole numbers"}.get(members(annotated(arguments[0])[0])[0], "numbers")
         return f"a list of {many}" if arguments[-1] is ... else f"a list of {len(arguments)} {many}"
     words = {float: "a number", int: "a whole number", bool: "true or false", str: "a text", Path: "a text"}

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import Literal
 
-Dimension = Literal["pressure", "force", "length", "time", "ratio", "tension"]
+Dimension = Literal["pressure", "force", "length", "time", "ratio", "tension", "voltage"]
 
 
 @dataclass(frozen=True)
 class Unit:
     dimension: Dimension
-    factor: Decimal  # to Pa, N, m, s, 1, N/m
+    factor: Decimal  # to Pa, N, m, s, 1, N/m, V
 
 
 def _units(dimension: Dimension, **factors: str) -> dict[str, Unit]:
@@ -27,6 +27,7 @@ UNITS: Mapping[str, Unit] = {
     **_units("length", m="1", mm="1e-3", cm="1e-2", um="1e-6", **{"µm": "1e-6", "in": "0.0254", "inch": "0.0254"}),
     **_units("time", s="1", sec="1", ms="1e-3", us="1e-6", min="60", µs="1e-6"),
     **_units("ratio", percent="1e-2", pct="1e-2", **{"%": "1e-2", "-": "1", "1": "1", "m/m": "1", "mm/mm": "1"}),
+    **_units("voltage", V="1", v="1", mV="1e-3", mv="1e-3", volt="1", volts="1"),
     **_units("tension", **{"n_per_m": "1", "N/m": "1", "n/m": "1", "N/mm": "1e3", "n/mm": "1e3", "kN/m": "1e3"}),
 }
 _AS_WRITTEN = {"MN", "mPa"}  # another thing than their lower case

@@ -80,6 +80,13 @@ class LabTable:
         self.taken[index] = quantity
         return TableColumn(index, heading, unit.factor if unit is not None else default or Decimal(1))
 
+    def take_volts(self, index: int) -> TableColumn:
+        """Return the column at a place, which has a unit of voltage, in V."""
+        unit = self.headings[index].unit
+        assert unit is not None
+        self.taken[index] = "voltage"
+        return TableColumn(index, self.headings[index], unit.factor)
+
     @staticmethod
     def _is(heading: Heading, quantity: str) -> bool:
         if heading.quantity != quantity and heading.name not in WORDS.get(quantity, ()):

@@ -27,6 +27,10 @@ def _fused(reports: Sequence[FusionReport], given: Mapping[str, Any]) -> Shown:
             "the cloth"
         )
         lines += [f"skipped: {what}" for what in report.skipped]
+        if report.timing is not None:
+            lost = sum(sensor.lost for sensor in report.timing.sensors.values())
+            apart = max(abs(sensor.offset) for sensor in report.timing.sensors.values())
+            lines.append(f"clocks up to {1e3 * apart:.1f} ms apart; {lost} images lost; report.html shows more")
     return Shown(as_json(reports, count), "\n".join(lines))
 
 
@@ -42,9 +46,10 @@ def fuse(
     seed: int = 0,
     **given: Unpack[Working],
 ) -> tuple[FusionReport, ...]:
-    """Make a measurement set from clouds of depth sensors.
+    """Make a measurement set from clouds or depth images of several sensors.
 
-    The sensors of each RECORDING are registered and fused. Each RECORDING becomes a trial, in the order given.
+    The sensors of each RECORDING are registered and fused. Each RECORDING becomes a trial, in the order given. Cameras
+    that stamp their images (RealSense recordings, folders of images, npz, MCAP) are laid on one time axis first.
 
     out: The measurement set to write.
     per_frame: Refine the sensors' poses for each frame.

@@ -41,6 +41,7 @@ from studies.prediction.forward_model import forward_model, without_resistance
 
 Array = NDArray[np.float64]
 ALGORITHM = 1  # of what a study's folder keeps: raised where it is no longer what this code would compute
+PRESSURES = "pressures.csv"
 COARSE = 21  # points a side of the first pass
 STEPS = 4, 4  # of Gauss-Newton, of a window, in each pass
 DRAWS = 4  # of a noise floor, at each instant
@@ -71,6 +72,8 @@ def run_follow(
     study = study if seconds is None else replace(study, seconds=seconds)
     wanted, regulator = wanted_of(study), regulator_of(study)
     file = os.path.relpath(inputs[0], out).replace(os.sep, "/") if inputs else None
+    if measured is not None and not (Path(out) / PRESSURES).is_file():
+        raise InputError(f"{out}: no {PRESSURES}; expected the folder of a study whose program was run")
     inputs += [*files_of(study), *([measured] if measured is not None else [])]
     with work_folder(out, made_by="follow", force=force, inputs=inputs) as work:
         checkpoint = Checkpoint(work, _content(study))
@@ -85,7 +88,7 @@ def run_follow(
                 write_design(study.design, files / "design.toml")
             if run is not None:
                 write_pressures(regulator.program(run[2]), files / f"pressures_{result.run}.csv")
-            write_pressures(result.program, files / "pressures.csv")
+            write_pressures(result.program, files / PRESSURES)
             write_report(result, files, file)
     return result
 
@@ -230,10 +233,8 @@ class _Solver:
 
 
 def _last_run(work: WorkFolder, path: Path, study: FollowStudy) -> tuple[MeasuredRun, int, Array]:
-    """The measured motion, its number, and the program of the folder that it is of. Raises InputError."""
-    file = work.folder / "pressures.csv"
-    if not file.is_file():
-        raise InputError(f"{work.folder}: no pressures.csv; expected the folder of a study whose program was run")
+    """Return the measured motion, its number, and the folder's program, which was run. Raises InputError."""
+    file = work.folder / PRESSURES
     program = read_csv(file)
     require_pressures(program, study.design, str(file))
     number = 1

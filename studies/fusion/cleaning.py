@@ -15,6 +15,7 @@ OFF_PLANE = 4.0  # noise standard deviations, beyond which a depth is no measure
 LEAST_OFF = 0.003  # m
 GRAZING = np.cos(np.radians(82.0))  # a surface seen flatter than this is a ribbon between two surfaces
 NORMAL_RADIUS, NORMAL_NEIGHBOURS = 0.012, 30  # m
+RASTER, RASTER_REACH = 0.005, 1.5  # of ray slope: a cell of clouds that are no images, and as far as they go
 STRAY_NEIGHBOURS, STRAY_RATIO = 16, 3.0
 
 
@@ -25,10 +26,19 @@ class Cleaned:
     points: Array
     normals: Array
     dropped: int
+    image_cells: NDArray[np.intp] | None = None  # (n, 2) row and column in a raster of its image; None: of no image
 
     @cached_property
     def tree(self) -> cKDTree:
         return cKDTree(self.points)
+
+    @cached_property
+    def cells(self) -> NDArray[np.intp]:
+        """(n, 2) the cell of each point's ray in a raster that all views of its camera share."""
+        if self.image_cells is not None:
+            return self.image_cells
+        slopes = self.points[:, 1::-1] / self.points[:, 2:]
+        return np.asarray(np.clip(np.floor((slopes + RASTER_REACH) / RASTER), 0, 2 * RASTER_REACH / RASTER), np.intp)
 
 
 def clean(cloud: Array) -> Cleaned:

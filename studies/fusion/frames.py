@@ -1,6 +1,6 @@
 """A recording's frames as they are fused, one after another, and what the report says of them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from fabdesign.clouds.recording import Recording
 from fabdesign.errors import InputError
 from fabdesign.files.measurement_set import TrialData
+from fabdesign.nouns.trial import RecordingTiming
 from fabdesign.units import in_mm
 
 if TYPE_CHECKING:
     from studies.fusion.input import Anchored
     from studies.fusion.joint import SensorView
+    from studies.fusion.stamped import StampedFrames
 
 Array = NDArray[np.float64]
 JUST_BEFORE = 1e-6  # s: a frame's set point is that of the interval it ends
@@ -30,6 +32,8 @@ class SensorReport:
     residual_mm: float  # root mean square distance of its cleaned points to the fused face
     points: int  # cleaned, over all frames
     dropped: int  # strays, flying pixels and edge ribbons
+    cut: Mapping[str, float] | None = None  # of depth images: by rule the share of pixels that is not the cloth
+    target_mm: float | None = None  # root mean square distance of the target's places to the other cameras' ones
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,7 @@ class FusionReport:
     wall_s: float
     frame_poses: dict[str, list[list[list[float]]]] | None = None  # by sensor, where they were asked for frame by frame
     order: int = 0  # of its trial
+    timing: RecordingTiming | None = None  # of cameras that stamp their images
 
 
 class Fusion:
@@ -70,8 +75,8 @@ class Fusion:
         self.times: list[float] = []
         self.frames: list[Array] = []
 
-    def add(self, index: int, views: "list[SensorView]") -> None:
-        """Fuse one frame. Raises InputError."""
+    def add(self, index: int, time: float, views: "list[SensorView]") -> None:
+        """Fuse one frame, of a time [s]. Raises InputError."""
         from studies.fusion import surface
         from studies.fusion.joint import align_frame
 
@@ -91,11 +96,18 @@ class Fusion:
         self._thickness.append(surface.thickness(thinned["front"], thinned["back"], normals["back"]))
         both = np.concatenate(list(thinned.values()))
         self.frames.append(both[self._rng.choice(len(both), self._points, replace=False)])
-        self.times.append(float(self._recording.times[index]))
+        self.times.append(time)
         self._frame_poses.append(poses)
         self._last = views
 
-    def report(self, skipped: tuple[str, ...], wall: float) -> FusionReport:
+    def report(
+        self,
+        skipped: tuple[str, ...],
+        wall: float,
+        stamped: "StampedFrames | None" = None,
+        target: Mapping[str, float] | None = None,
+    ) -> FusionReport:
+        """Return what was done. target: by sensor the residual [m] of its pose by a target."""
         from studies.fusion.reference import off
 
         sensors = []
@@ -105,7 +117,9 @@ class Fusion:
             residual = float(np.sqrt(squares.mean())) if len(squares) else float("nan")
             pose = self._poses[camera].tolist()
             counts = len(squares), self._dropped[camera]
-            sensors.append(SensorReport(sensor.name, pose, in_mm(moved), turned, in_mm(residual), *counts))
+            cut = None if stamped is None else stamped.cutters[camera].shares
+            seen = in_mm(target[sensor.name]) if target else None
+            sensors.append(SensorReport(sensor.name, pose, in_mm(moved), turned, in_mm(residual), *counts, cut, seen))
         by_frame = None
         if self._per_frame:
             names = [s.name for s in self._anchored.sensors]
@@ -119,6 +133,7 @@ class Fusion:
             skipped,
             wall,
             by_frame,
+            timing=None if stamped is None else stamped.timing,
         )
 
     def data(self) -> TrialData:
@@ -126,15 +141,17 @@ class Fusion:
         pressure = self._recording.program.at(np.maximum(times - JUST_BEFORE, 0.0))
         return TrialData(times, pressure, tuple(self.frames))
 
-    def draw(self, path: Path) -> None:
-        """The last frame before and after."""
+    def last(self) -> dict[str, Array]:
+        """Return the last frame's clouds in the world by sensor name."""
+        poses = self._frame_poses[-1]
+        return {self._anchored.sensors[v.camera].name: v.placed(poses[v.camera])[0] for v in self._last}
+
+    def draw(self, path: Path, measured: Callable[[int], Array]) -> None:
+        """Draw the last frame before and after. measured: gives a camera's cloud (n, 3) m as it was measured."""
         from studies.fusion.picture import draw
 
-        index = int(np.searchsorted(self._recording.times, self.times[-1]))
-        before, after = {}, {}
+        before = {}
         for view in self._last:
             sensor = self._anchored.sensors[view.camera]
-            cloud = self._recording.frame(sensor, index)
-            before[sensor.name] = cloud @ sensor.camera_to_world[:3, :3].T + sensor.position
-            after[sensor.name] = view.placed(self._frame_poses[-1][view.camera])[0]
-        draw(before, after, path, title=f"{self._recording.name}, {self.times[-1]:.3f} s")
+            before[sensor.name] = measured(view.camera) @ sensor.camera_to_world[:3, :3].T + sensor.position
+        draw(before, self.last(), path, title=f"{self._recording.name}, {self.times[-1]:.3f} s")

@@ -1,16 +1,17 @@
-"""`fabdesign fuse`: raw clouds of several depth sensors become a measurement set, a trial a recording.
+"""`fabdesign fuse`: raw clouds or depth images of several sensors become a measurement set, a trial a recording.
 
 Every sensor is registered to the cloth at rest, all of them jointly to one another over all frames; then each frame is
 thinned on a grid, face by face, and sampled. docs/results/fuse.md has the figures.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fabdesign.clouds.recording import Convention, Recording, read_recording
 from fabdesign.errors import InputError
@@ -22,6 +23,10 @@ from fabdesign.runtime import working_time
 from studies.fusion.frames import Fusion, FusionReport
 from studies.measured.bad_data import Tolerance
 
+if TYPE_CHECKING:
+    from studies.fusion.stamped import StampedFrames
+
+Array = NDArray[np.float64]
 POINTS = 3362  # a frame, as many as 41 x 41 points on two faces
 
 
@@ -84,16 +89,21 @@ def fuse_all(
         for order, recording in enumerate(given):
             tolerance = Tolerance(skip_bad)
             try:
-                fusion, report = _fused(recording, tolerance, points, per_frame, seed, progress)
+                fused = _fused(recording, tolerance, points, per_frame, seed, progress)
             except InputError as error:
                 line = str(error) if len(given) == 1 else f"recording {recording.folder}: {error}"
                 if len(given) == 1 or not skip_bad:
                     raise InputError(line) from None
                 skipped.append(line)
                 continue
-            reports[order] = replace(report, order=order)
-            fusion.draw(folder / ("fusion.png" if len(given) == 1 else f"fusion_{order:03d}.png"))
-            yield NewTrial(f"{order:03d}", keys[order], order, "fit", fusion.data())
+            reports[order] = replace(fused.report, order=order)
+            ending = "" if len(given) == 1 else f"_{order:03d}"
+            fused.fusion.draw(folder / f"fusion{ending}.png", fused.measured)
+            if fused.stamped is not None:
+                from studies.fusion.report import write_report
+
+                write_report(folder / f"report{ending}.html", fused.report, fused.fusion.last(), fused.stamped)
+            yield NewTrial(f"{order:03d}", keys[order], order, "fit", fused.fusion.data(), fused.report.timing)
         if not reports:
             raise InputError(f"{given[0].folder}: no recording is left; {skipped[0]}")
 
@@ -141,6 +151,16 @@ def _designs(recordings: Sequence[Recording]) -> tuple[list[str], dict[str, Desi
     return keys, designs
 
 
+@dataclass(frozen=True)
+class Fused:
+    """One recording's frames, the report on them, and what gives a camera's last cloud as it was measured."""
+
+    fusion: Fusion
+    report: FusionReport
+    measured: Callable[[int], Array]
+    stamped: "StampedFrames | None" = None
+
+
 def _fused(
     recording: Recording,
     tolerance: Tolerance,
@@ -148,24 +168,43 @@ def _fused(
     per_frame: bool,
     seed: int,
     progress: Callable[[int, int], None],
-) -> tuple[Fusion, FusionReport]:
+) -> Fused:
     """Raises InputError."""
-    from studies.fusion import input as fuse_input
-
     started = working_time.seconds()
-    anchored = fuse_input.anchor_sensors(recording, tolerance)
-    views = fuse_input.read_views(recording, anchored, tolerance)
-    views, poses = fuse_input.consistent(recording, anchored, views, tolerance)
+    stamped, target = None, dict[str, float]()
+    if recording.depth:
+        from studies.fusion.stamped import stamped_frames
+        from studies.fusion.targets import with_target_poses
+
+        recording, target = with_target_poses(recording)
+        stamped = stamped_frames(recording, tolerance)
+        anchored, poses, frames, count = stamped.anchored, stamped.poses, stamped.frames(), len(stamped.times)
+    else:
+        from studies.fusion import input as fuse_input
+
+        anchored = fuse_input.anchor_sensors(recording, tolerance)
+        views = fuse_input.read_views(recording, anchored, tolerance)
+        views, poses = fuse_input.consistent(recording, anchored, views, tolerance)
+        indices = sorted({v.frame for v in views})
+        frames = ((float(recording.times[k]), [v for v in views if v.frame == k]) for k in indices)
+        count = len(indices)
     fusion = Fusion(recording, anchored, poses, points, per_frame, np.random.default_rng(seed))
-    indices = sorted({v.frame for v in views})
-    for done, index in enumerate(indices):
+    for done, (time, mine) in enumerate(frames):
         with tolerance.forgiving():
-            fusion.add(index, [v for v in views if v.frame == index])
-        progress(done + 1, len(indices))
+            fusion.add(done if stamped else mine[0].frame, time, mine)
+        progress(done + 1, count)
     if not fusion.frames:
         raise InputError(f"recording {recording.name}: no sound frame is left")
     skipped = tuple(filter(None, (recording.left_out, *tolerance.skipped)))
-    return fusion, fusion.report(skipped, working_time.seconds() - started)
+    report = fusion.report(skipped, working_time.seconds() - started, stamped, target)
+
+    def measured(camera: int) -> Array:
+        if stamped is not None:
+            cutter = stamped.cutters[camera]
+            return cutter.cloud(cutter.depth(stamped.number(camera, fusion.times[-1])))
+        return recording.frame(anchored.sensors[camera], int(np.searchsorted(recording.times, fusion.times[-1])))
+
+    return Fused(fusion, report, measured, stamped)
 
 
 def _require_open3d() -> None:

@@ -1,15 +1,16 @@
 """From a recording's files to cleaned views and anchored poses; what is unsound is refused, or left out and listed."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.clouds.recording import Recording, Sensor
+from fabdesign.clouds.recording import Recording
+from fabdesign.depth.sensor import Sensor
 from fabdesign.errors import InputError
-from studies.fusion.checks import DISAGREE, disagreement, late_sensor, swapped_pair
+from studies.fusion.checks import DISAGREE, disagreement, shifted_sensor, swapped_pair
 from studies.fusion.cleaning import clean
 from studies.fusion.joint import SensorView, align
 from studies.fusion.reference import Pose, off, register_to_rest
@@ -33,22 +34,35 @@ class Anchored:
         return [s.side for s in self.sensors]
 
 
-def anchor_sensors(recording: Recording, tolerance: Tolerance) -> Anchored:
-    """Register every sensor to the reference; without one, the nominal pose is the anchor. Raises InputError."""
+def anchor_sensors(
+    recording: Recording,
+    tolerance: Tolerance,
+    among: Sequence[Sensor] | None = None,
+    at_rest: Callable[[Sensor], tuple[Array, SensorView] | None] | None = None,
+) -> Anchored:
+    """Register every sensor to the reference; without one, the nominal pose is the anchor. Raises InputError.
+
+    at_rest: gives a sensor's cloud at rest and its view where there is no `reference`.
+    """
     sensors: list[Sensor] = []
     anchors: list[Pose] = []
     rest: list[SensorView] = []
-    for sensor in recording.sensors:
+    for sensor in recording.sensors if among is None else among:
         with tolerance.forgiving():
+            view = None
             if recording.has_reference():
                 cloud = recording.reference(sensor)
                 anchors.append(_registered(recording, sensor, cloud))
-                rest.append(SensorView(REST, len(sensors), clean(cloud)))
+                view = SensorView(REST, len(sensors), clean(cloud))
+            elif at_rest is not None and (seen := at_rest(sensor)) is not None:
+                anchors.append(register_to_rest(sensor, seen[0], recording.design.fabric, seen[1].cloud))
+                view = replace(seen[1], camera=len(sensors))
             else:
                 turn, shift = NOMINAL_ERROR
                 information = np.diag(np.repeat([turn**-2, shift**-2], 3))
                 anchors.append(Pose(sensor.camera_to_world, information))
             sensors.append(sensor)
+            rest += [view] if view is not None else []
     if {s.side for s in sensors} != {"front", "back"}:
         names = ", ".join(s.name for s in sensors) or "no sensor"
         raise InputError(f"recording {recording.name}: {names} left; expected sensors in front and at the back")
@@ -140,10 +154,20 @@ def _without_late(
 ) -> list[SensorView]:
     frames = sorted({v.frame for v in views})
     worst = [disagreement([v for v in views if v.frame == f], poses, anchored.sides, thickness) for f in frames]
-    late = late_sensor(views, poses, anchored.sides, thickness) if max(worst, default=0.0) > DISAGREE / 2 else None
-    if late is None:
+    shifted = (
+        shifted_sensor(views, poses, anchored.sides, thickness) if max(worst, default=0.0) > DISAGREE / 2 else None
+    )
+    if shifted is None:
         return views
-    camera, lag = late
-    name, when = anchored.sensors[camera].name, "later" if lag > 0 else "earlier"
-    tolerance.note(InputError(f"sensor {name}: its frames fit the others' {abs(lag)} frames {when}; its clock differs"))
-    return [v for v in views if v.camera != camera]
+    camera, lags = shifted
+    first = next(frame for frame, lag in lags.items() if lag)
+    lag, name = lags[first], anchored.sensors[camera].name
+    when = "later" if lag > 0 else "earlier"
+    line = f"sensor {name}: its frames fit the others' {abs(lag)} frames {when}"
+    same = len({lag for frame, lag in lags.items() if frame >= min(lags) + abs(lag)}) == 1
+    tolerance.note(
+        InputError(f"{line}; its clock differs" if same else f"{line} from frame {first} on; was one lost or repeated?")
+    )
+    moved = [replace(v, frame=v.frame + lags[v.frame]) if v.camera == camera else v for v in views]
+    latest = {(v.frame, v.camera): v for v in moved if v.frame in lags}  # of two on one frame the later counts
+    return list(latest.values())

@@ -13,11 +13,11 @@ from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from fabdesign.clouds.recording import Sensor
+from fabdesign.depth.sensor import Sensor
 from fabdesign.errors import InputError
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.units import in_mm
-from studies.fusion.cleaning import clean, point_cloud
+from studies.fusion.cleaning import Cleaned, clean, point_cloud
 
 Array = NDArray[np.float64]
 OUTLINE_NOISE = (1e-3, 3e-4, 1e-4)  # m, softness of the cloth's border, round by round
@@ -50,15 +50,15 @@ def off(a: Array, b: Array) -> tuple[float, float]:
     return float(np.linalg.norm(a[:3, 3] - b[:3, 3])), float(np.degrees(turn))
 
 
-def register_to_rest(sensor: Sensor, cloud: Array, fabric: Fabric) -> Pose:
+def register_to_rest(sensor: Sensor, cloud: Array, fabric: Fabric, cleaned: Cleaned | None = None) -> Pose:
     """The sensor's pose from its reference cloud (n, 3) m. Raises InputError where it does not fit the cloth."""
     z = fabric.thickness / 2 if sensor.side == "front" else -fabric.thickness / 2
-    start = _coarse(sensor, cloud, fabric, z)
+    start = _coarse(sensor, (cleaned or clean(cloud)).points, fabric, z)
     met, passed = _border(cloud)
 
-    def residuals(small: Array, matrix: Array, inner: Array, noise: float) -> Array:
+    def residuals(small: Array, matrix: Array, root: Array, noise: float) -> Array:
         pose = moved(matrix, small)
-        plane = ((inner @ pose[:3, :3].T + pose[:3, 3])[:, 2] - z) / (PLANE_NOISE * np.sqrt(INDEPENDENT))
+        plane = root @ [*pose[2, :3], pose[2, 3] - z] / (PLANE_NOISE * np.sqrt(INDEPENDENT))
         inside = _surprise(-_outside(met, pose, fabric) / noise, STRAYS)
         return np.concatenate([plane, inside, _surprise(_outside(passed, pose, fabric) / noise, HOLES)])
 
@@ -68,7 +68,9 @@ def register_to_rest(sensor: Sensor, cloud: Array, fabric: Fabric) -> Pose:
         inner = cloud[(_beyond(world, fabric) < -0.004) & (np.abs(world[:, 2] - z) < 0.006)]
         if len(inner) < 50:
             raise InputError(f"reference: sensor {sensor.name} does not see the cloth at rest where its pose says")
-        solved = least_squares(residuals, np.zeros(6), x_scale=1e-3, args=(matrix, inner, noise))
+        heights = np.concatenate([inner, np.ones((len(inner), 1))], axis=1)  # over z they are linear in the pose:
+        root = np.linalg.qr(heights, mode="r")  # four rows have their sum of squares
+        solved = least_squares(residuals, np.zeros(6), method="lm", x_scale=1e-3, args=(matrix, root, noise))
         matrix = moved(matrix, solved.x)
     distance, angle = off(matrix, sensor.camera_to_world)
     if distance > OFF_NOMINAL[0] or angle > OFF_NOMINAL[1]:
@@ -79,13 +81,13 @@ def register_to_rest(sensor: Sensor, cloud: Array, fabric: Fabric) -> Pose:
     return Pose(matrix, solved.jac.T @ solved.jac)
 
 
-def _coarse(sensor: Sensor, cloud: Array, fabric: Fabric, z: float) -> Array:
+def _coarse(sensor: Sensor, cleaned: Array, fabric: Fabric, z: float) -> Array:
     """Point-to-plane and then point-to-point ICP onto an even sample of the face."""
     u, v = np.meshgrid(np.linspace(0, fabric.width, 81), np.linspace(0, fabric.height, 81))
     face = np.stack([u.ravel() - fabric.width / 2, -v.ravel(), np.full(u.size, z)], axis=1)
     target = point_cloud(face)
     target.normals = o3d.utility.Vector3dVector(np.tile([0.0, 0.0, 1.0], (len(face), 1)))
-    source = point_cloud(clean(cloud).points)
+    source = point_cloud(cleaned)
     matrix = sensor.camera_to_world
     icp = o3d.pipelines.registration
     for estimate in (icp.TransformationEstimationPointToPlane(), icp.TransformationEstimationPointToPoint()):

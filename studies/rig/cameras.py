@@ -7,7 +7,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fabdesign.clouds.recording import Sensor, write_recording
+from fabdesign.clouds.recording import write_recording
+from fabdesign.depth.sensor import Sensor
 from fabdesign.formats.json_file import write_json
 from studies.rig.ground_truth import Sensing
 from studies.rig.motion import equilibrium
@@ -66,8 +67,8 @@ def record(task: TrialTask, folder: Path, truth_file: Path) -> None:
     and their true poses to `truth_file`."""
     scene = prepare(task)
     rng = np.random.default_rng([task.truth.seed, task.order, 2])
-    nominal = [Sensor(name, _look(x * POSITION[0], z * POSITION[2])) for name, (x, z) in CAMERAS.items()]
-    truth = [Sensor(s.name, _disturb(s.camera_to_world, rng)) for s in nominal]
+    nominal = [Sensor(name, look(x * POSITION[0], z * POSITION[2])) for name, (x, z) in CAMERAS.items()]
+    truth = [Sensor(s.name, disturb(s.camera_to_world, rng)) for s in nominal]
     shown = np.unique(np.linspace(0, len(task.times) - 1, FRAMES).round().astype(int))
     shapes = control_points(task)[shown]
     rest = equilibrium(scene, scene.patch.flat(), np.zeros(task.design.channels))
@@ -80,22 +81,23 @@ def record(task: TrialTask, folder: Path, truth_file: Path) -> None:
 
 def view(scene: Scene, x: Array, camera: Sensor, rng: np.random.Generator) -> Array:
     """(n, 3) m in the camera's frame: what it reports of the cloth with control points x."""
-    vertices, triangles = _mesh(scene, x)
+    vertices, triangles = mesh(scene, x)
     for distort in scene.sensed:
         vertices = distort(vertices)
     turn, position = camera.camera_to_world[:3, :3], camera.position
-    depth = _draw((vertices - position) @ turn, triangles, HALF_IMAGE, PIXEL)
+    pinhole = np.array([1 / PIXEL, 1 / PIXEL, HALF_IMAGE, HALF_IMAGE])
+    depth = draw((vertices - position) @ turn, triangles, (2 * HALF_IMAGE + 1, 2 * HALF_IMAGE + 1), pinhole)
     seen = np.isfinite(depth)
     rows, columns = np.nonzero(seen & (rng.random(depth.shape) >= HOLES))
     z = depth[rows, columns]
-    edge = _at_edge(depth, seen)[rows, columns]
+    edge = at_edge(depth, seen)[rows, columns]
     flies = edge & (rng.random(len(z)) < FLYING)
     reported = z + rng.normal(0.0, 1.0, len(z)) * NOISE * z**2 + flies * rng.uniform(0.0, FLYING_REACH, len(z))
     slope = np.stack([(columns - HALF_IMAGE) * PIXEL, (rows - HALF_IMAGE) * PIXEL, np.ones(len(z))], axis=1)
     return np.asarray(slope * reported[:, None])
 
 
-def _mesh(scene: Scene, x: Array) -> tuple[Array, Ints]:
+def mesh(scene: Scene, x: Array) -> tuple[Array, Ints]:
     """Both faces and the hem between them as triangles."""
     fabric = scene.design.fabric
     u, v = np.meshgrid(np.linspace(0, fabric.width, MESH), np.linspace(0, fabric.height, MESH))
@@ -111,20 +113,23 @@ def _mesh(scene: Scene, x: Array) -> tuple[Array, Ints]:
 
 
 @njit(cache=True)
-def _draw(points: Array, triangles: Ints, half: int, pixel: float) -> Array:
-    """Depth (2 half + 1, 2 half + 1) m at every pixel's ray; infinite where it meets nothing."""
-    depth = np.full((2 * half + 1, 2 * half + 1), np.inf)
+def draw(points: Array, triangles: Ints, shape: tuple[int, int], pinhole: Array) -> Array:
+    """Depth (rows, columns) m at every pixel's ray; infinite where it meets nothing. pinhole: focal lengths and centre,
+    columns first, in pixels."""
+    rows, columns = shape
+    depth = np.full((rows, columns), np.inf)
+    fx, fy, cx, cy = pinhole
     for t in range(triangles.shape[0]):
         a, b, c = points[triangles[t, 0]], points[triangles[t, 1]], points[triangles[t, 2]]
-        ax, ay = a[0] / a[2] / pixel + half, a[1] / a[2] / pixel + half
-        bx, by = b[0] / b[2] / pixel + half, b[1] / b[2] / pixel + half
-        cx, cy = c[0] / c[2] / pixel + half, c[1] / c[2] / pixel + half
-        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        ax, ay = a[0] / a[2] * fx + cx, a[1] / a[2] * fy + cy
+        bx, by = b[0] / b[2] * fx + cx, b[1] / b[2] * fy + cy
+        cx_, cy_ = c[0] / c[2] * fx + cx, c[1] / c[2] * fy + cy
+        area = (bx - ax) * (cy_ - ay) - (by - ay) * (cx_ - ax)
         if area == 0.0:
             continue
-        for row in range(max(0, int(np.ceil(min(ay, by, cy)))), min(2 * half, int(max(ay, by, cy))) + 1):
-            for col in range(max(0, int(np.ceil(min(ax, bx, cx)))), min(2 * half, int(max(ax, bx, cx))) + 1):
-                wb = ((col - ax) * (cy - ay) - (row - ay) * (cx - ax)) / area
+        for row in range(max(0, int(np.ceil(min(ay, by, cy_)))), min(rows - 1, int(max(ay, by, cy_))) + 1):
+            for col in range(max(0, int(np.ceil(min(ax, bx, cx_)))), min(columns - 1, int(max(ax, bx, cx_))) + 1):
+                wb = ((col - ax) * (cy_ - ay) - (row - ay) * (cx_ - ax)) / area
                 wc = ((bx - ax) * (row - ay) - (by - ay) * (col - ax)) / area
                 wa = 1.0 - wb - wc
                 if wa >= 0.0 and wb >= 0.0 and wc >= 0.0:  # 1 / z is linear in the image
@@ -133,7 +138,7 @@ def _draw(points: Array, triangles: Ints, half: int, pixel: float) -> Array:
     return depth
 
 
-def _at_edge(depth: Array, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def at_edge(depth: Array, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Pixels beside the background, or beside something more than FLYING_REACH behind."""
     far = np.where(seen, depth, np.inf)
     padded = np.pad(far, 1, constant_values=np.inf)
@@ -145,7 +150,7 @@ def _at_edge(depth: Array, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
 _NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 
-def _look(x: float, z: float) -> Array:
+def look(x: float, z: float) -> Array:
     """camera_to_world of a camera at (x, POSITION y, z) m that looks at LOOKS_AT; its y axis points down."""
     position = np.array([x, POSITION[1], z])
     forward = np.array(LOOKS_AT) - position
@@ -158,7 +163,7 @@ def _look(x: float, z: float) -> Array:
     return pose
 
 
-def _disturb(pose: Array, rng: np.random.Generator) -> Array:
+def disturb(pose: Array, rng: np.random.Generator) -> Array:
     """A pose up to POSE_SHIFT and POSE_TURN off."""
     direction, axis = rng.normal(size=(2, 3))
     wrong = pose.copy()

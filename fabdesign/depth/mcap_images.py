@@ -1,0 +1,87 @@
+"""Depth streams of an MCAP: sensor_msgs/msg/Image of 16 bits (or 32FC1, m), or CompressedImage as `compressedDepth`,
+with the CameraInfo whose topic is nearest."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.clouds.mcap_file import messages_of
+from fabdesign.depth.intrinsics import Intrinsics, intrinsics_of
+from fabdesign.depth.png import depth_image
+from fabdesign.depth.ros_image import cdr_stamp, plain_image
+from fabdesign.depth.stream import DepthStream
+from fabdesign.errors import InputError
+
+IMAGES = tuple(f"sensor_msgs/{part}{name}" for name in ("Image", "CompressedImage") for part in ("msg/", ""))
+_INFO = ("sensor_msgs/msg/CameraInfo", "sensor_msgs/CameraInfo")
+_MM, _FINE = 1e-3, 1e-4  # m of a depth unit: of ROS, and of what stands in m
+_COMPRESSED_DEPTH = 12  # bytes before the PNG of a compressedDepth message
+
+
+def read_mcap_depth(path: Path, topic: str, *, unit: float | None = None) -> DepthStream:
+    """Return the depth stream on a topic. Raises InputError for none there, and what `messages_of` does."""
+    records: list[tuple[float, Any]] = []
+    infos: dict[str, Any] = {}
+    kind = ""
+    for name, record, message, schema in messages_of(path, (*IMAGES, *_INFO), "depth images"):
+        if schema in _INFO:
+            infos.setdefault(name, message)
+        elif name == topic:
+            records.append((cdr_stamp(record.data), message))
+            kind = kind or str(getattr(message(), "encoding", ""))
+    if not records:
+        raise InputError(f"{path}: no depth images on {topic}; expected sensor_msgs/msg/Image or CompressedImage")
+    where = f"{path}: {topic}"
+    camera = _camera(infos, topic, where)
+    fine = kind == "32FC1"
+
+    def read(index: int) -> NDArray[np.uint16]:
+        return _image(records[index][1](), f"{where}, image {index}")
+
+    stamps = np.array([stamp for stamp, _ in records])
+    clock = "global" if stamps.any() else "none"
+    return DepthStream(where, camera, _FINE if fine else unit or _MM, stamps, read, clock)
+
+
+def has_depth(path: Path, topic: str) -> bool:
+    """Return whether a topic holds images rather than clouds. Raises InputError."""
+    listed = messages_of(path, IMAGES, "", required=False)
+    return any(name == topic for name, _, _, _ in listed)
+
+
+def _camera(infos: dict[str, Any], topic: str, where: str) -> Intrinsics:
+    """Return the intrinsics of the CameraInfo that has most of the topic's beginning."""
+    if not infos:
+        raise InputError(f"{where}: no CameraInfo; expected one beside the images")
+    nearest = max(infos, key=lambda name: _shared(name, topic))
+    message = infos[nearest]()
+    k: Any = getattr(message, "k", ())
+    d: Any = getattr(message, "d", ())
+    if len(k) != 9:
+        raise InputError(f"{where}: CameraInfo of {nearest} has {len(k)} numbers k; expected 9")
+    model = str(getattr(message, "distortion_model", ""))
+    return intrinsics_of((message.width, message.height), (k[0], k[4], k[2], k[5]), model, tuple(d), where)
+
+
+def _shared(name: str, other: str) -> int:
+    """Return how many parts two topics have in common from their beginning."""
+    parts = zip(name.split("/"), other.split("/"), strict=False)
+    return next((k for k, (a, b) in enumerate(parts) if a != b), 99)
+
+
+def _image(message: Any, where: str) -> NDArray[np.uint16]:
+    if hasattr(message, "format"):
+        skip = _COMPRESSED_DEPTH if "compresseddepth" in str(message.format).lower() else 0
+        return depth_image(bytes(message.data)[skip:], where)
+    if getattr(message, "encoding", "") != "32FC1":
+        return plain_image(message, where)
+    rows, columns, step = int(message.height), int(message.width), int(message.step)
+    data = np.frombuffer(bytes(message.data), np.uint8)
+    if len(data) != rows * step or columns * 4 > step:
+        raise InputError(f"{where}: {rows} x {columns} pixels have {len(data)} bytes; expected {rows} rows of {step}")
+    lines = np.ascontiguousarray(data.reshape(rows, step)[:, : columns * 4])
+    metres = lines.view(">f4" if message.is_bigendian else "<f4").astype(np.float64)
+    steps = np.nan_to_num(metres / _FINE, nan=0.0, posinf=0.0, neginf=0.0)
+    return np.asarray(np.where((steps < 0) | (steps >= 2**16), 0, steps).round().astype(np.uint16))

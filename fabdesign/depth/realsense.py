@@ -1,0 +1,230 @@
+"""Depth streams of recordings of the RealSense SDK and its Viewer: `.bag` (ROS 1) and `.db3` (ROS 2, SQLite), through
+the package rosbags (the extra `realsense`).
+
+Formats: librealsense, src/media/ros (topics of file version 2 and later); wiki.ros.org/Bags/Format/2.0. A `.bag` has
+raw images, whose stamp is the frame's, and metadata as key and value; a `.db3` has 16-bit PNG behind 12 bytes, and
+metadata as "key=value;...". In both the messages of a frame have one log time.
+"""
+
+import re
+import struct
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.depth.png import colour_image, depth_image
+from fabdesign.depth.realsense_info import (
+    BagStream,
+    camera_of,
+    depth_to_colour,
+    depth_unit,
+    metadata_of,
+    serial_of,
+)
+from fabdesign.depth.ros_image import bound_chunks, cdr_stamp, plain_image, ros1_image, ros1_stamp
+from fabdesign.depth.stream import MOST_FRAMES, DepthStream
+from fabdesign.errors import InputError
+
+LARGEST = 64_000_000_000  # bytes of a file, of which one chunk at a time is read
+_TOPIC = re.compile(r"/device_(\d+)/sensor_(\d+)/(Depth|Color)_(\d+)/(.*)")
+_COMPRESSED_DEPTH = 12  # bytes before the PNG of a compressedDepth message
+_GLOBAL = ("global time", "system time")
+
+
+def read_realsense(path: Path | str, *, serial: str = "") -> DepthStream:
+    """Return the depth stream of a recording; `serial`: of that camera, where the file has several.
+
+    Raises InputError for a file that is not there, damaged, not indexed, too large, or without depth images, and
+    where the package is not there.
+    """
+    path = Path(path)
+    reader = _opened(path)
+    try:
+        streams = _streams(reader.connections)
+        depths = {key: stream for key, stream in streams.items() if key[1] == "Depth"}
+        devices = {key: serial_of(reader, key[0]) for key in depths}
+        chosen = [key for key in depths if not serial or devices[key] == serial]
+        if len(chosen) != 1:
+            held = ", ".join(devices[key] or f"device {key[0]}" for key in depths) or "none"
+            raise InputError(
+                f"{path}: depth streams of {held}; expected "
+                + (f"one of the camera {serial[:40]!r}" if serial else "one, or a serial that chooses")
+            )
+        return _stream(reader, path, depths[chosen[0]], _colour_of(streams, chosen[0][0]), devices[chosen[0]])
+    except InputError:
+        raise
+    except Exception as error:  # rosbags raises whatever its parsers meet
+        raise _unreadable(path, error) from None
+
+
+def _opened(path: Path) -> Any:
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise InputError(
+            f"{path}: a RealSense recording needs {error.name}; pip install fabdesign[realsense]"
+        ) from None
+    try:
+        if not path.is_file():
+            raise InputError(f"{path}: no such file" if not path.exists() else f"{path}: is no plain file")
+        if (size := path.stat().st_size) > LARGEST:
+            raise InputError(f"{path}: has {size / 1e9:.0f} GB; expected at most {LARGEST / 1e9:.0f} GB")
+        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        reader.open()
+    except InputError:
+        raise
+    except Exception as error:
+        if "index" in str(error):
+            raise InputError(
+                f"{path}: has no index, its recorder did not end; expected a whole one (`rosbag reindex` mends it)"
+            ) from None
+        raise _unreadable(path, error) from None
+    if path.suffix.lower() == ".bag":
+        bound_chunks(reader.readers[0], path)
+    return reader
+
+
+def _streams(connections: Sequence[Any]) -> dict[tuple[int, str, int], BagStream]:
+    streams: dict[tuple[int, str, int], dict[str, Any]] = {}
+    for connection in connections:
+        if matched := _TOPIC.fullmatch(connection.topic):
+            key = int(matched[1][:9]), matched[3], int(matched[4][:9])
+            streams.setdefault(key, {})[matched[5]] = connection
+    return {key: BagStream(key[0], parts) for key, parts in streams.items() if _image_part(parts) is not None}
+
+
+def _image_part(parts: Mapping[str, Any]) -> str | None:
+    """Return which connection of a stream has its images."""
+    return next((p for p in ("image/data", "image/data/compressedDepth", "image/data/compressed") if p in parts), None)
+
+
+def _colour_of(streams: Mapping[tuple[int, str, int], BagStream], device: int) -> BagStream | None:
+    return next((stream for key, stream in streams.items() if key[:2] == (device, "Color")), None)
+
+
+def _stream(reader: Any, path: Path, depth: BagStream, colour: BagStream | None, serial: str) -> DepthStream:
+    where = f"{path}: depth"
+    camera = camera_of(reader, depth, where)
+    part = _image_part(depth.parts)
+    images = depth.parts[str(part)]
+    if images.msgcount > MOST_FRAMES:
+        raise InputError(f"{where}: {images.msgcount} images; expected at most {MOST_FRAMES}")
+    metadata = metadata_of(reader, depth)
+    times = [time for time, _ in _times_and_stamps(reader, images)]
+    stamps, clock = _stamps(reader, images, metadata, times)
+    units = [float(each["depth_units"]) for each in metadata.values() if "depth_units" in each]
+    unit = units[0] if units else depth_unit(reader, depth)
+    device = [float(metadata.get(t, {}).get("Frame Timestamp", "nan")) * 1e-6 for t in times]
+    numbers = _numbers(reader, images, metadata, times)
+    read = _reader(reader, images, times, where)
+    shown = None
+    if colour is not None:
+        shown = _colours(reader, colour.parts[str(_image_part(colour.parts))], times, f"{path}: colour")
+    return DepthStream(
+        where,
+        camera,
+        unit,
+        stamps,
+        read,
+        clock,
+        np.array(device) if np.isfinite(device).all() else None,
+        numbers,
+        shown,
+        None if colour is None else camera_of(reader, colour, f"{path}: colour"),
+        None if colour is None else depth_to_colour(reader, depth, colour),
+        serial,
+    )
+
+
+def _times_and_stamps(reader: Any, images: Any) -> Iterator[tuple[int, float]]:
+    """Yield the log time [ns] and the header's stamp [s] of every image."""
+    ros1 = not reader.is2
+    for _, time, raw in reader.messages(connections=[images]):
+        if len(raw) < 16:
+            raise InputError(f"{reader.paths[0]}: an image of {len(raw)} bytes; expected a header")
+        yield time, ros1_stamp(raw) if ros1 else cdr_stamp(raw)
+
+
+def _stamps(
+    reader: Any, images: Any, metadata: Mapping[int, Mapping[str, str]], times: Sequence[int]
+) -> tuple[NDArray[np.float64], str]:
+    """Return the frames' own stamps [s], and of which clock: of a `.db3` they stand in the metadata [ms]."""
+    domains = {each["timestamp_domain"].strip().lower() for each in metadata.values() if "timestamp_domain" in each}
+    clock = "global" if domains and domains <= set(_GLOBAL) else "device"
+    said = [metadata.get(time, {}).get("timestamp") for time in times]
+    if all(each is not None for each in said):
+        return np.array([1e-3 * float(str(each)) for each in said]), clock
+    return np.array([stamp for _, stamp in _times_and_stamps(reader, images)]), clock
+
+
+def _numbers(
+    reader: Any, images: Any, metadata: Mapping[int, Mapping[str, str]], times: Sequence[int]
+) -> NDArray[np.int64] | None:
+    said = [metadata.get(time, {}).get("Frame number") for time in times]
+    if all(each is not None for each in said):
+        return np.array([int(str(each)) for each in said], dtype=np.int64)
+    if not reader.is2:  # the header's counter
+        counters = (struct.unpack_from("<I", raw)[0] for _, _, raw in reader.messages(connections=[images]))
+        return np.fromiter(counters, dtype=np.int64)
+    return None
+
+
+def _raw(reader: Any, images: Any, time: int, repeat: int, where: str) -> bytes:
+    """Return the bytes of the image at a log time, the `repeat`-th of several."""
+    for k, (_, _, raw) in enumerate(reader.messages(connections=[images], start=time, stop=time + 1)):
+        if k == repeat:
+            return bytes(raw)
+    raise InputError(f"{where}: an image is gone; has the file changed?")
+
+
+def _reader(reader: Any, images: Any, times: Sequence[int], where: str) -> Callable[[int], NDArray[np.uint16]]:
+    places = [(time, sum(1 for t in times[max(0, k - 8) : k] if t == time)) for k, time in enumerate(times)]
+
+    @lru_cache(maxsize=2)
+    def read(index: int) -> NDArray[np.uint16]:
+        what = f"{where}, image {index}"
+        try:
+            raw = _raw(reader, images, *places[index], what)
+            if not reader.is2:
+                return ros1_image(raw, ("mono16", "16UC1"), 2, what).view("<u2")[..., 0]
+            message = reader.deserialize(raw, images.msgtype)
+            if hasattr(message, "format"):
+                skip = _COMPRESSED_DEPTH if "compresseddepth" in str(message.format).lower() else 0
+                return depth_image(bytes(message.data)[skip:], what)
+            return plain_image(message, what)
+        except InputError:
+            raise
+        except Exception as error:
+            raise _unreadable(Path(what), error) from None
+
+    return read
+
+
+def _colours(reader: Any, images: Any, times: Sequence[int], where: str) -> Callable[[int], NDArray[np.uint8]]:
+    """Return what reads the colour image that was logged nearest to a depth image."""
+    logged = np.array([time for time, _ in _times_and_stamps(reader, images)], dtype=np.int64)
+
+    def read(index: int) -> NDArray[np.uint8]:
+        what = f"{where} beside image {index}"
+        if not len(logged):
+            raise InputError(f"{what}: no images")
+        try:
+            raw = _raw(reader, images, int(logged[np.abs(logged - times[index]).argmin()]), 0, what)
+            if not reader.is2:
+                return ros1_image(raw, ("rgb8", "bgr8"), 3, what)
+            return colour_image(bytes(reader.deserialize(raw, images.msgtype).data), what)
+        except InputError:
+            raise
+        except Exception as error:
+            raise _unreadable(Path(what), error) from None
+
+    return read
+
+
+def _unreadable(path: Path | str, error: Exception) -> InputError:
+    return InputError(f"{path}: cannot be read as a RealSense recording ({type(error).__name__})")

@@ -1,0 +1,89 @@
+"""Images in messages of ROS: sensor_msgs/Image of ROS 1 as the RealSense SDK writes it, sensor_msgs/msg/Image of ROS 2;
+and the chunks of a ROS 1 bag, which unpack to a limit."""
+
+import bz2
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.errors import InputError
+
+_CHUNK = 256_000_000  # bytes of a chunk, unpacked
+
+
+def bound_chunks(reader: Any, path: Path) -> None:
+    """Make every chunk unpack to a limit at most, and refuse chunks that are larger than the file."""
+    from lz4.frame import LZ4FrameDecompressor
+
+    def bounded(make: Callable[[], Any]) -> Callable[[bytes], bytes]:
+        def unpack(content: bytes) -> bytes:
+            machine = make()
+            unpacked = machine.decompress(content, max_length=_CHUNK)
+            if not machine.eof:
+                raise InputError(f"{path}: a chunk unpacks to over {_CHUNK / 1e6:.0f} MB, or is cut short")
+            return bytes(unpacked)
+
+        return unpack
+
+    kinds = {"bz2": bounded(bz2.BZ2Decompressor), "lz4": bounded(LZ4FrameDecompressor)}
+    from rosbags.rosbag1 import reader as rosbag1
+
+    names = {function: name for name, function in rosbag1.decompressors.items()}
+    size = path.stat().st_size
+    for place, chunk in reader.chunks.items():
+        if chunk.datasize > min(size, _CHUNK):
+            raise InputError(f"{path}: a chunk of {chunk.datasize / 1e6:.0f} MB; expected at most {_CHUNK / 1e6:.0f}")
+        name = names.get(chunk.decompressor, "none")
+        reader.chunks[place] = chunk._replace(decompressor=kinds.get(name, chunk.decompressor))
+
+
+def ros1_stamp(raw: bytes) -> float:
+    """Return the stamp [s] of a message of ROS 1 that begins with a header."""
+    seconds, nanoseconds = struct.unpack_from("<II", raw, 4)
+    return float(seconds + 1e-9 * nanoseconds)
+
+
+def cdr_stamp(raw: bytes) -> float:
+    """Return the stamp [s] of a message in CDR that begins with a header."""
+    seconds, nanoseconds = struct.unpack_from("<iI" if raw[1] & 1 else ">iI", raw, 4)
+    return float(seconds + 1e-9 * nanoseconds)
+
+
+def ros1_image(raw: bytes, encodings: tuple[str, ...], size: int, where: str) -> NDArray[np.uint8]:
+    """Return (rows, columns, bytes of a pixel) of a sensor_msgs/Image, which the SDK writes a byte longer than ROS."""
+
+    def text(at: int) -> tuple[str, int]:
+        (length,) = struct.unpack_from("<I", raw, at)
+        if length > 200 or at + 4 + length > len(raw):
+            raise InputError(f"{where}: a text of {length} bytes; expected a name")
+        return raw[at + 4 : at + 4 + length].decode("ascii", "replace"), at + 4 + length
+
+    _, at = text(12)
+    rows, columns = struct.unpack_from("<II", raw, at)
+    encoding, at = text(at + 8)
+    big, step, length = struct.unpack_from("<BII", raw, at)
+    data = memoryview(raw)[at + 9 :]
+    if encoding not in encodings or big:
+        raise InputError(f"{where}: encoding {encoding[:20]!r}; expected {' or '.join(encodings)}, little-endian")
+    if length != rows * step or length > len(data) or columns * size > step:
+        raise InputError(f"{where}: {rows} x {columns} pixels have {len(data)} bytes; expected {rows} rows of {step}")
+    lines = np.frombuffer(data[:length], np.uint8).reshape(rows, step)[:, : columns * size]
+    image = np.ascontiguousarray(lines).reshape(rows, columns, size)
+    return image[..., ::-1] if encoding == "bgr8" else image
+
+
+def plain_image(message: Any, where: str) -> NDArray[np.uint16]:
+    """Return (rows, columns) of a sensor_msgs/msg/Image of 16 bits. Raises InputError."""
+    rows, columns, step = int(message.height), int(message.width), int(message.step)
+    data = np.frombuffer(bytes(message.data), np.uint8)
+    encoding = str(message.encoding)
+    if encoding not in ("16UC1", "mono16"):
+        raise InputError(f"{where}: encoding {encoding[:20]!r}; expected 16UC1 or mono16")
+    if len(data) != rows * step or columns * 2 > step:
+        raise InputError(f"{where}: {rows} x {columns} pixels have {len(data)} bytes; expected {rows} rows of {step}")
+    lines = np.ascontiguousarray(data.reshape(rows, step)[:, : columns * 2])
+    return np.asarray(lines.view(">u2" if message.is_bigendian else "<u2").astype(np.uint16))

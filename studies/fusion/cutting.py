@@ -1,0 +1,138 @@
+"""The cloth alone: what of a depth image is cut away before it is cleaned, and how much by what."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from fabdesign.depth.cut import Cut, of_colour
+from fabdesign.depth.stream import DepthStream
+from fabdesign.errors import InputError
+from fabdesign.nouns.fabric import Fabric
+from studies.fusion.cleaning import Cleaned
+from studies.fusion.depth_image import FILTERS, ImageFilter, clean_image
+
+Array = NDArray[np.float64]
+MARGIN = 0.03  # m around the box: what nominal poses are off
+LEAST_PIXELS = 200
+
+
+@dataclass(eq=False)
+class Cutter:
+    """Cuts the images of one sensor by its pose, and counts the pixels that each rule took."""
+
+    stream: DepthStream
+    pose: Array  # camera_to_world (4, 4) m
+    cut: Cut
+    fabric: Fabric
+    predicted: Callable[[int], cKDTree] | None = None  # the simulated cloth's points in the world at an image's time
+    filters: ImageFilter = FILTERS
+    counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(("box", "planes", "colour", "predicted"), 0))
+    kept: int = 0
+
+    def __post_init__(self) -> None:
+        camera = self.stream.camera
+        low, high = self.cut.corners(self.fabric)
+        self._low, self._high = low, high
+        corners = np.array([[(low, high)[k >> a & 1][a] for a in range(3)] for k in range(8)])
+        seen = (corners - self.pose[:3, 3]) @ self.pose[:3, :3]
+        region = (0, camera.height), (0, camera.width)
+        if (seen[:, 2] > 0.05).all():
+            pixels = camera.pixels_of(seen[:, :2] / seen[:, 2:])
+            beyond = MARGIN / float(seen[:, 2].min()) * max(camera.focal)
+            first, last = pixels.min(axis=0) - beyond, pixels.max(axis=0) + beyond
+            region = tuple(  # type: ignore[assignment]
+                (int(np.clip(first[k], 0, size)), int(np.clip(np.ceil(last[k]), 0, size)))
+                for k, size in ((1, camera.height), (0, camera.width))
+            )
+        self.part = slice(*region[0]), slice(*region[1])
+        self._slopes = np.ascontiguousarray(camera.slopes[self.part])
+        rays = np.concatenate([self._slopes, np.ones((*self._slopes.shape[:2], 1))], axis=2)
+        self._rays = np.ascontiguousarray(rays @ self.pose[:3, :3].T)
+        middle = np.array([0.0, -self.fabric.height / 2, 0.0])
+        self.pixel = float(np.linalg.norm(self.pose[:3, 3] - middle)) / camera.focal[0]  # m on the cloth
+
+    def depth(self, number: int) -> Array:
+        """Return the part of an image (rows, columns) m that may be the cloth, 0 elsewhere. Raises InputError."""
+        image = self.stream.depth(number)
+        every = int(np.count_nonzero(image))
+        part = np.ascontiguousarray(image[self.part])
+        depth = _in_box(part, self.stream.unit, self._rays, self.pose[:3, 3].copy(), self._low, self._high)
+        inside = depth > 0
+        self.counts["box"] += every - int(inside.sum())
+        for a, b, c, d in self.cut.planes:
+            world = self._rays * depth[..., None] + self.pose[:3, 3]
+            inside = self._without("planes", inside, world @ np.array([a, b, c]) >= d)
+        if self.cut.colour is not None:
+            inside = self._without("colour", inside, self._coloured(number, np.where(inside, depth, 0.0)))
+        if self.predicted is not None and self.cut.predicted is not None:
+            rows, columns = np.nonzero(inside)
+            world = self._rays[rows, columns] * depth[rows, columns, None] + self.pose[:3, 3]
+            far, _ = self.predicted(number).query(world, distance_upper_bound=self.cut.predicted)
+            near = np.zeros_like(inside)
+            near[rows, columns] = np.isfinite(far)
+            inside = self._without("predicted", inside, near)
+        self.kept += int(inside.sum())
+        return np.where(inside, depth, 0.0)
+
+    def _without(self, rule: str, inside: NDArray[np.bool_], kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        self.counts[rule] += int((inside & ~kept).sum())
+        return inside & kept
+
+    def _coloured(self, number: int, depth: Array) -> NDArray[np.bool_]:
+        """Return whether a pixel has the cloth's colour where the colour camera sees its point."""
+        stream = self.stream
+        if stream.colour is None or stream.colour_camera is None or self.cut.colour is None:
+            raise InputError(f"{stream.where}: no colour images; expected some, to cut by colour")
+        image = stream.colour(number)
+        rows, columns = np.nonzero(depth)
+        points = self.cloud(depth)
+        if stream.depth_to_colour is not None:
+            points = points @ stream.depth_to_colour[:, :3].T + stream.depth_to_colour[:, 3]
+        pixels = stream.colour_camera.pixels_of(points[:, :2] / points[:, 2:]).round().astype(int)
+        seen = ((pixels >= 0) & (pixels < [image.shape[1], image.shape[0]])).all(axis=1)
+        kept = np.zeros(depth.shape, dtype=bool)
+        shown = image[pixels[seen, 1], pixels[seen, 0]]
+        kept[rows[seen], columns[seen]] = of_colour(shown[None], self.cut.colour)[0]
+        return kept
+
+    def clean(self, depth: Array, where: str) -> Cleaned:
+        """Return the cleaned points of such a part of an image. Raises InputError for next to none."""
+        if (depth > 0).sum() < LEAST_PIXELS:
+            raise InputError(f"{where}: {int((depth > 0).sum())} pixels of the cloth; expected it in view")
+        return clean_image(depth, self._slopes, self.pixel, (self.part[0].start, self.part[1].start), self.filters)
+
+    def cloud(self, depth: Array) -> Array:
+        """Return the points (n, 3) m of such a part, as they were measured."""
+        rows, columns = np.nonzero(depth)
+        z = depth[rows, columns]
+        return np.concatenate([self._slopes[rows, columns] * z[:, None], z[:, None]], axis=1)
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Return by rule the share of all pixels with a depth that it cut."""
+        every = self.kept + sum(self.counts.values())
+        return {rule: count / max(every, 1) for rule, count in self.counts.items() if count or rule == "box"}
+
+
+@njit(cache=True)
+def _in_box(
+    image: NDArray[np.uint16], unit: float, rays: Array, position: Array, low: Array, high: Array
+) -> Array:  # pragma: no cover - compiled
+    """Return the depths (rows, columns) m of pixels that lie in the box, 0 elsewhere."""
+    rows, columns = image.shape
+    depth = np.zeros((rows, columns))
+    for r in range(rows):
+        for c in range(columns):
+            if image[r, c]:
+                z = image[r, c] * unit
+                inside = True
+                for k in range(3):
+                    at = rays[r, c, k] * z + position[k]
+                    inside = inside and low[k] < at < high[k]
+                if inside:
+                    depth[r, c] = z
+    return depth

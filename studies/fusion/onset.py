@@ -1,0 +1,110 @@
+"""When the pressure's log begins on the cameras' axis: a step of pressure sets the cloth in motion.
+
+After a step from rest the cloth comes as the answer of a critically damped mass, 1 - (1 + t / T) exp(-t / T), or where
+it is light as one of first order, 1 - exp(-t / T): the one that fits better, whose start and T all cameras share. What
+the supply and the muscles take to answer is in it: an effect of the model (`dead_time`), not of a clock.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from fabdesign.files.pressure_log import steps_of
+from fabdesign.nouns.pressure import PressureProgram
+from studies.fusion.clocks import Clock, best_lag
+from studies.fusion.moving import StampedView, change
+
+Array = NDArray[np.float64]
+FADES = 0.15  # s, time constant of the motion after a step, for the coarse place
+GRID = 0.004  # s
+CLEAR = 0.004  # m of displacement that shows how the cloth moves
+BEFORE = 0.04  # s: a view so long before a step shows the cloth without it
+LEAST = 100  # points
+SOON = 0.08  # s after a step
+SLOW = 0.03  # m/s: a cloth faster than that before a step says nothing of its instant
+
+
+def pressure_offset(
+    program: PressureProgram, views: Sequence[Sequence[StampedView]], clocks: Sequence[Clock]
+) -> tuple[float, float, int]:
+    """Return the common time [s] of the program's 0, its standard deviation, and by how many steps; NaN: by none."""
+    steps = steps_of(program)
+    if not steps:
+        return float("nan"), float("nan"), 0
+    times = [clock.times(np.array([v.stamp for v in own])) for own, clock in zip(views, clocks, strict=True)]
+    speeds = [np.nan_to_num([v.mean_speed for v in own]) for own in views]
+    coarse = _coarse(steps, times, speeds)
+    onsets = []
+    for step, _ in steps:
+        curves = [_curve(own, t, speed, coarse + step) for own, t, speed in zip(views, times, speeds, strict=True)]
+        start = _start([curve for curve in curves if len(curve) > 1], coarse + step)
+        if start is not None:
+            onsets.append(start - step)
+    if not onsets:
+        return coarse, 0.02, 0
+    middle = float(np.median(onsets))
+    sound = [o for o in onsets if abs(o - middle) < 0.02]
+    spread = 1.48 * float(np.median(np.abs(np.array(sound) - middle))) if len(sound) > 1 else 0.005
+    return float(np.mean(sound)), max(spread, 5e-4) / len(sound) ** 0.5, len(sound)
+
+
+def _coarse(steps: Sequence[tuple[float, float]], times: Sequence[Array], speeds: Sequence[Array]) -> float:
+    """Return the offset at which the motion that steps would make lies best on the motion that was seen."""
+    every = np.concatenate(times)
+    order = np.argsort(every)
+    seen = every[order], np.concatenate(speeds)[order]
+    grid = np.arange(-0.5, max(seen[0][-1] - seen[0][0], steps[-1][0] + 0.5), GRID)
+    expected = np.zeros(len(grid))
+    for at, jump in steps:
+        after = grid - at
+        expected += np.where(after >= 0, jump * np.exp(-np.maximum(after, 0) / FADES), 0.0)
+    return best_lag(seen, (grid, expected), np.inf)[0]
+
+
+def _curve(views: Sequence[StampedView], times: Array, speeds: Array, expected: float) -> Array:
+    """Return (n, 2) how far [m] a camera's cloth has come at instants [s] about a step; none where it was not at rest.
+
+    It is measured along the motion itself, which averages the noise of the images.
+    """
+    before = np.flatnonzero(times < expected - BEFORE)
+    if not len(before) or speeds[before[-1]] > SLOW:
+        return np.zeros((0, 2))
+    rest, start = views[before[-1]], times[before[-1]]
+    drift = np.nan_to_num(rest.speed)
+    fields = {
+        k: change(rest.cloud, views[k].cloud) - drift * (times[k] - start)
+        for k in map(int, np.flatnonzero((times > start) & (times < expected + SOON)))
+    }
+    fields = {k: field for k, field in fields.items() if np.isfinite(field).sum() > LEAST}
+    far = {k: float(np.sqrt(np.nanmean(field**2))) for k, field in fields.items()}
+    shown = next((k for k in sorted(far) if far[k] > CLEAR), None)  # how the cloth moves after the step
+    if shown is None:
+        return np.zeros((0, 2))
+    points = []
+    for k, field in fields.items():
+        both = np.isfinite(field) & np.isfinite(fields[shown])
+        pattern = fields[shown][both]
+        points.append((times[k], float(field[both] @ pattern / (pattern @ pattern)) * far[shown]))
+    return np.array(points)
+
+
+def _start(curves: Sequence[Array], expected: float) -> float | None:
+    """Return the instant [s] of a step that the curves of all cameras share; None where they do not say it."""
+    if sum(map(len, curves)) < 2 * len(curves) + 2:
+        return None
+
+    def off(guess: Array, heavy: float) -> Array:
+        parts = []
+        for curve in curves:
+            after = np.maximum(curve[:, 0] - expected - guess[0], 0.0) / np.exp(guess[1])
+            shape = 1.0 - (1.0 + heavy * after) * np.exp(-after)
+            size = float(shape @ curve[:, 1]) / max(float(shape @ shape), 1e-12)
+            parts.append(curve[:, 1] - size * shape)
+        return np.asarray(np.concatenate(parts) / 1e-3)
+
+    starts = [[start, np.log(time)] for start in (-0.01, 0.01) for time in (0.01, 0.03, 0.1)]
+    tried = [least_squares(off, start, args=(heavy,)) for start in starts for heavy in (0.0, 1.0)]
+    best = min(tried, key=lambda solved: float(solved.cost))
+    return expected + float(best.x[0]) if abs(best.x[0]) < BEFORE else None

@@ -1,0 +1,126 @@
+"""The page of a fused recording: views with what was cut, views on the fused cloth, timings, what was left out."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from fabdesign.units import in_mm
+from studies.report.page import Block, Picture, TableBlock, Text, Title, html_of
+
+if TYPE_CHECKING:
+    from studies.fusion.frames import FusionReport
+    from studies.fusion.stamped import StampedFrames
+
+Array = NDArray[np.float64]
+SLICES = 3
+AROUND = 60  # pixels
+
+
+def write_report(path: Path, report: "FusionReport", last: Mapping[str, Array], stamped: "StampedFrames") -> None:
+    """Write the page. last: the last frame's clouds in the world, by sensor."""
+    path.write_text(html_of(f"Fused: {report.recording}", _blocks(report, last, stamped)), encoding="utf-8")
+
+
+def _blocks(report: "FusionReport", last: Mapping[str, Array], stamped: "StampedFrames") -> Iterator[Block]:
+    timing = stamped.timing
+    yield Title(f"{report.recording}: {report.frames} frames of {len(report.sensors)} cameras", 1)
+    worst = max(sensor.residual_mm for sensor in report.sensors)
+    yield Text(
+        f"The views lie within {worst:.2f} mm RMS of the fused faces, which are {report.thickness_mm:.2f} mm apart "
+        f"(declared {report.declared_thickness_mm:.2f} mm).",
+        "verdict",
+    )
+    yield Title("Views")
+    yield Text("What was measured (grey) and what was taken for the cloth (coloured by depth, mm), middle frame.")
+    yield Picture(_views(stamped))
+    rules = sorted({rule for sensor in report.sensors for rule in sensor.cut or ()})
+    yield TableBlock(
+        ["sensor", "points kept", "dropped as flying", *(f"cut by {rule} %" for rule in rules), "RMS to the face, mm"],
+        [
+            [s.name, s.points, s.dropped, *(100 * (s.cut or {}).get(rule, 0.0) for rule in rules), s.residual_mm]
+            for s in report.sensors
+        ],
+    )
+    yield Title("On the fused cloth")
+    yield Text("Slices of the last frame: each camera's points, placed by its pose.")
+    yield Picture(_slices(last))
+    yield TableBlock(
+        ["sensor", "moved from nominal, mm", "turned, degrees", "target, mm"],
+        [[s.name, s.moved_mm, s.turned_deg, "none" if s.target_mm is None else s.target_mm] for s in report.sensors],
+    )
+    yield Title("Time")
+    yield Picture(_timeline(stamped))
+    yield TableBlock(
+        ["sensor", "clock ahead, ms", "known to, ms", "drift, ppm", "images", "lost", "repeated", "late", "unpaired"],
+        [
+            [name, 1e3 * t.offset, 1e3 * t.known, 1e6 * t.drift, t.images, t.lost, t.repeated, t.late, t.unpaired]
+            for name, t in timing.sensors.items()
+        ],
+    )
+    guessed = [name for name, t in timing.sensors.items() if not t.estimated]
+    if guessed:
+        yield Text(f"The cloth moves too little to say the clock of {', '.join(guessed)}: taken as stamped.", "note")
+    how = f"by {timing.steps} steps, to {1e3 * timing.pressure_known:.1f} ms" if timing.steps else "as given"
+    yield Text(f"The pressure's log begins {timing.pressure:.4f} s after the first camera's first image, {how}.")
+    yield Title("Left out")
+    yield Text(f"{timing.left_out} frames that a side has no image for.")
+    for line in report.skipped:
+        yield Text(line, "note")
+
+
+def _views(stamped: "StampedFrames") -> Figure:
+    count = len(stamped.cutters)
+    figure = Figure(figsize=(3.2 * count, 3.4), layout="constrained")
+    time = float(stamped.times[len(stamped.times) // 2])
+    for column, cutter in enumerate(stamped.cutters):
+        axes = figure.add_subplot(1, count, column + 1)
+        number = stamped.number(column, time)
+        raw = cutter.stream.depth(number)
+        cloth = np.zeros(raw.shape)
+        cloth[cutter.part] = cutter.depth(number)
+        axes.imshow(np.where(raw > 0, 0.75, 1.0), cmap="gray", vmin=0, vmax=1, interpolation="nearest")
+        axes.imshow(np.where(cloth > 0, in_mm(cloth), np.nan), cmap="viridis", interpolation="nearest")
+        rows, columns = np.nonzero(cloth)
+        if len(rows):  # with what is around it
+            axes.set_xlim(columns.min() - AROUND, columns.max() + AROUND)
+            axes.set_ylim(rows.max() + AROUND, rows.min() - AROUND)
+        axes.set_title(stamped.anchored.sensors[column].name, fontsize="small")
+        axes.set_axis_off()
+    return figure
+
+
+def _slices(last: Mapping[str, Array]) -> Figure:
+    figure = Figure(figsize=(12, 3.6), layout="constrained")
+    heights = np.quantile(np.concatenate([cloud[:, 1] for cloud in last.values()]), [0.85, 0.5, 0.15])
+    for column, height in enumerate(heights[:SLICES]):
+        axes = figure.add_subplot(1, SLICES, column + 1)
+        for name, cloud in last.items():
+            near = np.abs(cloud[:, 1] - height) < 0.003
+            axes.plot(in_mm(cloud[near, 0]), in_mm(cloud[near, 2]), ".", markersize=3, label=name)
+        axes.set_title(f"y = {in_mm(float(height)):.0f} mm", fontsize="small")
+        axes.set_xlabel("x [mm]")
+        axes.set_aspect("equal")
+    axes.legend(fontsize="x-small")
+    return figure
+
+
+def _timeline(stamped: "StampedFrames") -> Figure:
+    figure = Figure(figsize=(12, 4.5), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True)
+    for k, (views, clock) in enumerate(zip(stamped.timed.views, stamped.timed.clocks, strict=True)):
+        times = clock.times(np.array([view.stamp for view in views])) - stamped.offset
+        above.plot(times, in_mm(np.array([view.mean_speed for view in views])), label=stamped.anchored.sensors[k].name)
+        below.plot(times, np.full(len(times), k), "|", color=f"C{k}")
+        lost: Any = clock.times(np.array(stamped.odd[k].lost)) - stamped.offset
+        below.plot(lost, np.full(len(lost), k), "x", color="red")
+    for time in stamped.recording.program.time[:50]:
+        above.axvline(float(time), color="grey", linewidth=0.6)
+    above.set_ylabel("mean speed [mm/s]")
+    above.legend(fontsize="x-small")
+    below.set_yticks(range(len(stamped.cutters)), [s.name for s in stamped.anchored.sensors])
+    below.set_xlabel("time after the pressure's 0 [s]; a red cross is a lost image, a grey line a row of the pressures")
+    return figure
