@@ -95,6 +95,10 @@ def test_a_knot_takes_the_set_points_beside_it_along(study: Path) -> None:
     edit.select(0, 4)
     edit.put(40e3)
     assert edit.pressures[6:11].tolist() == [[0, 0], [20e3, 0], [40e3, 0], [20e3, 0], [0, 0]]
+    edit.select(1, 9)
+    edit.put(40e3)
+    assert edit.pressures[16:, 1].tolist() == [0, 20e3, 40e3, 40e3]  # to the end
+    edit.select(0, 4)
     edit.put(200e3)  # 1,000 kPa/s: not more than 49.9 kPa a cycle, from rest on
     assert np.abs(np.diff(edit.pressures[:, 0], prepend=0)).max() <= 50e3
     assert 50e3 < edit.pressure < 100e3

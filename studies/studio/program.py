@@ -57,6 +57,8 @@ class ProgramEdit:
         """Give the knot under edit a pressure [Pa], as far as the regulator goes with it, and simulate again."""
         row, rows = int(self.knots[self.knot]), self.pressures.copy()
         share = np.maximum(0.0, 1 - np.abs(np.arange(len(rows)) - row) / self._each)
+        if row == self.knots[-1]:
+            share[row:] = 1.0  # to the end
         rows[:, self.channel] += (pressure - rows[row, self.channel]) * share
         self.take(self.moving.regulator.kept(rows))
 
