@@ -20,8 +20,9 @@ lint: .venv/.ready-test
 	$(PYTHON) -m ruff check .
 	$(PYTHON) -m ruff format --check .
 	$(PYTHON) -m mypy
+	$(PYTHON) scripts/sentences.py >/dev/null
 
-# the checks of tests/verify; writes docs/results/simulator_verification.md
+# the checks of tests/verify; writes docs/lab/simulator_verification.md
 verify-sim: .venv/.ready-test
 	FABDESIGN_VERIFICATION_TABLE=1 $(PYTHON) -m pytest tests/verify
 
@@ -29,15 +30,15 @@ verify-sim: .venv/.ready-test
 verify-cluster: .venv/.ready-test
 	$(PYTHON) -m pytest tests/verify/test_verify_cluster.py tests/test_cluster.py
 
-# traces of the virtual rig's sets whose effects are known; a day, goes on where it stood, QUICK=1 for six sets; its part of docs/results/trace.md
+# traces of the virtual rig's sets whose effects are known; a day, goes on where it stood, QUICK=1 for six sets; its part of docs/lab/trace.md
 verify-trace: .venv/.ready-test
 	$(PYTHON) -m benchmarks.trace .benchmarks/trace --page $(if $(QUICK),--quick)
 
-# what a motion costs, beside bounds and others, 20 minutes; writes its part of docs/results/simulator.md
+# what a motion costs, beside bounds and others, 20 minutes; writes its part of docs/lab/simulator.md
 bench-sim: .venv/.ready-bench
 	$(PYTHON) -m benchmarks.sim
 
-# the search on targets of the virtual rig, in parts: what is done is kept in build/search; QUICK=1 for a small one; writes docs/results/search.md
+# the search on targets of the virtual rig, in parts: what is done is kept in build/search; QUICK=1 for a small one; writes docs/lab/search.md
 bench-search: .venv/.ready-test
 	$(PYTHON) -m benchmarks.search
 
@@ -45,14 +46,14 @@ bench-search: .venv/.ready-test
 bench-follow: .venv/.ready-test
 	$(PYTHON) -m benchmarks.follow build/follow --page
 
-# recordings by the RealSense SDK's own recorder from virtual cameras, 10 minutes; writes its part of docs/results/fuse.md
+# recordings by the RealSense SDK's own recorder from virtual cameras, 10 minutes; writes its part of docs/lab/fuse.md
 bench-recordings: .venv/.ready-test
 	for version in 2.56.5.9235 2.59.1.11053; do \
 		$(PYTHON) -m pip install --quiet --no-deps --target build/realsense-$$version pyrealsense2==$$version; done
 	$(PYTHON) -m benchmarks.recordings build/recordings --sdk build/realsense-2.56.5.9235 \
 		--sdk build/realsense-2.59.1.11053 --page
 
-# six loops on virtual rigs, in parts: what is done is kept in build/loop; writes docs/results/loop.md
+# six loops on virtual rigs, in parts: what is done is kept in build/loop; writes docs/lab/loop.md
 loop: .venv/.ready-test
 	$(PYTHON) -m benchmarks.loop
 

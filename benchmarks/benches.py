@@ -1,6 +1,6 @@
-"""Laws of real specimens on records that took no part in the fit: writes docs/results/benches.md.
+"""Laws of real specimens on records that took no part in the fit: writes docs/lab/benches.md.
 
-    python -m benchmarks.benches DATA/bench [-o docs/results/benches.md]
+    python -m benchmarks.benches DATA/bench [-o docs/lab/benches.md]
 
 DATA/bench holds `knit`, `cylinder_friction` and `arm_steps`. Knits: repeats 1 to 4 predict repeat 5. Cylinders: odd
 supply pressures predict the even ones (x-ring257, which has odd ones alone: 7 bar from the others). Arm: each
@@ -102,7 +102,7 @@ def arm(folder: Path) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("data", type=Path)
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/results/benches.md"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("docs/lab/benches.md"))
     arguments = parser.parse_args()
     start = time.process_time()
     sections = (

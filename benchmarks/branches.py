@@ -31,9 +31,9 @@ def table(found: Sequence[Branches]) -> str:
     rows.append("|---|---|---|---|---|---|---|")
     for name in dict.fromkeys(b.trial.design.name for b in found):
         own = [b for b in found if b.trial.design.name == name]
-        far, elsewhere = [b for b in own if b.own > FAR], [b for b in own if b.on_another_branch]
-        nearest = [b.nearest if b.on_another_branch else b.own for b in own]
-        alone, near = (in_mm(root_mean_square(values)) for values in ([b.own for b in own], nearest))
+        far, elsewhere = [b for b in own if b.unchanged > FAR], [b for b in own if b.on_another_branch]
+        nearest = [b.nearest if b.on_another_branch else b.unchanged for b in own]
+        alone, near = (in_mm(root_mean_square(values)) for values in ([b.unchanged for b in own], nearest))
         odds = f"{np.median([b.odds for b in elsewhere]):.2f}" if elsewhere else "-"
         rows.append(f"| {name} | {len(own)} | {alone:.2f} | {near:.2f} | {len(far)} | {len(elsewhere)} | {odds} |")
     return "\n".join(rows)
@@ -51,8 +51,10 @@ def main() -> None:
     found = list(branches_of(trials, Predictor(Simulator(options.grid), model, sensing=True), every=EVERY))
     print(table(found))
     for b in found:
-        if b.own > FAR:
-            print(f"{b.trial.name} ({b.trial.design.name}): {in_mm(b.own):.2f} mm, nearest {in_mm(b.nearest):.2f}")
+        if b.unchanged > FAR:
+            print(
+                f"{b.trial.name} ({b.trial.design.name}): {in_mm(b.unchanged):.2f} mm, nearest {in_mm(b.nearest):.2f}"
+            )
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@
 Two workers of one thread each stand beside a process of two threads (the clock, on the same two cores), and beside two
 processes of one thread that compute side by side without a cluster (processor seconds: a core is slower while the
 other one works). They take turns, and ratios are of neighbours in time, since a shared machine's speed drifts by more
-than what is measured. Writes the part of docs/results/machines.md that ends at MARK.
+than what is measured. Writes the part of docs/lab/machines.md that ends at MARK.
 """
 
 import multiprocessing
@@ -29,7 +29,7 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.runtime.cluster import current, on_cluster
 
-PAGE = ROOT / "docs" / "results" / "machines.md"
+PAGE = ROOT / "docs" / "lab" / "machines.md"
 ADDRESS = "tcp://127.0.0.1:18790"
 REPEATS = 9
 GRID = 21

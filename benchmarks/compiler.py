@@ -1,4 +1,4 @@
-"""What each device of docs/compiler.md buys here: writes the page's table.
+"""What each device of docs/lab/compiler.md buys here: writes the page's table.
 
     python -m benchmarks.compiler [--repeats N]
 
@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.machine import ROOT, commit, processor
 from benchmarks.sim.measure import Figure
 
-PAGE = ROOT / "docs/compiler.md"
+PAGE = ROOT / "docs/lab/compiler.md"
 BEGIN, END = "<!-- devices -->", "<!-- /devices -->"
 COUNT, FRAMES = 16, 18  # motions of 0.3 s
 

@@ -6,7 +6,7 @@
 
 Each set: a catalogue layout, factors drawn from calibration's prior, four trials of 1.5 s with random pressures to fit
 and one more to hold out. Two sets at a time; those already calibrated, in FOLDER/results_61.jsonl, are not done again.
-`engine` writes its column of studies/calibration/engine_difference.csv, `test` docs/results/coverage.md, or
+`engine` writes its column of studies/calibration/engine_difference.csv, `test` docs/lab/coverage.md, or
 coverage_41.md with 41 points a side.
 """
 
@@ -146,7 +146,7 @@ def page(rows: list[dict[str, Any]], extra: np.ndarray, grid: int) -> str:
         f"`python -m benchmarks.coverage test FOLDER{option}` at commit {commit()}, {platform.machine()}, 2 cores.",
         f"{len(rows)} sets of the virtual rig (synthetic), no effects, factors drawn from the prior, four trials of",
         "1.5 s fitted, a fifth held out. The term for the difference between engines comes from",
-        f"{COUNT['engine']} other sets (docs/results/calibration.md, Intervals); {grid} points a side.",
+        f"{COUNT['engine']} other sets (docs/lab/calibration.md, Intervals); {grid} points a side.",
         "",
         f"True factors inside the 90 % intervals: **{total}** (asked: 119 of 140); without the engines' term",
         f"{narrow.sum()}.",
@@ -191,7 +191,7 @@ def main() -> None:
         write_column("virtual_rig", engine_term(rows))
     else:
         name = "coverage.md" if given.grid == GRID else f"coverage_{given.grid}.md"
-        write_text(Path("docs/results") / name, page(rows, engine_difference(), given.grid))
+        write_text(Path("docs/lab") / name, page(rows, engine_difference(), given.grid))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """What a column of a shape's Jacobian costs beside the shape, and how it agrees with the float64 reference.
 
-    python -m benchmarks.derivatives [-o docs/results/derivatives.md]
+    python -m benchmarks.derivatives [-o docs/lab/derivatives.md]
 
 Costs are processor seconds of a batch of eight designs with 24 columns each, in turn with the shapes alone: medians of
 ROUNDS ratios.
@@ -157,7 +157,7 @@ def page(sizes: Sequence[int]) -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/results/derivatives.md"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("docs/lab/derivatives.md"))
     output = parser.parse_args().output
     output.write_text("\n".join(page(SIZES)) + "\n")
 

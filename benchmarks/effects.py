@@ -1,6 +1,6 @@
-"""What each effect looks like and what it costs: draws docs/results/effects.png and prints the table of costs.
+"""What each effect looks like and what it costs: draws docs/lab/effects.png and prints the table of costs.
 
-    python -m benchmarks.effects [-o docs/results/effects.png]
+    python -m benchmarks.effects [-o docs/lab/effects.png]
 
 Costs are processor seconds of 16 motions of 0.5 s at 41 points a side, the least of three rounds in turn.
 """
@@ -99,7 +99,7 @@ def costs(names: Sequence[str]) -> dict[str, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/results/effects.png"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("docs/lab/effects.png"))
     signatures(parser.parse_args().output)
     found = costs([name for name in BUILT_IN if EFFECTS[name].site != "sensing"])
     for name, seconds in found.items():

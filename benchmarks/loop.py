@@ -1,5 +1,5 @@
 """Loops on virtual rigs: error on the device at first, after one and after two turns; six with an effect of the list,
-one with wind, which is none, and a network. Writes docs/results/loop.md.
+one with wind, which is none, and a network. Writes docs/lab/loop.md.
 
     python -m benchmarks.loop [--cases 0,1] [--work FOLDER]
 
@@ -26,7 +26,7 @@ from fabdesign.study_files.loop_file import LoopStudy, read_loop
 from optimize.search.margins import Limits, constraint_margins
 from studies.loop.run import run_loop
 
-PAGE = ROOT / "docs" / "results" / "loop.md"
+PAGE = ROOT / "docs" / "lab" / "loop.md"
 ELEMENT, STEP = 0.0125, 1 / 480  # m, s of the rig: coarser than its own
 GRID = 21  # points a side of the search, the trace and the fit
 RISE, HOLD = 0.5, 1.5  # s

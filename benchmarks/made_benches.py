@@ -1,4 +1,4 @@
-"""A trace of made benches whose effect is known, by size: writes its part of docs/results/benches.md.
+"""A trace of made benches whose effect is known, by size: writes its part of docs/lab/benches.md.
 
     python -m benchmarks.made_benches [--page]
 
@@ -21,7 +21,7 @@ from studies.benches.cylinder import friction_state
 from studies.benches.trace_outcome import BenchOutcome
 from studies.benches.tracing import examine
 
-PAGE = ROOT / "docs" / "results" / "benches.md"
+PAGE = ROOT / "docs" / "lab" / "benches.md"
 BEGIN, END = "<!-- made benches -->", "<!-- end of made benches -->"
 SIZES = 0.5, 1.0, 3.0, 6.0  # RMS of the effect, over the noise
 NOISE = 0.012  # of the largest force
@@ -119,7 +119,7 @@ def table() -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--page", action="store_true", help="write the table into docs/results/benches.md")
+    parser.add_argument("--page", action="store_true", help="write the table into docs/lab/benches.md")
     arguments, start = parser.parse_args(), time.process_time()
     lines = table()
     print("\n".join(lines), flush=True)

@@ -1,5 +1,5 @@
 """Recordings as a laboratory has them, from virtual depth cameras through the RealSense SDK's own recorder: what
-becomes of known faces, clocks and poses. Writes its part of docs/results/fuse.md.
+becomes of known faces, clocks and poses. Writes its part of docs/lab/fuse.md.
 
     python -m benchmarks.recordings FOLDER --sdk SDK_2_56 --sdk SDK_2_59 [--page]
 
@@ -35,7 +35,7 @@ from studies.rig.cameras import measure
 from studies.rig.ground_truth import Sensing
 
 Array = NDArray[np.float64]
-PAGE = Path(__file__).parents[1] / "docs" / "results" / "fuse.md"
+PAGE = Path(__file__).parents[1] / "docs" / "lab" / "fuse.md"
 BEGIN, END = "<!-- recordings -->", "<!-- end of recordings -->"
 
 

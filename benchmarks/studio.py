@@ -1,4 +1,4 @@
-"""How soon the studio's cloth follows a hand: `python -m benchmarks.studio [COUNT]` writes docs/results/studio.md.
+"""How soon the studio's cloth follows a hand: `python -m benchmarks.studio [COUNT]` writes docs/lab/studio.md.
 
 An end of a muscle wanders by a few millimetres a step, as a hand drags it, on a design of eight muscles at half
 pressure. Measured is the time from the new layout, as the page's thread hands it to the session, to the shape that is
@@ -26,7 +26,7 @@ from studies.studio.opening import NEW, Opened, search_limits
 from studies.studio.server import Studio, quiet_viser
 from studies.studio.solver import SolverProcess
 
-PAGE = ROOT / "docs" / "results" / "studio.md"
+PAGE = ROOT / "docs" / "lab" / "studio.md"
 COUNT = 200  # drags, and shapes once let go
 STEP = 0.003  # m, standard deviation of a step of the hand
 WALK = 0.012  # m, that the hand stays about where it began

@@ -5,7 +5,7 @@
     python -m benchmarks.trace FOLDER --motions    # the rig's motions alone
 
 Goes on where it stood, also within a trace; the row of a set is written when it is ready. An answer that the data
-cannot tell from the true one counts as right. Writes FOLDER/results.md, and into docs/results/trace.md where --page is
+cannot tell from the true one counts as right. Writes FOLDER/results.md, and into docs/lab/trace.md where --page is
 given.
 """
 
@@ -29,7 +29,7 @@ from fabdesign.nouns.model import Model
 from fabdesign.output import write_text
 from studies.tracing.run import trace_set
 
-PAGE = ROOT / "docs" / "results" / "trace.md"
+PAGE = ROOT / "docs" / "lab" / "trace.md"
 BEGIN, END = "<!-- table -->", "<!-- end of table -->"
 
 SIZES = (0.0, "under the tolerance"), (0.5, "0.5 to 1 mm"), (1.0, "1 to 2.5 mm"), (2.5, "2.5 mm or more")  # of excess
@@ -169,7 +169,7 @@ def main() -> None:
     parser.add_argument("names", nargs="*", help="of sets; all by default")
     parser.add_argument("--quick", action="store_true", help=f"these alone: {', '.join(QUICK)}")
     parser.add_argument("--motions", action="store_true", help="measure the sets, and trace none")
-    parser.add_argument("--page", action="store_true", help="write the table into docs/results/trace.md")
+    parser.add_argument("--page", action="store_true", help="write the table into docs/lab/trace.md")
     arguments = parser.parse_args()
     sets, traces = arguments.folder / "sets", arguments.folder / "traces"
     for folder in (sets, traces):

@@ -1,4 +1,4 @@
-"""What may act in a cloth that a simulator leaves out: fields of curvature and strain that the cloth would like to have
+"""Basis functions of what a simulator leaves out: fields of curvature and strain that the cloth would like to have
 on top of its own, from what is there at the place itself, and a few motions of the whole.
 
 These are the basis functions of the field corrector. Each has one coefficient, which is learned
@@ -49,7 +49,7 @@ class Basis:
         )
 
     def combined(self, coefficients: Array) -> "Combination":
-        """The sum of all, each times its coefficient (K,)."""
+        """Return the sum of all, each times its coefficient (K,)."""
         parts = self.curvature, self.strain, self.swings, self.swings, self.displacements
         ends = np.cumsum([part.shape[1] for part in parts])
         curvature, strain, straight, twisting, displacements = np.split(coefficients, ends[:-1])
@@ -80,24 +80,24 @@ def _any() -> Basis:
 
 
 def names() -> tuple[str, ...]:
-    """(K,) of all basis functions."""
+    """Return (K,) of all basis functions."""
     return _any().names
 
 
 def least_effects() -> Array:
-    """(K,) share of an error that a unit coefficient counts as at least (`regression.coefficients_of`): a strain of 1 %
-    as all of it."""
+    """Return (K,) share of an error that a unit coefficient counts as at least (`regression.coefficients_of`): a strain
+    of 1 % as all of it."""
     return np.array([1.0 if name.startswith("strain") else 0.05 for name in names()])
 
 
 def anywhere() -> NDArray[np.bool_]:
-    """(K,) whether a basis function is taken for layouts that were not learned from."""
+    """Return (K,) whether a basis function is taken for layouts that were not learned from."""
     return _any().anywhere
 
 
 @dataclass(frozen=True, eq=False)
 class Combination:
-    """What acts in all: as in `Basis`, without the axis over functions; swings (T, 2), straight and twisting."""
+    """The sum of what acts: as in `Basis`, without the axis over functions; swings (T, 2), straight and twisting."""
 
     curvature: Array
     strain: Array
@@ -106,7 +106,7 @@ class Combination:
 
 
 def _across(tensor: Array) -> Array:
-    """(..., 3, n, n) of what acts across the direction of (..., 3, n, n)."""
+    """Return (..., 3, n, n) of what acts across the direction of (..., 3, n, n)."""
     return np.asarray(tensor[..., [1, 0, 2], :, :] * np.array([1, 1, -1])[:, None, None])
 
 

@@ -21,7 +21,7 @@ _PRESSURE = 200e3  # Pa, at which muscle types are compared
 
 
 def described(design: Design) -> dict[str, Any]:
-    """What `distance` compares, as lists and numbers that JSON takes."""
+    """Return what `distance` compares, as lists and numbers that JSON takes."""
     fabric = design.fabric
     constants = {
         "width": fabric.width,
@@ -44,21 +44,21 @@ def described(design: Design) -> dict[str, Any]:
 
 
 def _constants_of(kind: MuscleType) -> list[float]:
-    """Axis offset [m], and tension [N] at the row of the bench nearest to `_PRESSURE` and the rest length."""
+    """Return the axis offset [m] and tension [N] at the row of the bench nearest to `_PRESSURE` and the rest length."""
     pressure, contraction = np.array(kind.bench.pressure), np.array(kind.bench.contraction)
     row = np.argmin(np.abs(pressure - _PRESSURE) / _PRESSURE + np.abs(contraction))
     return [kind.axis_offset, max(kind.bench.force[int(row)], 1e-3)]
 
 
 def _patches(design: Design) -> Array:
-    """(n^2, 6): around every node, how much muscle lies on the front and on the back, by direction."""
+    """Return (n^2, 6): around every node, how much muscle lies on the front and on the back, by direction."""
     field = deposits(design).sum(axis=1)  # (2, 3, n, n)
     smooth = uniform_filter(field, (1, 1, _PATCH, _PATCH), mode="nearest")
     return np.moveaxis(smooth.reshape(6, -1), 0, 1)
 
 
 def distance(design: Mapping[str, Any], known: Sequence[Mapping[str, Any]]) -> float:
-    """Of one design from all the `known` ones together, as `described`; 0: nothing about it is new.
+    """Return how far one design is from all the `known` ones together, as `described`; 0: nothing about it is new.
 
     Two parts, added: over the nodes, RMS of how far the muscles around one are from what some node of a known design
     has around it (1: one straight muscle more or less), and how far the constants are from the
@@ -74,7 +74,7 @@ def distance(design: Mapping[str, Any], known: Sequence[Mapping[str, Any]]) -> f
 
 
 def _constants_apart(one: Mapping[str, Any], other: Mapping[str, Any]) -> float:
-    """Largest difference of logarithms, in logarithms of `_FACTOR`; of each muscle type from the nearest one."""
+    """Return the largest difference of logarithms, in logarithms of `_FACTOR`; of muscle types from the nearest one."""
     fabric = [_apart([one["constants"][name]], [other["constants"][name]]) for name in one["constants"]]
     muscles = [min((_apart(kind, known) for known in other["muscles"]), default=FAR) for kind in one["muscles"]]
     return max([*fabric, *muscles])

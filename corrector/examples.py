@@ -1,4 +1,5 @@
-"""What the field corrector learns from: measured heights, their errors, and what each basis function would do."""
+"""Examples that the field corrector learns from: measured heights, their errors, and what each basis function would
+do."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from corrector.inputs import HISTORY, MuscleFields, fields_of
 from corrector.outputs import heights_of
 from corrector.response import weight_over_stiffness
 from corrector.shape import FINE, LocalFrames, middle_of
-from fabdesign.geometry.surface import Surface, face_triangles
+from fabdesign.geometry.surface import Surface, front_triangles
 from fabdesign.nouns.corrector import with_history
 from fabdesign.nouns.forward import Case
 from fabdesign.units import in_mm
@@ -28,8 +29,8 @@ _FAR_OFF = (5e-3, 5e-3, 3e-3, 3e-3, 3e-3, 3e-3)  # m: points farther off are str
 
 
 def offsets(middle: Floats, cloud: Floats, thickness: float, nodes: int = FINE) -> tuple[Floats, Floats]:
-    """(nodes, nodes) m from the mid-surface (side, side, 3) to the measured cloth, along its normal, and on how many
-    points of the cloud (n, 3) each is the mean; 0 where there is none.
+    """Return (nodes, nodes) m from the mid-surface (side, side, 3) to the measured cloth, along its normal, and on how
+    many points of the cloud (n, 3) each is the mean; 0 where there is none.
 
     A point does not say on which face it is: two faces 2 mm apart and 2 mm of error look alike, point by point. Around
     a node they are two layers a thickness apart; expectation-maximisation over the two, from the mean of both, tells
@@ -57,16 +58,16 @@ def offsets(middle: Floats, cloud: Floats, thickness: float, nodes: int = FINE) 
 
 
 def _heights(middle: Floats, cloud: Floats) -> tuple[Floats, Floats, Floats]:
-    """(n,) height [m] over the nearest triangle's plane, and row and column of the nearest place."""
+    """Return (n,) height [m] over the nearest triangle's plane, and row and column of the nearest place."""
     side = middle.shape[0]
-    triangles = face_triangles(side, side)[: 2 * (side - 1) ** 2]
+    triangles = front_triangles(side, side)
     surface = Surface(middle.reshape(-1, 3).astype(np.float64), triangles)
-    near = surface.nearest(cloud)
-    corners = triangles[near.triangle]
-    place = np.einsum("nc,ncd->nd", near.weights, surface.vertices[corners])
-    height = np.einsum("nd,nd->n", cloud - place, surface.normals_of(near.triangle))
+    nearest = surface.nearest(cloud)
+    corners = triangles[nearest.triangle]
+    place = np.einsum("nc,ncd->nd", nearest.weights, surface.vertices[corners])
+    height = np.einsum("nd,nd->n", cloud - place, surface.normals_of(nearest.triangle))
     rows, cols = np.divmod(corners, side)
-    return height, (near.weights * rows).sum(axis=1), (near.weights * cols).sum(axis=1)
+    return height, (nearest.weights * rows).sum(axis=1), (nearest.weights * cols).sum(axis=1)
 
 
 _MOST = 8.0  # points, more of which do not make a node count more: its error is the model's then
@@ -90,8 +91,8 @@ class Examples:
         motion: NDArray[np.floating],
         clouds: Sequence[NDArray[np.floating]],
     ) -> "Examples":
-        """One trial's frames at `times` (T,) s. motion: (U, 2 side^2, 3) m at `with_history(times, HISTORY)`; clouds:
-        T of (n, 3) m."""
+        """Return one trial's frames at `times` (T,) s. motion: (U, 2 side^2, 3) m at `with_history(times, HISTORY)`;
+        clouds: T of (n, 3) m."""
         _, where = with_history(times, HISTORY)
         fabric = case.design.fabric
         middle = middle_of(motion[where[0]], round((motion.shape[1] // 2) ** 0.5)).astype(np.float32)
@@ -107,20 +108,22 @@ class Examples:
         return Examples(flat.astype(np.float16), goal.astype(np.float32), weight.astype(np.float32))
 
     def errors(self, coefficients: Floats | None = None) -> NDArray[np.float64]:
-        """(T,) mm RMS that is left with these coefficients (K,); by default without any."""
-        left = self.goal
+        """Return (T,) mm RMS that is left with these coefficients (K,); by default without any."""
+        remainder = self.goal
         if coefficients is not None:
-            left = left - np.einsum("tkn,k->tn", self.heights.astype(np.float32), coefficients.astype(np.float32))
-        return np.asarray(np.sqrt((left**2 * self.weight).sum(axis=1)), dtype=np.float64)
+            remainder = remainder - np.einsum(
+                "tkn,k->tn", self.heights.astype(np.float32), coefficients.astype(np.float32)
+            )
+        return np.asarray(np.sqrt((remainder**2 * self.weight).sum(axis=1)), dtype=np.float64)
 
     @cached_property
     def equations(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(K, K) and (K,): normal equations of all frames, each by its error before."""
         matrix, right = 0.0, 0.0
         for heights, goal, weight, error in zip(self.heights, self.goal, self.weight, self.errors(), strict=True):
-            own = heights.astype(np.float32)
-            by = own * weight / max(error, _GOOD) ** 2
-            matrix, right = matrix + by @ own.T, right + by @ goal
+            single = heights.astype(np.float32)
+            by = single * weight / max(error, _GOOD) ** 2
+            matrix, right = matrix + by @ single.T, right + by @ goal
         return np.asarray(matrix, dtype=np.float64), np.asarray(right, dtype=np.float64)
 
     def __len__(self) -> int:

@@ -58,7 +58,7 @@ class FieldCorrector:
         return answer
 
     def displacement(self, case: Case, times: NDArray[np.float64], motion: Floats) -> NDArray[np.float32]:
-        """(T, FINE, FINE, 3) m of the mid-surface. motion: as `inputs.fields_of` takes it."""
+        """Return (T, FINE, FINE, 3) m of the mid-surface. motion: as `inputs.fields_of` takes it."""
         fabric = case.design.fabric
         layout, trust = self._known(case.design)
         combination = Basis.of(fields_of(case, layout, times, motion)).combined(self.coefficients(trust.distance))
@@ -67,12 +67,12 @@ class FieldCorrector:
         return displacement_of(combination, frames, fabric, weight_over_stiffness(case))
 
     def coefficients(self, distance: float) -> NDArray[np.float64]:
-        """(K,) for a design so far from those learned from."""
-        near = max(1 - distance / NEAR, 0.0)
-        return near * self.seen + (1 - near) * self.unseen
+        """Return (K,) for a design so far from those learned from."""
+        nearness = max(1 - distance / NEAR, 0.0)
+        return nearness * self.seen + (1 - nearness) * self.unseen
 
     def _known(self, design: Design) -> tuple[MuscleFields, Trust]:
-        """What is the same in all motions of a design, worked out once."""
+        """Return what is the same in all motions of a design, worked out once."""
         if id(design) not in self._layouts:
             if len(self._layouts) > 64:  # a search asks for thousands of designs
                 self._layouts.clear()

@@ -1,4 +1,4 @@
-"""What the corrector sees of a case: the muscles as fields, the shape in its own frames, the recent past.
+"""Inputs of the corrector from a case: the muscles as fields, the shape in its own frames, the recent past.
 
 Everything is local, so that a new layout is a new arrangement of known things: no places on the cloth, no directions in
 the room and no names of muscles, only directions and sides relative to one another.
@@ -64,7 +64,7 @@ class Fields:
 
 @dataclass(frozen=True, eq=False)
 class MuscleFields:
-    """What is the same in every frame of a design."""
+    """The fields that are the same in every frame of a design."""
 
     design: Design
     deposits: Array  # (2, intervals, 3, n, n)
@@ -77,7 +77,7 @@ class MuscleFields:
 
 
 def fields_of(case: Case, layout: MuscleFields, times: Array, motion: NDArray[np.floating]) -> Fields:
-    """Of a case at `times` (T,) s.
+    """Return the fields of a case at `times` (T,) s.
 
     motion: (1 + H, T, 2 side^2, 3) m, simulated at the times themselves, then `HISTORY` seconds before each.
     """
@@ -101,10 +101,10 @@ def _muscle_fields(case: Case, layout: MuscleFields, times: Array, middle: NDArr
     tension = np.empty_like(pressure)
     types = np.array([design.muscles[i.muscle].type for i in intervals])
     for name, law in layout.laws.items():
-        own = types == name
-        idle = law.tension(0.0, contraction[0][:, own])
-        tension[:, own] = idle + _factor(case, name, "muscle_gain") * (
-            law.tension(pressure[:, own], contraction[0][:, own]) - idle
+        of_type = types == name
+        idle = law.tension(0.0, contraction[0][:, of_type])
+        tension[:, of_type] = idle + _factor(case, name, "muscle_gain") * (
+            law.tension(pressure[:, of_type], contraction[0][:, of_type]) - idle
         )
     p, short = pressure / _PRESSURE, contraction[0] / _CONTRACTION
     along = 2 * np.array([i.along for i in intervals]) - 1
@@ -139,7 +139,7 @@ def _factor(case: Case, muscle_type: str, name: str) -> float:
 
 
 def _contractions(case: Case, middle: NDArray[np.float32]) -> Array:
-    """(1 + H, T, intervals), 1 - l / l0, of muscles that lie their axis offset off the mid-surface."""
+    """Return (1 + H, T, intervals), 1 - l / l0, of muscles that lie their axis offset off the mid-surface."""
     design, side = case.design, middle.shape[-2]
     fabric = design.fabric
     normal = LocalFrames.of(middle, fabric.width, fabric.height, side).normal
@@ -162,7 +162,7 @@ def _contractions(case: Case, middle: NDArray[np.float32]) -> Array:
 
 
 def _shape_fields(fabric: Fabric, middle: NDArray[np.float32]) -> tuple[Array, Array, Array, Array]:
-    """`Fields.curvature`, `strain`, `changes`, `speeds`."""
+    """Return `Fields.curvature`, `strain`, `changes`, `speeds`."""
     frames = LocalFrames.of(middle, fabric.width, fabric.height, NODES)
     curvature = np.moveaxis(_curvatures(frames, fabric), -1, 2).astype(np.float64)  # (1 + H, T, 3, n, n)
     size_u, size_v = (np.linalg.norm(x[0], axis=-1) for x in (frames.across, frames.down))
@@ -176,7 +176,7 @@ def _shape_fields(fabric: Fabric, middle: NDArray[np.float32]) -> tuple[Array, A
 
 
 def _curvatures(frames: LocalFrames, fabric: Fabric) -> NDArray[np.floating]:
-    """(..., n, n, 3): uu, vv and uv, times `_LENGTH`."""
+    """Return (..., n, n, 3): uu, vv and uv, times `_LENGTH`."""
     n = frames.normal.shape[-2]
     along_u = np.gradient(frames.normal, fabric.width / (n - 1), axis=-2)
     along_v = np.gradient(frames.normal, fabric.height / (n - 1), axis=-3)
@@ -185,7 +185,7 @@ def _curvatures(frames: LocalFrames, fabric: Fabric) -> NDArray[np.floating]:
 
 
 def _common(case: Case, times: Array) -> tuple[Array, Array, Array]:
-    """`Fields.total`, `opened`, `since`."""
+    """Return `Fields.total`, `opened`, `since`."""
     program = case.program
     pressure = program.at(times) if case.design.channels else np.zeros((len(times), 1))
     last = np.searchsorted(program.time, times + 1e-9, side="right") - 1
@@ -195,7 +195,8 @@ def _common(case: Case, times: Array) -> tuple[Array, Array, Array]:
 
 
 def lagged(program: PressureProgram, times: Array, lag: float) -> Array:
-    """(T, channels) Pa: the program through a first-order lag of `lag` s, from no pressure before t = 0. Exact."""
+    """Return (T, channels) Pa: the program through a first-order lag of `lag` s, from no pressure before t = 0.
+    Exact."""
     ends = np.append(program.time[1:], np.inf)
     result = np.zeros((len(times), program.pressure.shape[1]))
     for start, end, level in zip(program.time, ends, program.pressure, strict=True):

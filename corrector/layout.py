@@ -17,7 +17,7 @@ _SAMPLES = 8  # an interval between fixed points
 
 @dataclass(frozen=True, eq=False)
 class Interval:
-    """Between two fixed points of one muscle."""
+    """The part of a muscle between two fixed points."""
 
     muscle: int
     start: Array  # (2,) (u, v) m
@@ -26,7 +26,7 @@ class Interval:
 
 
 def intervals_of(design: Design) -> list[Interval]:
-    """All intervals, muscle by muscle."""
+    """Return all intervals, muscle by muscle."""
     intervals = []
     for m, muscle in enumerate(design.muscles):
         done, whole = 0.0, muscle.length
@@ -38,8 +38,8 @@ def intervals_of(design: Design) -> list[Interval]:
 
 
 def deposits(design: Design, nodes: int = NODES) -> Array:
-    """(2, intervals, 3, nodes, nodes): on the front and on the back, how much of each interval lies around each node
-    (rows: rising v, columns: rising u), times its direction's components uu, vv and uv.
+    """Return (2, intervals, 3, nodes, nodes): on the front and on the back, how much of each interval lies around each
+    node (rows: rising v, columns: rising u), times its direction's components uu, vv and uv.
 
     Length per area, spread over the four nodes around each piece, by `_DENSITY`; a straight muscle has about 1 on the
     nodes under it. What is spread so keeps its direction and side: a layout is an arrangement of the same pieces.
@@ -63,7 +63,7 @@ def deposits(design: Design, nodes: int = NODES) -> Array:
 
 
 def _around(at: Array, size: Array, nodes: int) -> Array:
-    """(n, nodes, nodes): sums of the bilinear weights of points (n, k, 2) [m] of a cloth of `size` (2,) m."""
+    """Return (n, nodes, nodes): sums of the bilinear weights of points (n, k, 2) [m] of a cloth of `size` (2,) m."""
     x = np.clip(at / size, 0, 1) * (nodes - 1)
     first = np.minimum(x.astype(int), nodes - 2)
     u, v = np.moveaxis(x - first, -1, 0)

@@ -1,4 +1,4 @@
-"""From a model to its corrector."""
+"""The corrector of a model, loaded from its file."""
 
 import json
 from collections.abc import Mapping
@@ -31,7 +31,8 @@ def write_weights(path: Path, weights: Weights, about: Mapping[str, Any]) -> Non
 
 
 def read_weights(path: Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
-    """The arrays and what is known about them. Raises InputError for a file that is not there or not a corrector's."""
+    """Return the arrays and what is known about them. Raises InputError for a file that is not there or not a
+    corrector's."""
     try:
         with safe_open(path, framework="numpy") as stream:
             about = json.loads((stream.metadata() or {}).get(_KEY, "{}"))
@@ -48,8 +49,8 @@ def read_weights(path: Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, 
 
 
 def load_corrector(model: Model) -> Corrector:
-    """The corrector that a model names. Raises InputError for a file that is none, and for a model whose parameters or
-    effects are no longer those that it was trained on."""
+    """Return the corrector that a model names. Raises InputError for a file that is none, and for a model whose
+    parameters or effects are no longer those that it was trained on."""
     path = model.corrector
     if path is None:
         raise ValueError("the model names no corrector")

@@ -13,7 +13,7 @@ from fabdesign.nouns.fabric import Fabric
 
 
 def displacement_of(combination: Combination, frames: LocalFrames, fabric: Fabric, ratio: float) -> NDArray[np.float32]:
-    """(T, FINE, FINE, 3) m of the mid-surface.
+    """Return (T, FINE, FINE, 3) m of the mid-surface.
 
     frames: of the simulated cloth, at FINE x FINE nodes. ratio: `response.weight_over_stiffness`.
     """
@@ -29,7 +29,7 @@ def displacement_of(combination: Combination, frames: LocalFrames, fabric: Fabri
 
 
 def heights_of(basis: Basis, frames: LocalFrames, fabric: Fabric, ratio: float) -> NDArray[np.float32]:
-    """(T, K, FINE, FINE) m along the normal by a unit coefficient, to first order."""
+    """Return (T, K, FINE, FINE) m along the normal by a unit coefficient, to first order."""
     size_u, size_v = (np.linalg.norm(x, axis=-1, keepdims=True) for x in (frames.across, frames.down))
     count = len(basis.swings)
     flat = basis.curvature.astype(np.float32).reshape(-1, 3 * NODES**2)
@@ -43,22 +43,22 @@ def heights_of(basis: Basis, frames: LocalFrames, fabric: Fabric, ratio: float) 
     )
     change_u = tilts[:, :, 0, ..., None] * (size_u * frames.normal)[:, None]
     change_v = tilts[:, :, 1, ..., None] * (size_v * frames.normal)[:, None]
-    own = slice(by_curvature.shape[1], by_curvature.shape[1] + strain.shape[1])
+    span = slice(by_curvature.shape[1], by_curvature.shape[1] + strain.shape[1])
     unit_u, unit_v = frames.across / size_u, frames.down / size_v
     shear = strain[:, :, 2, ..., None] / 2
-    change_u[:, own] = (strain[:, :, 0, ..., None] * unit_u[:, None] + shear * unit_v[:, None]) * size_u[:, None]
-    change_v[:, own] = (strain[:, :, 1, ..., None] * unit_v[:, None] + shear * unit_u[:, None]) * size_v[:, None]
+    change_u[:, span] = (strain[:, :, 0, ..., None] * unit_u[:, None] + shear * unit_v[:, None]) * size_u[:, None]
+    change_v[:, span] = (strain[:, :, 1, ..., None] * unit_v[:, None] + shear * unit_u[:, None]) * size_v[:, None]
     heights = np.einsum("tkabi,tabi->tkab", _put_together(change_u, change_v, fabric), frames.normal)
     return np.concatenate([heights, _fine(basis.displacements).astype(np.float32)], axis=1)
 
 
 def _fine(field: Floats) -> Floats:
-    """(..., FINE, FINE) of (..., n, n)."""
+    """Return (..., FINE, FINE) of (..., n, n)."""
     return refine(field[..., None], FINE)[..., 0]
 
 
 def _put_together(change_u: Floats, change_v: Floats, fabric: Fabric) -> Floats:
-    """`shape.put_together` of (T, K, FINE, FINE, 3) as one product of matrices: ten times faster."""
+    """Return `shape.put_together` of (T, K, FINE, FINE, 3) as one product of matrices: ten times faster."""
     steps_u = (change_u[..., :, 1:, :] + change_u[..., :, :-1, :]) / 2
     steps_v = (change_v[..., 1:, :, :] + change_v[..., :-1, :, :]) / 2
     batch = change_u.shape[:2]
@@ -74,7 +74,7 @@ def _coarse_slopes(fabric: Fabric, ratio: float) -> NDArray[np.float32]:
 
 @lru_cache(maxsize=8)
 def _coarse(width: float, height: float, hung: object, clamped: bool, ratio: float) -> NDArray[np.float32]:
-    """(3 NODES^2, 2 FINE^2): `response.slopes` of curvatures on the coarse nodes."""
+    """Return (3 NODES^2, 2 FINE^2): `response.slopes` of curvatures on the coarse nodes."""
     line = refinement(NODES, FINE)
     matrix = slopes(width, height, hung, clamped, ratio, FINE).reshape(-1, 3, FINE**2) @ np.kron(line, line)
     return np.ascontiguousarray(matrix.reshape(2 * FINE**2, -1).T.astype(np.float32))

@@ -44,7 +44,7 @@ class Autoencoder(nn.Module):
         )
 
     def encode(self, cloud: Tensor) -> Tensor:
-        """(B, code): the largest of every feature over the points, in whatever order they are."""
+        """Return (B, code): the largest of every feature over the points, in whatever order they are."""
         return self.points(cloud).amax(dim=1)
 
     def decode(self, code: Tensor) -> Tensor:
@@ -68,19 +68,20 @@ class NextCode(nn.Module):
 
 
 def to_unit(points: Floats) -> NDArray[np.float32]:
-    """Coordinates [m] as the network takes them."""
+    """Return coordinates [m] as the network takes them."""
     return ((np.asarray(points) - _CENTRE) / LENGTH).astype(np.float32)
 
 
 def drawn(points: Floats, count: int, rng: np.random.Generator) -> Floats:
-    """(count, 3): of the points (n, 3) each at most once, or where they are fewer, all, and some of them again."""
+    """Return (count, 3): of the points (n, 3) each at most once, or where they are fewer, all, and some of them
+    again."""
     if len(points) > count:
         return points[rng.choice(len(points), count, replace=False)]
     return np.concatenate([points, points[rng.choice(len(points), count - len(points))]])  # a batch is of one size
 
 
 def chamfer_squared(one: Tensor, other: Tensor) -> Tensor:
-    """Mean over the batch of both mean squared nearest distances, summed, in the square of the points' unit."""
+    """Return the mean over the batch of both mean squared nearest distances, summed, in the points' unit squared."""
     there, back = (
         (a - _taken(b, _nearest(a.detach(), b.detach()))).square().sum(dim=2) for a, b in ((one, other), (other, one))
     )
@@ -88,7 +89,8 @@ def chamfer_squared(one: Tensor, other: Tensor) -> Tensor:
 
 
 def _nearest(points: Tensor, others: Tensor) -> Tensor:
-    """(B, n): of each point (B, n, 3) the nearest of the others. The gradient of the distance needs no other pair."""
+    """Return (B, n): of each point (B, n, 3) the nearest of the others. The gradient of the distance needs no other
+    pair."""
     if points.device.type == "cuda":
         return torch.cdist(points, others).argmin(dim=2)
     trees = [cKDTree(cloud) for cloud in others.numpy()]
@@ -96,7 +98,7 @@ def _nearest(points: Tensor, others: Tensor) -> Tensor:
 
 
 def _taken(points: Tensor, index: Tensor) -> Tensor:
-    """(B, k, 3): of each cloud those of its index (B, k)."""
+    """Return (B, k, 3): of each cloud those of its index (B, k)."""
     return points.gather(1, index[:, :, None].expand(-1, -1, 3))
 
 
@@ -118,8 +120,8 @@ class PaperCorrector:
         code = int(about["code"])
         parts = {"simulated": Autoencoder(code), "following": NextCode(code), "measured": Autoencoder(code)}
         for name, part in parts.items():
-            own = {k.removeprefix(f"{name}."): v for k, v in weights.items() if k.startswith(f"{name}.")}
-            part.load_state_dict({k: torch.from_numpy(np.array(v)) for k, v in own.items()})
+            tensors = {k.removeprefix(f"{name}."): v for k, v in weights.items() if k.startswith(f"{name}.")}
+            part.load_state_dict({k: torch.from_numpy(np.array(v)) for k, v in tensors.items()})
             part.eval()
         return PaperCorrector(
             **parts,  # type: ignore[arg-type]

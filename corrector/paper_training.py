@@ -38,7 +38,7 @@ class PaperTraining:
 
     @staticmethod
     def here(seed: int) -> "PaperTraining":
-        """Full size where there is a GPU; else one for two cores, which rig_a takes within an hour."""
+        """Return full size where there is a GPU; else one for two cores, which rig_a takes within an hour."""
         if torch.cuda.is_available():
             return PaperTraining(seed=seed)
         return PaperTraining(
@@ -48,7 +48,7 @@ class PaperTraining:
 
 @dataclass(frozen=True, eq=False)
 class TrainingPairs:
-    """Of one trial: simulated and measured clouds of the same T frames."""
+    """The pairs of one trial: simulated and measured clouds of the same T frames."""
 
     simulated: Floats  # (T, n, 3) m
     measured: Sequence[Floats]  # T of (n_t, 3) m
@@ -62,7 +62,7 @@ def train_paper(
     *,
     progress: Callable[[str, int, int], None] = lambda what, done, total: None,
 ) -> dict[str, NDArray[np.float32]]:
-    """The weights. Checkpoints lie in `folder`, as paper-PART.pt; what is there is gone on from."""
+    """Return the weights. Checkpoints lie in `folder`, as paper-PART.pt; what is there is gone on from."""
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     rng = np.random.default_rng(plan.seed)
     check = set(rng.permutation(len(trials))[: max(round(_VALIDATED * len(trials)), 1)].tolist())
@@ -74,7 +74,7 @@ def train_paper(
         part.to(device)
     for name, network in parts.items():
         clouds = [
-            [np.asarray(c, dtype=np.float32) for c, own in zip(getattr(trial, name), trial.learned, strict=True) if own]
+            [np.asarray(c, dtype=np.float32) for c, use in zip(getattr(trial, name), trial.learned, strict=True) if use]
             for trial in trials
         ]
         learned = [c for i, trial in enumerate(clouds) for c in trial if i not in check]
@@ -169,7 +169,7 @@ def _descend(
 def _codes(
     trials: Sequence[TrainingPairs], parts: dict[str, Autoencoder], plan: PaperTraining, device: torch.device
 ) -> list[tuple[Tensor, Tensor]]:
-    """Of each trial (T, code) of its simulated and of its measured frames."""
+    """Return the codes (T, code) of each trial's simulated and of its measured frames."""
     rng = np.random.default_rng(plan.seed)
     codes = []
     with torch.no_grad():
@@ -184,5 +184,6 @@ def _codes(
 
 
 def _sequences(simulated: Tensor, measured: Tensor, learned: NDArray[np.bool_]) -> list[tuple[Tensor, Tensor]]:
-    """(FRAMES, code) before each frame from the sixth on that is learned from, and that frame's own measured code."""
+    """Return (FRAMES, code) before each frame from the sixth on that is learned from, and that frame's own measured
+    code."""
     return [(simulated[k - FRAMES : k], measured[k]) for k in range(FRAMES, len(measured)) if learned[k]]

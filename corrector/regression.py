@@ -30,7 +30,8 @@ class Regression:
 def coefficients_of(
     examples: Sequence[Examples], penalty: float, least: Array, columns: NDArray[np.bool_] | None = None
 ) -> Array:
-    """(K,) coefficients, zero outside `columns`, that leave least of the examples' errors, relative to those before.
+    """Return (K,) coefficients, zero outside `columns`, that leave least of the examples' errors, relative to those
+    before.
 
     The penalty is on what a function does, not on its unit: a coefficient counts by the RMS of the heights that it
     makes, as a share of the error before, and by `least` (K,) at least: what moves the cloth in its plane hardly shows
@@ -47,21 +48,21 @@ def coefficients_of(
 
 
 def relative_error(examples: Sequence[Examples], coefficients: Array | None = None) -> float:
-    """What is left of the errors before, mean over frames."""
+    """Return what is left of the errors before, mean over frames."""
     before = np.concatenate([e.errors() for e in examples])
     after = before if coefficients is None else np.concatenate([e.errors(coefficients) for e in examples])
     return float(np.mean(after / np.maximum(before, 0.5)))
 
 
 def best_penalty(examples: Sequence[Examples], folds: Sequence[Sequence[int]], plan: Regression, least: Array) -> float:
-    """The penalty that leaves least of trials not learned from; `folds`: indices of those kept back in turn. The
+    """Return the penalty that leaves least of trials not learned from; `folds`: indices of those kept back in turn. The
     largest where there is nothing to try it on."""
     if not folds:
         return plan.penalties[-1]
-    left = np.zeros(len(plan.penalties))
+    remaining = np.zeros(len(plan.penalties))
     for kept_back in folds:
         rest = [e for i, e in enumerate(examples) if i not in set(kept_back)]
-        own = [examples[i] for i in kept_back]
+        held_out = [examples[i] for i in kept_back]
         for k, penalty in enumerate(plan.penalties):
-            left[k] += len(own) * relative_error(own, coefficients_of(rest, penalty, least))
-    return plan.penalties[int(left.argmin())]
+            remaining[k] += len(held_out) * relative_error(held_out, coefficients_of(rest, penalty, least))
+    return plan.penalties[int(remaining.argmin())]

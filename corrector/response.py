@@ -27,8 +27,8 @@ _EASE = 1e-6  # of the identity, in 1/m^4: a cloth that nothing holds keeps its 
 
 
 def weight_over_stiffness(case: Case) -> float:
-    """1/m^3: areal weight over bending stiffness down the cloth, factors applied; 0 where the weight does not pull
-    from a hung top edge."""
+    """Return 1/m^3: areal weight over bending stiffness down the cloth, factors applied; 0 where the weight does not
+    pull from a hung top edge."""
     fabric = case.design.fabric
     if fabric.hung != "top":
         return 0.0
@@ -37,13 +37,14 @@ def weight_over_stiffness(case: Case) -> float:
 
 
 def slopes_of(fabric: Fabric, ratio: float, n: int) -> Array:
-    """`slopes` for a cloth."""
+    """Return `slopes` for a cloth."""
     return slopes(fabric.width, fabric.height, fabric.hung, fabric.support == "clamped", ratio, n)
 
 
 @lru_cache(maxsize=16)
 def slopes(width: float, height: float, hung: Any, clamped: bool, ratio: float, n: int) -> Array:
-    """(2 n^2, 3 n^2) m: slopes w_u and w_v at n x n nodes from curvatures k_uu, k_vv, k_uv [1/m] at the same nodes.
+    """Return (2 n^2, 3 n^2) m: slopes w_u and w_v at n x n nodes from curvatures k_uu, k_vv, k_uv [1/m] at the same
+    nodes.
 
     hung, clamped: which nodes are held, and whether their normals are too. ratio: `weight_over_stiffness`.
     """

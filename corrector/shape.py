@@ -24,7 +24,7 @@ class LocalFrames:
 
     @staticmethod
     def of(middle: Floats, width: float, height: float, nodes: int) -> "LocalFrames":
-        """middle: (..., side, side, 3) m; side - 1 is a multiple of nodes - 1."""
+        """Return the frames of a mid-surface (..., side, side, 3) m; side - 1 is a multiple of nodes - 1."""
         side = middle.shape[-2]
         every = (side - 1) // (nodes - 1)
         across = _slope(middle, -2)[..., ::every, ::every, :] * (side - 1) / width
@@ -34,14 +34,14 @@ class LocalFrames:
         return LocalFrames(across, down, normal)
 
     def units(self) -> Floats:
-        """(..., nodes, nodes, 3, 3): unit vectors along u, along v and along the normal, in rows."""
+        """Return (..., nodes, nodes, 3, 3): unit vectors along u, along v and along the normal, in rows."""
         across = self.across / np.linalg.norm(self.across, axis=-1, keepdims=True)
         down = self.down / np.linalg.norm(self.down, axis=-1, keepdims=True)
         return np.stack([across, down, self.normal], axis=-2)
 
 
 def _slope(x: Floats, axis: int) -> Floats:
-    """Differences a step along `axis`: central, one-sided of second order at the ends."""
+    """Return differences a step along `axis`: central, one-sided of second order at the ends."""
     x = np.moveaxis(x, axis, 0)
     slope = np.empty_like(x)
     slope[1:-1] = (x[2:] - x[:-2]) / 2
@@ -51,13 +51,13 @@ def _slope(x: Floats, axis: int) -> Floats:
 
 
 def middle_of(points: Floats, side: int) -> Floats:
-    """(..., side, side, 3) m mid-surface of two faces (..., 2 side^2, 3)."""
+    """Return the (..., side, side, 3) m mid-surface of two faces (..., 2 side^2, 3)."""
     count = side * side
     return ((points[..., :count, :] + points[..., count:, :]) / 2).reshape(*points.shape[:-2], side, side, 3)
 
 
 def tangent_changes(tilts: Floats, strains: Floats, frames: LocalFrames) -> tuple[Floats, Floats]:
-    """Changes of dX/du and dX/dv, each (..., n, n, 3).
+    """Return changes of dX/du and dX/dv, each (..., n, n, 3).
 
     tilts (..., n, n, 2) rad: turns of the u and of the v tangent towards the normal, at constant length. strains
     (..., n, n, 3): along u, along v, and shear.
@@ -73,8 +73,8 @@ def tangent_changes(tilts: Floats, strains: Floats, frames: LocalFrames) -> tupl
 
 
 def put_together(change_u: Floats, change_v: Floats, fabric: Fabric) -> Floats:
-    """(..., n, n, 3) m displacement whose slopes come closest to the given changes of the tangents; none where the
-    cloth is hung."""
+    """Return the (..., n, n, 3) m displacement whose slopes come closest to the given changes of the tangents; none
+    where the cloth is hung."""
     n = change_u.shape[-2]
     steps_u = (change_u[..., :, 1:, :] + change_u[..., :, :-1, :]) / 2
     steps_v = (change_v[..., 1:, :, :] + change_v[..., :-1, :, :]) / 2
@@ -86,7 +86,7 @@ def put_together(change_u: Floats, change_v: Floats, fabric: Fabric) -> Floats:
 
 @lru_cache(maxsize=8)
 def integration(width: float, height: float, hung: Any, n: int) -> NDArray[np.float64]:
-    """(n^2, 2 n (n - 1)): displacements [m] of the nodes from slopes on the edges along u, then along v.
+    """Return (n^2, 2 n (n - 1)): displacements [m] of the nodes from slopes on the edges along u, then along v.
 
     Least squares over all edges (Poisson's equation), with the hung nodes held; a cloth that is not hung keeps its
     mean place.
@@ -111,7 +111,7 @@ def integration(width: float, height: float, hung: Any, n: int) -> NDArray[np.fl
 
 
 def held_nodes(width: float, height: float, hung: Any, n: int) -> NDArray[np.bool_]:
-    """(n, n) whether a node is hung: those of an edge, or the nearest to each point."""
+    """Return (n, n) whether a node is hung: those of an edge, or the nearest to each point."""
     held = np.zeros((n, n), dtype=bool)
     if isinstance(hung, str):
         for edge, part in (("top", held[0]), ("bottom", held[-1]), ("left", held[:, 0]), ("right", held[:, -1])):
@@ -124,7 +124,7 @@ def held_nodes(width: float, height: float, hung: Any, n: int) -> NDArray[np.boo
 
 @lru_cache(maxsize=8)
 def refinement(coarse: int, fine: int) -> NDArray[np.float64]:
-    """(fine, coarse) weights of linear interpolation on a line."""
+    """Return (fine, coarse) weights of linear interpolation on a line."""
     at = np.linspace(0, coarse - 1, fine)
     first = np.minimum(at.astype(int), coarse - 2)
     weights = np.zeros((fine, coarse))
@@ -135,14 +135,14 @@ def refinement(coarse: int, fine: int) -> NDArray[np.float64]:
 
 
 def refine(field: Floats, fine: int) -> Floats:
-    """(..., fine, fine, k) of (..., n, n, k), linear in between."""
+    """Return (..., fine, fine, k) of (..., n, n, k), linear in between."""
     line = refinement(field.shape[-2], fine).astype(field.dtype)
     return np.einsum("ai,...ijk,bj->...abk", line, field, line, optimize=True)
 
 
 def displaced(points: Floats, displacement: Floats, thickness: float) -> NDArray[np.float32]:
-    """(..., 2 side^2, 3) m: both faces of `points` moved by a displacement of the mid-surface (..., n, n, 3), and
-    turned with it."""
+    """Return (..., 2 side^2, 3) m: both faces of `points` moved by a displacement of the mid-surface (..., n, n, 3),
+    and turned with it."""
     count = points.shape[-2] // 2
     side = round(count**0.5)
     middle = middle_of(points, side)

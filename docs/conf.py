@@ -9,9 +9,12 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
+sys.path[:0] = [str(ROOT), str(ROOT / "scripts")]
 
-from fabdesign.version import __version__  # noqa: E402 after the path
+from myst_parser.parsers.sphinx_ import MystParser  # noqa: E402 after the path
+from notebooks import as_markdown  # noqa: E402
+
+from fabdesign.version import __version__  # noqa: E402
 
 project = "fabdesign"
 author = "The fabdesign developers"
@@ -19,10 +22,10 @@ copyright = author
 version = release = __version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.viewcode"]
-source_suffix = {".md": "markdown"}
+source_suffix = {".md": "markdown", ".ipynb": "notebook"}
 root_doc = "index"
 myst_heading_anchors = 4
-suppress_warnings = ["myst.header"]  # pages of results begin at any level
+suppress_warnings = ["myst.header"]  # pages of docs/lab begin at any level
 
 default_role = "literal"  # docstrings name code in single backticks
 autodoc_member_order = "bysource"
@@ -34,9 +37,7 @@ python_use_unqualified_type_names = True
 def write_excerpts(app, exception):
     """Write the text of pages beside the search page, which shows excerpts: as a file it fetches none."""
     if exception is None and app.builder.name == "html":
-        texts = {
-            name: app.env.get_doctree(name).astext() for name in app.env.found_docs if not name.startswith("results/")
-        }
+        texts = {name: app.env.get_doctree(name).astext() for name in app.env.found_docs if not name.startswith("lab/")}
         pages = {name + ".html": " ".join(text.split()) for name, text in texts.items()}
         (Path(app.outdir) / "_static" / "excerpts.js").write_text(
             f"const EXCERPTS = {json.dumps(pages)};", encoding="utf-8"
@@ -58,8 +59,26 @@ def parameters_as_fields(app, what, name, obj, options, lines):
             lines[k] = f":param {word}: {sentence}"
 
 
+class NotebookParser(MystParser):
+    """Show a notebook as a page: its text, its code, and the outputs that are kept in it."""
+
+    supported = ("notebook",)
+
+    def parse(self, inputstring, document):
+        super().parse(as_markdown(inputstring), document)
+
+
+def leave_the_laboratory_out(app, env):
+    """Pages of docs/lab are linked to, and neither in the navigation nor in the search."""
+    for name in env.found_docs:
+        if name.startswith("lab/"):
+            env.metadata[name] |= {"nosearch": True, "orphan": True}
+
+
 def setup(app):
     """Called by Sphinx."""
+    app.add_source_parser(NotebookParser)
+    app.connect("env-updated", leave_the_laboratory_out)
     app.connect("autodoc-process-docstring", parameters_as_fields)
     app.connect("build-finished", write_excerpts)
     app.connect("html-page-context", excerpts_on_search)

@@ -25,30 +25,30 @@ Millimetres = Annotated[float, InFile(factor=1e3)]  # m, in files mm
 
 
 def in_mm(metres: Number) -> Number:
-    """Millimetres of metres."""
+    """Return millimetres of metres."""
     return 1e3 * metres
 
 
 def from_mm(millimetres: Number) -> Number:
-    """Metres of millimetres."""
+    """Return metres of millimetres."""
     return 1e-3 * millimetres
 
 
 def in_kpa(pascals: Number) -> Number:
-    """Kilopascals of pascals."""
+    """Return kilopascals of pascals."""
     return pascals / 1e3
 
 
 def from_kpa(kilopascals: Number) -> Number:
-    """Pascals of kilopascals."""
+    """Return pascals of kilopascals."""
     return 1e3 * kilopascals
 
 
 def pascals(kilopascals: Decimal | int | str) -> float:
-    """Pa from a number in kPa, by shifting its decimal point: no rounding twice."""
+    """Return Pa from a number in kPa, by shifting its decimal point: no rounding twice."""
     return float(Decimal(kilopascals).scaleb(3))
 
 
 def kilopascals(pressure: float) -> Decimal:
-    """kPa from Pa, exactly the digits that `pascals` turns back into the same float."""
+    """Return kPa from Pa, exactly the digits that `pascals` turns back into the same float."""
     return Decimal(repr(float(pressure))).scaleb(-3)

@@ -1,4 +1,4 @@
 """The version of the program, and of its simulator. Loads nothing."""
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 SIMULATOR = "2"  # counts changes of the simulator that move motions: factors fitted with another one may not fit

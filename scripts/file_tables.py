@@ -1,4 +1,4 @@
-"""The tables of keys in docs/files.md, from what dataclasses declare.
+"""The tables of keys in docs (files.md, studies.md), from what dataclasses declare.
 
 python scripts/file_tables.py            # writes them between their marks
 python scripts/file_tables.py --check    # exits with 1 where they are not current
@@ -17,7 +17,7 @@ from fabdesign.formats.decoder import expected_of
 from fabdesign.formats.schema import FileKey, Notes, annotated, members, unit_of, walk
 from studies.check.kinds import KINDS, STUDIES
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "files.md"
+PAGES = tuple(Path(__file__).resolve().parents[1] / "docs" / name for name in ("files.md", "studies.md"))
 MARKED = re.compile(r"(<!-- keys: ([a-z -]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 HEADER = "| table | key | is | absent | meaning |\n|---|---|---|---|---|\n"
 
@@ -113,8 +113,11 @@ def _absent(each: FileKey) -> str:
 
 
 if __name__ == "__main__":
-    old = PAGE.read_text(encoding="utf-8")
-    new = with_tables(old)
-    if "--check" in sys.argv:
-        sys.exit(old != new)
-    PAGE.write_text(new, encoding="utf-8")
+    wrong = False
+    for file in PAGES:
+        old = file.read_text(encoding="utf-8")
+        new = with_tables(old)
+        wrong |= old != new
+        if old != new and "--check" not in sys.argv:
+            file.write_text(new, encoding="utf-8")
+    sys.exit(wrong and "--check" in sys.argv)

@@ -48,7 +48,7 @@ def imported_by(parsed: dict[Path, tuple[ast.Module, int]]) -> dict[str, set[str
 
 
 def figures() -> dict[str, int]:
-    """The table of docs/names.md."""
+    """Return the figures of the house by name."""
     parsed = trees()
     lines = {file: count for file, (_, count) in parsed.items() if file.name != "__init__.py"}
     users = imported_by(parsed)

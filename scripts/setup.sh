@@ -1,6 +1,7 @@
 #!/bin/sh
 # Make .venv with fabdesign and the extras named in $1 (comma separated), from a bare Python on Debian.
-# Missing system libraries are installed by apt where that is allowed, and named in one line where it is not.
+# PYTHON names another one than the first that is here. Missing system libraries are installed by apt where that is
+# allowed, and named in one line where it is not.
 set -eu
 cd "$(dirname "$0")/.."
 extras=${1:-}
@@ -11,7 +12,7 @@ fail() {
 }
 
 python=
-for candidate in python3.11 python3.12 python3.13 python3; do
+for candidate in ${PYTHON:-} python3.11 python3.12 python3.13 python3; do
     if "$candidate" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null; then
         python=$candidate
         break

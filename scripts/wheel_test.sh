@@ -48,7 +48,7 @@ assert fabdesign.__version__ == importlib.metadata.version("fabdesign")
 assert all((package.parent / name / "py.typed").is_file() for name in ("fabdesign", "sim", "corrector", "optimize", "studies"))
 assert len(read_set(package / "data" / "demo_set").trials[0].load().frames) > 0
 read_model(package / "data" / "demo_model.toml")
-templates = ("layouts/report", "view/page", "tracing/report", "sensitivity/report")
+templates = ("report/page", "view/page")
 missing = [name for name in templates if not (package.parent / "studies" / f"{name}.html.j2").is_file()]
 assert not missing, missing
 PYTHON

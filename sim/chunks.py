@@ -37,13 +37,14 @@ class Chunk:
         return max(1, *(case.program.pressure.shape[1] for case in self.cases))
 
     def damped(self) -> "Chunk":
-        """With so much air damping that they come to rest soon."""
+        """Return the chunk with so much air damping that they come to rest soon."""
         return replace(self, cases=[damped(case) for case in self.cases])
 
 
 def chunks_of(cases: Sequence[Case], n: int, patterns: Mapping[int, tuple] | None = None) -> list[Chunk]:
-    """Cases on n x n grids: held alike, so that a design's result does not depend on its neighbours, and at most BLOCKS
-    blocks. patterns: of the steps of those that are asked for, which ride together where these are alike; None: all."""
+    """Return cases on n x n grids: held alike, so that a design's result does not depend on its neighbours, and at most
+    BLOCKS blocks. patterns: of the steps of those that are asked for, which ride together where these are alike; None:
+    all."""
     patterns = dict.fromkeys(range(len(cases)), ()) if patterns is None else patterns
     groups: dict[tuple[Support, bool, bool, int, bool], list[int]] = {}
     for i in patterns:
@@ -58,14 +59,14 @@ def chunks_of(cases: Sequence[Case], n: int, patterns: Mapping[int, tuple] | Non
         blocks = pack([patterns[i] for i in group])
         for k in range(0, len(blocks), BLOCKS):
             lanes = [i for block in blocks[k : k + BLOCKS] for i in block]
-            own = list(dict.fromkeys(lanes))
-            places = [group[i] for i in own]
-            chunks.append(Chunk(places, [cases[i] for i in places], [own.index(i) for i in lanes]))
+            distinct = list(dict.fromkeys(lanes))
+            places = [group[i] for i in distinct]
+            chunks.append(Chunk(places, [cases[i] for i in places], [distinct.index(i) for i in lanes]))
     return chunks
 
 
 def laid(chunk: Chunk, n: int, self_contact: bool) -> tuple[Batch, Contents]:
-    """The chunk on n x n grids."""
+    """Return the chunk on n x n grids."""
     first = chunk.cases[0]
     support = Support.of(first.design.fabric)
     contents = contents_of(chunk.lanes, n, support=support, blocks=BLOCKS)
@@ -80,10 +81,10 @@ def has_added_force(case: Case) -> bool:
 
 
 def _smoothing(fabric: Fabric, n: int) -> int:
-    """In nodes."""
+    """Return the smoothing in nodes."""
     return max(1, round(SMOOTHING * (n - 1) / fabric.height))
 
 
 def _added_forces() -> tuple[AddedForce, ...]:
-    """Those of all effects: one kernel serves them all, and values make them zero."""
+    """Return the added forces of all effects: one kernel serves them all, and values make them zero."""
     return tuple(dict.fromkeys(force_of(effect) for effect in EFFECTS.values() if effect.force is not None))

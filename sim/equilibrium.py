@@ -1,4 +1,4 @@
-"""To rest: the steps that lead to where a motion starts, and to the shape under constant pressures."""
+"""Steps to rest: those that lead to where a motion starts, and to the shape under constant pressures."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -44,7 +44,8 @@ class Start(Enum):
 
 
 def start_of(case: Case, *, patient: bool) -> Start:
-    """patient: by a damped motion, where the cloth leaves its plane."""
+    """Return the state at the start and the steps to it. patient: by a damped motion, where the cloth leaves its
+    plane."""
     support = Support.of(case.design.fabric)
     if support == Support.NONE:
         return Start.FLAT
@@ -54,7 +55,7 @@ def start_of(case: Case, *, patient: bool) -> Start:
 
 
 def to_start(batch: Batch, start: Start, solve: Solve, channels: int) -> Stages:
-    """To rest without pressure in so many channels, velocities then zero."""
+    """Return the steps to rest without pressure in so many channels, velocities then zero."""
     nothing = np.zeros((batch.blocks, channels, LANES), np.float32)
     if start is Start.DAMPED:
         yield from damped_motion(batch, nothing, solve, patient=True, halts=True)
@@ -65,7 +66,7 @@ def to_start(batch: Batch, start: Start, solve: Solve, channels: int) -> Stages:
 def long_steps(
     batch: Batch, pressure: NDArray[np.float32], solve: Solve, stages: tuple[tuple[float, int], ...]
 ) -> Stages:
-    """From the flat cloth to equilibrium, where no buckling is on the way."""
+    """Return the steps from the flat cloth to equilibrium, where no buckling is on the way."""
     for h, steps in stages:
         if not batch.support.is_edge:  # nothing but inertia holds the rigid motions: float32 wants a share of it
             h = min(h, 1 / 30)
@@ -84,9 +85,9 @@ def damped_motion(
     patient: bool = False,
     halts: bool = False,
 ) -> Stages:
-    """A damped motion to rest under `pressure`, which rises linearly within `rise` s. Memory of forces ages by the rise
-    and `hold` s more (LEAST_HOLD at least: none at all would say that it is at rest); None: it stays at rest. patient:
-    with shorter steps, and 2 s more. halts: velocities are zeroed at its end."""
+    """Return a damped motion to rest under `pressure`, which rises linearly within `rise` s. Memory of forces ages by
+    the rise and `hold` s more (LEAST_HOLD at least: none at all would say that it is at rest); None: it stays at rest.
+    patient: with shorter steps, and 2 s more. halts: velocities are zeroed at its end."""
     (h, loose), rest = (RISING, STAGES) if batch.support.is_edge else (RISING_FREE, STAGES_FREE)
     stages = [(min(h, rise / 24), rise, loose), *rest]
     if patient:
@@ -103,31 +104,31 @@ def damped_motion(
 
 
 def rested(moved: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """(lanes,) whether the last step (lanes, n, n, 3) m moved them by less than RESTED."""
+    """Return (lanes,) whether the last step (lanes, n, n, 3) m moved them by less than RESTED."""
     return np.asarray(np.sqrt(np.square(moved).sum(axis=-1).mean(axis=(1, 2))) < RESTED)  # NaN compares false
 
 
 def lying_at(batch: Batch, middle: NDArray[np.float32]) -> Values:
-    """All lanes of the batch at `middle` (n, n, 3) m, at rest there."""
+    """Return the state of all lanes at `middle` (n, n, 3) m, at rest there."""
     padded = np.pad(middle, ((1, 1), (1, 1), (0, 0))).reshape(-1, 3)
     every = np.repeat(np.repeat(padded[None, :, :, None], LANES, axis=3), batch.blocks, axis=0).astype(np.float32)
     return {"x0": every, "q": every}
 
 
 def damped(case: Case) -> Case:
-    """The same equilibrium with critical air damping of a swing."""
+    """Return the same equilibrium with critical air damping of a swing."""
     fabric = case.design.fabric
     drag = max(fabric.air_damping, 2 * SWING * fabric.areal_density)
     return replace(case, design=replace(case.design, fabric=replace(fabric, air_damping=drag)))
 
 
 def is_free(fabric: Fabric) -> bool:
-    """Whether nothing holds the cloth: what it would come to rest at is not there."""
+    """Return whether nothing holds the cloth: what it would come to rest at is not there."""
     return Support.of(fabric) == Support.NONE
 
 
 def swings_to_rest(specimen: Specimen) -> bool:
-    """Whether the cloth without pressure leaves the plane of the flat cloth, or turns in it."""
+    """Return whether the cloth without pressure leaves the plane of the flat cloth, or turns in it."""
     fabric = specimen.design.fabric
     curved = any(specimen.constants.get(name) for name in REST_CURVATURES)
     return curved or fabric.gravity[2] != 0 or (Support.of(fabric) == Support.POINTS and any(fabric.gravity))

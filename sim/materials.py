@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects.specimen import Specimen
-from fabdesign.geometry.least_squares import non_negative
+from fabdesign.geometry.curves import non_negative
 from fabdesign.nouns.fabric import Fabric
 from sim.design.support import Support
 
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 def bending_rigidities(fabric: Fabric) -> tuple[float, float, float, float]:
-    """D_1, D_2, D_12 and the twist stiffness [N m]: the strip of each direction keeps its declared B."""
+    """Return D_1, D_2, D_12 and the twist stiffness [N m]: the strip of each direction keeps its declared B."""
     b1, b2 = fabric.bending_stiffness
     k1, k2 = fabric.membrane_stiffness
     nu2 = fabric.poisson**2 * k2 / k1  # nu_12 nu_21
@@ -33,7 +33,7 @@ def bending_rigidities(fabric: Fabric) -> tuple[float, float, float, float]:
 
 
 def membrane_polynomial(fabric: Fabric, direction: int) -> tuple[float, float, float]:
-    """k, q, r [N/m] of T = k e + q e^2 + r e^3 for e > 0, k e below: linear, or fits a J-shaped curve."""
+    """Return k, q, r [N/m] of T = k e + q e^2 + r e^3 for e > 0, k e below: linear, or fits a J-shaped curve."""
     curve = fabric.membrane_curve
     if curve is None or not curve.strain[direction]:
         return fabric.membrane_stiffness[direction], 0.0, 0.0
@@ -54,11 +54,11 @@ class Lane:
     n: int
 
     def factor(self, name: str) -> float:
-        """The scale factor on a declared value."""
+        """Return the scale factor on a declared value."""
         return self.specimen.factors.get(name, 1.0)
 
     def constant(self, name: str) -> float:
-        """A constant that an effect gives to the whole specimen; 0 where none does."""
+        """Return a constant that an effect gives to the whole specimen; 0 where none does."""
         return self.specimen.constants.get(name, 0.0)
 
     @property
@@ -88,7 +88,7 @@ class Lane:
 
     @cached_property
     def bending(self) -> tuple[float, float, float, float]:
-        """D_1, D_2, D_12 and twist [N m]"""
+        """Return D_1, D_2, D_12 and twist [N m]"""
         d1, d2, d12, twist = (self.factor("bending") * d for d in bending_rigidities(self.fabric))
         return d1, d2, d12, twist
 
@@ -164,5 +164,5 @@ def declare(name: str, constant: Constant) -> None:
 
 
 def lane_constants(lane: Lane) -> Array:
-    """(constants,) of one design, in the order of CONSTANTS."""
+    """Return (constants,) of one design, in the order of CONSTANTS."""
     return np.array([constant.value(lane) for constant in CONSTANTS.values()])

@@ -1,4 +1,4 @@
-"""What is kept of a motion."""
+"""A simulated motion: its frames and the faces' points."""
 
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -12,7 +12,8 @@ from sim.design.support import Support
 
 
 def faces(middle: NDArray[np.float32], thickness: float) -> NDArray[np.float32]:
-    """(T, 2 * 41 * 41, 3) m from mid-surfaces (T, n, n, 3): half the thickness along the normal, front then back.
+    """Return (T, 2 * 41 * 41, 3) m from mid-surfaces (T, n, n, 3): half the thickness along the normal, front then
+    back.
 
     Another grid than 41 x 41 is interpolated (cubic, sim.design.loops).
     """
@@ -38,7 +39,7 @@ def faces(middle: NDArray[np.float32], thickness: float) -> NDArray[np.float32]:
 
 @cache
 def _resample(n: int) -> NDArray[np.float64]:
-    """(41, n) weights of the output points on a line of n nodes."""
+    """Return (41, n) weights of the output points on a line of n nodes."""
     rows = np.zeros((SIDE, n))
     for k in range(SIDE):
         first, value = interpolation_weights(k * (n - 1) / (SIDE - 1), n)
@@ -77,12 +78,12 @@ def motion_of(case: Case, time: Array, middle: NDArray[np.float32], state: NDArr
         row, column = np.argwhere(bad[first].any(axis=-1))[0]
         diverged = (float(time[first]), (int(row), int(column)))
         middle[first:], state[first:] = np.nan, np.nan
-    own = [k for m in _spans(case) for k in m]
-    return SimulatedMotion(time, middle, state[:, own, 0], state[:, own, 1], case.design.fabric.thickness, diverged)
+    kept = [k for m in _spans(case) for k in m]
+    return SimulatedMotion(time, middle, state[:, kept, 0], state[:, kept, 1], case.design.fabric.thickness, diverged)
 
 
 def _spans(case: Case) -> list[range]:
-    """Indices of each muscle's intervals among all fixed points."""
+    """Return indices of each muscle's intervals among all fixed points."""
     spans, start = [], 0
     for muscle in case.design.muscles:
         count = len(muscle.fixed_points())

@@ -42,8 +42,8 @@ class OnCluster:
         times: Sequence[Array] | None = None,
         columns: Sequence[Column] | None = None,
     ) -> list[Any]:
-        """What `method` of the model gives, a result for each case, at its own times or by the same columns. Raises
-        SimulationError where a batch killed two workers."""
+        """Return what `method` of the model gives, a result for each case, at its own times or by the same columns.
+        Raises SimulationError where a batch killed two workers."""
         if not cases:
             return []
         parts = batches(cases, times, workers=self.cluster.workers, threads=self.cluster.threads)
@@ -59,8 +59,8 @@ class OnCluster:
 
 
 def batches(cases: Sequence[Case], times: Sequence[Array] | None, *, workers: int, threads: int) -> list[list[int]]:
-    """Indices of the cases of each task, those alike together: TASKS tasks for each worker, as far as they fill its
-    lanes and have room in its fields."""
+    """Return indices of the cases of each task, those alike together: TASKS tasks for each worker, as far as they fill
+    its lanes and have room in its fields."""
 
     def kind(i: int) -> tuple:
         case, ends = cases[i], () if times is None else (len(times[i]), *times[i][-1:])
@@ -73,7 +73,7 @@ def batches(cases: Sequence[Case], times: Sequence[Array] | None, *, workers: in
 
 
 def _answer(task: _Task) -> list[Any]:
-    """On a worker."""
+    """Return what the model answers, on a worker."""
     model, method, cases, further = task
     asked = getattr(model, method)
     answers: list[Any] = asked(cases) if further is None else asked(cases, further)

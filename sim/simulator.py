@@ -36,8 +36,7 @@ from sim.kernels.transfer import Contents, load, put
 from sim.motion import SimulatedMotion, motion_of
 from sim.on_cluster import OnCluster
 from sim.step import Solve, advance
-from sim.tangent.differences import Jacobian, completed
-from sim.tangent.faces import faces_changes
+from sim.tangent.differences import Jacobian, completed, faces_changes
 from sim.tangent.shapes import Solved, share_out, solve_at_rest, together
 from sim.time.batch import Batch
 from sim.time.schedule import by_block, of_motions

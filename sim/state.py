@@ -1,4 +1,4 @@
-"""All that the kernels work on, declared once: name, on what, unit, and how long its values last.
+"""The state that the kernels work on, declared once: name, on what, unit, and how long its values last.
 
 A plane holds a number (or a vector of three) for every place of one sort: nodes and what counts as they do (edges along
 u and v and cells, by the node at which they begin), fixed points and the intervals that begin there. An array holds
@@ -50,7 +50,7 @@ class Plane:
 
     @property
     def field(self) -> str:
-        """Of which field of sim.kernels.fields.F the plane is a part."""
+        """Return the field of sim.kernels.fields.F that the plane is a part of."""
         return ("node" if self.on in BY_NODE else "point") + ("3" if self.vector else "")
 
 
@@ -202,18 +202,18 @@ ARRAYS: list[Array] = [
 
 
 def planes(field: str) -> list[Plane]:
-    """Those in one field, last the successors of the remembered ones."""
+    """Return the planes in one field, last the successors of the remembered ones."""
     successors = [replace(plane, name=plane.name + NEXT, life=WORK) for plane in remembered(field)]
     return [plane for plane in PLANES if plane.field == field] + successors
 
 
 def remembered(field: str) -> list[Plane]:
-    """The remembered planes of one field."""
+    """Return the remembered planes of one field."""
     return [plane for plane in PLANES if plane.field == field and plane.life == REMEMBERED]
 
 
 def offsets(planes: list[Plane], places: int) -> tuple[dict[str, int], int]:
-    """Where each begins in its field, and the field's length."""
+    """Return where each plane begins in its field, and the field's length."""
     begins, total = {}, 0
     for plane in planes:
         begins[plane.name] = total
@@ -222,12 +222,13 @@ def offsets(planes: list[Plane], places: int) -> tuple[dict[str, int], int]:
 
 
 def loaded() -> set[str]:
-    """What every batch must put in by name, besides the lanes' constants."""
+    """Return what every batch must put in by name, besides the lanes' constants."""
     return {p.name for p in PLANES if p.life == LOADED} | {a.name for a in ARRAYS if a.life == LOADED}
 
 
 def added(on: Entity) -> list[str]:
-    """What added forces load on intervals, numbers of the specimen's muscles, or on nodes, of its places: by name."""
+    """Return what added forces load on intervals, numbers of the specimen's muscles, or on nodes, of its places: by
+    name."""
     return [plane.name for plane in PLANES[BUILT_IN:] if plane.life == LOADED and plane.on == on]
 
 

@@ -74,7 +74,7 @@ def advance(
 
 @functools.cache
 def _advance(added: tuple[AddedForce, ...]) -> Timed:
-    """The kernel with these added forces; the one without does not pay for them."""
+    """Return the kernel with these added forces; the one without does not pay for them."""
 
     @ti.kernel
     def advance_kernel(
@@ -194,7 +194,7 @@ def begin(b, m, npt, added: ti.template(), scheme: ti.template(), pressure: ti.t
 
 @ti.func
 def coefficients(b):
-    """Of the lanes' schemes, for all three components."""
+    """Return the coefficients of the lanes' schemes, for all three components."""
     return (
         thrice(F.scheme[b, H]), thrice(F.scheme[b, AM]), thrice(F.scheme[b, AF]), thrice(F.scheme[b, GAMMA]),
         thrice(F.scheme[b, IA]), thrice(F.scheme[b, RY]), thrice(F.scheme[b, BA]),
@@ -241,7 +241,8 @@ def muscles_pull(b, nu, npt):
 
 @ti.func
 def finish(b, nu, nv):
-    """From the evaluation point to the end of the step; what a lane that has converged still lacks is carried over."""
+    """Go from the evaluation point to the end of the step; what a lane that has converged still lacks is carried
+    over."""
     h, _, _, ga, ia, ry, ba = coefficients(b)
     carried = thrice(F.scheme[b, CARRIED] * (1.0 - F.reduce[b, UNCONVERGED]))
     P = (nu + 2) * (nv + 2)

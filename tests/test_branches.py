@@ -53,16 +53,16 @@ def trials(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Trial]:
 def test_the_other_branch_is_found_by_a_start_that_differs_a_little(trials: dict[str, Trial]) -> None:
     found = {b.trial.name: b for b in branches_of([*trials.values()], Predictor(Buckles()), every=2)}
     assert [found[name].on_another_branch for name in ("as", "back", "flat")] == [False, True, False]
-    assert found["back"].own > FAR > 1e-3 > found["back"].nearest
+    assert found["back"].unchanged > FAR > 1e-3 > found["back"].nearest
     assert found["back"].odds == pytest.approx(1 / len(starts()))
-    assert found["flat"].own > FAR  # as far off, and no start leads there
+    assert found["flat"].unchanged > FAR  # as far off, and no start leads there
 
 
 def test_it_is_said_which_it_is(trials: dict[str, Trial]) -> None:
     found = {b.trial.name: b for b in branches_of([*trials.values()], Predictor(Buckles()))}
     assert branch_in_words(found["back"]).startswith("It took another stable shape (branch):")
     assert branch_in_words(found["flat"]).startswith("It is not another stable shape (branch),")
-    assert f"{1e3 * found['flat'].own:.2f} mm." in branch_in_words(found["flat"])
+    assert f"{1e3 * found['flat'].unchanged:.2f} mm." in branch_in_words(found["flat"])
 
 
 def test_a_start_that_diverges_leads_nowhere(trials: dict[str, Trial]) -> None:

@@ -78,7 +78,7 @@ def test_known_poses_are_recovered(recording: Path, tmp_path: Path) -> None:
 def test_the_measured_recording(data: Path, tmp_path: Path) -> None:
     started = time.process_time()
     report = fuse(data / "recording_basic", tmp_path / "set")
-    assert time.process_time() - started < 20  # s; the wall clock's figure, alone on the machine, is in docs/results
+    assert time.process_time() - started < 20  # s; the wall clock's figure, alone on the machine, is in docs/lab
     assert report.frames == 10
     assert all(sensor.residual_mm < 1.5 for sensor in report.sensors)
     assert report.thickness_mm == pytest.approx(2.0, abs=0.5)

@@ -1,4 +1,4 @@
-"""The errors of docs/files.md and the splits."""
+"""The errors of docs/errors.md and the splits."""
 
 from dataclasses import dataclass
 from pathlib import Path

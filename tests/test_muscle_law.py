@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fabdesign.errors import InputError
-from fabdesign.geometry.least_squares import least_squares_with_inequalities
+from fabdesign.geometry.curves import least_squares_with_inequalities
 from fabdesign.nouns.muscle import BenchTable
 from fabdesign.nouns.muscle_law import MuscleLaw
 

@@ -8,8 +8,7 @@ import pytest
 
 from fabdesign.errors import InputError, InputNote
 from fabdesign.files.design_file import read_design, read_part, write_design
-from fabdesign.nouns.catalogue import build
-from fabdesign.nouns.measured_muscle import read_own_muscle
+from fabdesign.nouns.catalogue import build, read_muscle_type
 from fabdesign.nouns.model import EffectTerm, Quantity
 from fabdesign.runtime.effort import bench_fit_seconds
 from studies.benches.calibrate import calibrate_bench, next_step
@@ -34,16 +33,16 @@ def test_a_bench_becomes_a_design_with_its_effects(tmp_path: Path, run: Run) -> 
     assert kind.max_pressure == max(kind.bench.pressure)
     assert [effect.name for effect in design.effects] == ["braid_hysteresis"]
     with pytest.raises(InputError, match="has no muscle type OWN; it has OWN25"):
-        read_own_muscle(tmp_path / "own.toml", "OWN")
+        read_muscle_type(tmp_path / "own.toml", "OWN")
 
 
 def test_a_table_takes_the_sizes_of_the_standard_muscle_and_says_so(tmp_path: Path) -> None:
     write_design(build("basic"), tmp_path / "basic.toml")
     with pytest.warns(InputNote, match="are those of EM20"):
-        kind, effects = read_own_muscle(next(tmp_path.glob("*bench.csv")), "MINE")
+        kind, effects = read_muscle_type(next(tmp_path.glob("*bench.csv")), "MINE")
     assert kind.name == "MINE" and kind.outer_diameter == 0.002 and effects == ()
     with pytest.raises(InputError, match="a folder; expected the file that `fabdesign calibrate"):
-        read_own_muscle(BENCH, "MINE")
+        read_muscle_type(BENCH, "MINE")
 
 
 def test_a_name_without_a_bench_is_refused(tmp_path: Path, run: Run) -> None:

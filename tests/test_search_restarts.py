@@ -11,7 +11,7 @@ from fabdesign.errors import InputError
 from fabdesign.files.design_file import write_design
 from fabdesign.files.pressure_file import constant_program, write_pressures
 from fabdesign.geometry.metrics import Errors
-from fabdesign.geometry.self_intersection import pierced
+from fabdesign.geometry.surface import pierced
 from fabdesign.nouns.catalogue import LAYOUTS, build
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.study_files.study_file import MuscleChoice, Study, StudyLimits, read_study

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fabdesign.geometry.self_intersection import pierced
+from fabdesign.geometry.surface import pierced
 from fabdesign.nouns.catalogue import build
 from tests.layers import depth
 from tests.sheets import rolled_sheet

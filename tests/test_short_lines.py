@@ -62,6 +62,7 @@ def test_print_and_a_notebook_show_some_lines() -> None:
     assert str(design).splitlines()[1].split()[:4] == ["muscle", "type", "side", "channel"]
     assert "pressures: channel 0: 320 kPa" in str(result)
     assert "<svg" in design._repr_html_() and "0: 320" in result._repr_html_()
+    assert motion._repr_html_().count("<g ") == 3 and len(motion._repr_html_()) < 20_000
     many = str(build("vertical", width=2.0, muscles=40))
     assert "40 rows in all" in many and len(many.splitlines()) <= 12
 

@@ -1,4 +1,4 @@
-"""The devices of docs/compiler.md, each on and off by its environment variable: the same forces, from processes of
+"""The devices of docs/lab/compiler.md, each on and off by its environment variable: the same forces, from processes of
 their own that share a folder of compiled kernels."""
 
 import os

@@ -1,4 +1,4 @@
-"""The search on targets of the virtual rig. Writes docs/results/search.md.
+"""The search on targets of the virtual rig. Writes docs/lab/search.md.
 
     python -m benchmarks.search [--parts reach,grid,robust,poses,model] [--cases NAME,...] [--work FOLDER]
         [--seconds S] [--processor-seconds] [--others]
@@ -25,7 +25,7 @@ from benchmarks.search.parts import NEAR, SECONDS, cases
 from benchmarks.search.targets import truths
 from fabdesign.output import write_text
 
-PAGE = ROOT / "docs" / "results" / "search.md"
+PAGE = ROOT / "docs" / "lab" / "search.md"
 PARTS = ("reach", "grid", "robust", "poses", "model")
 QUICK, SHARE = 2, 0.25  # cases a part, and of their seconds, with QUICK=1
 COMPARED = 6

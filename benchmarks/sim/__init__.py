@@ -1,1 +1,1 @@
-"""`make bench-sim`: what a motion costs, beside bounds and others; writes a part of docs/results/simulator.md."""
+"""`make bench-sim`: what a motion costs, beside bounds and others; writes a part of docs/lab/simulator.md."""

@@ -1,4 +1,4 @@
-"""What a motion costs, beside bounds and others: writes its part of docs/results/simulator.md.
+"""What a motion costs, beside bounds and others: writes its part of docs/lab/simulator.md.
 
     python -m benchmarks.sim [--only speed,flex,kernel,scaling,start] [--quick]
 

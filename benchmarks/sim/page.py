@@ -1,11 +1,11 @@
-"""The benchmark's part of docs/results/simulator.md."""
+"""The benchmark's part of docs/lab/simulator.md."""
 
 import os
 import platform
 
 from benchmarks.machine import ROOT, commit, processor
 
-PAGE = ROOT / "docs/results/simulator.md"
+PAGE = ROOT / "docs/lab/simulator.md"
 BEGIN, END = "<!-- bench-sim -->", "<!-- /bench-sim -->"
 
 

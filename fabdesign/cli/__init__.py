@@ -95,8 +95,8 @@ def _lasting_streams() -> _Lasting | None:
 
 @contextmanager
 def _ended_by_signals() -> Iterator[None]:
-    """SIGTERM and SIGHUP, and SIGINT in a supervised process, raise Terminated, once; where they are ignored (`nohup`),
-    they stay so. A supervised process then says nothing more: its parent does."""
+    """Have SIGTERM and SIGHUP, and SIGINT in a supervised process, raise Terminated, once; where they are ignored
+    (`nohup`), they stay so. A supervised process then says nothing more: its parent does."""
 
     stopped: list[int] = []
 

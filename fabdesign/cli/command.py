@@ -137,9 +137,9 @@ def _call(verb: Verb, by_comma: list[str], *, as_json: bool, **typed: Any) -> No
     given = {name: value for name, value in typed.items() if value is not None}
     given |= {name: given[name].split(",") if given[name] else [] for name in by_comma if name in given}
     verb = verb.from_shell(given) or verb
-    own = inspect.signature(verb.function).parameters
-    first = next(iter(own))
-    if "announce" in own:
+    parameters = inspect.signature(verb.function).parameters
+    first = next(iter(parameters))
+    if "announce" in parameters:
         given["announce"] = lambda address: print_result({"address": address}, address, as_json)
     if any(name == "progress" for name, *_ in _signature(verb)):
         with _progress(verb, Path(str(given.get(first))).stem) as shown:
@@ -147,7 +147,7 @@ def _call(verb: Verb, by_comma: list[str], *, as_json: bool, **typed: Any) -> No
     else:
         result = verb.function(**given)
     if verb.shown is not None:
-        shows = verb.shown(result, {name: one.default for name, one in own.items()} | given)
+        shows = verb.shown(result, {name: one.default for name, one in parameters.items()} | given)
         for line in shows.lines:
             tell(line)
         print_result(shows.content, shows.text, as_json)

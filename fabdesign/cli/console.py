@@ -1,4 +1,4 @@
-"""What the commands share: the group, how they print, and how notes are shown."""
+"""Parts that the commands share: the group, how they print, and how notes are shown."""
 
 import warnings
 from collections.abc import Iterator, Mapping
@@ -30,7 +30,7 @@ def print_result(result: Mapping[str, Any], text: str, as_json: bool) -> None:
 
 
 def tell(line: str) -> None:
-    """On standard error."""
+    """Print a line on standard error."""
     click.echo(printable(line), err=True)
 
 
@@ -40,16 +40,16 @@ MOST = 10  # lines of a command: a set may have one a trial
 @contextmanager
 def notes_told() -> Iterator[None]:
     """Show each `InputNote` once, as "note: ...", and MOST of them; other warnings as Python does."""
-    told: set[str] = set()
+    shown: set[str] = set()
 
     def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
         if not isinstance(message, InputNote):
             before(message, category, *place, **more)
-        elif str(message) not in told:
-            told.add(str(message))
-            if len(told) <= MOST:
+        elif str(message) not in shown:
+            shown.add(str(message))
+            if len(shown) <= MOST:
                 tell(f"note: {' '.join(str(message).split())}")
-            elif len(told) == MOST + 1:
+            elif len(shown) == MOST + 1:
                 tell("note: there are more of these; fabdesign check lists all of a file or folder")
 
     with warnings.catch_warnings():

@@ -23,11 +23,11 @@ class _Finite(click.types.FloatParamType):
 
 
 class NumberRange(_Finite, click.FloatRange):
-    """The same within limits, which the help shows."""
+    """A number within limits, which the help shows."""
 
 
 class IntegerRange(click.IntRange):
-    """Within limits, which the help shows."""
+    """A whole number within limits, which the help shows."""
 
     name = "integer"
 

@@ -20,9 +20,9 @@ _PERIOD = 600.0  # s of steps that the time left is taken from: a step of a fit 
 
 @contextmanager
 def described(title: str, *, interval: float = 0.0) -> Iterator[Callable[[str, float | None], None]]:
-    """A context for work that says what it does, and about what share of it is done; without a share a line is an
-    answer or an estimate, which stays. Elsewhere than on a terminal steps follow at least `interval` s apart, and end
-    with the time that is left."""
+    """Return a context for work that says what it does, and about what share of it is done; without a share a line is
+    an answer or an estimate, which stays. Elsewhere than on a terminal steps follow at least `interval` s apart, and
+    end with the time that is left."""
     if not _on_terminal():
         yield _Lines(interval).show
         return
@@ -56,7 +56,7 @@ class _Lines:
 
 
 def bar() -> "Progress":
-    """On standard error, gone when it is closed: what is done is told by the command's result."""
+    """Return a bar on standard error, gone when it is closed: what is done is told by the command's result."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, Task, TextColumn, TimeRemainingColumn
     from rich.text import Text

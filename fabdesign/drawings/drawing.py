@@ -50,7 +50,7 @@ class Drawing:
 
 
 def scale_bar(start: Point, length: float = 100.0) -> list[Shape]:
-    """A bar to check a print by: ticks every 10 mm above the line, and what to measure below it."""
+    """Return a bar to check a print by: ticks every 10 mm above the line, and what to measure below it."""
     x, y = start
     shapes: list[Shape] = [Line(((x, y), (x + length, y)), 0.4)]
     for i in range(round(length / 10) + 1):
@@ -73,7 +73,7 @@ def lines_within(text: str, width: float, size: float) -> list[str]:
 
 
 def cross(centre: Point, size: float, width: float, colour: str) -> list[Shape]:
-    """Upright, `size` from arm's end to arm's end."""
+    """Return an upright cross, `size` from arm's end to arm's end."""
     (x, y), half = centre, size / 2
     return [
         Line(((x - half, y), (x + half, y)), width, colour),

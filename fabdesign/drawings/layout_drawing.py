@@ -27,7 +27,7 @@ LOW, HALF, HIGH = np.array([198, 219, 239]), np.array([253, 174, 97]), np.array(
 
 
 def pressure_colour(share: float) -> str:
-    """CSS colour of a share of the highest pressure."""
+    """Return the CSS colour of a share of the highest pressure."""
     low, high, t = (LOW, HALF, 2 * share) if share < 0.5 else (HALF, HIGH, 2 * share - 1)
     red, green, blue = (low + np.clip(t, 0, 1) * (high - low)).astype(int)
     return f"rgb({red},{green},{blue})"

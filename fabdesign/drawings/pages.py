@@ -33,7 +33,7 @@ class Tiling:
         return window(self.page)
 
     def box_of(self, row: int, column: int) -> Box:
-        """The part of the drawing that a page shows; all pages together have the drawing in their middle."""
+        """Return the part of the drawing that a page shows; all pages together have the drawing in their middle."""
         (width, height), (left, top, right, bottom) = self.window, self.box
         steps = (width - OVERLAP, height - OVERLAP)
         first = left + (right - left - OVERLAP - self.columns * steps[0]) / 2
@@ -46,12 +46,12 @@ class Tiling:
 
 
 def window(page: tuple[float, float]) -> tuple[float, float]:
-    """Width and height [mm] that a page has for the drawing."""
+    """Return the width and height [mm] that a page has for the drawing."""
     return page[0] - 2 * MARGIN, page[1] - HEAD - FOOT
 
 
 def tiled(box: Box, paper: str) -> Tiling:
-    """The fewest pages that hold a box, upright or, where that takes fewer, on their side."""
+    """Return the fewest pages that hold a box, upright or, where that takes fewer, on their side."""
     upright = PAPERS[paper]
     return min((_tiling(box, page) for page in (upright, upright[::-1])), key=lambda t: t.rows * t.columns)
 
@@ -64,7 +64,7 @@ def _tiling(box: Box, page: tuple[float, float]) -> Tiling:
 
 
 def page_name(row: int, column: int) -> str:
-    """A1, A2, ... in the first row, B1, ... in the second; AA after Z."""
+    """Return a page's name: A1, A2, ... in the first row, B1, ... in the second; AA after Z."""
     letters, rest = "", row + 1
     while rest:
         rest, letter = divmod(rest - 1, 26)
@@ -73,8 +73,8 @@ def page_name(row: int, column: int) -> str:
 
 
 def joints(tiling: Tiling, row: int, column: int) -> tuple[list[Shape], list[Shape]]:
-    """What joins a page to its neighbours, in the drawing's frame: shapes within the page's window, and crop marks in
-    the margin around it.
+    """Return what joins a page to its neighbours, in the drawing's frame: shapes within the page's window, and crop
+    marks in the margin around it.
 
     Neighbours meet on the middle line of what they share. The page to the right or below is cut along it, through
     two registration marks, and laid onto the other one.
@@ -109,7 +109,7 @@ def joints(tiling: Tiling, row: int, column: int) -> tuple[list[Shape], list[Sha
 
 
 def grid_drawing(face: Drawing, tiling: Tiling) -> Drawing:
-    """The face with the outlines and names of its pages: how they lie together."""
+    """Return the face with the outlines and names of its pages: how they lie together."""
     shapes: list[Shape] = []
     boxes = [tiling.box_of(row, column) for row, column in tiling.pages()]
     for (row, column), (left, top, right, bottom) in zip(tiling.pages(), boxes, strict=True):

@@ -74,7 +74,7 @@ def _page(face: Drawing, tiling: Tiling, row: int, column: int, words: tuple[str
 
 
 def _overview(design: Design, faces: list[tuple[str, Drawing, Tiling]], paper: str, count: int) -> Any:
-    """The first page: what to do, how the pages lie together, and a bar in each direction."""
+    """Return the first page: what to do, how the pages lie together, and a bar in each direction."""
     page = PAPERS[paper]
     figure = _figure(page)
     around = _axes(figure, page, (0, 0, *page), (0, 0, *page))
@@ -119,7 +119,7 @@ def _axes(
     place: tuple[float, float, float, float],
     box: tuple[float, float, float, float],
 ) -> Any:
-    """A window at `place` on the page (left, top, right, bottom, mm) onto `box` of a drawing."""
+    """Return a window at `place` on the page (left, top, right, bottom, mm) onto `box` of a drawing."""
     left, top, right, bottom = place
     share = (left / page[0], 1 - bottom / page[1], (right - left) / page[0], (bottom - top) / page[1])
     axes = figure.add_axes(share, xlim=(box[0], box[2]), ylim=(box[3], box[1]))

@@ -35,7 +35,8 @@ def laced_sides(design: Design) -> list[str]:
 
 
 def face_drawing(design: Design, side: str, *, seam_allowance: float) -> Drawing:
-    """One face ("front" or "back") as it is seen, so the back is mirrored; origin at the upper corner on the left.
+    """Return one face ("front" or "back") as it is seen, so the back is mirrored; origin at the upper corner on the
+    left.
 
     It shows the cloth's outline and hung edge, the line to cut along `seam_allowance` [m] outside it, and each
     muscle's line with its fixed points, number and channel, and u, v of its ends and corners in mm.
@@ -50,7 +51,7 @@ def face_drawing(design: Design, side: str, *, seam_allowance: float) -> Drawing
 
 
 def whole_template(design: Design, side: str, *, seam_allowance: float) -> Drawing:
-    """A face with its title and a bar of 100 mm to check the print by, on one sheet."""
+    """Return a face with its title and a bar of 100 mm to check the print by, on one sheet."""
     face = face_drawing(design, side, seam_allowance=seam_allowance)
     left, top, right, bottom = face.box
     width = max(right - left, _BAR)
@@ -76,7 +77,8 @@ def what_it_shows(design: Design, side: str, seam_allowance: float) -> str:
 
 
 def _outlines(width: float, height: float, allowance: float) -> list[Shape]:
-    """The edge of the finished cloth; where something is to be added for the seam, dashed, and the cut around it."""
+    """Return the edge of the finished cloth; where something is to be added for the seam, dashed, and the cut around
+    it."""
     cloth = Line(_corners(0.0, width, height), 0.4, closed=True, dashed=allowance > 0)
     if allowance == 0:
         return [cloth]
@@ -91,7 +93,7 @@ def _corners(around: float, width: float, height: float) -> tuple[Point, ...]:
 
 
 def _seen(point: tuple[float, float], side: str, width: float) -> Point:
-    """(u, v) m on the cloth as (right, down) mm on the page."""
+    """Return (u, v) m on the cloth as (right, down) mm on the page."""
     u, v = point
     return in_mm(width - u if side == "back" else u), in_mm(v)
 
@@ -143,7 +145,8 @@ def _place_words(place: tuple[float, float]) -> str:
 
 
 def _label(end: Point, towards: Point, text: str, colour: str) -> Words:
-    """Beside the line, from just inside its `end`: neighbours a few millimetres apart keep theirs apart too."""
+    """Return a label beside the line, from just inside its `end`: neighbours a few millimetres apart keep theirs apart
+    too."""
     angle = degrees(atan2(towards[1] - end[1], towards[0] - end[0]))
     upright = -90 <= angle < 90  # else the words start at their far end, or they would stand on their heads
     turn = angle if upright else angle - 180 if angle > 0 else angle + 180

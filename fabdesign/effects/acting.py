@@ -14,16 +14,16 @@ from fabdesign.nouns.forward import MUSCLE_TYPES, Case, Term
 
 
 def terms_of(case: Case) -> tuple[Term, ...]:
-    """What acts in a case: what its design's benches found, then its own. An effect of the case replaces the design's
-    of the same name and scope; one without a scope those of any."""
-    own = {(term.name, term.scope) for term in case.effects}
-    declared = (t for t in case.design.effects if not {(t.name, t.scope), (t.name, None)} & own)
+    """Return what acts in a case: what its design's benches found, then its own. An effect of the case replaces the
+    design's of the same name and scope; one without a scope those of any."""
+    acting = {(term.name, term.scope) for term in case.effects}
+    declared = (t for t in case.design.effects if not {(t.name, t.scope), (t.name, None)} & acting)
     return (*declared, *case.effects)
 
 
 def active(case: Case) -> Iterator[tuple[Effect, dict[str, float], Term]]:
-    """Each effect that is not off, with all its values; what is learned comes last, since it adds to what named effects
-    set. Raises InputError for an unknown one or a bad value."""
+    """Yield each effect that is not off, with all its values; what is learned comes last, since it adds to what named
+    effects set. Raises InputError for an unknown one or a bad value."""
     terms = [(effect_named(term.name, "effects"), term) for term in terms_of(case)]
     for effect, term in sorted(terms, key=lambda each: not each[0].named):
         check_values(effect, term.values, "effects")
@@ -32,7 +32,7 @@ def active(case: Case) -> Iterator[tuple[Effect, dict[str, float], Term]]:
 
 
 def specimen_of(case: Case) -> Specimen:
-    """The case's design with its scale factors and effects in its constants."""
+    """Return the case's design with its scale factors and effects in its constants."""
     muscles = case.design.muscles
 
     def factors(name: str) -> Array:
@@ -56,14 +56,14 @@ def specimen_of(case: Case) -> Specimen:
 
 
 def muscles_of(case: Case, term: Term) -> NDArray[np.bool_]:
-    """(m,) whether a term acts on each muscle of the case's design."""
+    """Return (m,) whether a term acts on each muscle of the case's design."""
     scope = term.scope
-    own = scope.removeprefix(MUSCLE_TYPES) if scope is not None and scope.startswith(MUSCLE_TYPES) else None
-    return np.array([own is None or muscle.type == own for muscle in case.design.muscles], dtype=bool)
+    type_name = scope.removeprefix(MUSCLE_TYPES) if scope is not None and scope.startswith(MUSCLE_TYPES) else None
+    return np.array([type_name is None or muscle.type == type_name for muscle in case.design.muscles], dtype=bool)
 
 
 def acting_pressure(case: Case, ticks: int, tick: float) -> ActingPressure:
-    """The pressures that act in the case over `ticks` ticks of `tick` s each."""
+    """Return the pressures that act in the case over `ticks` ticks of `tick` s each."""
     acting = ActingPressure(case.program, ticks, tick)
     for effect, values, _ in active(case):
         if effect.pressure is not None:
@@ -72,7 +72,7 @@ def acting_pressure(case: Case, ticks: int, tick: float) -> ActingPressure:
 
 
 def seen_at(case: Case, times: Array) -> Array:
-    """(T,) s: the instants whose shapes frames of these `times` show."""
+    """Return (T,) s: the instants whose shapes frames of these `times` show."""
     for effect, values, _ in active(case):
         if effect.clock is not None:
             times = effect.clock(times, values)
@@ -80,12 +80,12 @@ def seen_at(case: Case, times: Array) -> Array:
 
 
 def is_sensing(name: str) -> bool:
-    """Whether an effect changes only what is observed of a motion."""
+    """Return whether an effect changes only what is observed of a motion."""
     return effect_named(name, "effects").site == "sensing"
 
 
 def observed(case: Case, points: NDArray[Any]) -> NDArray[Any]:
-    """(..., 3) m: points of the cloth as the sensors give them."""
+    """Return (..., 3) m: points of the cloth as the sensors give them."""
     for effect, values, _ in active(case):
         if effect.observed is not None:
             points = effect.observed(points, values).astype(points.dtype)

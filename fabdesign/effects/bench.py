@@ -31,5 +31,5 @@ class MuscleRecord:
 
     @staticmethod
     def measured(time: Array, pressure: Array, contraction: Array) -> "MuscleRecord":
-        """Without effects."""
+        """Return the record as measured, without effects."""
         return MuscleRecord(time, pressure, contraction, np.zeros(len(time)), np.zeros(len(time)))

@@ -1,4 +1,4 @@
-"""What an effect is: a physical part that a plain model lacks, declared with its parameters and what it changes.
+"""An effect: a physical part that a plain model lacks, declared with its parameters and what it changes.
 
 An effect acts at one or more of four seams: the pressure that acts, constants and geometry of the specimen, forces with
 memory (in the kernels, sim/forces/added.py), and what is observed. Where its strength has the value `off`, the model
@@ -43,7 +43,7 @@ class EffectParameter:
 
     @property
     def centre(self) -> float:
-        """Of the prior."""
+        """Return the prior's centre."""
         return self.typical if self.off is None else self.off
 
 
@@ -94,8 +94,8 @@ class Effect:
         return tuple(name for name, parameter in self.parameters.items() if parameter.whole or parameter.tried)
 
     def choices(self, channels: int, size: Mapping[str, float]) -> list[dict[str, float]]:
-        """All combinations of what is chosen: a whole number is a channel of `channels`, a place a share of the cloth's
-        `size` [m] along u and v."""
+        """Return all combinations of what is chosen: a whole number is a channel of `channels`, a place a share of the
+        cloth's `size` [m] along u and v."""
         values = [
             range(channels) if p.whole else [value * size.get(name, 1.0) for value in p.tried]
             for name, p in ((name, self.parameters[name]) for name in self.chosen)
@@ -103,10 +103,10 @@ class Effect:
         return [dict(zip(self.chosen, map(float, combination), strict=True)) for combination in product(*values)]
 
     def values(self, given: Values) -> dict[str, float]:
-        """All parameters: those given, the others typical."""
+        """Return all parameters: those given, the others typical."""
         return {name: float(given.get(name, parameter.typical)) for name, parameter in self.parameters.items()}
 
     def is_off(self, given: Values) -> bool:
-        """Whether it changes nothing at these values."""
+        """Return whether it changes nothing at these values."""
         values = self.values(given)
         return bool(self.strengths) and all(values[name] == self.parameters[name].off for name in self.strengths)

@@ -1,4 +1,4 @@
-"""What is learned inside the mechanics: coefficients of basis functions, where no physical effect is named.
+"""Learned mechanics: coefficients of basis functions, where no physical effect is named.
 
 The model is linear in each about nothing. Simulated with them, a motion of another layout, a shape at rest and the
 search's derivatives follow from physics; a correction of points after the motion does not.
@@ -24,7 +24,7 @@ SLIP = BRAID_HYSTERESIS.parameters["slip"].typical
 
 
 def _of_set_point(pressure: Array, values: Values) -> Array:
-    """(n, channels) Pa."""
+    """Return (n, channels) Pa."""
     share = pressure / UNIT
     others = share.sum(axis=1, keepdims=True) - share
     kept = 1.0 - values["drawn"] * others + values["bend"] * (share - 1.0)
@@ -32,8 +32,8 @@ def _of_set_point(pressure: Array, values: Values) -> Array:
 
 
 def _pressure(acting: ActingPressure, values: Values) -> ActingPressure:
-    told = acting.program
-    program = PressureProgram(told.time, _of_set_point(told.pressure, values), told.duration)
+    set_points = acting.program
+    program = PressureProgram(set_points.time, _of_set_point(set_points.pressure, values), set_points.duration)
     quick, slow = values["quick"], values["slow"]
     if quick == 0 and slow == 0:
         return acting.through(program, None if acting.smooth is None else _of_set_point(acting.smooth, values))
@@ -127,7 +127,7 @@ _LOSSES = "drawn", "far", "rate", "friction", "drag"  # coefficients of what is 
 
 
 def formula(values: Values) -> str:
-    """What coefficients of `learned` that are not zero add, as text: "p +0.12 p (p / 200 kPa - 1); T -3 N e"."""
+    """Return what coefficients of `learned` that are not zero add, as text: "p +0.12 p (p / 200 kPa - 1); T -3 N e"."""
     added: dict[str, list[str]] = {}
     for name, (to, text) in _ADDS.items():
         if value := values.get(name, 0.0):

@@ -153,8 +153,8 @@ MUSCLE_VISCOSITY = Effect(
 
 # Stroke softening: muscles pull less from trial to trial of a session.
 def _stroke_softening_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
-    left = 1.0 + values["loss"] * np.expm1(-specimen.order / values["trials"])
-    return specimen.with_muscles(muscles, gain=specimen.muscles["gain"] * left)
+    remaining = 1.0 + values["loss"] * np.expm1(-specimen.order / values["trials"])
+    return specimen.with_muscles(muscles, gain=specimen.muscles["gain"] * remaining)
 
 
 STROKE_SOFTENING = Effect(

@@ -18,8 +18,8 @@ ROUNDED = 3  # decimals of Pa
 
 
 def lagged(wanted: Array, tick: float, fill: float, empty: float) -> Array:
-    """(ticks, channels) Pa, means of p over ticks, where dp/dt = (wanted - p) / tau and p = 0 at the begin; tau = fill
-    where p rises, empty where it falls [s]. Exact for a wanted pressure that is constant within each tick."""
+    """Return (ticks, channels) Pa, means of p over ticks, where dp/dt = (wanted - p) / tau and p = 0 at the begin; tau
+    = fill where p rises, empty where it falls [s]. Exact for a wanted pressure that is constant within each tick."""
     wanted = np.round(wanted, ROUNDED)  # what differs by rounding alone would count as a change in every tick
     out = np.empty_like(wanted)
     p = np.zeros(wanted.shape[1])
@@ -27,9 +27,9 @@ def lagged(wanted: Array, tick: float, fill: float, empty: float) -> Array:
     for begin, end in pairwise([0, *changes.tolist(), len(wanted)]):
         goal = wanted[begin]
         tau = np.maximum(np.where(goal > p, fill, empty), SHORTEST)
-        left = np.exp(-tick * np.arange(end - begin + 1)[:, None] / tau)  # of the gap, at the ticks' edges
-        out[begin:end] = goal + (p - goal) * (left[:-1] - left[1:]) * tau / tick
-        p = goal + (p - goal) * left[-1]
+        remaining = np.exp(-tick * np.arange(end - begin + 1)[:, None] / tau)  # of the gap, at the ticks' edges
+        out[begin:end] = goal + (p - goal) * (remaining[:-1] - remaining[1:]) * tau / tick
+        p = goal + (p - goal) * remaining[-1]
     return out
 
 
@@ -41,10 +41,10 @@ def _filling_lag_pressure(acting: ActingPressure, values: Values) -> ActingPress
 
 
 def _filling_lag_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
-    """A row's pressure is set until the next row."""
-    told, steps = record.pressure.tolist(), np.diff(record.time).tolist()
-    p, pressures = told[0], [told[0]]
-    for goal, step in zip(told, steps, strict=False):
+    """Return a row's pressure is set until the next row."""
+    wanted, steps = record.pressure.tolist(), np.diff(record.time).tolist()
+    p, pressures = wanted[0], [wanted[0]]
+    for goal, step in zip(wanted, steps, strict=False):
         p = goal + (p - goal) * float(np.exp(-step / max(values["fill" if goal > p else "empty"], SHORTEST)))
         pressures.append(p)
     return replace(record, pressure=np.array(pressures))
@@ -72,11 +72,11 @@ def _dead_time_pressure(acting: ActingPressure, values: Values) -> ActingPressur
     delay = values["delay"]
     if delay <= 0:
         return acting
-    told = acting.program
+    set_points = acting.program
     program = PressureProgram(
-        np.concatenate([[0.0], told.time + delay]),
-        np.concatenate([np.zeros((1, told.pressure.shape[1])), told.pressure]),
-        told.duration,
+        np.concatenate([[0.0], set_points.time + delay]),
+        np.concatenate([np.zeros((1, set_points.pressure.shape[1])), set_points.pressure]),
+        set_points.duration,
     )
     if acting.smooth is None:
         return acting.through(program, None)
@@ -118,8 +118,8 @@ def _supply_droop_drooped(pressure: Array, share: float) -> Array:
 
 
 def _supply_droop_pressure(acting: ActingPressure, values: Values) -> ActingPressure:
-    told, share = acting.program, values["share"]
-    program = PressureProgram(told.time, _supply_droop_drooped(told.pressure, share), told.duration)
+    set_points, share = acting.program, values["share"]
+    program = PressureProgram(set_points.time, _supply_droop_drooped(set_points.pressure, share), set_points.duration)
     return acting.through(program, None if acting.smooth is None else _supply_droop_drooped(acting.smooth, share))
 
 

@@ -32,7 +32,8 @@ class ActingPressure:
         return self.between(np.arange(self.ticks + 1))
 
     def between(self, edges: NDArray[np.int_]) -> Array:
-        """(n - 1, channels) Pa, means between ticks `edges` (n,), rising; the last tick's holds beyond the ticks."""
+        """Return (n - 1, channels) Pa, means between ticks `edges` (n,), rising; the last tick's holds beyond the
+        ticks."""
         if self.smooth is None:
             return self.program.means(np.asarray(self.tick * edges, dtype=np.float64))
         integral = np.concatenate([np.zeros((1, self.smooth.shape[1])), np.cumsum(self.smooth, axis=0)])

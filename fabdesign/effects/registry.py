@@ -52,7 +52,7 @@ def register(effect: Effect, where: str = "register") -> None:
 
 
 def register_installed() -> None:
-    """Those that installed packages declare as entry points of `fabdesign.effects`."""
+    """Register the effects that installed packages declare as entry points of `fabdesign.effects`."""
     import importlib.metadata  # costs 30 ms
 
     for point in importlib.metadata.entry_points(group=GROUP):
@@ -63,7 +63,7 @@ def register_installed() -> None:
 
 
 def register_file(path: Path | str) -> None:
-    """All effects that a Python file declares at its top level; the file is run. Raises InputError."""
+    """Register all effects that a Python file declares at its top level; the file is run. Raises InputError."""
     path = Path(path).resolve()
     if not path.is_file() or path.suffix != ".py":
         raise InputError(f"{path}: expected a Python file with effects")
@@ -89,12 +89,12 @@ def register_file(path: Path | str) -> None:
 
 
 def registered_sources() -> tuple[tuple[str, str], ...]:
-    """(stem, text) of every file that was registered: what another process needs to know the same effects."""
+    """Return (stem, text) of every file that was registered: what another process needs to know the same effects."""
     return tuple(sorted(_files.items()))
 
 
 def register_source(stem: str, text: str) -> None:
-    """As `register_file`, of a file that another process registered. Raises InputError."""
+    """Register, as `register_file`, a file that another process registered. Raises InputError."""
     if _files.get(stem) == text:
         return
     folder = Path(tempfile.mkdtemp(prefix="fabdesign_effects_"))
@@ -104,7 +104,8 @@ def register_source(stem: str, text: str) -> None:
 
 
 def effect_named(name: str, where: str) -> Effect:
-    """Raises InputError for an unknown name, with the nearest one; installed packages are asked for it first."""
+    """Return the effect; installed packages are asked for it last. Raises InputError for an unknown name, with the
+    nearest one."""
     if name not in EFFECTS:
         register_installed()
     if name not in EFFECTS:
@@ -133,7 +134,7 @@ def check_values(effect: Effect, values: Values, where: str) -> None:
 
 
 def force_of(effect: Effect) -> Any:
-    """The kernel's part of an effect, imported where it is named only; None where it has none."""
+    """Return the kernel's part of an effect, imported where it is named only; None where it has none."""
     if not isinstance(effect.force, str):
         return effect.force
     module, name = effect.force.split(":")
@@ -141,22 +142,23 @@ def force_of(effect: Effect) -> Any:
 
 
 def label_effect(label: str) -> str:
-    """The effect's name in the label of one of its terms."""
+    """Return the effect's name in the label of one of its terms."""
     return label.partition(":")[0]
 
 
 def effects_of(labels: Iterable[str]) -> list[str]:
-    """The effects' names in labels of terms, each once."""
+    """Return the effects' names in labels of terms, each once."""
     return [*dict.fromkeys(label_effect(label) for label in labels)]
 
 
 def acting_effects(terms: Iterable[Term]) -> list[str]:
-    """The names of the effects that change anything, each once."""
+    """Return the names of the effects that change anything, each once."""
     return [*dict.fromkeys(term.name for term in terms if not EFFECTS[term.name].is_off(term.values))]
 
 
 def labels_of(terms: Sequence[Term]) -> tuple[str, ...]:
-    """Of each term: its effect's name; of several of one effect "NAME:VALUE,..." by its chosen parameters."""
+    """Return the label of each term: its effect's name; of several of one effect "NAME:VALUE,..." by its chosen
+    parameters."""
     names = [term.name for term in terms]
     return tuple(term.name if names.count(term.name) == 1 else f"{term.name}:{_chosen(term)}" for term in terms)
 

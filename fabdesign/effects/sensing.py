@@ -10,7 +10,7 @@ from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
 
 # Registration bias: the cameras' world is turned and shifted against the frame's, always alike.
 def turning(about_x: float, about_y: float, about_z: float) -> Array:
-    """(3, 3) of turns [rad] about the world's x axis, then its y, then its z axis."""
+    """Return (3, 3) of turns [rad] about the world's x axis, then its y, then its z axis."""
     turn = np.eye(3)
     for axis, angle in enumerate((about_x, about_y, about_z)):
         i, j = (axis + 1) % 3, (axis + 2) % 3

@@ -15,7 +15,7 @@ OfPlace = Callable[[Array, Array], Array]  # of places (u, v) [m] on the flat cl
 
 @dataclass(frozen=True, eq=False)
 class Specimen:
-    """What a simulation of one case is made of.
+    """The constants and places that a simulation of one case is made of.
 
     muscles: (m,) numbers of every muscle by name: `gain` (on what pressure adds to the tension), `lever` (on the axis'
     offset), `pressure_loss` (share of the pressure lost from a muscle's first end to its last), and those that an
@@ -36,7 +36,8 @@ class Specimen:
         return replace(self, design=replace(self.design, fabric=fabric))
 
     def with_muscles(self, where: NDArray[np.bool_], **values: float | Array) -> "Specimen":
-        """Where `where` (m,) holds, the muscles' numbers by name are these, one for all or (m,)."""
+        """Return the specimen whose muscles' numbers by name are these where `where` (m,) holds, one for all or
+        (m,)."""
         count = len(self.design.muscles)
         changed = {
             name: np.where(where, value, self.muscles.get(name, np.zeros(count))) for name, value in values.items()

@@ -26,7 +26,7 @@ def _picked(of: object, keys: Sequence[str]) -> dict[str, Any]:
 
 
 def as_text(effects: dict[str, Effect]) -> str:
-    """A line each, by site."""
+    """Return a line each, by site."""
     width = max(len(name) for name in effects)
     lines = []
     for site in dict.fromkeys(effect.site for effect in effects.values()):
@@ -36,7 +36,7 @@ def as_text(effects: dict[str, Effect]) -> str:
 
 
 def one_as_text(effect: Effect) -> str:
-    """All that is declared of one effect."""
+    """Return all that is declared of one effect."""
     head = [
         f"{effect.name} ({effect.site}; belongs to the {effect.scope})",
         f"what it is: {effect.what}",
@@ -59,7 +59,7 @@ def in_words(p: EffectParameter) -> str:
 
 
 def markdown_table(effects: dict[str, Effect]) -> str:
-    """The table of docs/effects.md."""
+    """Return the table of docs/effects.md."""
     rows = [
         "| effect | site | scope | parameters (unit: default) | what it is | what looks the same, and how to tell |",
         "|---|---|---|---|---|---|",

@@ -105,9 +105,9 @@ def read_bench(path: Path | str) -> Bench:
 
 
 def read_record(file: Path, needed: tuple[str, ...] = (), rest_length: float | None = None) -> dict[str, Array]:
-    """Columns (n,) of a record's CSV, SI, by their names without unit. rest_length: m, makes contraction and stretch of
-    a length. Raises InputError where a `needed` one is not
-    there, for two of one name, a value that is no finite number and a time that does not rise."""
+    """Return columns (n,) of a record's CSV, SI, by their names without unit. rest_length: m, makes contraction and
+    stretch of a length. Raises InputError where a `needed` one is not there, for two of one name, a value that is no
+    finite number and a time that does not rise."""
     table = LabTable(file, "columns such as time_s,pressure_kpa,force_n")
     columns: dict[str, Array] = {}
     for i, heading in enumerate(table.headings):
@@ -145,18 +145,18 @@ def _ratios(columns: dict[str, Array], rest_length: float | None) -> dict[str, A
 
 
 def _column(table: LabTable, index: int, heading: Heading) -> tuple[str, TableColumn]:
-    """A column and its name: as the format writes it, or as a laboratory does where that names a quantity."""
+    """Return a column and its name: as the format writes it, or as a laboratory does where that names a quantity."""
     text = table.header[index]
     bare, power = _bare(text)
-    own = power or bare != text or heading.symbol is None
+    renamed = power or bare != text or heading.symbol is None
     quantity = heading.quantity
-    if own or quantity is None or heading.unit is None:
+    if renamed or quantity is None or heading.unit is None:
         return bare, TableColumn(index, heading, Decimal(1).scaleb(power))
     return quantity, table.take(index, quantity)
 
 
 def _require_units(records: tuple[BenchRecord, ...], path: Path, specimen: Specimen) -> None:
-    """Over all records, for one of them may be taken at no pressure or at rest."""
+    """Require plausible units over all records, for one of them may be taken at no pressure or at rest."""
     pressures = [c for record in records for name, c in record.columns.items() if name.startswith("pressure")]
     if pressures:
         require_measured_pressures(np.concatenate(pressures), str(path))
@@ -174,11 +174,11 @@ def _require_units(records: tuple[BenchRecord, ...], path: Path, specimen: Speci
 
 
 def _bare(column: str) -> tuple[str, int]:
-    """A column's name without its unit, and the power of ten that takes its values to SI."""
+    """Return a column's name without its unit, and the power of ten that takes its values to SI."""
     bare, _, unit = column.rpartition("_")
     return (bare, _UNITS[unit]) if bare and unit in _UNITS else (column, 0)
 
 
 def is_bench(source: Path) -> bool:
-    """Whether it is a bench's folder, or its bench.toml."""
+    """Return whether it is a bench's folder, or its bench.toml."""
     return source.name == "bench.toml" or (source / "bench.toml").is_file()

@@ -87,7 +87,7 @@ def write_bench_law(law: BenchLaw, path: Path, table: Path, *, comment: str = ""
 
 
 def read_law_table(file: Path, specimen: Specimen) -> tuple[tuple[str, ...], dict[str, NDArray[np.float64]]]:
-    """A cylinder's terms (none of others) and the columns of numbers. Raises InputError."""
+    """Return a cylinder's terms (none of others) and the columns of numbers. Raises InputError."""
     header, rows = read_rows(file)
     if tuple(header) != TABLES[specimen]:
         raise InputError(f"{file}: columns are {','.join(header)}; expected {','.join(TABLES[specimen])}")
@@ -107,7 +107,7 @@ def read_law_table(file: Path, specimen: Specimen) -> tuple[tuple[str, ...], dic
 
 
 def why_not_included(path: Path) -> str:
-    """One sentence on a law that a design asks for by `include`. Raises InputError for an unsound file."""
+    """Return one sentence on a law that a design asks for by `include`. Raises InputError for an unsound file."""
     law = read_bench_law(path)
     if law.specimen == "strip":
         return "is the force law of a strip whose width is not known; state width [m] in its bench and calibrate again"

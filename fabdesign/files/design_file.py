@@ -28,7 +28,7 @@ FORMAT = DESIGN
 
 @dataclass(frozen=True)
 class DesignHead:
-    """What a design's file, or one that it includes, has beside the design."""
+    """The keys that a design's file, or one that it includes, has beside the design."""
 
     include: Annotated[tuple[str, ...], "files whose [fabric] keys, muscle types and effects are added"] = ()
     effects: Annotated[
@@ -70,7 +70,7 @@ def read_design(path: Path | str) -> Design:
 
 @dataclass(frozen=True)
 class DesignPart:
-    """What a file holds that designs include: muscle types, and keys of a cloth, checked one by one."""
+    """The content of a file that designs include: muscle types, and keys of a cloth, checked one by one."""
 
     types: Mapping[str, MuscleType]
     fabric: Fabric | None  # where the part has keys of one; those in `keys` are the part's own, the others a stand-in
@@ -85,7 +85,7 @@ _STAND_IN = {"width": 1, "height": 1, "poisson": 0} | dict.fromkeys(
 
 
 def is_part(path: Path) -> bool:
-    """Whether a file can only be included: without muscles, and without the size of a cloth."""
+    """Return whether a file can only be included: without muscles, and without the size of a cloth."""
     root = parse_toml(path)
     fabric = root.get("fabric", {})
     sized = isinstance(fabric, dict) and {"width", "height"} <= fabric.keys()
@@ -130,10 +130,10 @@ def _contents(root: Table, above: tuple[Path, ...]) -> tuple[list[Table], dict[s
         types |= more_types
     if decode_key(Mapping[str, Any], root, "fabric") is not None:
         fabrics.append(root.inner("fabric"))
-    own = decode_key(Mapping[str, MuscleType], root, "muscle_types", {})
-    if again := next((name for name in own if name in types), None):
+    declared = decode_key(Mapping[str, MuscleType], root, "muscle_types", {})
+    if again := next((name for name in declared if name in types), None):
         raise InputError(f"{path}: muscle type {again} is in an included file too")
-    types |= own
+    types |= declared
     for number, effect in enumerate(head.effects):
         effects.append(_of_bench(effect.term, types, where := root.inner("effects", number)))
         if [(e.name, e.scope) for e in effects].count((effects[-1].name, effects[-1].scope)) > 1:

@@ -28,7 +28,7 @@ def write_design(design: Design, path: Path | str) -> None:
 
 
 def _document(design: Design, path: Path) -> str:
-    """The TOML text; the tables that it names are written beside `path`."""
+    """Return the TOML text; the tables that it names are written beside `path`."""
     benches = iter(
         _place_bench(kind.bench, _bench_paths(path, kind.name, i))
         for i, kind in enumerate(design.muscle_types.values())
@@ -61,8 +61,8 @@ def _with_units(term: Term) -> EffectTerm:
 
 def _bench_paths(path: Path, name: str, index: int) -> tuple[Path, ...]:
     word = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") or "muscle"
-    own = f"{path.stem}_{word}"
-    return tuple(path.with_name(f"{stem}_bench.csv") for stem in (word, own, f"{own}_{index}"))
+    written = f"{path.stem}_{word}"
+    return tuple(path.with_name(f"{stem}_bench.csv") for stem in (word, written, f"{written}_{index}"))
 
 
 def _place_bench(bench: BenchTable, places: tuple[Path, ...]) -> str:

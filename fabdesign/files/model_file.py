@@ -42,7 +42,7 @@ def write_model(model: Model, path: Path | str) -> None:
 def usable_model(
     model: Model | Path | str, without: Sequence[str] = (), *, say: Callable[[str], None] = lambda line: None
 ) -> Model:
-    """The model, or that of a file, less the parts named (fabdesign.nouns.model.PARTS).
+    """Return the model, or that of a file, less the parts named (fabdesign.nouns.model.PARTS).
 
     `say` hears a line where it was made by another version of the simulator, and on what was left out. Raises
     InputError.

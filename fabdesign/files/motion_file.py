@@ -70,7 +70,7 @@ def write_motion(
 
 
 def read_motion(path: Path) -> MotionData:
-    """A motion; the triangles of a file without them are those of two square faces, if its points can be that.
+    """Return a motion; the triangles of a file without them are those of two square faces, if its points can be that.
 
     Raises InputError for a damaged file, a missing array and one of another shape or type.
     """
@@ -97,7 +97,7 @@ def read_motion(path: Path) -> MotionData:
 
 
 def read_band(path: Path) -> NDArray[np.float64] | None:
-    """(T, 3, 3) m of a file of `predict`; None where its model had no intervals."""
+    """Return (T, 3, 3) m of a file of `predict`; None where its model had no intervals."""
     with open_npz(path, "a motion's arrays") as arrays:
         band = arrays.get("band90") if "band90" in arrays else None
     if band is None:
@@ -108,7 +108,7 @@ def read_band(path: Path) -> NDArray[np.float64] | None:
 
 
 def square_triangles(count: int) -> NDArray[np.intp]:
-    """Of two square faces that have `count` points together."""
+    """Return the triangles of two square faces that have `count` points together."""
     side = isqrt(count // 2)
     return face_triangles(side, side)
 
@@ -168,7 +168,8 @@ SUFFIXES = (".ply", ".obj")
 
 
 def mesh_paths(path: Path, frames: int) -> list[Path]:
-    """The files of `frames` frames: `path` itself for one frame, else NAME_0000.ply, NAME_0001.ply, ... beside it.
+    """Return the files of `frames` frames: `path` itself for one frame, else NAME_0000.ply, NAME_0001.ply, ... beside
+    it.
 
     Raises InputError where the name ends neither in .ply nor in .obj.
     """

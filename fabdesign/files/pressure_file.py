@@ -34,7 +34,7 @@ def pressure_file_of(pose: int) -> str:
 
 
 def read_pressures(spec: str | Path, design: Design) -> PressureProgram:
-    """The program that `spec` names (docs/files.md, "Pressures"), checked against the design's channels and limits.
+    """The program that `spec` names (docs/files.md), checked against the design's channels and limits.
 
     A CSV's motion ends one row interval after its last row (1.5 s for a single row), a trial's with its last frame.
     Raises InputError.

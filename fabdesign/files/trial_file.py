@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class TrialData:
-    """What was measured in one motion."""
+    """The arrays measured in one motion."""
 
     time: Floats  # (T,) s after rest
     pressure: Floats  # (T, channels) Pa, set point during the interval that ends at that frame
@@ -36,7 +36,7 @@ class TrialData:
 
 
 def read_trial(path: Path, *, size: float | None = None) -> TrialData:
-    """All arrays of a trial. size: the cloth's longer side [m], for the check that the clouds are in metres.
+    """Return all arrays of a trial. size: the cloth's longer side [m], for the check that the clouds are in metres.
 
     What a depth sensor adds to a frame is left out and said (`clouds.measured_points`). Raises InputError for a
     damaged file, a missing array, one of another shape or type, and an empty or odd cloud.
@@ -66,13 +66,13 @@ def read_trial(path: Path, *, size: float | None = None) -> TrialData:
 
 
 def read_trial_pressures(path: Path) -> tuple[Floats, Floats]:
-    """`time` (T,) s and `pressure` (T, channels) Pa of a trial, without its clouds. Raises InputError."""
+    """Return `time` (T,) s and `pressure` (T, channels) Pa of a trial, without its clouds. Raises InputError."""
     with open_npz(path, "a trial's arrays") as arrays:
         return _time_and_pressure(arrays, path)
 
 
 def program_of(time: Floats, pressure: Floats) -> PressureProgram:
-    """The program of a trial's arrays: row k holds until time[k], the first from 0."""
+    """Return the program of a trial's arrays: row k holds until time[k], the first from 0."""
     start = np.concatenate([[0.0], time[:-1]])
     if len(time) > 1 and time[0] == 0:  # a frame at rest: its row holds for no time
         start, pressure = start[1:], pressure[1:]

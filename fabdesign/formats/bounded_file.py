@@ -11,8 +11,8 @@ _OF_NO_TEXT = re.compile("[\x00-\x08\x0e-\x1f\x7f]")
 
 
 def read_bytes(path: Path, what: str, *, largest: int = LARGEST) -> bytes:
-    """The whole content; `what` it should be goes into the messages. Raises InputError for a file that is not there,
-    not plain (a device, a pipe), larger than `largest` bytes, or cannot be read."""
+    """Return the whole content; `what` it should be goes into the messages. Raises InputError for a file that is not
+    there, not plain (a device, a pipe), larger than `largest` bytes, or cannot be read."""
     try:
         if path.exists() and not path.is_file():
             raise InputError(f"{path}: is no plain file; expected {what}")
@@ -37,8 +37,8 @@ def require_few(count: int, path: Path, what: str) -> None:
 
 
 def decode_any(content: bytes, path: Path) -> str:
-    """As text of a laboratory's program: UTF-8, UTF-16 with its mark, else the code page of western Europe, which is
-    said. Raises InputError for what has characters of no text."""
+    """Return the text of a laboratory's program: UTF-8, UTF-16 with its mark, else the code page of western Europe,
+    which is said. Raises InputError for what has characters of no text."""
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         encoding = "utf-16"
     else:
@@ -57,7 +57,7 @@ def decode_any(content: bytes, path: Path) -> str:
 
 
 def decode(content: bytes, path: Path) -> str:
-    """As UTF-8 text; InputError otherwise."""
+    """Return the UTF-8 text. Raises InputError for any other."""
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:

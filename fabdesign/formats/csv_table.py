@@ -37,20 +37,21 @@ class RawTable:
 
     @property
     def written(self) -> str | None:
-        """In words, where it is written otherwise than this program does."""
+        """Return how it is written in words, where that is not as this program writes; else None."""
         if self.mark == "," and not self.decimal_comma:
             return None
         return _MARKS[self.mark] + (" and decimal commas" if self.decimal_comma else "")
 
 
 def read_rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """The header's names and every row with its line number; InputError where a row has another width."""
+    """Return the header's names and every row with its line number; InputError where a row has another width."""
     table = read_raw_table(path)
     return table.header, table.rows
 
 
 def read_raw_table(path: Path) -> RawTable:
-    """The cells as they stand, however the columns are separated. Raises InputError where a row has another width."""
+    """Return the cells as they stand, however the columns are separated. Raises InputError where a row has another
+    width."""
     text = without_separator_line(decode_any(read_bytes(path, "a text file", largest=LARGEST_TEXT), path))
     mark = separator(next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), ""))
     try:
@@ -69,12 +70,13 @@ def read_raw_table(path: Path) -> RawTable:
 
 
 def without_separator_line(text: str) -> str:
-    """The text with an empty first line in the place of Excel's `sep=;`: the header shows the separator too."""
+    """Return the text with an empty first line in the place of Excel's `sep=;`: the header shows the separator too."""
     return _SEPARATOR_LINE.sub("", text)
 
 
 def is_number(cell: str) -> bool:
-    """Whether a text is a number as programs write it; Python also takes 1_000 and the digits of other scripts."""
+    """Return whether a text is a number as programs write it; Python also takes 1_000 and the digits of other
+    scripts."""
     try:
         float(cell)
     except ValueError:
@@ -123,7 +125,7 @@ def _first_thousands(
 
 
 def separator(header: str) -> str:
-    """What stands between the columns of a header line: a semicolon, a tab, a comma or blanks."""
+    """Return what stands between the columns of a header line: a semicolon, a tab, a comma or blanks."""
     for mark in (";", "\t", ","):
         if mark in header:
             return mark
@@ -138,8 +140,8 @@ def _cells(text: str, mark: str) -> Iterable[tuple[int, list[str]]]:
 
 
 def _with_points(table: RawTable, path: Path) -> RawTable:
-    """The same with decimal points. Raises InputError where numbers have points in some cells and commas in others, and
-    where commas may part thousands."""
+    """Return the same with decimal points. Raises InputError where numbers have points in some cells and commas in
+    others, and where commas may part thousands."""
     with_comma = [(line, cell) for line, row in table.rows for cell in row if _WITH_COMMA.fullmatch(cell)]
     if not with_comma:
         require_decimals(path, table.rows, table.mark, commas=False)
@@ -160,7 +162,7 @@ def _with_points(table: RawTable, path: Path) -> RawTable:
 
 
 def decimal(text: str, path: Path, line: int, column: str) -> Decimal:
-    """A finite number, exactly as written; InputError otherwise."""
+    """Return a finite number, exactly as written; InputError otherwise."""
     try:
         value = Decimal(text if is_number(text) else "nan")
     except InvalidOperation:

@@ -26,7 +26,7 @@ def decode(form: type[Form], table: Table, usual: Form | None = None) -> Form:
 
 
 def decode_part(form: type[Form], table: Table, usual: Form | None = None) -> Form:
-    """As `decode`, where the table may have other keys; not resolved."""
+    """Decode as `decode` does, where the table may have other keys; not resolved."""
     keys = file_keys(form)
     if usual is not None:
         keys = tuple(replace(each, default=getattr(usual, each.field)) for each in keys)
@@ -152,7 +152,7 @@ def _is_list(value: Any) -> bool:
 
 
 def _alike(kind: Any, value: Any) -> bool:
-    """Whether a value has the shape of a member of a union."""
+    """Return whether a value has the shape of a member of a union."""
     origin = get_origin(kind)
     if isinstance(value, str):
         return kind in (str, Path) or origin is Literal

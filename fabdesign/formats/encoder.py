@@ -1,4 +1,4 @@
-"""What a file holds of a dataclass: the keys that `decoder` reads, with units in comments where a person edits it."""
+"""Dataclasses as what files hold: the keys that `decoder` reads, with units in comments where a person edits it."""
 
 import os
 from collections.abc import Callable, Mapping

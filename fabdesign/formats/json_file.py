@@ -14,7 +14,8 @@ from fabdesign.units import InFile
 
 
 def json_text(content: Any, *, indent: int | None = None) -> str:
-    """JSON of plain values, dataclasses, arrays and paths; what is not finite becomes null, for JSON knows no other."""
+    """Return JSON of plain values, dataclasses, arrays and paths; what is not finite becomes null, for JSON knows no
+    other."""
     return json.dumps(plain(content), indent=indent, allow_nan=False)
 
 

@@ -1,4 +1,4 @@
-"""What editors are told of a kind of file: its JSON Schema, from what its dataclasses declare."""
+"""JSON Schemas of kinds of files for editors, from what their dataclasses declare."""
 
 from collections.abc import Mapping
 from dataclasses import MISSING, is_dataclass

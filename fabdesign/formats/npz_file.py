@@ -73,7 +73,8 @@ class NpzArrays:
 
 @contextmanager
 def open_npz(path: Path, expected: str) -> Iterator[NpzArrays]:
-    """Raises InputError, which names what was `expected`, for no file, another one, and damage met inside the block."""
+    """Open an npz. Raises InputError, which names what was `expected`, for no file, another one, and damage met inside
+    the block."""
     try:
         if path.exists() and not path.is_file():
             raise InputError(f"{path}: is no plain file; expected an npz with {expected}")
@@ -119,7 +120,7 @@ def read_npy(path: Path) -> NDArray[Any]:
 
 
 def _header(stream: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:
-    """Shape and type of an npy. Raises whatever numpy does."""
+    """Return the shape and type of an npy. Raises whatever numpy does."""
     version = np.lib.format.read_magic(stream)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, dtype = read(stream)
@@ -133,7 +134,8 @@ def _damaged(path: Path, expected: str) -> InputError:
 
 
 def _require_small(archive: zipfile.ZipFile | None, path: Path, expected: str) -> None:
-    """By what the archive says of itself: nothing is read beyond it, and what an array's header claims is not there."""
+    """Require a small archive, by what it says of itself: nothing is read beyond it, and what an array's header claims
+    is not there."""
     assert archive is not None
     size = sum(member.file_size for member in archive.infolist())
     if size > LARGEST:

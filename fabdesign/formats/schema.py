@@ -89,7 +89,7 @@ class Key:
 
 @dataclass(frozen=True)
 class Notes:
-    """What annotations say of a value."""
+    """The limits, unit and sentence that annotations say of a value."""
 
     key: Key = Key()
     unit: FileUnit | None = None

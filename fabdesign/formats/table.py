@@ -28,7 +28,7 @@ class Table:
         return self._values[key]
 
     def has(self, key: str) -> bool:
-        """Whether the key is there; from now on it is a known one."""
+        """Return whether the key is there; from now on it is a known one."""
         self._known.add(key)
         return self._values.get(key) is not None
 
@@ -81,11 +81,11 @@ class Table:
         return self._values.get(key) is not None
 
     def names(self) -> list[str]:
-        """The keys, in the file's order."""
+        """Return the keys, in the file's order."""
         return list(self._values)
 
     def bad(self, key: str, expected: str) -> InputError:
-        """The error for a value that is not what was expected."""
+        """Return the error for a value that is not what was expected."""
         return InputError(f"{self.where}: {key} = {_shown(self._values.get(key))}; expected {expected}")
 
     def finish(self) -> None:
@@ -102,7 +102,8 @@ DESIGN, STUDY = "fabdesign.design/1", "fabdesign.study/1"
 
 
 def load_toml(path: Path, form: str, *, partial: bool = False) -> Table:
-    """The root table of a file whose `format` is `form`; with `partial` (an included file) `format` may be absent."""
+    """Return the root table of a file whose `format` is `form`; with `partial` (an included file) `format` may be
+    absent."""
     root = Table(parse_toml(path), str(path), path)
     given = root["format"] if root.has("format") else None
     if not isinstance(given, str | None):
@@ -120,7 +121,7 @@ def load_toml(path: Path, form: str, *, partial: bool = False) -> Table:
 
 
 def nearest(word: str, known: Sequence[str]) -> str:
-    """' (did you mean X?)' where one of the known words is close, else nothing."""
+    """Return ' (did you mean X?)' where one of the known words is close, else nothing."""
     close = get_close_matches(word, known, n=1)
     return f" (did you mean {close[0]}?)" if close else ""
 

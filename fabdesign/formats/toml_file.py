@@ -22,7 +22,7 @@ _DEEP_KEY = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{_DEEPES
 
 
 def parse_toml(path: Path) -> dict[str, Any]:
-    """The file as plain values, floats as Decimal; InputError where it is not TOML."""
+    """Return the file as plain values, floats as Decimal; InputError where it is not TOML."""
     text = read_text(path, largest=LARGEST_TOML)
     if deep := next((match for match in _DEEP_KEY.finditer(text) if match[1]), None):  # else words of a text
         line = text.count("\n", 0, deep.start()) + 1
@@ -57,7 +57,7 @@ def _require_no_control(content: dict[str, Any], path: Path) -> None:
 
 
 def file_name(text: str, where: str) -> str:
-    """The text, where it can be the name of a file; InputError otherwise."""
+    """Return the text, where it can be the name of a file; InputError otherwise."""
     if "\0" in text or any(len(part.encode("utf-8", "surrogateescape")) > _LONGEST_NAME for part in Path(text).parts):
         raise InputError(f"{where}: {text[:57]!r}; expected the name of a file")
     return text
@@ -73,5 +73,5 @@ def file_stem(name: str) -> str:
 
 
 def read_text(path: Path, *, largest: int = LARGEST_TEXT) -> str:
-    """A plain text file's content, of at most `largest` bytes; InputError where it cannot be read."""
+    """Return a plain text file's content, of at most `largest` bytes; InputError where it cannot be read."""
     return decode(read_bytes(path, "a text file", largest=largest), path)

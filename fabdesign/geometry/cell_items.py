@@ -26,7 +26,7 @@ def corner_and_edges(vertices: Array, triangles: Indices) -> Array:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def bodies_of(items: Array, order: Indices) -> Array:
-    """Points (m, 3) in that order; triangles (m, 18), each as the search takes it: a corner, the axes of a frame
+    """Return points (m, 3) in that order; triangles (m, 18), each as the search takes it: a corner, the axes of a frame
     there (along an edge, across it in the plane, the normal), the edge's length, the third corner in that frame, its
     squared distance and that of the edge's end, inverted, and how far it lies from that end along the edge."""
     if items.shape[1] == 3:
@@ -79,14 +79,15 @@ def bodies_of(items: Array, order: Indices) -> Array:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _reach(bb: float, cc: float, bc: float) -> float:
-    """How far a triangle with edges b and c (by their products) reaches from its centre (b + c) / 3."""
+    """Return how far a triangle with edges b and c (by their products) reaches from its centre (b + c) / 3."""
     squared = max(bb + cc + 2 * bc, max(4 * bb + cc, bb + 4 * cc) - 4 * bc)
     return np.sqrt(max(squared, 0.0)) / 3 * ROUNDED_UP
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def centres_of(items: Array) -> tuple[Array, Array, Array, float]:
-    """(m, 3) centres, least corner (3,) and size (3,) of their box, and how far an item reaches from its centre."""
+    """Return (m, 3) centres, least corner (3,) and size (3,) of their box, and how far an item reaches from its
+    centre."""
     count, width = items.shape
     centres, widest = np.empty((count, 3)), 0.0
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
@@ -105,8 +106,8 @@ def centres_of(items: Array) -> tuple[Array, Array, Array, float]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def sorted_into_cells(points: Array, some: Indices, low: Array, edge: float, shape: Ints) -> tuple[Ints, Indices]:
-    """(cells + 1,) first place of each cell's points in the order, and that order of those points (some,), cell by
-    cell; a point outside counts to the cell at the border."""
+    """Return (cells + 1,) first place of each cell's points in the order, and that order of those points (some,), cell
+    by cell; a point outside counts to the cell at the border."""
     cell = np.empty(len(some), dtype=np.int32)
     start = np.zeros(shape[0] * shape[1] * shape[2] + 1, dtype=np.int32)
     for k in range(len(some)):
@@ -127,7 +128,7 @@ def sorted_into_cells(points: Array, some: Indices, low: Array, edge: float, sha
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def boxes_of(items: Array, order: Indices) -> Array:
-    """(6, m) least and largest coordinates of each item in that order."""
+    """Return (6, m) least and largest coordinates of each item in that order."""
     boxes = np.empty((6, len(order)))
     for k in range(len(order)):
         for a in range(3):

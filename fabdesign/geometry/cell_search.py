@@ -33,31 +33,31 @@ def search_cells(
     squared: Array,
     item: Indices,
 ) -> Indices:
-    """Nearest items of the points `asked`, in the order that `sorted_into_cells` gave them; those left that have
-    nothing near and may have something far off.
+    """Return the nearest items of the points `asked`, in the order that `sorted_into_cells` gave them; those remain
+    that have nothing near and may have something far off.
 
     Points near each other are asked together about the items around their box: first those that come within a short way
     of it, then, as long as one may be nearer to any of them than what it has, those within twice the way.
     """
-    left, unsure, several = np.empty_like(asked), 0, len(start) > 2
+    unfinished, unsure, several = np.empty_like(asked), 0, len(start) > 2
     farthest = _WIDE * edge if several else np.inf
     at, best, nearest = np.empty((3, _GROUP)), np.empty(_GROUP), np.empty(_GROUP, dtype=np.int64)
     lower, upper = np.empty(3), np.empty(3)
     apart, which = np.empty(len(order)), np.empty(len(order), dtype=np.int64)
     for cell in range(len(first) - 1):
         for group in range(first[cell], first[cell + 1], _GROUP):
-            own = asked[group : min(group + _GROUP, first[cell + 1])]
-            lanes = np.uint64((len(own) + _ABREAST - 1) // _ABREAST * _ABREAST)
+            members = asked[group : min(group + _GROUP, first[cell + 1])]
+            lanes = np.uint64((len(members) + _ABREAST - 1) // _ABREAST * _ABREAST)
             best[:], nearest[:] = -1.0, -1  # of lanes that no point fills: nothing is nearer
             lower[:], upper[:] = np.inf, -np.inf
-            for j in range(len(own)):
-                i = own[j]
+            for j in range(len(members)):
+                i = members[j]
                 off = _off_cells(points[i], low, edge, shape) - widest
                 nowhere = not np.isfinite(points[i, 0] + points[i, 1] + points[i, 2])
                 if nowhere or off > np.sqrt(squared[i]) * ROUNDED_UP:  # or farther than what is looked for
                     continue
                 if off > farthest:
-                    left[unsure] = i
+                    unfinished[unsure] = i
                     unsure += 1
                     continue
                 best[j] = squared[i]
@@ -70,18 +70,18 @@ def search_cells(
                 count = _around(boxes, low, edge, widest, shape, start, lower, upper, done, reach, apart, which)
                 _ask(bodies, which, count, lanes, at[0], at[1], at[2], best, nearest)
                 done, way = reach, 2 * way
-            for j in range(len(own)):
+            for j in range(len(members)):
                 if nearest[j] >= 0:
-                    squared[own[j]], item[own[j]] = best[j], order[nearest[j]]
+                    squared[members[j]], item[members[j]] = best[j], order[nearest[j]]
                 if best[j] >= 0 and np.sqrt(best[j]) * ROUNDED_UP > done:
-                    left[unsure] = own[j]
+                    unfinished[unsure] = members[j]
                     unsure += 1
-    return left[:unsure]
+    return unfinished[:unsure]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _off_cells(point: Array, low: Array, edge: float, shape: Ints) -> float:
-    """How far a point lies from all cells."""
+    """Return how far a point lies from all cells."""
     squared = 0.0
     for a in range(3):
         squared += max(low[a] - point[a], point[a] - low[a] - edge * shape[a], 0.0) ** 2
@@ -90,7 +90,7 @@ def _off_cells(point: Array, low: Array, edge: float, shape: Ints) -> float:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _most(best: Array) -> float:
-    """The longest distance of squared ones, rounded up; negative where all are."""
+    """Return the longest distance of squared ones, rounded up; negative where all are."""
     most = best.max()
     return np.sqrt(most) * ROUNDED_UP if most >= 0 else -1.0
 
@@ -118,7 +118,7 @@ def _around(
         begin[a] = int(min(max(np.floor(least / edge), 0.0), shape[a] - 1.0))
         end[a] = int(min(max(np.floor(most / edge), 0.0), shape[a] - 1.0)) + 1
     l0, l1, l2, u0, u1, u2 = lower[0], lower[1], lower[2], upper[0], upper[1], upper[2]
-    past, near = done * abs(done), reach * reach
+    past, reach_squared = done * abs(done), reach * reach
     for u in range(begin[0], end[0]):
         for v in range(begin[1], end[1]):
             column = (u * shape[1] + v) * shape[2]
@@ -130,7 +130,7 @@ def _around(
                 apart[k] = d0 * d0 + d1 * d1 + d2 * d2
             for k in range(some, others):
                 which[count] = k
-                count += (apart[k] > past) & (apart[k] <= near)
+                count += (apart[k] > past) & (apart[k] <= reach_squared)
     return count
 
 
@@ -201,7 +201,7 @@ def edge_weights(points: Array, item: Indices, items: Array) -> Array:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _to_triangle(p0: float, p1: float, p2: float, items: Array, k: int) -> tuple[float, float]:
-    """Weights of a triangle's edges (b and c from a corner) at its place nearest to a point.
+    """Return weights of a triangle's edges (b and c from a corner) at its place nearest to a point.
 
     |corner + v b + w c - p|^2 is convex: the least is at the plane's foot if that is inside, else on an edge.
     """

@@ -31,7 +31,7 @@ _COARSER = 3.0  # times as long are the cells that points are looked for in that
 
 
 class NearestItem(NamedTuple):
-    """For each of n points."""
+    """The nearest item of each of n points."""
 
     squared: Array  # (n,) m^2, distance to the nearest item
     item: Indices  # (n,)
@@ -49,11 +49,11 @@ class Cells:
 
     @staticmethod
     def of_points(points: NDArray[Any]) -> "Cells":
-        """Of a cloud (m, 3) m."""
+        """Return the cells of a cloud (m, 3) m."""
         return Cells(np.ascontiguousarray(points, dtype=np.float64))
 
     def nearest(self, points: NDArray[Any], *, within: float = np.inf) -> NearestItem:
-        """Exact nearest items of points (n, 3) m. A tie goes to any of them.
+        """Return exact nearest items of points (n, 3) m. A tie goes to any of them.
 
         within [m]: what is farther is not looked for; where nothing is nearer, the distance is infinite, the item -1.
         """
@@ -68,12 +68,12 @@ class Cells:
         return NearestItem(squared, item)
 
     def weights(self, points: NDArray[Any], item: Indices) -> Array:
-        """(n, 2) of the two edges of each point's triangle at its place nearest to the point (n, 3) m."""
+        """Return (n, 2) of the two edges of each point's triangle at its place nearest to the point (n, 3) m."""
         return edge_weights(np.ascontiguousarray(points, dtype=np.float64), item, self.items)
 
     @staticmethod
     def of_triangles(vertices: Array, triangles: Indices) -> "Cells":
-        """Of a mesh: vertices (m, 3) m, and the corners of each triangle (t, 3)."""
+        """Return the cells of a mesh: vertices (m, 3) m, and the corners of each triangle (t, 3)."""
         return Cells(corner_and_edges(vertices, triangles))
 
     @cached_property
@@ -82,8 +82,9 @@ class Cells:
 
     @cached_property
     def _grid(self) -> tuple[Array, float, float, Ints, Ints, Indices, Array, Array]:
-        """What `search_cells` takes: least corner, cells' edge, how far items reach from their centres, how many cells
-        each way, first place of each cell's items in their order, that order, and `bodies_of` and `boxes_of` in it."""
+        """Return what `search_cells` takes: least corner, cells' edge, how far items reach from their centres, how many
+        cells each way, first place of each cell's items in their order, that order, and `bodies_of` and `boxes_of` in
+        it."""
         centres, low, size, widest = self._centred
         long = np.sort(size)[::-1]
         suits = np.sqrt(_PER_CELL * long[0] * max(long[1], 1e-3 * long[0]) / len(centres))
@@ -97,7 +98,7 @@ class Cells:
         return low, edge, widest, shape, start, order, bodies, boxes
 
     def _asked(self, points: Array, pending: Indices) -> tuple[Ints, Indices]:
-        """The pending points in cells of their own: those of one cell are asked together."""
+        """Return the pending points in cells of their own: those of one cell are asked together."""
         low, edge, widest, shape, *_ = self._grid
         long = edge * _TOGETHER if widest > 0 else edge
         wide = (shape * edge / long).astype(np.int32) + np.int32(1)

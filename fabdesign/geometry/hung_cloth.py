@@ -29,7 +29,7 @@ _LEANING = {"pinned": 60.0, "clamped": 100.0}
 
 
 def misplaced(points: Array, fabric: Fabric, *, part: bool = False, free: bool = False) -> str | None:
-    """What about a cloud (n, 3) m a cloth held as `fabric` could not do, as "..., expected ..."; None: nothing.
+    """Return what about a cloud (n, 3) m a cloth held as `fabric` could not do, as "..., expected ..."; None: nothing.
 
     Of a cloth that nothing holds the size alone is checked; of a cloud that shows a part, size and reach;
     of a free one the size.
@@ -67,7 +67,7 @@ def misplaced(points: Array, fabric: Fabric, *, part: bool = False, free: bool =
 
 @lru_cache
 def held_places(fabric: Fabric) -> Array:
-    """(n, 3) m, places that are held, of the cloth at rest; none for `hung = "none"`."""
+    """Return (n, 3) m, places that are held, of the cloth at rest; none for `hung = "none"`."""
     if fabric.hung == "none":
         return np.zeros((0, 3))
     if isinstance(fabric.hung, tuple):
@@ -78,18 +78,18 @@ def held_places(fabric: Fabric) -> Array:
 
 
 def at_rest(fabric: Fabric, across: int, down: int) -> Array:
-    """(down across, 3) m, places spread evenly over the flat cloth, by rising v, then rising u."""
+    """Return (down across, 3) m, places spread evenly over the flat cloth, by rising v, then rising u."""
     u, v = np.meshgrid(np.linspace(0, fabric.width, across), np.linspace(0, fabric.height, down))
     return on_flat_cloth(np.stack([u.ravel(), v.ravel()], axis=1), fabric)
 
 
 def on_flat_cloth(places: Array, fabric: Fabric) -> Array:
-    """(n, 3) m: places (u, v) (n, 2) m of the flat cloth."""
+    """Return (n, 3) m: places (u, v) (n, 2) m of the flat cloth."""
     return np.stack([places[:, 0] - fabric.width / 2, -places[:, 1], 0 * places[:, 0]], axis=1)
 
 
 def degrees_between(a: Array, b: Array) -> float:
-    """Between two directions; 0 where one has no length."""
+    """Return the angle between two directions; 0 where one has no length."""
     lengths = float(np.linalg.norm(a) * np.linalg.norm(b))
     return float(np.degrees(np.arccos(np.clip(a @ b / lengths, -1.0, 1.0)))) if lengths else 0.0
 

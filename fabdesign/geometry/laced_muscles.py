@@ -27,7 +27,7 @@ class LacedMuscles:
 
     @property
     def spans(self) -> list[slice]:
-        """Of each muscle's points."""
+        """Return the span of each muscle's points."""
         return [slice(int(first), int(last)) for first, last in pairwise(self.begins)]
 
     @property
@@ -49,7 +49,8 @@ def laced_muscles(
     contraction: NDArray[np.float32] | None = None,
     tension: NDArray[np.float32] | None = None,
 ) -> LacedMuscles:
-    """The muscles of a design on a motion's points (T, 2 n n, 3) m, its axes `axis_offset` off the mid-surface."""
+    """Return the muscles of a design on a motion's points (T, 2 n n, 3) m, its axes `axis_offset` off the
+    mid-surface."""
     fabric, faces, middle = design.fabric, two_faces(points), mid_surface(points)
     normals = faces[:, 0] - middle
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)

@@ -1,4 +1,4 @@
-"""The errors of docs/files.md: Chamfer and surface RMS, their floors, and what share of a gap is closed.
+"""The errors of docs/errors.md: Chamfer and surface RMS, their floors, and what share of a gap is closed.
 
 With `measured.splits`, the only place where these are computed. Chamfer: unsquared, each way the mean, both ways
 summed. Everything in m; people are shown mm.

@@ -11,27 +11,27 @@ Floats = NDArray[np.floating[Any]]
 
 
 def two_faces(points: Floats) -> Array:
-    """(..., face, row, column, 3) m of points (..., 2 n n, 3) m, the front face's first."""
+    """Return (..., face, row, column, 3) m of points (..., 2 n n, 3) m, the front face's first."""
     side = isqrt(points.shape[-2] // 2)
     return np.asarray(points, np.float64).reshape(*points.shape[:-2], 2, side, side, 3)
 
 
 def mid_surface(points: Floats) -> Array:
-    """(..., row, column, 3) m between the faces of points (..., 2 n n, 3) m, rows of rising v."""
+    """Return (..., row, column, 3) m between the faces of points (..., 2 n n, 3) m, rows of rising v."""
     return np.asarray(two_faces(points).mean(axis=-4))
 
 
 def cells_of(places: ArrayLike, rows: int, columns: int) -> tuple[Array, NDArray[np.intp]]:
-    """Where `places` (k, 2), shares of width and height, lie on a grid: (2, k) shares of a cell across and down, and
-    (2, k) the column and row of its upper left corner."""
+    """Return where `places` (k, 2), shares of width and height, lie on a grid: (2, k) shares of a cell across and down,
+    and (2, k) the column and row of its upper left corner."""
     at = np.asarray(places, dtype=float) * [columns - 1, rows - 1]
     low = np.clip(at.astype(int), 0, [columns - 2, rows - 2])
     return (at - low).T, low.T
 
 
 def at_places(grid: Floats, places: ArrayLike) -> Array:
-    """(..., k, d): values of a grid (..., rows, columns, d) at `places` (k, 2), shares of width and height from the
-    upper left corner; bilinear between its points."""
+    """Return (..., k, d): values of a grid (..., rows, columns, d) at `places` (k, 2), shares of width and height from
+    the upper left corner; bilinear between its points."""
     (s, t), (i, j) = cells_of(places, *grid.shape[-3:-1])
     s, t = s[:, None], t[:, None]
     upper = grid[..., j, i, :] * (1 - s) + grid[..., j, i + 1, :] * s
@@ -40,7 +40,7 @@ def at_places(grid: Floats, places: ArrayLike) -> Array:
 
 
 def strains(middle: Floats, size: tuple[float, float]) -> tuple[Array, Array, Array]:
-    """Engineering strain across, down, and shear [rad], each (..., rows, columns), of a mid-surface (..., rows,
+    """Return engineering strain across, down, and shear [rad], each (..., rows, columns), of a mid-surface (..., rows,
     columns, 3) m against the flat cloth of `size` (width, height) m; by central differences, one-sided at the hems."""
     rows, columns = middle.shape[-3:-1]
     across = np.gradient(np.asarray(middle, np.float64), size[0] / (columns - 1), axis=-2)

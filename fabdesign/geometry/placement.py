@@ -45,7 +45,7 @@ class Placement:
     translation: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m
 
     def apply(self, points: Array) -> Array:
-        """(n, 3) m of (n, 3) in the file's unit and frame."""
+        """Return (n, 3) m of (n, 3) in the file's unit and frame."""
         turned = Rotation.from_euler("xyz", self.rotation, degrees=True).apply(self.factor * points)
         return np.asarray(turned + self.translation)
 
@@ -76,8 +76,8 @@ def fit_placement(
     rotation: tuple[float, float, float] | None = None,
     drawn: bool = True,
 ) -> PlacementFit:
-    """The placement that brings an edge of points (n, 3), in the file's unit, onto the hung top edge, and the strip
-    below it nearest to the hanging cloth.
+    """Return the placement that brings an edge of points (n, 3), in the file's unit, onto the hung top edge, and the
+    strip below it nearest to the hanging cloth.
 
     Without `rotation` [degrees] the 24 ways to exchange axes are tried, and the file's own are kept where they fit
     about as well. The edge is then laid straight by turns about y and z. There is no turn about the edge itself, by
@@ -95,12 +95,12 @@ def fit_placement(
     if fits[0][0] <= least + _GAIN:
         least, turn, shift = fits[0]
     placement = placement_of(factor, turn, shift)
-    near = [(gap, other, placement_of(factor, other, s)) for gap, other, s in fits if gap < least + CLEAR]
-    over = [p for gap, other, p in near if gap < least + 3 * TIE and differ(other, OVER * turn) < SAME]
+    candidates = [(gap, other, placement_of(factor, other, s)) for gap, other, s in fits if gap < least + CLEAR]
+    over = [p for gap, other, p in candidates if gap < least + 3 * TIE and differ(other, OVER * turn) < SAME]
     at = placement.apply(points)
     rivals = [
         p
-        for _, other, p in near
+        for _, other, p in candidates
         if min(differ(other, turn), differ(other, OVER * turn)) >= SAME
         and not (_opposite(other, turn) and _same_shape(p.apply(points), at))
     ]
@@ -109,12 +109,12 @@ def fit_placement(
 
 
 def _opposite(one: Rotation, other: Rotation) -> bool:
-    """Whether two turns lay opposite edges of a cloth on the hung edge."""
+    """Return whether two turns lay opposite edges of a cloth on the hung edge."""
     return bool(abs((one * other.inv()).as_matrix()[0, 0]) > np.cos(SAME))
 
 
 def _same_shape(one: Array, other: Array) -> bool:
-    """Whether two placements (n, 3) m of a cloud show one shape, or one with front and back changed."""
+    """Return whether two placements (n, 3) m of a cloud show one shape, or one with front and back changed."""
     some, tree = one[:: max(1, len(one) // _SOME)], cKDTree(other)
     spacing = tree.query(other[:: max(1, len(other) // _SOME)], k=2)[0][:, 1].mean()
     gaps = [tree.query(shape)[0].mean() for shape in (some, some * [-1, 1, -1])]
@@ -135,7 +135,7 @@ def placement_of(factor: float, turn: Rotation, shift: Array) -> Placement:
 
 
 def right_angles() -> list[Rotation]:
-    """The 24 rotations that take axes to axes, least turn first."""
+    """Return the 24 rotations that take axes to axes, least turn first."""
     frames = [
         np.eye(3)[list(order)] * np.array(signs)[:, None]
         for order, signs in product(permutations(range(3)), product((1, -1), repeat=3))
@@ -161,76 +161,77 @@ def _laid_on_edge(points: Array, turn: Rotation, fabric: Fabric, drawn: bool) ->
 
 
 def _upper_edge(points: Array, height: float) -> Array:
-    """(columns, 3): the uppermost point of each column across; the edge over as many points drawn evenly in a sheet of
-    `height` [m] is a little higher."""
+    """Return (columns, 3): the uppermost point of each column across; the edge over as many points drawn evenly in a
+    sheet of `height` [m] is a little higher."""
     low, high = np.quantile(points[:, 0], [0.01, 0.99])
     column = np.floor((points[:, 0] - low) / max(high - low, 1e-12) * _COLUMNS)
     tops = []
     for k in range(_COLUMNS):
-        own = points[column == k]
-        if len(own):
-            highest = own[np.argmax(own[:, 1])]
-            tops.append(highest + [0, height / (len(own) + 1), 0])
+        strip = points[column == k]
+        if len(strip):
+            highest = strip[np.argmax(strip[:, 1])]
+            tops.append(highest + [0, height / (len(strip) + 1), 0])
     return np.array(tops)
 
 
 def _slope(x: Array, y: Array) -> float:
-    """Median of the slopes between all pairs (Theil and Sen), which strays do not move."""
+    """Return the median of the slopes between all pairs (Theil and Sen), which strays do not move."""
     i, j = np.triu_indices(len(x), 1)
     return float(np.median((y[j] - y[i]) / (x[j] - x[i]))) if len(i) else 0.0
 
 
 def _strip_gap(points: Array, fabric: Fabric) -> float:
-    """m: mean distance of the hanging cloth's upper strip to the points, and of the points near the held edge to the
-    strip, summed."""
+    """Return the mean distance [m] of the hanging cloth's upper strip to the points, and of the points near the held
+    edge to the strip, summed."""
     half, deep = fabric.width / 2, _STRIP * fabric.height
     x, y = np.meshgrid(np.linspace(-half, half, 41), np.linspace(0, -deep, 9))
     strip = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
     away = np.linalg.norm(points - np.stack([points[:, 0].clip(-half, half), *np.zeros((2, len(points)))], 1), axis=1)
-    near = points[away <= deep]
-    if not len(near):
+    edge = points[away <= deep]
+    if not len(edge):
         return np.inf
-    nearest = np.stack([near[:, 0].clip(-half, half), near[:, 1].clip(-deep, 0), 0 * near[:, 2]], axis=1)
-    to_strip = np.linalg.norm(near - nearest, axis=1).mean()
+    nearest = np.stack([edge[:, 0].clip(-half, half), edge[:, 1].clip(-deep, 0), 0 * edge[:, 2]], axis=1)
+    to_strip = np.linalg.norm(edge - nearest, axis=1).mean()
     return float(cKDTree(points).query(strip)[0].mean() + to_strip)
 
 
 def fit_markers(
     points: Array, fabric: Fabric, *, factor: float = 1.0, rotation: tuple[float, float, float] | None = None
 ) -> PlacementFit:
-    """The placement of points (n, 3), in the file's unit, by the mean distance from them to the hanging cloth.
+    """Return the placement of points (n, 3), in the file's unit, by the mean distance from them to the hanging cloth.
 
     rotation: degrees, where it is known; else the 24 ways to exchange axes are tried, the least turn first.
     """
     given = Rotation.from_euler("xyz", rotation or np.zeros(3), degrees=True)
     metres = given.apply(factor * points)
-    own, laid = [], []
+    sizes, laid = [], []
     for turn in right_angles()[: 1 if rotation is not None else None]:
         turned = turn.apply(metres)
         tie = TIE * float(turn.magnitude()) / (np.pi / 2)
         if misplaced(turned, fabric) is None:
-            own.append((_gap(turned, fabric) + tie, turn * given, np.zeros(3)))
+            sizes.append((_gap(turned, fabric) + tie, turn * given, np.zeros(3)))
         shift = _below_the_edge(turned, fabric)
         laid.append((_gap(turned + shift, fabric) + tie, turn * given, shift))
     spacing = float(np.sqrt(fabric.width * fabric.height / len(points)))
     best = min(gap for gap, _, _ in laid)
-    sound = [candidate for candidate in own if candidate[0] <= best + _OWN * spacing] or laid
+    sound = [candidate for candidate in sizes if candidate[0] <= best + _OWN * spacing] or laid
     least, turn, shift = min(sound, key=lambda candidate: candidate[0])
-    near = [(gap, other, placement_of(factor, other, s)) for gap, other, s in sound if gap < least + CLEAR]
-    over = [p for _, other, p in near if differ(other, OVER * turn) < SAME]
-    rivals = [p for _, other, p in near if min(differ(other, turn), differ(other, OVER * turn)) >= SAME]
+    candidates = [(gap, other, placement_of(factor, other, s)) for gap, other, s in sound if gap < least + CLEAR]
+    over = [p for _, other, p in candidates if differ(other, OVER * turn) < SAME]
+    rivals = [p for _, other, p in candidates if min(differ(other, turn), differ(other, OVER * turn)) >= SAME]
     return PlacementFit(placement_of(factor, turn, shift), over[0] if over else None, rivals[0] if rivals else None)
 
 
 def _below_the_edge(points: Array, fabric: Fabric) -> Array:
-    """The shift that lays the markers' middle below the edge's, the uppermost as far below it as spread evenly."""
+    """Return the shift that lays the markers' middle below the edge's, the uppermost as far below it as spread
+    evenly."""
     upper = points[points[:, 1] >= np.quantile(points[:, 1], 1 - _UPPER)]
     across = (points[:, 0].min() + points[:, 0].max()) / 2
     return -np.array([across, points[:, 1].max() + fabric.height / (len(points) + 1), np.median(upper[:, 2])])
 
 
 def _gap(points: Array, fabric: Fabric) -> float:
-    """m: mean distance from the markers to the cloth as it hangs without pressure, flat."""
+    """Return the mean distance [m] from the markers to the cloth as it hangs without pressure, flat."""
     half = fabric.width / 2
     x, y = points[:, 0].clip(-half, half), points[:, 1].clip(-fabric.height, 0)
     return float(np.linalg.norm(points - np.stack([x, y, 0 * x], axis=1), axis=1).mean())

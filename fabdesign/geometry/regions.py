@@ -67,13 +67,13 @@ class Weighting:
     height: float
 
     def of_points(self, count: int) -> Array:
-        """(count,) of the points of both faces, as `ForwardModel` gives them."""
+        """Return (count,) of the points of both faces, as `ForwardModel` gives them."""
         return _of_points(self, count)
 
     @property
     def said(self) -> str:
-        """For people."""
-        return ", ".join(f"{own.weight:g} times in {_where(own)}" for own in self.regions)
+        """Return the regions in words."""
+        return ", ".join(f"{region.weight:g} times in {_where(region)}" for region in self.regions)
 
 
 @lru_cache(maxsize=32)
@@ -87,7 +87,7 @@ def _of_points(weighting: Weighting, count: int) -> Array:
 
 
 def _inside(places: Array, corners: Array) -> NDArray[np.bool_]:
-    """(n,) whether places (n, 2) lie in a polygon (k, 2) or on its edge: by the crossings of a ray across."""
+    """Return (n,) whether places (n, 2) lie in a polygon (k, 2) or on its edge: by the crossings of a ray across."""
     a, b = corners, np.roll(corners, -1, axis=0)
     (u, v), along = places.T[:, :, None], b - a
     between = (a[:, 1] > v) != (b[:, 1] > v)

@@ -29,17 +29,17 @@ class RigidMotion:
     shift: Array  # (3,) m
 
     def of(self, points: Floats) -> Array:
-        """(n, 3) m of (n, 3) m."""
+        """Return (n, 3) m of (n, 3) m."""
         return np.asarray(points @ self.turn.T + self.shift)
 
     def back(self, points: Floats) -> Array:
-        """(n, 3) m that `of` brings to (n, 3) m."""
+        """Return (n, 3) m that `of` brings to (n, 3) m."""
         return np.asarray((points - self.shift) @ self.turn)
 
 
 def onto(shape: Floats, target: Floats, *, one_way: bool = False) -> RigidMotion:
-    """That brings a shape (n, 3) m onto a target (k, 3) m. one_way: the target shows a part; its points alone are
-    matched."""
+    """Return the motion that brings a shape (n, 3) m onto a target (k, 3) m. one_way: the target shows a part; its
+    points alone are matched."""
     model = np.asarray(shape[:: max(1, len(shape) // SOME)], float)
     measured = np.asarray(target[:: max(1, len(target) // SOME)], float)
     tree = KDTree(measured)
@@ -59,7 +59,7 @@ def onto(shape: Floats, target: Floats, *, one_way: bool = False) -> RigidMotion
 
 
 def _between(points: Array, goals: Array) -> RigidMotion:
-    """Of pairs (n, 3) m: least squares."""
+    """Return the least-squares motion between pairs (n, 3) m."""
     middle, goal = points.mean(axis=0), goals.mean(axis=0)
     left, _, right = np.linalg.svd((points - middle).T @ (goals - goal))
     proper = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])

@@ -38,7 +38,7 @@ class SensorNoise:
     stray_reach: float  # m, along the normal
 
     def draw(self, surface: Surface, count: int, rng: np.random.Generator, offsets: Array | None = None) -> Array:
-        """(count, 3) points [m] as this sensor would see the surface.
+        """Return (count, 3) points [m] as this sensor would see the surface.
 
         offsets: (k,) m of its strays, by default as many as chance gives, even over the reach.
         """
@@ -50,8 +50,8 @@ class SensorNoise:
         return np.asarray(points)
 
     def stray_offsets(self, counts: Sequence[int], rng: np.random.Generator) -> list[Array]:
-        """Offsets [m] for draws of `counts` points: over all draws together as many strays as their share says and
-        spread evenly; how they fall on the draws is chance. Few strays weigh much in an RMS: with chance in their
+        """Return offsets [m] for draws of `counts` points: over all draws together as many strays as their share says
+        and spread evenly; how they fall on the draws is chance. Few strays weigh much in an RMS: with chance in their
         number too, twenty draws of 1,500 points know their share to 10 %."""
         total = round(self.strays * sum(counts))
         strata = (np.arange(total) + rng.random(total)) / max(total, 1)
@@ -64,7 +64,7 @@ NOISE_FREE = SensorNoise(0.0, 0.0, 0.0)
 
 
 def estimate_noise(frames: Sequence[Floats], thickness: float) -> SensorNoise:
-    """The noise in clouds (n_t, 3) m of a cloth of known thickness [m], without any model of its shape.
+    """Return the noise in clouds (n_t, 3) m of a cloth of known thickness [m], without any model of its shape.
 
     Around points drawn from the frames, the neighbours are a quadric sheet at plus or minus half the thickness, with
     normal noise of one sigma for all patches and an even background of strays: expectation-maximisation over faces
@@ -95,8 +95,8 @@ def estimate_noise(frames: Sequence[Floats], thickness: float) -> SensorNoise:
             break
     hidden = _HIDDEN * sigma
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        near = threads.map(lambda n: _near_strays(n, half, sigma, strays), around)
-        off = np.concatenate([*(n.alone[n.alone > hidden] for n in around), *near])
+        strays_by_frame = threads.map(lambda n: _near_strays(n, half, sigma, strays), around)
+        off = np.concatenate([*(n.alone[n.alone > hidden] for n in around), *strays_by_frame])
     if not len(off):
         return SensorNoise(sigma, 0.0, 0.0)
     # even ones are seen from `hidden` to the reach outwards, and to the thickness less inwards, off the other face
@@ -106,7 +106,7 @@ def estimate_noise(frames: Sequence[Floats], thickness: float) -> SensorNoise:
 
 @dataclass(frozen=True, eq=False)
 class _Neighbours:
-    """Of a frame's points those that do not lie alone, each with its nearest ones; it comes first itself."""
+    """The points of a frame that do not lie alone, each with its nearest ones; it comes first itself."""
 
     frame: Array  # (n, 3) m
     index: NDArray[np.intp]  # (m, neighbours)
@@ -120,7 +120,7 @@ class _Neighbours:
         return _Neighbours(frame, index[~lone], cKDTree(frame[~lone]).query(frame[lone])[0])
 
     def patches(self, rows: NDArray[np.intp] | slice) -> Array:
-        """(rows, neighbours, 3) m, each in its own principal axes about its middle, the normal last."""
+        """Return (rows, neighbours, 3) m, each in its own principal axes about its middle, the normal last."""
         patch = self.frame[self.index[rows]]
         patch = patch - np.median(patch, axis=1, keepdims=True)
         _, axes = np.linalg.eigh(patch.transpose(0, 2, 1) @ patch)
@@ -141,7 +141,7 @@ class _Sheets:
 
     @staticmethod
     def of(patches: Array, half: float, *, middle: bool = True) -> "_Sheets":
-        """`middle`: whether the point that a patch lies around counts in its fit."""
+        """Return the sheets of patches. `middle`: whether the point that a patch lies around counts in its fit."""
         x, y, z = np.moveaxis(patches, 2, 0)
         x, y = x / np.abs(x).max(), y / np.abs(y).max()
         basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=2)
@@ -152,7 +152,7 @@ class _Sheets:
         return _Sheets(basis, z, half, weight, np.where(z > fitted, 1.0, -1.0), counted, fitted)
 
     def expect(self, sigma: float, strays: float) -> Array:
-        """(n, neighbours) m^2: weighted mean squares off the points' faces. sigma [m]; strays: share."""
+        """Return (n, neighbours) m^2: weighted mean squares off the points' faces. sigma [m]; strays: share."""
         self.fitted = _fitted(self.basis, self.z - self.half * self.face, self.weight * self.counted)
         residual = self.z - self.fitted
         front, back = (np.exp(-0.5 * np.square((residual - s * self.half) / sigma)) for s in (1, -1))
@@ -163,18 +163,19 @@ class _Sheets:
         return np.asarray(self.weight * squared)
 
     def extrapolated(self) -> Array:
-        """(n,) standard deviation of a middle point that does not count off its face, over sigma: more at a hem."""
+        """Return (n,) standard deviation of a middle point that does not count off its face, over sigma: more at a
+        hem."""
         at = self.basis[:, 0, :, None]
         variance = at.transpose(0, 2, 1) @ np.linalg.solve(_normal(self.basis, self.weight * self.counted)[1], at)
         return np.asarray(np.sqrt(1 + variance[:, 0, 0]))
 
     def off(self) -> Array:
-        """(n,) m from the middle point of a patch to its quadric."""
+        """Return (n,) m from the middle point of a patch to its quadric."""
         return np.abs(self.z[:, 0] - self.fitted[:, 0])
 
 
 def _near_strays(around: _Neighbours, half: float, sigma: float, strays: float) -> Array:
-    """m off their faces, of the points that are strays and yet not alone."""
+    """Return how far [m] off their faces the points lie that are strays and yet not alone."""
     every = around.patches(slice(None))
     off = _Sheets.of(every, half, middle=False).off()
     suspicious = off > half + _HIDDEN * sigma / 2  # the first fit is rough
@@ -188,12 +189,12 @@ def _near_strays(around: _Neighbours, half: float, sigma: float, strays: float) 
 
 
 def _fitted(basis: Array, z: Array, weight: Array) -> Array:
-    """Values of each patch's weighted least-squares quadric."""
+    """Return the values of each patch's weighted least-squares quadric."""
     weighted, matrix = _normal(basis, weight)
     return np.asarray((basis @ np.linalg.solve(matrix, weighted @ z[..., None]))[..., 0])
 
 
 def _normal(basis: Array, weight: Array) -> tuple[Array, Array]:
-    """Weighted basis (n, 6, neighbours) and the normal equations' matrix (n, 6, 6)."""
+    """Return the weighted basis (n, 6, neighbours) and the normal equations' matrix (n, 6, 6)."""
     weighted = (basis * weight[..., None]).transpose(0, 2, 1)
     return weighted, weighted @ basis + 1e-9 * np.eye(_TERMS)

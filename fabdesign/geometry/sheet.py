@@ -1,4 +1,5 @@
-"""What a fit asks of a motion: the mid-surface on the simulator's own grid, and the faces only where clouds ask."""
+"""Motions as sheets, which fits ask for: the mid-surface on the simulator's own grid, and the faces only where clouds
+ask."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -44,14 +45,14 @@ Sheets = Callable[[Sequence[Case], Sequence[NDArray[np.float64]]], Sequence[Shee
 
 
 def sheets_of(forward: ForwardModel) -> Sheets:
-    """What gives motions of cases at their `times` [s]: the forward model's own `sheets`. One that has none is asked
-    for faces, whose mean is the mid-surface."""
-    own: Sheets | None = getattr(forward, "sheets", None)
-    return own or (lambda cases, times: [of_faces(points) for points in forward.motions(cases, times)])
+    """Return what gives motions of cases at their `times` [s]: the forward model's own `sheets`. One that has none is
+    asked for faces, whose mean is the mid-surface."""
+    native: Sheets | None = getattr(forward, "sheets", None)
+    return native or (lambda cases, times: [of_faces(points) for points in forward.motions(cases, times)])
 
 
 def of_faces(points: Floats) -> Sheet:
-    """The sheet between two faces (T, 2 n^2, 3) m."""
+    """Return the sheet between two faces (T, 2 n^2, 3) m."""
     half = points.shape[1] // 2
     side = round(half**0.5)
     middle = 0.5 * (points[:, :half] + points[:, half:])

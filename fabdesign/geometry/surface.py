@@ -8,10 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from fabdesign.errors import InputError
 from fabdesign.formats.bounded_file import require_few
 from fabdesign.geometry.cells import Cells
+from fabdesign.geometry.mid_surface import mid_surface
 from fabdesign.geometry.sheet import Face
 
 Array = NDArray[np.float64]
@@ -70,8 +72,8 @@ class Surface:
 
     @staticmethod
     def of_faces(points: Floats, rows: int | None = None, face: Face = "both") -> "Surface":
-        """Both faces of one frame of a motion, (2 rows cols, 3) m as `ForwardModel` gives it, or one of them; square
-        without `rows`."""
+        """Return both faces of one frame of a motion, (2 rows cols, 3) m as `ForwardModel` gives it, or one of them;
+        square without `rows`."""
         per_face = len(points) // 2
         rows = rows or isqrt(per_face)
         if rows * (per_face // rows) * 2 != len(points):
@@ -80,7 +82,7 @@ class Surface:
         return Surface(np.asarray(points, dtype=np.float64), half_of(triangles, face))
 
     def _corners(self, triangle: Indices | slice = slice(None)) -> tuple[Array, Array, Array]:
-        """(n, 3) each: first corner, and the two edges from it, of those triangles (n,)."""
+        """Return (n, 3) each: first corner, and the two edges from it, of those triangles (n,)."""
         a, b, c = (self.vertices[self.triangles[triangle, i]] for i in range(3))
         return a, b - a, c - a
 
@@ -90,7 +92,7 @@ class Surface:
         return np.sqrt(np.einsum("ti,ti->t", self._normals, self._normals)) / 2
 
     def normals_of(self, triangle: Indices) -> Array:
-        """(n, 3) of those triangles (n,), of unit length, outwards."""
+        """Return (n, 3) of those triangles (n,), of unit length, outwards."""
         return self._normals[triangle] / (2 * self.areas[triangle, None])
 
     @cached_property
@@ -100,7 +102,7 @@ class Surface:
         return _cross(ab, ac)
 
     def nearest(self, points: Floats) -> Nearest:
-        """Exact nearest places for points (n, 3) m."""
+        """Return exact nearest places for points (n, 3) m."""
         at: Array = np.asarray(points, dtype=np.float64)
         squared, triangle = self._cells.nearest(at)
         edges = self._cells.weights(at, triangle)
@@ -112,7 +114,7 @@ class Surface:
         return Nearest(distance, np.where(outside, distance, -distance), triangle, weights)
 
     def distance(self, points: Floats, *, within: float = np.inf) -> Array:
-        """(n,) m from points (n, 3) to their nearest places; infinite where that is not within `within` [m]."""
+        """Return (n,) m from points (n, 3) to their nearest places; infinite where that is not within `within` [m]."""
         return np.sqrt(self._cells.nearest(points, within=within).squared)
 
     @cached_property
@@ -120,7 +122,7 @@ class Surface:
         return Cells.of_triangles(self.vertices, self.triangles)
 
     def sample(self, count: int, rng: np.random.Generator) -> tuple[Array, Indices]:
-        """(count, 3) points, uniform over the area, and the triangles (count,) that they lie in."""
+        """Return (count, 3) points, uniform over the area, and the triangles (count,) that they lie in."""
         triangle = np.searchsorted(self._shares, rng.random(count), side="right")  # as rng.choice draws them
         v, w = rng.random((2, count))
         v, w = np.where(v + w > 1, 1 - v, v), np.where(v + w > 1, 1 - w, w)
@@ -135,20 +137,20 @@ class Surface:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """numpy's cross of (n, 3), four times as fast."""
+    """Return numpy's cross of (n, 3), four times as fast."""
     (a0, a1, a2), (b0, b1, b2) = a.T, b.T
     return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=1)
 
 
 def half_of(faces: Floats | Indices, face: Face) -> Any:
-    """Of what is listed for the front face, then for the back face, what belongs to `face`."""
+    """Return what belongs to `face` of what is listed for the front face, then for the back face."""
     half = len(faces) // 2
     return {"both": faces, "front": faces[:half], "back": faces[half:]}[face]
 
 
 @lru_cache
 def face_triangles(rows: int, cols: int) -> Indices:
-    """(4 (rows - 1) (cols - 1), 3) triangles of two faces of rows x cols points, outer side off the sheet.
+    """Return the (4 (rows - 1) (cols - 1), 3) triangles of two faces of rows x cols points, outer side off the sheet.
 
     Vertices are numbered as in the simulator's output: front face, then back face, each by rising v, then rising u.
     """
@@ -161,10 +163,65 @@ def face_triangles(rows: int, cols: int) -> Indices:
     return triangles
 
 
+def front_triangles(rows: int, cols: int) -> Indices:
+    """Return the triangles of one face, which are those of a mid-surface."""
+    return np.asarray(half_of(face_triangles(rows, cols), "front"))
+
+
 CAP = 0.010  # m, of a distance to a surface: strays beyond it do not decide
 
 
 def capped_rms(distance: Array, cap: float = CAP, *, shares: Array | None = None) -> float:
-    """Root mean square [m] of distances capped at `cap` [m], so that strays cannot decide it. shares: of each in the
-    mean, by default all alike."""
+    """Return the root mean square [m] of distances capped at `cap` [m], so that strays cannot decide it. shares: of
+    each in the mean, by default all alike."""
     return float(np.sqrt(np.average(np.square(np.minimum(np.abs(distance), cap)), weights=shares)))
+
+
+NEIGHBOURS = 3  # cells along the cloth within which an edge and a triangle belong to one layer
+
+
+def pierced(points: NDArray[np.floating[Any]]) -> Array | None:
+    """Return where one layer of a cloth passes through another: (u, v) as shares of width and height, the middle of all
+    edges of the grid's mid-surface that pierce a triangle of another layer; None where no edge does.
+
+    points (2 n n, 3) m: front face, then back face, as `ForwardModel` gives them.
+    """
+    n = isqrt(len(points) // 2)
+    middle = mid_surface(points).reshape(-1, 3)
+    corners = front_triangles(n, n)
+    ends = _edges(n)
+    triangles, segments = middle[corners], middle[ends]
+    centres, middles = triangles.mean(axis=1), segments.mean(axis=1)
+    # a triangle or half an edge reaches no farther from its middle than this
+    reach = np.linalg.norm(triangles - centres[:, None], axis=2).max()
+    reach += np.linalg.norm(segments[:, 0] - segments[:, 1], axis=1).max() / 2
+    neighbours = cKDTree(centres).query_ball_point(middles, reach)
+    edge = np.repeat(np.arange(len(ends)), [len(indices) for indices in neighbours])
+    triangle = np.concatenate([np.asarray(indices, np.intp) for indices in neighbours])
+    places = np.stack(np.divmod(np.arange(n * n), n)[::-1], axis=1)  # column and row
+    apart = np.abs(places[ends].mean(axis=1)[edge] - places[corners].mean(axis=1)[triangle]).max(axis=1) > NEIGHBOURS
+    edge, triangle = edge[apart], triangle[apart]
+    through = _pierces(segments[edge], triangles[triangle])
+    if not through.any():
+        return None
+    return np.asarray(places[ends[np.unique(edge[through])]].mean(axis=(0, 1)) / (n - 1))
+
+
+def _edges(n: int) -> NDArray[np.intp]:
+    """Return (m, 2) nodes of the grid's edges."""
+    nodes = np.arange(n * n).reshape(n, n)
+    pairs = ((nodes[:, :-1], nodes[:, 1:]), (nodes[:-1], nodes[1:]))
+    return np.concatenate([np.stack(pair, axis=-1).reshape(-1, 2) for pair in pairs])
+
+
+def _pierces(segments: Array, triangles: Array) -> NDArray[np.bool_]:
+    """Return (m,) whether segments (m, 2, 3) pass through triangles (m, 3, 3): their ends lie on either side, and the
+    line passes the three sides the same way round."""
+    (s, e), (a, b, c) = segments.transpose(1, 0, 2), triangles.transpose(1, 0, 2)
+    way = [_volume(s, e, p, q) > 0 for p, q in ((a, b), (b, c), (c, a))]
+    across = _volume(a, b, c, s) * _volume(a, b, c, e) < 0
+    return np.asarray(across & (np.all(way, axis=0) | ~np.any(way, axis=0)))
+
+
+def _volume(p: Array, q: Array, r: Array, s: Array) -> Array:
+    return np.asarray(np.einsum("ij,ij->i", np.cross(q - p, r - p), s - p))

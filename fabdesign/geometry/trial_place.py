@@ -72,7 +72,7 @@ def require_on_cloth(frames: Sequence[Array], time: Array, fabric: Fabric, where
 
 
 def _fault(points: Array, middle: Array, hung: Array, fabric: Fabric, leaning: float) -> str | None:
-    """What points (n, 3) m with the given middle cannot be, and what was expected; None where all is well."""
+    """Return what points (n, 3) m with the given middle cannot be, and what was expected; None where all is well."""
     from scipy.spatial import cKDTree
 
     flat, short = at_rest(fabric, 5, 5), min(fabric.width, fabric.height)
@@ -91,8 +91,8 @@ def _fault(points: Array, middle: Array, hung: Array, fabric: Fabric, leaning: f
     if across > _ACROSS * diagonal:
         return f"the points are {in_mm(across):.0f} mm across; expected the cloth's diagonal, {in_mm(diagonal):.0f} mm"
     sparse = 2 * np.sqrt(fabric.width * fabric.height / len(points))  # of points drawn by chance, the widest gaps
-    near = cKDTree(points, balanced_tree=False, compact_nodes=False)  # built twice as fast, for few questions
-    gap = float(np.quantile(near.query(hung)[0], 0.75))
+    tree = cKDTree(points, balanced_tree=False, compact_nodes=False)  # built twice as fast, for few questions
+    gap = float(np.quantile(tree.query(hung)[0], 0.75))
     if gap > max(_HELD * short, sparse):
         return f"no point within {in_mm(gap):.0f} mm of where the cloth is held; expected some along all of it"
     gravity = np.array(fabric.gravity)
@@ -109,7 +109,8 @@ def _fault(points: Array, middle: Array, hung: Array, fabric: Fabric, leaning: f
 
 
 def _hangs_well(points: Array, middle: Array, hung: Array, fabric: Fabric) -> bool:
-    """Whether points are what a cloth hung as `fabric` gives most often: a likely reading, not just a possible one."""
+    """Return whether points are what a cloth hung as `fabric` gives most often: a likely reading, not just a possible
+    one."""
     below = float(np.linalg.norm(middle - hung.mean(axis=0))) >= _MIDDLE * min(fabric.width, fabric.height)
     return below and _fault(points, middle, hung, fabric, _ALONG) is None
 

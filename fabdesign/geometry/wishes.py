@@ -120,7 +120,7 @@ class TubeKeys:
 
 
 def _of_edge(edge: str, fabric: Fabric) -> Array:
-    """(ALONG, 2) m."""
+    """Return (ALONG, 2) m along an edge."""
     share = np.linspace(0, 1, ALONG)
     u = {"left": 0 * share, "right": 0 * share + 1}.get(edge, share) * fabric.width
     v = {"top": 0 * share, "bottom": 0 * share + 1}.get(edge, share) * fabric.height
@@ -152,7 +152,7 @@ def _require_reachable(wish: Wish, fabric: Fabric, where: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Landmarks:
-    """All wishes of a target as arrays: `goals` (k, 3) m of `shares` (k, 2) of width and height, `given` (k, 3),
+    """The wishes of a target as arrays: `goals` (k, 3) m of `shares` (k, 2) of width and height, `given` (k, 3),
     `weights` (k,) with sum 1: a wish counts by its weight, however many places it has."""
 
     shares: Array
@@ -173,19 +173,19 @@ class Landmarks:
         )
 
     def off(self, points: Floats) -> Array:
-        """(k, 3) m from the goals to the places of a cloth (2 n n, 3) m, 0 where a coordinate does not count."""
+        """Return (k, 3) m from the goals to the places of a cloth (2 n n, 3) m, 0 where a coordinate does not count."""
         return np.where(self.given, at_places(mid_surface(points), self.shares) - self.goals, 0.0)
 
     def distances(self, points: Floats) -> Array:
-        """(k,) m."""
+        """Return (k,) m."""
         return np.asarray(np.linalg.norm(self.off(points), axis=1))
 
     def mean(self, points: Floats) -> float:
-        """m, by the weights."""
+        """Return the mean distance [m], by the weights."""
         return float(self.weights @ self.distances(points))
 
     def gradient(self, points: Floats) -> tuple[float, Array]:
-        """`mean`, and its derivative by each coordinate (2 n n, 3)."""
+        """Return `mean`, and its derivative by each coordinate (2 n n, 3)."""
         off = self.off(points)
         sizes = np.linalg.norm(off, axis=1)
         pull = (self.weights / np.maximum(sizes, 1e-12))[:, None] * off
@@ -197,7 +197,7 @@ class Landmarks:
         return float(self.weights @ sizes), slope
 
     def _corners(self, side: int) -> Iterator[tuple[NDArray[np.intp], Array]]:
-        """The four nodes (k,) around every place, with their weights (k,): those of `at_places`."""
+        """Yield the four nodes (k,) around every place, with their weights (k,): those of `at_places`."""
         (s, t), (i, j) = cells_of(self.shares, side, side)
         for down, across in ((0, 0), (0, 1), (1, 0), (1, 1)):
             weight = (t if down else 1 - t) * (s if across else 1 - s)
@@ -205,5 +205,5 @@ class Landmarks:
 
     @cached_property
     def key(self) -> str:
-        """What makes two of them the same."""
+        """Return what makes two of them the same."""
         return repr([a.tolist() for a in (self.shares, self.goals, self.given, self.weights)])

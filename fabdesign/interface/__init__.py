@@ -1,4 +1,4 @@
-"""What a user does, in Python: `import fabdesign`, then `fabdesign.simulate`, `optimize`, `calibrate` and so on.
+"""The actions of a user, in Python: `import fabdesign`, then `fabdesign.simulate`, `optimize`, `calibrate` and so on.
 
 Each function is the command of its name, which is built from it (`verb.py`): the same arguments, defaults, checks and
 figures. What is measured, or asked of, comes first, then the model, then `out`. Arguments are objects or paths.

@@ -55,12 +55,11 @@ def new(
     `build` makes a design from objects, and writes nothing.
     """
     from fabdesign.files.design_file import write_design
-    from fabdesign.nouns.catalogue import build
-    from fabdesign.nouns.measured_muscle import read_own_muscle
+    from fabdesign.nouns.catalogue import build, read_muscle_type
 
     if (muscle_type is None) != (bench is None):
         raise InputError("--muscle-type NAME and --bench FILE: one without the other; expected both")
-    kind, effects = (None, ()) if bench is None else read_own_muscle(Path(bench), str(muscle_type))
+    kind, effects = (None, ()) if bench is None else read_muscle_type(Path(bench), str(muscle_type))
     design = build(
         layout, width=width, height=height, muscles=muscles, muscle_type=kind, fixed_point_pitch=pitch, name=name
     )

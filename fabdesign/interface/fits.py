@@ -1,4 +1,4 @@
-"""What measured sets and benches teach: the factors of a model, the effects that it lacks."""
+"""Fits to measured sets and benches: the factors of a model, the effects that it lacks."""
 
 from __future__ import annotations
 

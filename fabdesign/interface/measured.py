@@ -1,4 +1,4 @@
-"""What a model says of measured data: the motions that it predicts, and how far they are off."""
+"""Models beside measured data: the motions that it predicts, and how far they are off."""
 
 from __future__ import annotations
 

@@ -129,7 +129,7 @@ def simulate(
 def _written(
     run: Run, out: Npz | None, meshes: Sequence[Path], inputs: Sequence[Path]
 ) -> Iterator[Callable[[MotionData], None]]:
-    """A context with what writes a motion, and a mesh a frame, where that is asked for."""
+    """Return a context with what writes a motion, and a mesh a frame, where that is asked for."""
     from fabdesign.files.motion_file import square_triangles, write_mesh, write_motion
     from fabdesign.output import new_files
 

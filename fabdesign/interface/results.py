@@ -63,12 +63,16 @@ class Motion(MotionData, Tabled):
         return xarray.DataArray(self.faces, dims=names, coords=places, name="points", attrs={"units": "m"})
 
     def summary(self) -> Summary:
-        """Return the number of frames and points, and what box holds them."""
+        """Return the number of frames and points, what box holds them, and the cloth at three instants."""
+        from studies.report.oblique import wires_svg
+
         low, high = (end(self.points, axis=(0, 1)) for end in (np.min, np.max))
         head = (
             f"Motion: {len(self.time)} frames of {self.points.shape[1]} points, {self.time[0]:g} to {self.time[-1]:g} s"
         )
-        return Summary([head], {"axis": ["x", "y", "z"], "lowest m": low, "highest m": high})
+        instants = sorted({0, len(self.time) // 2, len(self.time) - 1})
+        picture = wires_svg(self.faces[instants, 0])
+        return Summary([head], {"axis": ["x", "y", "z"], "lowest m": low, "highest m": high}, [picture])
 
     def columns(self) -> Columns:
         """Return a row for every point of every frame: time [s], face, row, column, x, y, z [m]."""

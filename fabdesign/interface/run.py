@@ -1,4 +1,4 @@
-"""What all verbs do alike: read what came, open output, say how far they are, and compute here or elsewhere."""
+"""The steps that all verbs share: read what came, open output, say how far they are, and compute here or elsewhere."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Run:
         return grid or (model or Model()).points_per_side
 
     def known_model(self, model: ModelLike, without: Sequence[str]) -> Model:
-        """The same where there must be one."""
+        """Return the same where there must be one."""
         if (read := self.model(model, without)) is None:
             raise InputError("model: None; expected a model or its file")
         return read
@@ -111,8 +111,8 @@ class Run:
 
     @contextmanager
     def computing(self, study: Any = None) -> Iterator[None]:
-        """A context whose batches go where they are asked to: `cluster`, the environment's, that of the study's file,
-        or here."""
+        """Return a context whose batches go where they are asked to: `cluster`, the environment's, that of the study's
+        file, or here."""
         from fabdesign.runtime.cluster import VARIABLE, current, on_cluster
 
         address = self._cluster
@@ -131,13 +131,13 @@ class Run:
             return run(study, folder, seconds=seconds, force=self.force, **how)
 
     def file(self, out: File | None, inputs: Iterable[Path]) -> AbstractContextManager[Path | None]:
-        """A context with the unfinished file `out`; with None where none is asked for."""
+        """Return a context with the unfinished file `out`; with None where none is asked for."""
         from fabdesign.output import new_file
 
         return nullcontext() if out is None else new_file(out, force=self.force, inputs=inputs)
 
     def folder(self, out: File | None, made_by: str, inputs: Iterable[Path]) -> AbstractContextManager[Path | None]:
-        """The same with a folder. made_by: the command's name."""
+        """Return the same with a folder. made_by: the command's name."""
         from fabdesign.output import new_folder
 
         return nullcontext() if out is None else new_folder(out, made_by=made_by, force=self.force, inputs=inputs)
@@ -145,7 +145,7 @@ class Run:
 
 @contextmanager
 def work_folder(out: File | None) -> Iterator[Path]:
-    """A folder to work in: the one that is asked for, or one that goes afterwards."""
+    """Return a folder to work in: the one that is asked for, or one that goes afterwards."""
     if out is not None:
         yield Path(out)
         return

@@ -83,7 +83,7 @@ def optimize(
     target: points (n, 3) m, or the file of a cloud, a mesh or a trial; several files are poses that share one layout.
     muscles: the fewest and the most; None: those of the design stay. positions vary by default where `muscles` is
     given. limits: as `[limits]` of a study has them, pressures in kPa. keys: `force`, `progress`, `say`, `cluster` and
-    further keys of a study (docs/files.md), such as `objective`, `start_pressures`, `order`; of a target `place`,
+    further keys of a study (docs/studies.md), such as `objective`, `start_pressures`, `order`; of a target `place`,
     `frame`. Without `out` nothing is kept. Raises InputError for what a study may not be.
     """
     from fabdesign.interface.arguments import ends_of, one_design, study_file

@@ -1,4 +1,4 @@
-"""What declares a verb once: its function. The command comes from its signature and docstring (`cli/command.py`).
+"""The declaration of a verb: its function. The command comes from its signature and docstring (`cli/command.py`).
 
 A docstring begins with what the command's help says. Lines "NAME: sentence", indented where they go on, describe
 parameters; a word of WORDS needs none. What follows after an empty line is about Python alone. Nothing heavy is
@@ -37,26 +37,26 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class Writing(TypedDict, total=False):
-    """What every verb takes that writes."""
+    """The options of every verb that writes."""
 
     force: bool
 
 
 class Working(Writing, total=False):
-    """What takes a while, besides; of a command both go to standard error."""
+    """The options of a verb that takes a while, besides; of a command both go to standard error."""
 
     progress: Progress
     say: Say
 
 
 class Extending(TypedDict, total=False):
-    """What knows effects."""
+    """The options of a verb that knows effects."""
 
     effects: Sequence[File]
 
 
 class Computing(Working, Extending, total=False):
-    """What asks for batches, besides."""
+    """The options of a verb that asks for batches, besides."""
 
     cluster: str | None
 
@@ -70,11 +70,11 @@ class Placing(TypedDict, total=False):
 
 
 class Looking(Working, Extending, Placing, total=False):
-    """What shows such files beside a model's."""
+    """The options of a verb that shows such files beside a model's."""
 
 
 class Word(NamedTuple):
-    """What the name of a parameter means in every verb. ends: the least and the most; None: open. option: the
+    """The meaning of a parameter's name in every verb. ends: the least and the most; None: open. option: the
     command's, where it is not the name. repeated: given once for each, not separated by commas."""
 
     sentence: str = ""
@@ -118,7 +118,7 @@ WORDS = {
 
 
 class Shown(NamedTuple):
-    """What a command prints: what `--json` prints, text, lines on standard error; and how it exits."""
+    """The output of a command: what `--json` prints, text, lines on standard error; and how it exits."""
 
     content: Mapping[str, Any]
     text: str

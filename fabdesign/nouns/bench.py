@@ -39,7 +39,7 @@ class Bench:
     file: Path = Path("bench.toml")
 
     def constant(self, name: str) -> float:
-        """Raises InputError where the bench does not state it."""
+        """Return a constant. Raises InputError where the bench does not state it."""
         if name not in self.constants:
             raise InputError(f"{self.file}: {name} of the specimen is missing; expected a number in SI units")
         return self.constants[name]

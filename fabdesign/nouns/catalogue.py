@@ -8,17 +8,20 @@ from dataclasses import replace
 from functools import cache
 from importlib.resources import as_file, files
 from math import inf
+from pathlib import Path
 
-from fabdesign.errors import InputError
-from fabdesign.files.design_file import read_design
+from fabdesign.errors import InputError, note
+from fabdesign.files.bench_table_file import read_bench_table
+from fabdesign.files.design_file import read_design, read_part
 from fabdesign.formats.table import nearest
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.muscle import Muscle, MuscleType, diameter_slip
+from fabdesign.nouns.term import Term
 from fabdesign.runtime.effort import CLOSEST, MUSCLES
-from fabdesign.units import in_mm
+from fabdesign.units import in_kpa, in_mm
 
-Path = tuple[tuple[float, float], ...]
+Polyline = tuple[tuple[float, float], ...]
 
 _END = 0.04  # share of the length that a straight muscle leaves free at each end, for its tubes
 _CROSS = 0.075  # the same for the ends of crossed muscles
@@ -27,27 +30,27 @@ _STOCK = (0.2, 0.8)  # where the outermost muscles of *vertical* lie, as shares 
 
 
 def _spread(n: int) -> list[float]:
-    """Middles of n equal strips."""
+    """Return the middles of n equal strips."""
     return [(i + 0.5) / n for i in range(n)]
 
 
-def _down(shares: list[float]) -> list[Path]:
+def _down(shares: list[float]) -> list[Polyline]:
     return [((u, _END), (u, 1 - _END)) for u in shares]
 
 
-def _basic(n: int) -> list[tuple[str, Path]]:
+def _basic(n: int) -> list[tuple[str, Polyline]]:
     front, back = _down(_spread((n + 1) // 2)), _down(_spread(n // 2)) if n > 1 else []
     return [("front", path) for path in front] + [("back", path) for path in back]
 
 
-def _side(n: int) -> list[tuple[str, Path]]:
+def _side(n: int) -> list[tuple[str, Polyline]]:
     return [(side, tuple((v, u) for u, v in path)) for side, path in _basic(n)]
 
 
-def _cross(n: int) -> list[tuple[str, Path]]:
+def _cross(n: int) -> list[tuple[str, Polyline]]:
     if n % 2:
         raise InputError(f"layout cross: muscles = {n}; expected an even number, two to a cross")
-    paths: list[tuple[str, Path]] = []
+    paths: list[tuple[str, Polyline]] = []
     for i in range(n // 2):
         left, right = (i + _CROSS) / (n // 2), (i + 1 - _CROSS) / (n // 2)
         paths.append(("front", ((left, _CROSS), (right, 1 - _CROSS))))
@@ -55,14 +58,14 @@ def _cross(n: int) -> list[tuple[str, Path]]:
     return paths
 
 
-def _vertical(n: int) -> list[tuple[str, Path]]:
+def _vertical(n: int) -> list[tuple[str, Polyline]]:
     first, last = _STOCK
     shares = [first + (last - first) * i / (n - 1) for i in range(n)] if n > 1 else [0.5]
     return [("front", path) for path in _down(shares)]
 
 
 # name -> the faces and paths of n muscles on the unit square, and n by default
-_LAYOUTS: dict[str, tuple[Callable[[int], list[tuple[str, Path]]], int]] = {
+_LAYOUTS: dict[str, tuple[Callable[[int], list[tuple[str, Polyline]]], int]] = {
     "basic": (_basic, 8),
     "side": (_side, 8),
     "cross": (_cross, 2),
@@ -73,7 +76,7 @@ LAYOUTS = tuple(_LAYOUTS)
 
 @cache
 def standard() -> Design:
-    """The default cloth and muscle type, without muscles (the synthetic rigs' data sheet)."""
+    """Return the default cloth and muscle type, without muscles (the synthetic rigs' data sheet)."""
     with as_file(files("fabdesign") / "data") as folder:
         return read_design(folder / "standard.toml")
 
@@ -89,7 +92,7 @@ def build(
     fixed_point_pitch: float = 0.02,
     name: str | None = None,
 ) -> Design:
-    """A design of a catalogue layout: `basic`, `side`, `cross` or `vertical`.
+    """Return a design of a catalogue layout: `basic`, `side`, `cross` or `vertical`.
 
     width, height: of the cloth [m]; by default those of `fabric`, which is the standard cloth.
     muscles: how many; each has a channel of its own. `basic` and `side` share them between the faces (the front has
@@ -141,3 +144,33 @@ def _require_room(layout: str, muscles: tuple[Muscle, ...], diameter: float) -> 
                     f"layout {layout}: {len(muscles)} muscles lie {in_mm(starts):.3f} mm apart; "
                     f"expected at least their diameter, {in_mm(diameter):.3f} mm{hint}"
                 )
+
+
+def read_muscle_type(file: Path, name: str) -> tuple[MuscleType, tuple[Term, ...]]:
+    """Return the muscle type `name` and the effects that its bench showed.
+
+    file: a TOML with [muscle_types.NAME], as `fabdesign calibrate BENCH -o TYPE.toml` writes it, or a CSV
+    pressure_kpa,contraction,force_n, whose muscle has the sizes of EM20. Raises InputError for any other.
+    """
+    if file.suffix.lower() == ".toml":
+        part = read_part(file)
+        if name not in part.types:
+            known = ", ".join(part.types) or "no muscle type"
+            raise InputError(f"{file}: has no muscle type {name}; it has {known}")
+        return _limited(part.types[name]), part.effects
+    if file.is_dir():
+        raise InputError(f"{file}: a folder; expected the file that `fabdesign calibrate {file} -o TYPE.toml` writes")
+    (like,) = standard().muscle_types.values()
+    note(f"{file}: a table without sizes; outer_diameter, mass_per_length and axis_offset are those of {like.name}")
+    bench = read_bench_table(file)
+    measured = MuscleType(name, like.outer_diameter, like.mass_per_length, like.axis_offset, bench, like.viscosity)
+    return _limited(measured), ()
+
+
+def _limited(kind: MuscleType) -> MuscleType:
+    """Return the type with the bench's highest pressure as its maximum, where it states none."""
+    if kind.max_pressure is not None:
+        return kind
+    highest = max(kind.bench.pressure)
+    note(f"{kind.name}: max_pressure is the highest on its bench, {in_kpa(highest):g} kPa")
+    return replace(kind, max_pressure=highest)

@@ -45,19 +45,19 @@ class Move:
 
     @property
     def width(self) -> float:
-        """Between both, in the column's unit."""
+        """Return the width between both sides, in the column's unit."""
         return self.by[1] - self.by[0]
 
 
 def move(case: Case, column: Column, step: float) -> Move:
-    """To both sides by `step`, or as far as the column goes."""
+    """Return the case moved to both sides by `step`, or as far as the column goes."""
     least, most = column.room(case)
     low, high = max(-step, least), min(step, most)
     return Move((column.moved(case, low), column.moved(case, high)), (low, high))
 
 
 def pressure(channel: int) -> Column:
-    """Pa, all set points of a channel together."""
+    """Return the column [Pa] of all set points of a channel together."""
 
     def moved(case: Case, by: float) -> Case:
         program = case.program
@@ -72,7 +72,7 @@ def pressure(channel: int) -> Column:
 
 
 def factor(name: str) -> Column:
-    """1, a factor on a declared value, by its name in Case.factors."""
+    """Return the column of a factor on a declared value, by its name in Case.factors."""
 
     def moved(case: Case, by: float) -> Case:
         factors: Mapping[str, float] = case.factors
@@ -82,59 +82,60 @@ def factor(name: str) -> Column:
 
 
 def of_effect(effect: str, parameter: str, step: float, far: float | None = None) -> Column:
-    """An effect's parameter, in its declared unit; from its value `off` where the case is without the effect."""
+    """Return an effect's parameter, in its declared unit; from its value `off` where the case is without the effect."""
     parameters = effect_named(effect, "column").parameters
     declared = parameters[parameter]
-    off = {name: own.off for name, own in parameters.items() if own.off is not None}
+    off = {name: one.off for name, one in parameters.items() if one.off is not None}
 
-    def own(case: Case) -> tuple[Term, float]:
+    def acting(case: Case) -> tuple[Term, float]:
         terms = [term for term in terms_of(case) if term.name == effect]
         term = terms[0] if terms else Term(effect, {**off, parameter: declared.centre})
         return term, term.values.get(parameter, declared.typical)
 
     def moved(case: Case, by: float) -> Case:
-        term, value = own(case)
+        term, value = acting(case)
         others = tuple(t for t in case.effects if (t.name, t.scope) != (effect, term.scope))
         return replace(case, effects=(*others, Term(effect, {**term.values, parameter: value + by}, term.scope)))
 
     def room(case: Case) -> tuple[float, float]:
         low, high = declared.bounds
-        _, value = own(case)
+        _, value = acting(case)
         return low - value, high - value
 
     return Column(f"{effect} {parameter}", declared.unit, step, far or step, moved, room)
 
 
 def corner(muscle: int, index: int, along: tuple[float, float]) -> Column:
-    """m, a corner (or an end) of a muscle's path along a direction (u, v); the intervals stay as many as they are."""
+    """Return the column [m] of a corner (or an end) of a muscle's path along a direction (u, v); the intervals stay as
+    many as they are."""
 
     def moved(case: Case, by: float) -> Case:
         muscles = list(case.design.muscles)
-        own = muscles[muscle]
-        path = list(own.path)
+        laced = muscles[muscle]
+        path = list(laced.path)
         u, v = path[index]
         path[index] = u + by * along[0], v + by * along[1]
-        muscles[muscle] = _with_path(own, tuple(path))
+        muscles[muscle] = _with_path(laced, tuple(path))
         return replace(case, design=replace(case.design, muscles=tuple(muscles)))
 
     return Column(f"muscle {muscle} corner {index}", "m", 1e-5, 1e-3, moved)
 
 
 def corner_or_still(muscle: int, index: int, along: tuple[float, float]) -> Column:
-    """The same; a path that no pitch leaves its intervals stays, and its derivative is zero."""
-    own = corner(muscle, index, along)
+    """Return the same; a path that no pitch leaves its intervals stays, and its derivative is zero."""
+    moving = corner(muscle, index, along)
 
     def moved(case: Case, by: float) -> Case:
         try:
-            return own.moved(case, by)
+            return moving.moved(case, by)
         except InputError:
             return case
 
-    return replace(own, moved=moved)
+    return replace(moving, moved=moved)
 
 
 def _with_path(muscle: Muscle, path: tuple[tuple[float, float], ...]) -> Muscle:
-    """The muscle along another path, with as many intervals; raises InputError where no pitch leaves them so."""
+    """Return the muscle along another path, with as many intervals; raises InputError where no pitch leaves them so."""
     before, after = _lengths(muscle.path), _lengths(path)
     counts = np.maximum(1, np.round(before / muscle.fixed_point_pitch))
     least = float((after / (counts + 0.5)).max() * (1 + 1e-9))

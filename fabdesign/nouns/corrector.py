@@ -1,4 +1,4 @@
-"""What corrects a simulator's motions: the protocol, and the instants that it wants to see. Numpy only."""
+"""The corrector of a simulator's motions: the protocol, and the instants that it wants to see. Numpy only."""
 
 import json
 from collections.abc import Sequence
@@ -42,13 +42,13 @@ class Corrector(Protocol):
         ...
 
     def history(self) -> tuple[float, ...]:
-        """Seconds before each frame at which it wants the simulated points too (`with_history`)."""
+        """Return the seconds before each frame at which it wants the simulated points too (`with_history`)."""
         ...
 
     def correct(
         self, cases: Sequence[Case], times: Sequence[NDArray[np.float64]], motions: Sequence[Floats]
     ) -> list[NDArray[np.float32]]:
-        """(T, 2 n, 3) points [m] of each case at its `times` (T,) [s after rest].
+        """Return (T, 2 n, 3) points [m] of each case at its `times` (T,) [s after rest].
 
         motions: (U, 2 n, 3) m, simulated, at the instants of `with_history(times, history())`. Where a design is
         beyond the limit of trust, and in frames that hold NaN, the answer is the simulator's, bit by bit.
@@ -56,13 +56,13 @@ class Corrector(Protocol):
         ...
 
     def trust(self, design: Design) -> Trust:
-        """How far the design is from what was learned."""
+        """Return how far the design is from what was learned."""
         ...
 
 
 def with_history(times: NDArray[np.float64], history: Sequence[float]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """(U,) s, rising: all of `times` (T,) and those `history` seconds before, rest (0 s) where that is earlier; and
-    (1 + H, T) where in them each is, the frames themselves first.
+    """Return (U,) s, rising: all of `times` (T,) and those `history` seconds before, rest (0 s) where that is earlier;
+    and (1 + H, T) where in them each is, the frames themselves first.
 
     >>> with_history(np.array([0.1, 0.2]), [0.1])[0].tolist()
     [0.0, 0.1, 0.2]
@@ -75,7 +75,8 @@ def with_history(times: NDArray[np.float64], history: Sequence[float]) -> tuple[
 
 
 def central_hash(model: Model) -> str:
-    """SHA-256 of the central values of a model's parameters and effects; intervals and provenance do not count."""
+    """Return the SHA-256 of the central values of a model's parameters and effects; intervals and provenance do not
+    count."""
     central = {
         "parameters": {name: repr(float(p.factor)) for name, p in sorted(model.parameters.items())},
         "effects": [

@@ -47,13 +47,13 @@ class Case:
 
 class ForwardModel(Protocol):
     def motions(self, cases: Sequence[Case], times: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float32]]:
-        """(T, 2 n, 3) points [m] of each case at its `times` [s after rest]: front face, then back face,
+        """Return (T, 2 n, 3) points [m] of each case at its `times` [s after rest]: front face, then back face,
         each by rising v, then rising u (SIDE x SIDE a face). A diverged case holds NaN from then on."""
         ...
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
-        """(2 n, 3) points [m] where each case comes to rest after its program's last pressures rose linearly within
-        RISE s, with effects that remember held for HOLD s more."""
+        """Return (2 n, 3) points [m] where each case comes to rest after its program's last pressures rose linearly
+        within RISE s, with effects that remember held for HOLD s more."""
         ...
 
 

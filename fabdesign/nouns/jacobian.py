@@ -14,7 +14,7 @@ OnTop = Callable[[Sequence[Case], Sequence[Floats]], list[NDArray[np.float32]]] 
 
 
 class FacesJacobian(NamedTuple):
-    """Of one case at rest. exact: which columns are the tangent's, not differences of shapes."""
+    """The changes of one case at rest. exact: which columns are the tangent's, not differences of shapes."""
 
     points: Floats  # (2 n, 3) m: front face, then back face
     changes: Floats  # (p, 2 n, 3) m per unit of the column; NaN where a moved case diverged
@@ -27,14 +27,14 @@ Jacobians = Callable[[Sequence[Case], Sequence[Column]], list[FacesJacobian]]
 def with_on_top(
     cases: Sequence[Case], columns: Sequence[Column], jacobians: Sequence[FacesJacobian], on_top: OnTop
 ) -> list[FacesJacobian]:
-    """The Jacobians of what `on_top` makes of shapes, which depends on the case too: central differences of it alone,
-    between shapes that move as `found` says, as far as a column's `far`."""
+    """Return the Jacobians of what `on_top` makes of shapes, which depends on the case too: central differences of it
+    alone, between shapes that move as `found` says, as far as a column's `far`."""
     results = []
     for case, one in zip(cases, jacobians, strict=True):
         moves = [move(case, column, column.far) for column in columns]
-        shifts = np.array([own.by for own in moves]).reshape(-1, 2)  # (p, 2) units, down and up
-        sides = [one.points + by * change for own, change in zip(shifts, one.changes, strict=True) for by in own]
-        points, *moved = on_top([case, *(side for own in moves for side in own.sides)], [one.points, *sides])
+        shifts = np.array([steps.by for steps in moves]).reshape(-1, 2)  # (p, 2) units, down and up
+        sides = [one.points + by * change for steps, change in zip(shifts, one.changes, strict=True) for by in steps]
+        points, *moved = on_top([case, *(side for steps in moves for side in steps.sides)], [one.points, *sides])
         widths = np.ptp(shifts, axis=1)[:, None, None]
         pairs = np.array(moved, dtype=float).reshape(len(columns), 2, *points.shape)
         with np.errstate(invalid="ignore"):  # of columns that are NaN

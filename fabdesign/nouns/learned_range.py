@@ -24,7 +24,7 @@ class LearnedRange:
 
     @staticmethod
     def of(programs: Iterable[PressureProgram]) -> "LearnedRange":
-        """Of one program or more."""
+        """Return the range of one program or more."""
         each = [
             (float(p.pressure.max(initial=0.0)), _rate(p), int((p.pressure > 0).sum(axis=1).max(initial=0)))
             for p in programs
@@ -33,7 +33,7 @@ class LearnedRange:
         return LearnedRange(pressure, rate, channels)
 
     def beyond(self, programs: Sequence[PressureProgram]) -> str | None:
-        """A sentence on what of these programs was not learned from; None where all was."""
+        """Return a sentence on what of these programs was not learned from; None where all was."""
         asked = LearnedRange.of(programs) if programs else self
         parts = []
         if asked.pressure > (1 + _SLIGHT) * self.pressure:
@@ -51,5 +51,5 @@ def _rate(program: PressureProgram) -> float:
 
 
 def _up_to(value: float, unit: str) -> str:
-    """value: in pascals, or pascals a second."""
+    """Return a bound in words. value: in pascals, or pascals a second."""
     return f"up to {in_kpa(value):.0f} {unit}"

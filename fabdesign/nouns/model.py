@@ -98,7 +98,7 @@ class EffectTerm:
 
     @property
     def term(self) -> Term:
-        """What `forward.Case` takes."""
+        """Return what `forward.Case` takes."""
         return Term(self.name, {name: quantity.value for name, quantity in self.parameters.items()}, self.scope)
 
 
@@ -169,7 +169,7 @@ ORIGIN_UNKNOWN = Provenance()
 
 @dataclass(frozen=True)
 class Model:
-    """What was fitted to a specimen: factors on declared values (1 is the data sheet), effects, corrector.
+    """A model fitted to a specimen: factors on declared values (1 is the data sheet), effects, corrector.
 
     parameters: by the names in forward.PARAMETERS, a muscle type's own also as "muscle_types.NAME.PARAMETER".
     without_effects: the factors fitted when no effect and no corrector was there.
@@ -209,7 +209,7 @@ class Model:
 
     @property
     def factors(self) -> dict[str, float]:
-        """What `forward.Case` takes: a muscle type's own by that type's name."""
+        """The factors that `forward.Case` takes: a muscle type's own by that type's name."""
         return {_own_name(name, parameter): parameter.factor for name, parameter in self.parameters.items()}
 
     @property
@@ -219,13 +219,13 @@ class Model:
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """What `forward.Case` takes."""
+        """Return what `forward.Case` takes."""
         return tuple(effect.term for effect in self.effects)
 
     @property
     def before(self) -> "Model":
-        """What `evaluate` calls before: no effects and no corrector, with the factors fitted without them; the data
-        sheet of a model that has neither."""
+        """The model that `evaluate` calls before: no effects and no corrector, with the factors fitted without them;
+        the data sheet of a model that has neither."""
         if not self.effects and self.corrector is None:
             return Model(points_per_side=self.points_per_side)
         plain = self.parameters if self.without_effects is None else self.without_effects
@@ -242,7 +242,8 @@ class Model:
         )
 
     def without(self, parts: Collection[str]) -> "Model":
-        """The model less what belongs to `parts`, of PARTS. A spread is the whole model's: it goes with any of them."""
+        """Return the model less what belongs to `parts`, of PARTS. A spread is the whole model's: it goes with any of
+        them."""
         less = replace(
             self,
             parameters={k: p for k, p in self.parameters.items() if p.scope not in parts},
@@ -254,7 +255,7 @@ class Model:
 
     @property
     def stale(self) -> str | None:
-        """Why its factors may not fit this simulator, in a line; None where nothing speaks against them."""
+        """Return why its factors may not fit this simulator, in a line; None where nothing speaks against them."""
         made = self.provenance.versions.get("simulator")
         if not self.provenance.versions or made == SIMULATOR:
             return None

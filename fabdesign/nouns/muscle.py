@@ -87,7 +87,8 @@ class Muscle:
         return float(np.linalg.norm(np.diff(np.array(self.path), axis=0), axis=1).sum())
 
     def fixed_points(self) -> NDArray[np.float64]:
-        """(n, 2) fixed points [m]: both ends, every corner, round(length / pitch) equal intervals between corners."""
+        """Return (n, 2) fixed points [m]: both ends, every corner, round(length / pitch) equal intervals between
+        corners."""
         corners = np.array(self.path)
         points = [corners[:1]]
         for a, b in pairwise(corners):

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fabdesign.errors import InputError
-from fabdesign.geometry.bspline import design_matrix
-from fabdesign.geometry.least_squares import least_squares_with_inequalities
+from fabdesign.geometry.curves import design_matrix, least_squares_with_inequalities
 from fabdesign.units import in_kpa
 
 if TYPE_CHECKING:
@@ -50,7 +49,7 @@ class MuscleLaw:
 
     @staticmethod
     def fit(table: "BenchTable") -> "MuscleLaw":
-        """The law of a bench table in any order and layout.
+        """Return the law of a bench table in any order and layout.
 
         Raises InputError for a table with fewer than two pressures, two contractions or four rows.
         """
@@ -94,15 +93,15 @@ class MuscleLaw:
             positive_to = min(last, n)
 
     def tension(self, pressure_pa: ArrayLike, contraction: ArrayLike) -> Array:
-        """Tension [N], positive pulls; the arguments broadcast. Pressures below zero count as zero."""
+        """Return the tension [N], positive pulls; the arguments broadcast. Pressures below zero count as zero."""
         return self._evaluate(pressure_pa, contraction, 0)
 
     def stiffness(self, pressure_pa: ArrayLike, contraction: ArrayLike) -> Array:
-        """dF/dcontraction [N], always negative; at the kink that of the contracted side."""
+        """Return dF/dcontraction [N], always negative; at the kink that of the contracted side."""
         return self._evaluate(pressure_pa, contraction, 1)
 
     def extrapolates(self, pressure_pa: ArrayLike, contraction: ArrayLike) -> NDArray[np.bool_]:
-        """Whether the law is asked beyond the table's pressures or contractions."""
+        """Return whether the law is asked beyond the table's pressures or contractions."""
         p, eps = np.broadcast_arrays(np.asarray(pressure_pa, dtype=float), np.asarray(contraction, dtype=float))
         (p0, p1), (e0, e1) = self.pressure_limits, self.contraction_limits
         rounding = 1e-9
@@ -122,7 +121,7 @@ class MuscleLaw:
 
 @lru_cache(maxsize=64)
 def law_of(table: "BenchTable") -> MuscleLaw:
-    """`MuscleLaw.fit`, once for each table: a search makes thousands of designs of one muscle type."""
+    """Return `MuscleLaw.fit`, computed once for each table: a search makes thousands of designs of one muscle type."""
     return MuscleLaw.fit(table)
 
 
@@ -140,7 +139,8 @@ def _check(p: Array, eps: Array, force: Array) -> None:
 
 
 def _penalties(m: int, n: int) -> tuple[Array, Array, Array]:
-    """Roughness of S along pressure and along contraction and of K, and a slight pull that makes the fit unique."""
+    """Return the roughness of S along pressure and along contraction and of K, and a slight pull that makes the fit
+    unique."""
     second_p, second_e = np.diff(np.eye(m), 2, axis=0), np.diff(np.eye(n), 2, axis=0)
     along_p = np.hstack([np.kron(second_p, np.eye(n)), np.zeros((len(second_p) * n, m))])
     along_e = np.hstack([np.kron(np.eye(m), second_e), np.zeros((m * len(second_e), m))])
@@ -149,7 +149,8 @@ def _penalties(m: int, n: int) -> tuple[Array, Array, Array]:
 
 
 def _cross_validated_penalty(a: Array, b: Array, m: int, n: int) -> Array:
-    """Penalty rows whose two weights minimise the generalised cross-validation score of the unconstrained fit."""
+    """Return the penalty rows whose two weights minimise the generalised cross-validation score of the unconstrained
+    fit."""
     along_p, along_e, rest = _penalties(m, n)
     gram, rhs = a.T @ a, a.T @ b
     gram_p, gram_e, gram_rest = (x.T @ x for x in (along_p, along_e, rest))
@@ -167,7 +168,7 @@ def _cross_validated_penalty(a: Array, b: Array, m: int, n: int) -> Array:
 
 
 def _shape_constraints(m: int, n: int, positive_to: int, min_fall: float, stretched: bool) -> tuple[Array, Array]:
-    """Inequalities G x >= h on the coefficients [S row by row, then K]."""
+    """Return the inequalities G x >= h on the coefficients [S row by row, then K]."""
     s = np.eye(m * n + m)[: m * n].reshape(m, n, -1)
     k = np.eye(m * n + m)[m * n :]
     fall = s[:, :-1] - s[:, 1:]

@@ -33,30 +33,30 @@ class Predictor:
     corrector: Corrector | None = None  # the model's, loaded
 
     def motions(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
-        """(T, 3362, 3) points [m] of each case at its `times` [s after rest, rising]. Raises InputError for an unknown
-        effect or a bad value."""
-        own = [self.case(case) for case in cases]
+        """Return (T, 3362, 3) points [m] of each case at its `times` [s after rest, rising]. Raises InputError for an
+        unknown effect or a bad value."""
+        modelled = [self.case(case) for case in cases]
         shown = [np.asarray(t, dtype=float) for t in times]
         if self.sensing:
-            shown = [seen_at(case, t) for case, t in zip(own, shown, strict=True)]
-        motions = self._corrected(own, shown)
+            shown = [seen_at(case, t) for case, t in zip(modelled, shown, strict=True)]
+        motions = self._corrected(modelled, shown)
         if not self.sensing:
             return motions
-        return [observed(case, points) for case, points in zip(own, motions, strict=True)]
+        return [observed(case, points) for case, points in zip(modelled, motions, strict=True)]
 
     def sheets(self, cases: Sequence[Case], times: Sequence[Array]) -> Sequence[Sheet]:
-        """The same motions as mid-surfaces on the simulator's own grid (fabdesign.geometry.sheet)."""
+        """Return the same motions as mid-surfaces on the simulator's own grid (fabdesign.geometry.sheet)."""
         if self.corrector is not None:
             return [of_faces(points) for points in self.motions(cases, times)]
-        own = [self.case(case) for case in cases]
+        modelled = [self.case(case) for case in cases]
         shown = [np.asarray(t, dtype=float) for t in times]
         if not self.sensing:
-            return sheets_of(self.simulator)(own, shown)
-        shown = [seen_at(case, t) for case, t in zip(own, shown, strict=True)]
-        once = _once(own, shown)
-        moved = sheets_of(self.simulator)([own[i] for i in once.values()], [shown[i] for i in once.values()])
+            return sheets_of(self.simulator)(modelled, shown)
+        shown = [seen_at(case, t) for case, t in zip(modelled, shown, strict=True)]
+        once = _once(modelled, shown)
+        moved = sheets_of(self.simulator)([modelled[i] for i in once.values()], [shown[i] for i in once.values()])
         by_key = dict(zip(once, moved, strict=True))
-        return [_seen(case, by_key[_key(case, t)]) for case, t in zip(own, shown, strict=True)]
+        return [_seen(case, by_key[_key(case, t)]) for case, t in zip(modelled, shown, strict=True)]
 
     def _corrected(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
         if self.corrector is None:
@@ -65,9 +65,9 @@ class Predictor:
         return self.corrector.correct(cases, times, self.simulator.motions(cases, wanted))
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
-        """(3362, 3) points [m] of each case at rest, as `motions` gives them."""
-        own = [self.case(case) for case in cases]
-        return self._on_top(own, self.simulator.equilibria(own))
+        """Return (3362, 3) points [m] of each case at rest, as `motions` gives them."""
+        modelled = [self.case(case) for case in cases]
+        return self._on_top(modelled, self.simulator.equilibria(modelled))
 
     @property
     def faces_jacobian(self) -> Jacobians | None:
@@ -78,16 +78,16 @@ class Predictor:
             return None
 
         def jacobians(cases: Sequence[Case], columns: Sequence[Column]) -> list[FacesJacobian]:
-            own = [self.case(case) for case in cases]
-            simulated = bare(own, columns)
+            modelled = [self.case(case) for case in cases]
+            simulated = bare(modelled, columns)
             if self.corrector is None and not self.sensing:
                 return simulated
-            return with_on_top(own, columns, simulated, self._on_top)
+            return with_on_top(modelled, columns, simulated, self._on_top)
 
         return jacobians
 
     def _on_top(self, cases: Sequence[Case], shapes: Sequence[Floats]) -> list[NDArray[np.float32]]:
-        """What the corrector and sensing make of shapes at rest; the cases with what the model adds."""
+        """Return what the corrector and sensing make of shapes at rest; the cases with what the model adds."""
         if self.corrector is not None:
             shapes = self._corrected_at_rest(self.corrector, cases, shapes)
         if not self.sensing:
@@ -98,7 +98,7 @@ class Predictor:
     def _corrected_at_rest(
         corrector: Corrector, cases: Sequence[Case], shapes: Sequence[Floats]
     ) -> list[NDArray[np.float32]]:
-        """Of motions that have stood still for as long as the corrector looks back."""
+        """Return the corrected last shapes of motions that have stood still for as long as the corrector looks back."""
         late = np.array([1.0 + max(corrector.history(), default=0.0)])
         instants = len(with_history(late, corrector.history())[0])
         held = [replace(case, program=_held(case.program, float(late[0]))) for case in cases]
@@ -106,18 +106,18 @@ class Predictor:
         return [points[-1] for points in corrector.correct(held, [late] * len(held), still)]
 
     def case(self, case: Case) -> Case:
-        """The case with what the model adds."""
+        """Return the case with what the model adds."""
         factors = {**self.model.factors, **case.factors}
         return replace(case, factors=factors, effects=(*self.model.terms, *case.effects))
 
 
 def _held(program: PressureProgram, duration: float) -> PressureProgram:
-    """The program's last pressures, from the first instant on."""
+    """Return the program's last pressures, from the first instant on."""
     return PressureProgram(np.zeros(1), program.pressure[-1:], duration)
 
 
 def _once(cases: Sequence[Case], times: Sequence[Array]) -> dict[tuple[Any, ...], int]:
-    """The first of the cases that differ in what sensors add alone: they are one motion."""
+    """Return the first of the cases that differ in what sensors add alone: they are one motion."""
     first: dict[tuple[Any, ...], int] = {}
     for i, (case, t) in enumerate(zip(cases, times, strict=True)):
         first.setdefault(_key(case, t), i)

@@ -30,17 +30,18 @@ class PressureProgram:
 
     @classmethod
     def of_rows(cls, time: NDArray[np.float64], pressure: NDArray[np.float64], *, duration: float) -> "PressureProgram":
-        """The program of these rows; a row that repeats the one before it is dropped."""
+        """Return the program of these rows; a row that repeats the one before it is dropped."""
         changed = np.concatenate([[True], (pressure[1:] != pressure[:-1]).any(axis=1)])
         return cls(time[changed], pressure[changed], duration)
 
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n, channels) Pa in force just after each of `times` [s]."""
+        """Return (n, channels) Pa in force just after each of `times` [s]."""
         row = np.searchsorted(self.time, np.asarray(times) + 1e-9, side="right") - 1
         return self.pressure[np.clip(row, 0, None)]
 
     def means(self, edges: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n - 1, channels) Pa: means between every two of the instants `edges` (n,) s, rising; none before t = 0."""
+        """Return (n - 1, channels) Pa: means between every two of the instants `edges` (n,) s, rising; none before t =
+        0."""
         held = self.pressure[:-1] * np.diff(self.time)[:, None]
         until = np.concatenate([np.zeros((1, self.pressure.shape[1])), np.cumsum(held, axis=0)])  # integral to each row
         t = np.maximum(edges, 0.0)
@@ -52,8 +53,8 @@ class PressureProgram:
 def rising_program(
     last: NDArray[np.float64], rise: float, duration: float, *, resolution: float = 100.0
 ) -> PressureProgram:
-    """All channels rise linearly and together from 0 to `last` (channels,) Pa within `rise` s, in RISE_STEPS rows of
-    whole `resolution` Pa, then hold until `duration` s."""
+    """Return a program whose channels rise linearly and together from 0 to `last` (channels,) Pa within `rise` s, in
+    RISE_STEPS rows of whole `resolution` Pa, then hold until `duration` s."""
     share = (np.arange(RISE_STEPS) + 1) / RISE_STEPS
     rows = np.outer(share, last)
     rows[:-1] = resolution * np.round(rows[:-1] / resolution)
@@ -61,8 +62,8 @@ def rising_program(
 
 
 def sequence_program(rows: NDArray[np.float64], rise: float, hold: float) -> PressureProgram:
-    """From 0 to each of `rows` (k, channels) Pa in turn, linearly within `rise` s in RISE_STEPS rows, and `hold` s at
-    each."""
+    """Return a program from 0 to each of `rows` (k, channels) Pa in turn, linearly within `rise` s in RISE_STEPS rows,
+    and `hold` s at each."""
     share = (np.arange(RISE_STEPS) + 1)[:, None] / RISE_STEPS
     before = np.concatenate([np.zeros_like(rows[:1]), rows[:-1]])
     steps = np.concatenate([a + share * (b - a) for a, b in zip(before, rows, strict=True)])
@@ -72,7 +73,7 @@ def sequence_program(rows: NDArray[np.float64], rise: float, hold: float) -> Pre
 
 
 def limits(design: "Design") -> NDArray[np.float64]:
-    """(channels,) Pa: the lowest maximum of the muscle types on each channel, 1,000 kPa where none is stated."""
+    """Return (channels,) Pa: the lowest maximum of the muscle types on each channel, 1,000 kPa where none is stated."""
     most = np.full(design.channels, LARGEST)
     for muscle in design.muscles:
         stated = design.muscle_types[muscle.type].max_pressure

@@ -83,7 +83,7 @@ def scratch(goal: Path, at: Path) -> Iterator[Scratch]:
 
 
 def _acquire(at: Path) -> IO[bytes] | None:
-    """The lock of the folder `at`, made where it is not there; None where another process has it."""
+    """Return the lock of the folder `at`, made where it is not there; None where another process has it."""
     while True:
         at.mkdir(exist_ok=True)
         try:
@@ -238,7 +238,7 @@ def _flush(folder: Path) -> None:
 
 @contextmanager
 def whole_file(path: Path | str, *, needed: int | None = None) -> Iterator[Path]:
-    """A temporary path beside `path`; it replaces `path` when the block ends well, and goes when it does not.
+    """Return a temporary path beside `path`; it replaces `path` when the block ends well, and goes when it does not.
 
     Folders above `path` are made. needed: bytes, where they are known. Raises InputError where nothing can be written
     and where the disk is full within the block.

@@ -1,5 +1,5 @@
-"""What a command may write over: files that the mark of their folder, `.fabdesign`, lists as this program's own, and
-never an input, or a file that an input names."""
+"""Files that a command may write over: those that the mark of their folder, `.fabdesign`, lists as this program's own,
+and never an input, or a file that an input names."""
 
 import json
 import os
@@ -29,7 +29,8 @@ class Mark:
 
 
 def read_mark(folder: Path) -> Mark | None:
-    """The folder's mark; None where there is none, or none that can be read: then the folder belongs to others."""
+    """Return the folder's mark; None where there is none, or none that can be read: then the folder belongs to
+    others."""
     try:
         content = json.loads((folder / MARK).read_text(encoding="utf-8"))
         if content["format"] != FORMAT:
@@ -46,7 +47,8 @@ def write_mark(folder: Path, made_by: str, files: Iterable[str]) -> None:
 
 
 def files_in(folder: Path) -> Iterator[str]:
-    """What lies in the folder and below it, but for empty folders and what is under way: relative, forward slashes."""
+    """Yield what lies in the folder and below it, but for empty folders and what is under way: relative, forward
+    slashes."""
     for top, folders, files in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith(PREFIX))
         links = [name for name in folders if (Path(top) / name).is_symlink()]  # which are not walked into
@@ -56,7 +58,7 @@ def files_in(folder: Path) -> Iterator[str]:
 
 
 def others_in(folder: Path) -> Iterator[str]:
-    """Those of `files_in` that this program did not make, as the mark of the folder and of those in it say."""
+    """Yield those of `files_in` that this program did not make, as the mark of the folder and of those in it say."""
     mark_of = cache(read_mark)
     for name in files_in(folder):
         file = folder / name
@@ -67,7 +69,7 @@ def others_in(folder: Path) -> Iterator[str]:
 
 
 def own_files(folder: Path) -> set[str]:
-    """Those of `files_in` that this program made."""
+    """Return those of `files_in` that this program made."""
     return set(files_in(folder)) - set(others_in(folder))
 
 
@@ -94,11 +96,11 @@ def require_apart(goal: Path, inputs: Iterable[Path | str]) -> None:
 
 
 def _with_named(path: Path) -> Iterator[Path]:
-    """The file or folder, and the files that it names, that those name, and so on: resolved, each once."""
+    """Yield the file or folder, and the files that it names, that those name, and so on: resolved, each once."""
     seen: set[Path] = set()
-    left = [path]
-    while left:
-        file = left.pop()
+    pending = [path]
+    while pending:
+        file = pending.pop()
         try:
             file = file.resolve()
             if file in seen or not (file.is_file() or (file.is_dir() and not seen)):
@@ -108,24 +110,24 @@ def _with_named(path: Path) -> Iterator[Path]:
         seen.add(file)
         yield file
         if file.is_dir():
-            left += [file / head for head in _HEADS]
+            pending += [file / head for head in _HEADS]
         elif file.suffix == ".toml":
-            left += [file.parent / text for text in _texts(file)]
+            pending += [file.parent / text for text in _texts(file)]
 
 
 def _texts(path: Path) -> Iterator[str]:
-    """All strings in a TOML file; of one that cannot be read, none: whoever reads it says so."""
+    """Yield all strings in a TOML file; of one that cannot be read, none: whoever reads it says so."""
     try:
-        left: list[Any] = [parse_toml(path)]
+        pending: list[Any] = [parse_toml(path)]
     except InputError:
         return
-    while left:
-        value = left.pop()
+    while pending:
+        value = pending.pop()
         if isinstance(value, str) and value:
             yield value
         elif isinstance(value, dict):
-            left += [entry for key, entry in value.items() if key not in ("name", "description")]
+            pending += [entry for key, entry in value.items() if key not in ("name", "description")]
             if isinstance(start := value.get("start"), str):  # of a study: the folder of a result
                 yield f"{start}/design.toml"
         elif isinstance(value, list):
-            left += value
+            pending += value

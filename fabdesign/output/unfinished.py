@@ -30,8 +30,8 @@ _COMPLETE = "complete"  # in a folder's scratch: the new content is whole, and i
 def new_files(
     path: Path | str, *, companions: Iterable[str] = (), force: bool = False, inputs: Inputs = ()
 ) -> Iterator[Path]:
-    """A path to write to, of the same name, in a hidden folder beside `path`; it becomes `path` when the block ends
-    well, and goes when it does not. So does whatever is written beside it.
+    """Return a path to write to, of the same name, in a hidden folder beside `path`; it becomes `path` when the block
+    ends well, and goes when it does not. So does whatever is written beside it.
 
     inputs: what the command reads, files and folders. Folders above `path` are made, and unmade after a failure.
     A companion that is there with the same content stays; one with other content is refused like `path`, before any
@@ -62,8 +62,8 @@ new_file = new_files  # without companions
 
 @contextmanager
 def new_folder(path: Path | str, *, made_by: str, force: bool = False, inputs: Inputs = ()) -> Iterator[Path]:
-    """A folder to write to, of the same name, hidden in `path`; its content becomes that of `path` when the block ends
-    well. made_by: the command, for the mark.
+    """Return a folder to write to, of the same name, hidden in `path`; its content becomes that of `path` when the
+    block ends well. made_by: the command, for the mark.
 
     An empty `path` serves. One that this program made is refused unless `force`, which replaces all of its content by
     the new; one with anything else in it, and one that holds an input, always. Raises InputError otherwise like
@@ -102,7 +102,8 @@ class WorkFolder:
 
     @contextmanager
     def adding(self) -> Iterator[Path]:
-        """An empty folder; when the block ends well, its files move into `folder`, over those of the same name."""
+        """Return an empty folder; when the block ends well, its files move into `folder`, over those of the same
+        name."""
         piece = self._hidden / "piece"
         _clear(piece, self.folder)
         yield piece
@@ -112,7 +113,7 @@ class WorkFolder:
 
 @contextmanager
 def work_folder(path: Path | str, *, made_by: str, force: bool = False, inputs: Inputs = ()) -> Iterator[WorkFolder]:
-    """A folder that work goes on in: an empty one, or one that `made_by` made; only one process works there.
+    """Return a folder that work goes on in: an empty one, or one that `made_by` made; only one process works there.
 
     force: the work begins anew in a hidden folder, and takes the place of the old when the block ends well, unless
     `complete` is False by then. Left so, or by an exception, the same call goes on there. Raises InputError like
@@ -191,7 +192,7 @@ def _require_free_file(path: Path, goal: Path, force: bool, inputs: Inputs) -> N
 
 @contextmanager
 def _held(path: Path, force: bool, inputs: Inputs) -> Iterator[Scratch]:
-    """The scratch of the folder `path`, which is made; an interrupted move is finished first."""
+    """Return the scratch of the folder `path`, which is made; an interrupted move is finished first."""
     goal = goal_of(path)
     if goal.exists() and not goal.is_dir():
         raise InputError(f"{path}: is a file; expected a folder to write to")
@@ -219,7 +220,7 @@ def _require_free_folder(folder: Path, force: bool, shown: Path | None = None) -
 
 
 def _anew(held: Scratch, path: Path) -> Path:
-    """Where new content of the folder `path` lies until it is complete."""
+    """Return where new content of the folder `path` lies until it is complete."""
     return held.at / "new" / path.resolve().name
 
 

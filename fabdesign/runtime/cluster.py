@@ -41,19 +41,20 @@ _thread = threading.local()
 
 
 def current() -> "Cluster | None":
-    """Where tasks go now; None: they stay here, as within a task."""
+    """Return where tasks go now; None: they stay here, as within a task."""
     return None if not _current or getattr(_thread, "computes", False) else _current[-1]
 
 
 def at_once(least: int) -> int:
-    """Cases that one call should bring: `least` on one machine, as many for each worker, up to MOST."""
+    """Return cases that one call should bring: `least` on one machine, as many for each worker, up to MOST."""
     cluster = current()
     return least if cluster is None else max(least, min(MOST, least * cluster.workers))
 
 
 @contextmanager
 def on_cluster(address: str | None, *, say: Say = lambda line: None) -> Iterator[None]:
-    """A context whose tasks go to the scheduler at `address`; None: as before it. `say` hears what is worth knowing.
+    """Return a context whose tasks go to the scheduler at `address`; None: as before it. `say` hears what is worth
+    knowing.
 
     Raises InputError where nobody answers, or a worker has other versions than this process.
     """
@@ -111,7 +112,7 @@ def _require_greeting(address: str) -> None:
 
 @dataclass(frozen=True)
 class WorkerInfo:
-    """What a worker says of itself. threads: of its simulator."""
+    """The facts that a worker says of itself. threads: of its simulator."""
 
     versions: Mapping[str, str]
     processor: str
@@ -150,14 +151,14 @@ class Cluster:
 
     @cached_property
     def threads(self) -> int:
-        """Of a worker's simulator: of the one that has the most."""
+        """Return the threads of the worker's simulator that has the most."""
         described: dict[str, WorkerInfo] = self.client.run(this_worker)
         return max((worker.threads for worker in described.values()), default=1)
 
     def map(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], name: Callable[[Task], str]
     ) -> Iterator[Result]:
-        """function(task) of every task, in their order, computed in any. function: of a module that workers have.
+        """Yield function(task) of every task, in their order, computed in any. function: of a module that workers have.
 
         A worker has one task at a time: one that waited there would be blamed for the death of another. Raises what a
         task raises; SimulationError for a task that two workers died with, with its `name`, and for a lost scheduler.
@@ -165,13 +166,13 @@ class Cluster:
         from distributed import as_completed
 
         call, versions, effects = uuid.uuid4().hex[:12], this_worker().versions, registered_sources()
-        left, done, due = [*range(len(tasks))][::-1], {}, 0
+        waiting, done, due = [*range(len(tasks))][::-1], {}, 0
         under_way: dict[Any, int] = {}
         completed = as_completed(loop=self.client.loop)
         try:
             while due < len(tasks):
-                while left and len(under_way) < self._places():
-                    number = left.pop()
+                while waiting and len(under_way) < self._places():
+                    number = waiting.pop()
                     key = f"fabdesign-{call}-{number}"
                     future = self.client.submit(
                         _computed, function, tasks[number], versions, effects, key=key, pure=False
@@ -190,7 +191,7 @@ class Cluster:
                 self.client.cancel(list(under_way))
 
     def _places(self) -> int:
-        """How many tasks may be under way: one for each worker."""
+        """Return how many tasks may be under way: one for each worker."""
         try:
             count = len(self.client.nthreads())
         except _lost() as error:
@@ -223,7 +224,7 @@ class Cluster:
 
 
 def _lost() -> tuple[type[BaseException], ...]:
-    """What is raised where the scheduler no longer answers."""
+    """Return what is raised where the scheduler no longer answers."""
     from distributed.client import FutureCancelledError
     from distributed.comm.core import CommClosedError
 
@@ -231,7 +232,7 @@ def _lost() -> tuple[type[BaseException], ...]:
 
 
 def _computed(function: Callable[[Task], Result], task: Task, versions: Mapping[str, str], effects: Any) -> Result:
-    """On a worker."""
+    """Return a function's result, computed on a worker."""
     _require_alike(this_worker().versions, versions, f"worker {platform.node()}")  # it may have come later
     for source in effects:
         register_source(*source)
@@ -249,17 +250,17 @@ def _require_alike(there: Mapping[str, str], here: Mapping[str, str], where: str
 
 
 def _set_limits(dask_scheduler: Any) -> None:
-    """On the scheduler: a task may outlive one worker. A worker that computes, or compiles kernels, is not heard of."""
+    """Set the scheduler's limits: a task may outlive one worker, and one that computes or compiles may be silent."""
     dask_scheduler.allowed_failures = 1
     dask_scheduler.worker_ttl = max(dask_scheduler.worker_ttl or SILENCE, SILENCE)
 
 
 @cache
 def this_worker() -> WorkerInfo:
-    """Of this process."""
+    """Return what this process says of itself."""
     libraries = {name: _version(name) for name in _LIBRARIES}
-    own = {"fabdesign": __version__, "simulator": SIMULATOR, "code": _code(), "python": platform.python_version()}
-    return WorkerInfo(own | libraries, _processor(), _threads())
+    facts = {"fabdesign": __version__, "simulator": SIMULATOR, "code": _code(), "python": platform.python_version()}
+    return WorkerInfo(facts | libraries, _processor(), _threads())
 
 
 def _version(library: str) -> str:
@@ -270,7 +271,7 @@ def _version(library: str) -> str:
 
 
 def _code() -> str:
-    """What is installed may differ without a version that says so."""
+    """Return a hash of what is installed, which may differ without a version that says so."""
     top = Path(__file__).parents[2]
     return sha256(*sorted(file for package in _CODE for file in (top / package).rglob("*.py")))[:12]
 
@@ -284,7 +285,7 @@ def _processor() -> str:
 
 
 def _threads() -> int:
-    """Of Taichi in this process."""
+    """Return the threads of Taichi in this process."""
     given = os.environ.get("TI_CPU_MAX_NUM_THREADS", "")
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return int(given) if given.isdecimal() and int(given) else cores

@@ -32,12 +32,12 @@ _LATE = 0.9  # of the time expected, from which on a bar no longer follows the c
 
 
 def frame_bytes(points_per_side: int) -> float:
-    """Of one frame of a motion on a grid, at the peak (measured with 41 and 161 points a side)."""
+    """Return the bytes at the peak for a frame of a motion on a grid (measured with 41 and 161 points a side)."""
     return _FACES + _NODE * points_per_side**2
 
 
 def step_bytes(channels: int) -> float:
-    """Of a step of one motion."""
+    """Return the bytes of a step of one motion."""
     return _SCHEME + channels * (4 + _MEANS)
 
 
@@ -55,8 +55,8 @@ def require_motion(seconds: float, frames: float, points_per_side: int, *, chann
 
 
 def batches(frames: Sequence[int], at_once: int) -> Iterator[slice]:
-    """Motions with so many `frames` each, in order: at most `at_once` together, and of more than one no more frames
-    than memory holds on the finest grid."""
+    """Yield slices of motions with so many `frames` each, in order: at most `at_once` together, and of more than one no
+    more frames than memory holds on the finest grid."""
     most, first = MEMORY / 2 / frame_bytes(FINEST), 0
     while first < len(frames):
         end = first + 1

@@ -1,5 +1,5 @@
-"""What kept work depends on, by field: hashes of files, designs, options, the version of the algorithm, which its
-author raises. Work goes on only where all of it is the same."""
+"""The content that kept work depends on, by field: hashes of files, designs, options, the version of the algorithm,
+which its author raises. Work goes on only where all of it is the same."""
 
 import hashlib
 from collections.abc import Collection, Iterator, Mapping
@@ -18,7 +18,7 @@ _LONGEST = 200  # characters that are kept of a value; of longer ones their hash
 
 
 class OtherContent(InputError):
-    """What is kept is of other content than the work that is to go on."""
+    """An error: what is kept is of other content than the work that is to go on."""
 
 
 def sha256(*parts: Path | str | NDArray[Any]) -> str:

@@ -112,17 +112,17 @@ class Checkpoint:
         return total
 
     def has(self, name: str) -> bool:
-        """Whether a piece is kept."""
+        """Return whether a piece is kept."""
         return any((self._folder / _file_name(name, ending)).is_file() for ending in ("json", "npz"))
 
     def claim(self, *files: str) -> Path:
-        """The folder of the pieces, where others write `files`, each of them whole."""
+        """Return the folder of the pieces, where others write `files`, each of them whole."""
         self._work.claim(*(f"{FOLDER}/{file}" for file in files))
         return self._folder
 
     def get(self, name: str, compute: Callable[[], Any], *, files: Callable[[Any], object] | None = None) -> Any:
-        """What JSON can hold: what is kept of this name, else computed and kept; None where there is no time to begin
-        it.
+        """Return what JSON can hold: what is kept of this name, else computed and kept; None where there is no time to
+        begin it.
 
         files: reads what belongs to a kept value and lies in files; where it raises, the piece is damaged.
         """
@@ -144,7 +144,7 @@ class Checkpoint:
         return read_json(file)["found"]
 
     def arrays(self, name: str, compute: Callable[[], Arrays]) -> Arrays:
-        """The same of arrays by name."""
+        """Return the same of arrays by name."""
         file = _file_name(name, "npz")
         return kept(self.claim(file) / file, compute, read_arrays, write_arrays)
 

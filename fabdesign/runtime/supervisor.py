@@ -75,8 +75,8 @@ def ended_by(number: int) -> str:
 
 @contextlib.contextmanager
 def uninterrupted() -> Iterator[None]:
-    """A context in the main thread in which Ctrl-C waits until it is over. Processes that are begun in it do not hear
-    it: one that still loads would print a traceback."""
+    """Return a context in the main thread in which Ctrl-C waits until it is over. Processes that are begun in it do not
+    hear it: one that still loads would print a traceback."""
     import threading
 
     if threading.current_thread() is not threading.main_thread():

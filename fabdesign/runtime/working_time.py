@@ -21,7 +21,7 @@ class Stopwatch:
         self._stops, self._stopped_at, self._excluded = 0, 0.0, 0.0
 
     def seconds(self) -> float:
-        """s since some instant, without those for which it stood still."""
+        """Return the seconds since some instant, without those for which the clock stood still."""
         with self._lock:
             return (self._stopped_at if self._stops else self._clock()) - self._excluded
 
@@ -55,7 +55,7 @@ _wall, _processor = Stopwatch(lambda: time.monotonic()), Stopwatch(lambda: time.
 
 
 def seconds() -> float:
-    """Wall-clock s since some instant, without compiling and loading."""
+    """Return Wall-clock s since some instant, without compiling and loading."""
     return _wall.seconds()
 
 
@@ -65,7 +65,7 @@ def processor_seconds() -> float:
 
 
 def compile_seconds() -> float:
-    """Wall-clock s that this process has spent on compiling and loading."""
+    """Return Wall-clock s that this process has spent on compiling and loading."""
     return _wall.excluded
 
 
@@ -76,7 +76,7 @@ def compiling() -> bool:
 
 @contextmanager
 def not_counted() -> Iterator[None]:
-    """A context for which both clocks stand still."""
+    """Return a context for which both clocks stand still."""
     _stop()
     try:
         yield

@@ -25,7 +25,7 @@ class Cell:
     study: Study
 
     def includes(self, other: "Cell") -> bool:
-        """Whether what `other` may lay out this cell may too, with muscles left over."""
+        """Return whether what `other` may lay out this cell may too, with muscles left over."""
         fewer = other.type == self.type and other.muscles <= self.muscles
         return fewer and {*SIDES[other.sides]} <= {*SIDES[self.sides]}
 
@@ -73,7 +73,7 @@ class LayoutsStudy:
 
     @property
     def cells(self) -> Iterator[Cell]:
-        """Each after all that it includes."""
+        """Yield the cells, each after all that it includes."""
         count = len(self.muscles) * len(self.types) * len(self.sides)
         limits = self.search.limits
         limits = replace(limits, seconds=limits.seconds / count, evaluations=max(1, limits.evaluations // count))
@@ -81,13 +81,13 @@ class LayoutsStudy:
             for muscles in self.muscles:
                 for sides in sorted(self.sides, key=lambda sides: len(SIDES[sides])):
                     name = f"{muscles}_{type_}_{sides}"
-                    own = replace(_of_type(self.search, type_), name=name, limits=limits)
-                    study = replace(own, muscles=MuscleChoice(muscles, muscles, SIDES[sides]))
+                    search = replace(_of_type(self.search, type_), name=name, limits=limits)
+                    study = replace(search, muscles=MuscleChoice(muscles, muscles, SIDES[sides]))
                     yield Cell(name, muscles, type_, sides, study)
 
 
 def _of_type(search: Study, type_: str) -> Study:
-    """The search with one muscle type; the design's muscles begin it where all are of that type."""
+    """Return the search with one muscle type; the design's muscles begin it where all are of that type."""
     design = search.design
     alike = all(muscle.type == type_ for muscle in design.muscles)
     design = replace(

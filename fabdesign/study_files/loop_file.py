@@ -56,7 +56,7 @@ _SOURCE = Key(expected=_RIG_OR_LABORATORY, one_of={"rig": VirtualRig, "laborator
 
 @dataclass(frozen=True)
 class Trials:
-    """What is run on a design beside its own pressures."""
+    """The programs that are run on a design beside its own pressures."""
 
     number: Annotated[int, _NUMBER, Within(least=0, most=100), "programs"] = 4
     seconds: Annotated[Second, Within(least=0.2, most=60), "of each"] = 1.5
@@ -74,7 +74,7 @@ class Trials:
 
 @dataclass(frozen=True)
 class Learning:
-    """What becomes of a turn's measurements."""
+    """The steps that a turn's measurements go through."""
 
     trace: Annotated[bool, "whether what the model lacks is looked for"] = True
     tolerance: Annotated[Millimetre, ABOVE_0, "of excess, of the trace"] = 0.5e-3  # m
@@ -124,7 +124,7 @@ def read_loop(path: Path | str | Mapping[str, Any]) -> LoopStudy:
 
 
 def _within(search: Study, rig: RigLimits, where: str) -> Study:
-    """The search within what the rig can do: no higher pressure, no faster rise."""
+    """Return the search within what the rig can do: no higher pressure, no faster rise."""
     low, high = search.limits.pressure
     high = min(high, rig.pressure)
     if low >= high:

@@ -22,7 +22,7 @@ _Highest = Annotated[Kilopascal, ABOVE_0] | tuple[Kilopascal, Kilopascal]
 
 @dataclass(frozen=True)
 class RigLimits:
-    """What next experiments keep."""
+    """The limits that next experiments keep."""
 
     pressure: Annotated[Kilopascal, Key(form=_Highest, read=_highest), "of programs that nobody named"] = HIGHEST
     rate: Annotated[KilopascalPerSecond, ABOVE_0, "of a set point; absent: steps are possible"] = np.inf  # Pa/s

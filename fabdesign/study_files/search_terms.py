@@ -8,14 +8,15 @@ from fabdesign.formats.schema import ABOVE_0, FROM_0, SHARE, Metre, Millimetre, 
 
 @dataclass(frozen=True)
 class Price:
-    """What the muscles of a layout whose number may vary have to gain."""
+    """The gain that muscles must bring to a layout whose number may vary."""
 
     muscle: Annotated[Millimetre, FROM_0, "of the objective that one more muscle must gain"] = 0.0  # m
     channel: Annotated[Millimetre, FROM_0, "of the objective that one more pressure channel must gain"] = 0.0  # m
     tolerance: Annotated[float, SHARE, "of the objective, by which fewer muscles may be worse in any case"] = 0.03
 
     def allowed(self, value: float, fewer: int) -> float:
-        """m, for a layout with `fewer` muscles, each with its channel, less than one that reaches `value` m."""
+        """Return the error [m] that is allowed to a layout with `fewer` muscles, each with its channel, less than one
+        that reaches `value` m."""
         return max((1 + self.tolerance) * value, value + fewer * (self.muscle + self.channel))
 
 

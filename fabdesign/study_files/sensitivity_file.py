@@ -26,7 +26,7 @@ Output = Callable[[NDArray[np.float64], NDArray[np.float32]], float]
 METHODS = ("morris", "sobol")
 OUTPUTS = ("tip", "mean_curvature", "chamfer", "largest_tension")
 MOST = 1 << 16  # rows, trajectories: far more than anybody waits for
-GRID = 21  # points a side: docs/results/sensitivity.md says what 41 would change
+GRID = 21  # points a side: docs/lab/sensitivity.md says what 41 would change
 MIDDLE = 200e3  # Pa, of channels that nothing is said of
 
 

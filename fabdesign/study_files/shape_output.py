@@ -40,8 +40,8 @@ class ShapeOutput:
         return "degrees" if self.kind == "angle" else "mm"
 
     def of(self, points: NDArray[np.floating[Any]]) -> float:
-        """In its unit, of points (2 n n, 3) m: places on the mid-surface, in the world's frame, y = 0 at the upper
-        edge of the flat cloth."""
+        """Return the value in its unit, of points (2 n n, 3) m: places on the mid-surface, in the world's frame, y = 0
+        at the upper edge of the flat cloth."""
         at = in_mm(at_places(mid_surface(points), self.places))
         if self.kind in ("x", "height", "z"):
             return float(at[0, ("x", "height", "z").index(self.kind)])
@@ -52,7 +52,8 @@ class ShapeOutput:
 
 
 def read_shape_output(text: str, fabric: Fabric, where: str) -> ShapeOutput:
-    """Raises InputError for what is none of the forms, a place off the cloth, and a place named twice."""
+    """Read an output in words. Raises InputError for what is none of the forms, a place off the cloth, and a place
+    named twice."""
     for kind, form in _FORMS.items():
         if matched := form.fullmatch(text.strip()):
             return ShapeOutput(text, kind, _places(matched.groups(), fabric, f"{where}: {text}"))

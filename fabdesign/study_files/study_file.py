@@ -37,7 +37,7 @@ HIGHEST = 400e3  # Pa, of the pressures searched where the study does not say
 
 @dataclass(frozen=True)
 class StudyHead:
-    """What studies of all kinds have."""
+    """The keys that studies of all kinds have."""
 
     kind: Annotated[Kind, "of the study"]
     cluster: Annotated[str | None, "address of a Dask scheduler whose workers compute; absent: this machine"] = None
@@ -71,7 +71,7 @@ class MuscleChoice:
 
 @dataclass(frozen=True, eq=False)
 class EarlierResult:
-    """What an earlier search found, to begin with."""
+    """The result of an earlier search, to begin with."""
 
     file: Path
     design: Design
@@ -84,7 +84,7 @@ _LOW_HIGH = "[lowest, highest] in kPa, from 0"
 
 @dataclass(frozen=True)
 class StudyLimits:
-    """What a layout and its pressures keep, and when a search ends."""
+    """The limits of a layout and its pressures, and when a search ends."""
 
     pressure: Annotated[tuple[Kilopascal, Kilopascal], FROM_0, Key(expected=_LOW_HIGH)] = (0.0, HIGHEST)  # Pa
     spacing: Annotated[Metre, FROM_0, "between muscles on one face"] = 0.006
@@ -236,12 +236,12 @@ def read_study(path: Path | str | Mapping[str, Any]) -> Study:
 
 
 def read_kind(path: Path | str) -> Kind:
-    """The kind of a study. Raises InputError."""
+    """Return the kind of a study. Raises InputError."""
     return _head(path).kind
 
 
 def read_cluster(path: Path | str) -> str | None:
-    """The address of the scheduler whose workers compute a study. Raises InputError."""
+    """Return the address of the scheduler whose workers compute a study. Raises InputError."""
     return _head(path).cluster
 
 

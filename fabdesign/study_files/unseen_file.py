@@ -74,8 +74,8 @@ _POSES = Key("pressures", read=_poses, absent=_each_face)
 
 @dataclass(frozen=True, eq=False)
 class Unsewn:
-    """What is not sewn yet: a design under `poses` (n, channels) Pa, the model that is to predict it, and what is said
-    of its shapes beside the lower edge."""
+    """A layout that is not sewn yet: a design under `poses` (n, channels) Pa, the model that is to predict it, and what
+    is said of its shapes beside the lower edge."""
 
     design: Annotated[Design, Key(file=read_design), "what is to be predicted; absent: only [measured]"]
     model: Annotated[Model, Key(file=read_model), "with a [covariance]"]

@@ -1,4 +1,4 @@
-"""What a sweep varies: pressures, places of muscles, factors on declared values, parameters of effects."""
+"""The inputs that a sweep varies: pressures, places of muscles, factors on declared values, parameters of effects."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ class Varied:
 
     @property
     def what(self) -> str:
-        """For people: which part of the design or of the model it is, numbers as in the design's file."""
+        """Return in words which part of the design or of the model it is, numbers as in the design's file."""
         if self.kind == "pressure":
             return f"pressure of channel {self.key[0]}"
         if self.kind == "position":
@@ -56,7 +56,7 @@ class Varied:
 
 @dataclass(frozen=True)
 class LowHigh:
-    """Between what a parameter is drawn, as a file has it."""
+    """The ends between which a parameter is drawn, as a file has them."""
 
     low: Annotated[float | None, "in the parameter's unit"] = None
     high: Annotated[float | None, "absent: the model's 90 % interval"] = None
@@ -104,7 +104,7 @@ _Meaning = tuple[Kind, tuple[str | int, ...], str, tuple[float, float], tuple[fl
 
 
 def _meaning(name: str, where: str, design: Design, model: Model) -> _Meaning:
-    """Kind, key, unit, what it may be, and the interval that the model gives it, if any."""
+    """Return kind, key, unit, what it may be, and the interval that the model gives it, if any."""
     first, *rest = name.split(".")
     if first == "pressure" and len(rest) == 1 and rest[0].isdecimal():
         channel = int(rest[0])
@@ -124,19 +124,21 @@ def _meaning(name: str, where: str, design: Design, model: Model) -> _Meaning:
         parameter = effect.parameters[rest[1]]
         if parameter.whole:
             raise InputError(f"{where}: {name} is a choice, not a quantity; expected one that can be varied")
-        own = [e.parameters[rest[1]].interval90 for e in model.effects if e.name == rest[0] and rest[1] in e.parameters]
-        return "effect", (rest[0], rest[1]), parameter.unit, parameter.bounds, own[0] if own else None
+        intervals = [
+            e.parameters[rest[1]].interval90 for e in model.effects if e.name == rest[0] and rest[1] in e.parameters
+        ]
+        return "effect", (rest[0], rest[1]), parameter.unit, parameter.bounds, intervals[0] if intervals else None
     plain = name.rpartition(".")[2] if name.startswith(MUSCLE_TYPES) else name
     kind_of_muscle = name.removeprefix(MUSCLE_TYPES).removesuffix(f".{plain}")
     if plain in PARAMETERS and (plain == name or (plain in OF_MUSCLES and kind_of_muscle in design.muscle_types)):
-        if hiding := [own for own in model.factors if plain == name and own.endswith(f".{name}")]:
+        if hiding := [factor for factor in model.factors if plain == name and factor.endswith(f".{name}")]:
             raise InputError(f"{where}: the model has {', '.join(hiding)}; expected that name")
         return "factor", (name,), "", FACTOR_RANGE, _interval(model, name)
     raise InputError(f"{where}: unknown parameter {name}; expected {_FORMS}{nearest(name, PARAMETERS)}")
 
 
 def _interval(model: Model, name: str) -> tuple[float, float] | None:
-    """Of the model's factor that a case calls `name`."""
+    """Return the interval of the model's factor that a case calls `name`."""
     intervals = (p.interval90 for n, p in model.parameters.items() if name in Model({n: p}).factors)
     return next(intervals, None)
 
@@ -146,7 +148,7 @@ def _in(unit: str) -> str:
 
 
 def moved_paths(design: Design, shifts: dict[tuple[int, int, int], float]) -> list[np.ndarray]:
-    """(corners, 2) m of every muscle, with shifts [m] by (muscle, corner or -1, axis)."""
+    """Return (corners, 2) m of every muscle, with shifts [m] by (muscle, corner or -1, axis)."""
     paths = [np.array(muscle.path, dtype=float) for muscle in design.muscles]
     for (muscle, corner, axis), shift in shifts.items():
         paths[muscle][slice(None) if corner < 0 else corner, axis] += shift

@@ -16,8 +16,8 @@ SHIFT = 0.15  # of the cloth, standard deviation from the muscle beside which on
 
 
 def with_idle(best: Start, *, count: int, sides: Sequence[Side], number: int, seed: int) -> list[Start]:
-    """Up to `number` layouts of `count` muscles that hold those of `best`, each with a channel of its own; the further
-    ones are drawn on `sides` and idle, at the lowest pressure. All keep the limits.
+    """Return up to `number` layouts of `count` muscles that hold those of `best`, each with a channel of its own; the
+    further ones are drawn on `sides` and idle, at the lowest pressure. All keep the limits.
 
     A layout that has `count` muscles already comes back alone.
     """
@@ -36,13 +36,13 @@ def with_idle(best: Start, *, count: int, sides: Sequence[Side], number: int, se
 
 
 def pulling(starts: Sequence[Start], muscles: int, share: float) -> list[Start]:
-    """The same layouts with their muscles from number `muscles` on at a share of the pressure range."""
+    """Return the same layouts with their muscles from number `muscles` on at a share of the pressure range."""
     shifted = []
     for start in starts:
-        own, pressures = by_muscle(start)
+        single, pressures = by_muscle(start)
         low, high = start[0].limits.pressure
         pressures[:, muscles:] = low + share * (high - low)
-        shifted.append(start_of((own, pressures), start[0]))
+        shifted.append(start_of((single, pressures), start[0]))
     return [start for start in shifted if start is not None]
 
 
@@ -61,10 +61,10 @@ def _drawn(muscles: Sequence[Muscle], space: DesignSpace, sides: Sequence[Side],
     fabric = space.design.fabric
     side = sides[int(rng.integers(len(sides)))]
     if muscles and rng.random() < BESIDE:
-        near = muscles[int(rng.integers(len(muscles)))]
-        shift = SHIFT * np.array([fabric.width, fabric.height]) * rng.standard_normal((len(near.path), 2))
-        path = np.array(near.path) + shift
-        kind, pitch = near.type, near.fixed_point_pitch
+        neighbour = muscles[int(rng.integers(len(muscles)))]
+        shift = SHIFT * np.array([fabric.width, fabric.height]) * rng.standard_normal((len(neighbour.path), 2))
+        path = np.array(neighbour.path) + shift
+        kind, pitch = neighbour.type, neighbour.fixed_point_pitch
     else:
         path = random_line(space.design, space.limits, rng)
         kind = str(rng.choice(list(space.design.muscle_types)))

@@ -18,37 +18,37 @@ SHARED = 0.05  # of the pressure range, within which two muscles may share a cha
 
 
 def start_of(layout: Layout, space: DesignSpace) -> tuple[DesignSpace, Vector] | None:
-    """The layout on the cloth of `space`, with a channel for each muscle or, where its limits have fewer, with those on
-    one channel whose pressures are nearest; None where a limit is broken."""
+    """Return the layout on the cloth of `space`, with a channel for each muscle or, where its limits have fewer, with
+    those on one channel whose pressures are nearest; None where a limit is broken."""
     grouped = _on_channels(layout, space, _nearest_groups(layout[1], space.limits.channels))
     return grouped if grouped[0].feasible(grouped[1]) else None
 
 
 def by_muscle(start: tuple[DesignSpace, Vector]) -> Layout:
-    """The muscles of a start, and what acts in each."""
+    """Return the muscles of a start, and what acts in each."""
     design, pressures = start[0].decode(start[1])
     return design.muscles, pressures[:, [muscle.channel for muscle in design.muscles]]
 
 
 def with_shared_channels(start: tuple[DesignSpace, Vector]) -> tuple[DesignSpace, Vector] | None:
-    """The same layout with muscles on one channel whose pressures agree in every pose, at their mean; None where that
-    saves no channel."""
+    """Return the same layout with muscles on one channel whose pressures agree in every pose, at their mean; None where
+    that saves no channel."""
     space = start[0]
-    muscles, own = by_muscle(start)
+    muscles, levels = by_muscle(start)
     low, high = space.limits.pressure
     groups: Groups = []
     for k in range(len(muscles)):
-        alike = (g for g in groups if np.all(np.abs(own[:, k] - own[:, g[0]]) <= SHARED * (high - low)))
+        alike = (g for g in groups if np.all(np.abs(levels[:, k] - levels[:, g[0]]) <= SHARED * (high - low)))
         group = next(alike, None)
         if group is None:
             groups.append([k])
         else:
             group.append(k)
-    return _on_channels((muscles, own), space, groups) if len(groups) < space.channels else None
+    return _on_channels((muscles, levels), space, groups) if len(groups) < space.channels else None
 
 
 def _nearest_groups(pressures: Pressures, most: int | None) -> Groups:
-    """At most so many: the two groups whose mean pressures are nearest become one until they are that few."""
+    """Return at most so many groups: the two whose mean pressures are nearest become one until they are that few."""
     groups: Groups = [[k] for k in range(pressures.shape[1])]
     while most is not None and len(groups) > most:
         means = [pressures[:, group].mean(axis=1) for group in groups]
@@ -59,10 +59,10 @@ def _nearest_groups(pressures: Pressures, most: int | None) -> Groups:
 
 
 def _on_channels(layout: Layout, space: DesignSpace, groups: Groups) -> tuple[DesignSpace, Vector]:
-    """Groups that share a channel have their mean pressure."""
+    """Return groups that share a channel have their mean pressure."""
     muscles, pressures = layout
     channel_of = {k: channel for channel, group in enumerate(groups) for k in group}
     placed = tuple(replace(muscle, channel=channel_of[k]) for k, muscle in enumerate(muscles))
     shared = np.stack([pressures[:, group].mean(axis=1) for group in groups], axis=1)
-    own = replace(space, design=replace(space.design, muscles=placed), start_pressures=shared, vary_positions=True)
-    return own, own.encode(own.design, shared)
+    reduced = replace(space, design=replace(space.design, muscles=placed), start_pressures=shared, vary_positions=True)
+    return reduced, reduced.encode(reduced.design, shared)

@@ -13,8 +13,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Intervals:
-    """Of all muscles of a design, one after another. lengths (k,) m on the flat cloth; muscle (k,): whose they are;
-    ends (k, 2): numbers of their fixed points."""
+    """The intervals of all muscles of a design, one after another. lengths (k,) m on the flat cloth; muscle (k,): whose
+    they are; ends (k, 2): numbers of their fixed points."""
 
     places: Array  # (m, 2) of the fixed points, shares of width and height
     offsets: Array  # (m,) of the axis there from the mid-surface, towards the front, in thicknesses
@@ -26,7 +26,7 @@ class Intervals:
     def of(design: Design) -> "Intervals":
         fabric = design.fabric
         points = [muscle.fixed_points() for muscle in design.muscles]
-        counts = [len(own) for own in points]
+        counts = [len(chain) for chain in points]
         first = np.cumsum([0, *counts[:-1]])
         begins = np.concatenate([k + np.arange(n - 1) for k, n in zip(first, counts, strict=True)])
         every = np.concatenate(points)
@@ -41,19 +41,19 @@ class Intervals:
         )
 
     def chords(self, shape: Array) -> Array:
-        """(..., k, 3) m of a shape (..., 2 n n, 3) m, and linear in it."""
+        """Return (..., k, 3) m of a shape (..., 2 n n, 3) m, and linear in it."""
         faces = two_faces(shape)
         front, back = (at_places(faces[..., face, :, :, :], self.places) for face in (0, 1))
         axis = (front + back) / 2 + self.offsets[:, None] * (front - back)
         return np.asarray(axis[..., self.ends[:, 1], :] - axis[..., self.ends[:, 0], :])
 
     def contraction(self, chords: Array) -> Array:
-        """(..., k), negative where stretched."""
+        """Return (..., k), negative where stretched."""
         return np.asarray(1 - np.linalg.norm(chords, axis=-1) / self.lengths)
 
 
 def largest_contraction(design: Design, shape: Array) -> float:
-    """Of any interval of any muscle, in any pose of a shape (poses, 2 n n, 3) m."""
+    """Return the largest contraction of any interval of any muscle, in any pose of a shape (poses, 2 n n, 3) m."""
     intervals = Intervals.of(design)
     return float(intervals.contraction(intervals.chords(shape)).max())
 
@@ -73,15 +73,15 @@ class LinearContraction:
         return len(self._chords) * len(self._muscles)
 
     def at(self, x: Array) -> tuple[Array, Array]:
-        """(count,) margins, negative where violated, and their slopes (count, n)."""
+        """Return (count,) margins, negative where violated, and their slopes (count, n)."""
         chords = self._chords + np.tensordot(x - self._centre, self._slopes, axes=1)
         contracted = self._intervals.contraction(chords)  # (poses, k)
         lengths = np.maximum(np.linalg.norm(chords, axis=-1), 1e-12)
         margins, slopes = [], []
         for pose, row in enumerate(contracted):
             for muscle in self._muscles:
-                own = np.flatnonzero(self._intervals.muscle == muscle)
-                k = int(own[np.argmax(row[own])])
+                members = np.flatnonzero(self._intervals.muscle == muscle)
+                k = int(members[np.argmax(row[members])])
                 margins.append(self._allowed - row[k])
                 along = chords[pose, k] / (lengths[pose, k] * self._intervals.lengths[k])
                 slopes.append(self._slopes[:, pose, k] @ along)

@@ -1,4 +1,5 @@
-"""What a search may change, and what it must respect: a vector in [0, 1]^n stands for a design and its pressures."""
+"""The design space: what a search may change and must respect. A vector in [0, 1]^n stands for a design and its
+pressures."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -69,7 +70,7 @@ class DesignSpace:
         return np.array([position] * self.position_count + [pressure] * pressures)
 
     def encode(self, design: Design, pressures: NDArray[np.float64]) -> Vector:
-        """(n,) the vector of a layout with this space's muscles and of (poses, channels) pressures [Pa].
+        """Return (n,) the vector of a layout with this space's muscles and of (poses, channels) pressures [Pa].
 
         All pressures of a pose come down alike where they take more air than there is.
         """
@@ -84,7 +85,7 @@ class DesignSpace:
         return np.clip(np.concatenate([*parts, np.empty(0)]), 0.0, 1.0)
 
     def decode(self, x: Vector) -> tuple[Design, NDArray[np.float64]]:
-        """The design and its (poses, channels) pressures [Pa]."""
+        """Return the design and its (poses, channels) pressures [Pa]."""
         design = self.design
         if self.vary_positions:
             design = replace(design, muscles=_with_corners(design.muscles, self._corners(x)))
@@ -95,8 +96,8 @@ class DesignSpace:
         return np.full(2, edge), np.array([fabric.width, fabric.height]) - 2 * edge
 
     def margins(self, x: Vector) -> Vector:
-        """(..., k) of vectors (..., n), nowhere negative for what may be built: m of all geometry, and shares of the
-        air that are left. Empty where nothing that is limited varies."""
+        """Return (..., k) of vectors (..., n), nowhere negative for what may be built: m of all geometry, and shares of
+        the air that are left. Empty where nothing that is limited varies."""
         parts = [np.empty((*x.shape[:-1], 0))]
         if self.vary_positions:
             parts.append(self._margins.at(self._corners(x)))
@@ -106,19 +107,19 @@ class DesignSpace:
         return np.concatenate(parts, axis=-1)
 
     def _corners(self, x: Vector) -> Vector:
-        """(..., corners, 2) m of vectors (..., n)."""
+        """Return (..., corners, 2) m of vectors (..., n)."""
         if not self.vary_positions:
             return np.concatenate([np.array(m.path) for m in self.design.muscles])
         low, span = self._position_range()
         return np.asarray(low + span * x[..., : self.position_count].reshape(*x.shape[:-1], -1, 2))
 
     def _pressures(self, x: Vector) -> Vector:
-        """(..., poses, channels) Pa of vectors (..., n)."""
+        """Return (..., poses, channels) Pa of vectors (..., n)."""
         if not self.vary_pressures:
             return self.start_pressures
         lowest, highest = self.limits.pressure
-        own = x[..., self.position_count :].reshape(*x.shape[:-1], *self.start_pressures.shape)
-        return np.asarray(lowest + (highest - lowest) * own)
+        shares = x[..., self.position_count :].reshape(*x.shape[:-1], *self.start_pressures.shape)
+        return np.asarray(lowest + (highest - lowest) * shares)
 
     @property
     def limited(self) -> int:
@@ -126,7 +127,7 @@ class DesignSpace:
         return self.position_count if self.limits.air is None else self.dimension
 
     def _airs(self, design: Design, shares: Vector) -> Vector:
-        """(poses, 1) by which shares (poses, channels) of the pressure range come down to keep the air."""
+        """Return (poses, 1) by which shares (poses, channels) of the pressure range come down to keep the air."""
         if self.limits.air is None:
             return np.ones((len(shares), 1))
         lowest, highest = self.limits.pressure
@@ -143,7 +144,7 @@ class DesignSpace:
         return bool(np.all(self.margins(x) >= -1e-7))
 
     def keeps(self, x: Vector, shape: NDArray[np.float64]) -> bool:
-        """Whether it is feasible with the shape (poses, 2 n n, 3) m that it has."""
+        """Return whether it is feasible with the shape (poses, 2 n n, 3) m that it has."""
         most = self.limits.contraction
         if not self.feasible(x):
             return False

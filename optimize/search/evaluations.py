@@ -44,7 +44,7 @@ class Stage:
     at_rest: bool = False
 
     def values_as(self, other: "Stage") -> bool:
-        """Whether values of both can be compared."""
+        """Return whether values of both can be compared."""
         return self.forward is other.forward and self.at_rest == other.at_rest
 
 
@@ -56,7 +56,7 @@ class Best:
     stage: int
 
     def as_row(self) -> list[Any]:
-        """For a checkpoint."""
+        """Return a row for a checkpoint."""
         return [self.start, self.x.tolist(), self.value, self.stage]
 
     @staticmethod
@@ -113,17 +113,17 @@ class Evaluations:
 
     @property
     def share(self) -> float:
-        """Of the limit that is nearer, spent: 0 to 1."""
+        """Return the share spent of the limit that is nearer: 0 to 1."""
         return min(1.0, max(self.elapsed / self.seconds, self.history.evaluations / self._most))
 
     def best_point(self) -> tuple[DesignSpace, Vector]:
-        """The best so far; before the first evaluation, the first start."""
+        """Return the best so far; before the first evaluation, the first start."""
         if self.best is None:
             return self.starts[0]
         return self.space(self.best.start, self.best.stage), self.best.x
 
     def finalists(self, most: int = FINALISTS) -> list[tuple[DesignSpace, Vector]]:
-        """The best, and what other starts came to that is as near: another layout or other pressures."""
+        """Return the best, and what other starts came to that is as near: another layout or other pressures."""
         best = self.best
         if best is None or not self.stages[best.stage].values_as(self.stages[-1]):
             return [self.best_point()]
@@ -135,19 +135,19 @@ class Evaluations:
         return points
 
     def space(self, start: int, number: int) -> DesignSpace:
-        """The start's, with the freedom that the stage of this number gives."""
+        """Return the start's, with the freedom that the stage of this number gives."""
         return replace(self.starts[start][0], vary_positions=self.stages[number].vary_positions)
 
     def may_begin(self, number: int) -> bool:
-        """Whether there is time for another round of the stage of this number."""
+        """Return whether there is time for another round of the stage of this number."""
         until, began = self.stages[number].until, self.restart_began
         return until == 1.0 or self.elapsed < began + until * (self.seconds - began)
 
     def evaluate(
         self, number: int, points: Sequence[Point], cheap: ForwardModel | None = None
     ) -> list[tuple[float, Shape]]:
-        """Value [m] and shape of every point on the model of the stage of this number, or on `cheap`; each is recorded,
-        and becomes `best` where it is, unless on `cheap`. Raises Stop."""
+        """Return value [m] and shape of every point on the model of the stage of this number, or on `cheap`; each is
+        recorded, and becomes `best` where it is, unless on `cheap`. Raises Stop."""
         results: list[tuple[float, Shape]] = []
         while len(results) < len(points):
             batch = points[len(results) : len(results) + self._room()]
@@ -158,26 +158,26 @@ class Evaluations:
             self._on_progress(self)
         return results
 
-    def _expected(self, number: int, size: int, own: bool) -> float:
-        """s that a batch of a size is thought to take: as the smallest that was no smaller, else as the largest
-        that was smaller; 0 before any."""
-        known = {n: seconds for (stage, n, cheap), seconds in self._pace.items() if (stage, cheap) == (number, own)}
+    def _expected(self, number: int, size: int, exact: bool) -> float:
+        """Return the seconds that a batch of a size is expected to take: as the smallest that was no smaller, else as
+        the largest that was smaller; 0 before any."""
+        known = {n: seconds for (stage, n, cheap), seconds in self._pace.items() if (stage, cheap) == (number, exact)}
         above = [known[n] for n in sorted(known) if n >= size]
         below = [known[n] for n in sorted(known) if n < size]
         return (above or below[-1:] or [0.0])[0]
 
     def jacobians(self, number: int) -> Jacobians | None:
-        """What derivatives a search of the stage of this number may ask for; None: it takes differences."""
+        """Return what derivatives a search of the stage of this number may ask for; None: it takes differences."""
         stage = self.stages[number]
         return jacobians_for(stage.slopes or stage.forward, self.objective_of(number))
 
     def objective_of(self, number: int) -> Objective:
-        """What the stage of this number is valued by."""
+        """Return what the stage of this number is valued by."""
         return self._at_rest if self.stages[number].at_rest else self.objective
 
     def slopes(self, number: int, points: Sequence[Point]) -> list[Slopes]:
-        """How the shape of every point changes with its variables; recorded, but nothing of it becomes `best`. Raises
-        Stop."""
+        """Return how the shape of every point changes with its variables; recorded, but nothing of it becomes `best`.
+        Raises Stop."""
         jacobians = self.jacobians(number)
         assert jacobians is not None
         slopes: list[Slopes] = []
@@ -193,15 +193,15 @@ class Evaluations:
         return slopes
 
     def _room(self) -> int:
-        """Evaluations that the next batch may have. Raises Stop where none are left."""
-        left = self._most - self.history.evaluations
-        if left <= 0:
+        """Return evaluations that the next batch may have. Raises Stop where none are left."""
+        remaining = self._most - self.history.evaluations
+        if remaining <= 0:
             raise Stop(f"the limit of {self._most} evaluations is reached")
-        return min(BATCH, left)
+        return min(BATCH, remaining)
 
     @contextmanager
     def aside(self) -> Iterator[None]:
-        """Within it nothing becomes `best`."""
+        """Return a context within which nothing becomes `best`."""
         self._noting = False
         try:
             yield
@@ -224,7 +224,7 @@ class Evaluations:
             self.history.save(state, self.elapsed)
 
     def ended(self) -> str:
-        """Why this history's search has ended by a limit, if it would end by the same one now; else empty."""
+        """Return why this history's search has ended by a limit, if it would end by the same one now; else empty."""
         state = self.history.load() or {}
         reason, seconds, most = state.get("ended", ["", 0.0, 0])
         return str(reason) if seconds >= self.seconds and most >= self._most else ""
@@ -251,7 +251,7 @@ class Evaluations:
         return list(zip(values, shapes, strict=True))
 
     def _record(self, label: str, batch: Sequence[Point], computed: Sequence[float]) -> list[float]:
-        """The values [m], a penalty for each that is none, as they stand in the history."""
+        """Return the values [m], a penalty for each that is none, as they stand in the history."""
         penalty = max(PENALTY, 2 * max([self.history.worst, *(v for v in computed if np.isfinite(v))]))
         values = [v if np.isfinite(v) else penalty for v in computed]
         seconds = self.elapsed
@@ -284,7 +284,8 @@ class Evaluations:
         return front
 
     def _better(self, number: int, value: float) -> bool:
-        """Than the best so far; of different forward models a later stage's knows better, whatever it says."""
+        """Return whether it is better than the best so far; of different forward models a later stage's knows better,
+        whatever it says."""
         if self.best is None:
             return True
         if self.stages[self.best.stage].values_as(self.stages[number]):
@@ -293,6 +294,6 @@ class Evaluations:
 
 
 def _same(one: tuple[DesignSpace, Vector], other: tuple[DesignSpace, Vector]) -> bool:
-    """Whether two are one layout under the same pressures, to 1 kPa."""
+    """Return whether two are one layout under the same pressures, to 1 kPa."""
     (design, pressures), (known, others) = (space.decode(x) for space, x in (one, other))
     return design == known and bool(np.allclose(pressures, others, rtol=0, atol=1e3))

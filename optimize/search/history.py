@@ -1,4 +1,5 @@
-"""What a search has evaluated, and where it stands, on disk: an interrupted search goes on from its last round."""
+"""The history of a search on disk, its evaluations and where it stands: an interrupted search goes on from its last
+round."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -88,7 +89,7 @@ create table if not exists answer (id integer primary key check (id = 0), evalua
             file.execute("insert or replace into checkpoint values (0, ?, ?, ?)", row)
 
     def load(self) -> Any:
-        """The last checkpoint's state; None where there is none."""
+        """Return the last checkpoint's state; None where there is none."""
         rows = self.rows("select state from checkpoint")
         return json.loads(rows[0][0]) if rows else None
 

@@ -41,7 +41,7 @@ class LocalSearch:
     learned: list[Vector] = field(default_factory=list)  # trials since x was taken, that the model goes through too
 
     def enter(self, space: DesignSpace, x: Vector, value: float, shape: Shape) -> "LocalSearch":
-        """The search that goes on from here in another space or on another forward model."""
+        """Return the search that goes on from here in another space or on another forward model."""
         if space.keeps(x, shape):
             return LocalSearch(self.start, space, x, value, max(self.radius, ENTRY_RADIUS), shape=shape)
         return LocalSearch(self.start, space, x, np.inf, 1.0, shape=shape)  # it may go anywhere
@@ -52,15 +52,15 @@ class LocalSearch:
         self.model = LinearShape(self.x, self.shape, slopes.by_variable)
 
     def differences(self, x: Vector) -> list[Vector]:
-        """One-sided finite differences around x, towards the inside of the box."""
+        """Return one-sided finite differences around x, towards the inside of the box."""
         return [x + step for step in np.diag(self._steps(x))]
 
     def _steps(self, x: Vector) -> Vector:
         return np.where(x + self.space.step <= 1.0, self.space.step, -self.space.step)
 
     def lacks(self, *, known: bool = True) -> list[Vector]:
-        """What a model needs beside the shape at x: the differences around the place of its slopes, and that place
-        first, unless it is x, whose shape is `known` to the model that slopes are taken on."""
+        """Return what a model needs beside the shape at x: the differences around the place of its slopes, and that
+        place first, unless it is x, whose shape is `known` to the model that slopes are taken on."""
         place = self.x if self.slopes_at is None else self.slopes_at
         return [*([] if known and self.slopes_at is None else [place]), *self.differences(place)]
 
@@ -73,13 +73,13 @@ class LocalSearch:
         self.model = LinearShape(self.x, self.shape, self._slopes(place, around, shapes))
 
     def _slopes(self, x: Vector, shape: Shape, ahead: list[Shape]) -> NDArray[np.float64]:
-        """By the shapes ahead of x. A diverged one says nothing: its variable stays for a round."""
+        """Return slopes by the shapes ahead of x. A diverged one says nothing: its variable stays for a round."""
         slopes = np.array([(other - shape) / h for other, h in zip(ahead, self._steps(x), strict=True)])
         slopes[~np.isfinite(slopes).all(axis=(1, 2, 3))] = 0.0
         return slopes
 
     def trials(self, objective: Objective, many: int = FEWEST) -> list[Vector]:
-        """NLopt's best step at so many lengths, or FEWEST; none where it does not move."""
+        """Return NLopt's best step at so many lengths, or FEWEST; none where it does not move."""
         assert self.model is not None
         step = best_step(self.model, objective, self.space, self.radius) - self.x
         if not np.any(step):
@@ -124,7 +124,7 @@ class LocalSearch:
             self.done = promised < LEAST_GAIN or self.radius < LEAST_RADIUS
 
     def _kept(self, x: Vector, shape: Shape) -> bool:
-        """Where the shape has a limit too, which the model does not foresee for sure."""
+        """Return whether the shape keeps a limit that it has too, which the model does not foresee for sure."""
         return self.space.limits.contraction is None or self.space.keeps(x, shape)
 
     def learn(self, shapes: list[Shape]) -> None:
@@ -134,9 +134,9 @@ class LocalSearch:
                 self.model = self.model.through(x, shape)
 
     def _length(self, x: Vector) -> float:
-        """Reaches from here to x, at their widest."""
+        """Return reaches from here to x, at their widest."""
         return float(np.max(np.abs(x - self.x) / self.space.reach))
 
     def distinct(self, other: "LocalSearch") -> bool:
-        """Whether it is worth following both."""
+        """Return whether it is worth following both."""
         return self.space.design.muscles != other.space.design.muscles or self._length(other.x) > DISTINCT

@@ -17,7 +17,7 @@ ATMOSPHERE = 101_325.0  # Pa
 
 @dataclass(frozen=True)
 class Limits:
-    """What every proposal respects. Lengths in m, pressures in Pa. None: no limit."""
+    """The limits that every proposal respects. Lengths in m, pressures in Pa. None: no limit."""
 
     pressure: tuple[float, float] = (0.0, 400e3)
     spacing: float = 0.006  # between muscles on one face
@@ -55,24 +55,24 @@ class Margins:
         self.names, self.muscles = tuple(name for name, _ in of), tuple(whom for _, whom in of)
 
     def _segments(self, pairs: list[tuple[int, int]]) -> tuple[list[int], list[int], list[int]]:
-        """Of all pairs of segments, the corners that they start at; and where each pair of muscles begins."""
+        """Return the corners that all pairs of segments start at, and where each pair of muscles begins."""
         first: list[int] = []
         second: list[int] = []
         groups: list[int] = []
         for j, i in pairs:
             groups.append(len(first))
-            own = list(product(*(range(a, b - 1) for a, b in (self._corners[j], self._corners[i]))))
-            first += [p for p, _ in own]
-            second += [q for _, q in own]
+            segment_pairs = list(product(*(range(a, b - 1) for a, b in (self._corners[j], self._corners[i]))))
+            first += [p for p, _ in segment_pairs]
+            second += [q for _, q in segment_pairs]
         return first, second, groups
 
     def lengths(self, corners: Array) -> Array:
-        """(..., muscles) m on the flat cloth."""
+        """Return (..., muscles) m on the flat cloth."""
         legs = np.linalg.norm(np.diff(corners, axis=-2), axis=-1)
         return np.stack([legs[..., a : b - 1].sum(axis=-1) for a, b in self._corners], axis=-1)
 
     def at(self, corners: Array) -> Array:
-        """(..., k) m, of layouts whose muscles' corners, one after another, are (..., corners, 2) m."""
+        """Return (..., k) m, of layouts whose muscles' corners, one after another, are (..., corners, 2) m."""
         lengths = self.lengths(corners)
         parts = [lengths - self._shortest, self._stock - lengths[..., self._stocked]]
         parts += [(bend_radius(corners[..., a:b, :]) - least)[..., None] for a, b, least in self._bent]
@@ -84,17 +84,18 @@ class Margins:
 
 
 def free_air(design: Design, lengths: Array, pressures: Array) -> Array:
-    """(..., poses) m^3 at atmospheric pressure that pressures (..., poses, channels) Pa take beside what is in muscles
-    of lengths (..., muscles) m anyway: of cylinders of the outer diameter, which a muscle that swells exceeds."""
+    """Return (..., poses) m^3 at atmospheric pressure that pressures (..., poses, channels) Pa take beside what is in
+    muscles of lengths (..., muscles) m anyway: of cylinders of the outer diameter, which a muscle that swells
+    exceeds."""
     areas = np.array([np.pi / 4 * design.muscle_types[muscle.type].outer_diameter ** 2 for muscle in design.muscles])
-    own = pressures[..., [muscle.channel for muscle in design.muscles]]
-    return np.asarray((own * (areas * lengths)[..., None, :]).sum(axis=-1) / ATMOSPHERE)
+    by_muscle = pressures[..., [muscle.channel for muscle in design.muscles]]
+    return np.asarray((by_muscle * (areas * lengths)[..., None, :]).sum(axis=-1) / ATMOSPHERE)
 
 
 def constraint_margins(
     design: Design, pressures: Array, limits: Limits, shape: Array | None = None
 ) -> dict[str, float]:
-    """The least margin of every limit by name: m; Pa for `pressure`, m^3 for `air`, none for `contraction` and
+    """Return the least margin of every limit by name: m; Pa for `pressure`, m^3 for `air`, none for `contraction` and
     `channels`. Negative: violated. shape: (poses, 2 n n, 3) m, by which `contraction` goes.
 
     `spacing` is absent where no face has two muscles, `min_bend_radius` and `stock_length` where no type states one,

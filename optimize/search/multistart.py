@@ -76,7 +76,7 @@ def evaluations_to_converge(evaluations: Evaluations) -> int | None:
 
 
 def _reason_to_end(evaluations: Evaluations, at: SearchState, floor: Callable[[Shape], float] | None) -> str:
-    """After a restart; empty while there is none."""
+    """Return why the search ends after a restart; empty where it does not."""
     best = evaluations.best
     if best is None:
         return ""
@@ -90,7 +90,7 @@ def _reason_to_end(evaluations: Evaluations, at: SearchState, floor: Callable[[S
 
 
 def _at_floor(evaluations: Evaluations, at: SearchState, floor: Callable[[Shape], float] | None) -> bool:
-    """Whether the nearest of the searches under way is as near as its own points would be."""
+    """Return whether the nearest of the searches under way is as near as its own points would be."""
     if floor is None:
         return False
     nearest = min(at.searches, key=lambda s: s.value)
@@ -100,7 +100,8 @@ def _at_floor(evaluations: Evaluations, at: SearchState, floor: Callable[[Shape]
 
 
 def _run_restart(evaluations: Evaluations, at: SearchState, floor: Callable[[Shape], float] | None) -> None:
-    """From where it stands through all stages; no round follows one that has come to the floor on the last."""
+    """Run a restart from where it stands through all stages; no round follows one that has come to the floor on the
+    last."""
     for number in range(at.stage, len(evaluations.stages)):
         if number > at.stage or not at.searches:
             at.searches = _enter(evaluations, number, at.searches or _screen(evaluations, at))
@@ -116,7 +117,7 @@ def _run_restart(evaluations: Evaluations, at: SearchState, floor: Callable[[Sha
 
 
 def _begin(evaluations: Evaluations, at: SearchState, further: FurtherStarts | None) -> bool:
-    """The next restart, if it has starts."""
+    """Return the next restart, if it has starts."""
     best = evaluations.best
     if further is None or best is None:
         return False
@@ -128,20 +129,20 @@ def _begin(evaluations: Evaluations, at: SearchState, further: FurtherStarts | N
 
 
 def _screen(evaluations: Evaluations, at: SearchState) -> list[LocalSearch]:
-    own = range(at.first, len(evaluations.starts))
-    spaces = [evaluations.space(i, 0) for i in own]
+    numbers = range(at.first, len(evaluations.starts))
+    spaces = [evaluations.space(i, 0) for i in numbers]
     xs = [
         mine.encode(*space.decode(x)) for mine, (space, x) in zip(spaces, evaluations.starts[at.first :], strict=True)
     ]
-    values = evaluations.evaluate(0, list(zip(own, xs, strict=True)))
+    values = evaluations.evaluate(0, list(zip(numbers, xs, strict=True)))
     return [
         LocalSearch(i, space, x, value, shape=shape)
-        for i, space, x, (value, shape) in zip(own, spaces, xs, values, strict=True)
+        for i, space, x, (value, shape) in zip(numbers, spaces, xs, values, strict=True)
     ]
 
 
 def _enter(evaluations: Evaluations, number: int, searches: list[LocalSearch]) -> list[LocalSearch]:
-    """The best go on in the stage's space, valued by its forward model.
+    """Return the best go on in the stage's space, valued by its forward model.
 
     They are distinct, and at most half of them have one count of muscles where there are several: few muscles
     come near a target soon, more come nearer later.
@@ -189,8 +190,8 @@ def _round(evaluations: Evaluations, number: int, searches: list[LocalSearch]) -
 def run_rounds(
     evaluations: Evaluations, number: int, searches: Sequence[LocalSearch], rounds: int, *, until: float = 0.0
 ) -> list[LocalSearch]:
-    """Searches that go on from where they stand on the model of a stage, side by side, for up to so many rounds each or
-    until they come to `until` m. What diverges there is left out."""
+    """Return searches that go on from where they stand on the model of a stage, side by side, for up to so many rounds
+    each or until they come to `until` m. What diverges there is left out."""
     spaces = [evaluations.space(s.start, number) for s in searches]
     xs = [space.encode(*s.space.decode(s.x)) for space, s in zip(spaces, searches, strict=True)]
     values = evaluations.evaluate(number, [(s.start, x) for s, x in zip(searches, xs, strict=True)])
@@ -212,8 +213,8 @@ def _find_slopes(evaluations: Evaluations, number: int, searches: list[LocalSear
         local.shape = shape
     if evaluations.jacobians(number) is not None:
         slopes = evaluations.slopes(number, [(s.start, s.x) for s in searches])
-        for local, own in zip(searches, slopes, strict=True):
-            local.take(own)
+        for local, slope in zip(searches, slopes, strict=True):
+            local.take(slope)
     else:
         cheap = evaluations.stages[number].slopes
         wanted = [s.lacks(known=cheap is None) for s in searches]
@@ -233,7 +234,7 @@ def _evaluate_all(
     xs: list[list[Vector]],
     cheap: ForwardModel | None = None,
 ) -> list[list[tuple[float, Shape]]]:
-    """Each search's own vectors, all in common batches; on the stage's model, or on `cheap`."""
-    flat = [(local.start, x) for local, own in zip(searches, xs, strict=True) for x in own]
+    """Return each search's own vectors, all in common batches; on the stage's model, or on `cheap`."""
+    flat = [(local.start, x) for local, vectors in zip(searches, xs, strict=True) for x in vectors]
     results = iter(evaluations.evaluate(number, flat, cheap))
-    return [[next(results) for _ in own] for own in xs]
+    return [[next(results) for _ in vectors] for vectors in xs]

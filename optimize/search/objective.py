@@ -11,6 +11,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial import KDTree
 
 from fabdesign.geometry.metrics import chamfer_to, distance_to_faces, shares_at, surface_rms
+from fabdesign.geometry.mid_surface import two_faces
 from fabdesign.geometry.regions import Weighting
 from fabdesign.geometry.rigid_placement import RigidMotion, onto
 from fabdesign.geometry.sheet import Face
@@ -206,7 +207,7 @@ def refined(cloud: NDArray[np.float64]) -> NDArray[np.float64]:
     if side >= SIDE:
         return cloud
     weights = _spline_weights(side)
-    faces = np.einsum("ai,bj,fijc->fabc", weights, weights, cloud.reshape(2, side, side, 3), optimize=True)
+    faces = np.einsum("ai,bj,fijc->fabc", weights, weights, two_faces(cloud), optimize=True)
     return faces.reshape(-1, 3)
 
 

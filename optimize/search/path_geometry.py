@@ -10,13 +10,14 @@ Points = NDArray[np.float64]  # (..., 2) m
 
 
 def clearance(a: Path, b: Path) -> float:
-    """Least distance [m] between two polylines; where they cross, minus the least shift of an end that parts them."""
+    """Return the least distance [m] between two polylines; where they cross, minus the least shift of an end that parts
+    them."""
     i, j = np.array(list(product(range(len(a) - 1), range(len(b) - 1)))).T
     return float(segment_clearance(a[i], a[i + 1], b[j], b[j + 1]).min())
 
 
 def segment_clearance(p: Points, q: Points, r: Points, s: Points) -> NDArray[np.float64]:
-    """(...,) m: the same of the segments from p to q and from r to s."""
+    """Return (...,) m: the clearance of the segments from p to q and from r to s."""
     ends = np.minimum(
         np.minimum(_to_segment(p, r, s), _to_segment(q, r, s)), np.minimum(_to_segment(r, p, q), _to_segment(s, p, q))
     )
@@ -25,8 +26,8 @@ def segment_clearance(p: Points, q: Points, r: Points, s: Points) -> NDArray[np.
 
 
 def bend_radius(path: Points) -> NDArray[np.float64]:
-    """(...,) m, of paths (..., corners, 2): the largest radius that rounds every corner, tangent to both its legs;
-    neighbours share a leg half and half."""
+    """Return (...,) m, of paths (..., corners, 2): the largest radius that rounds every corner, tangent to both its
+    legs; neighbours share a leg half and half."""
     legs = np.diff(path, axis=-2)
     lengths = np.linalg.norm(legs, axis=-1)
     reach = lengths / 2

@@ -1,5 +1,5 @@
-"""What would bring a result nearer: the objective to first order, where a limit were wider or a constant another one,
-with the design's own variables adjusted to it.
+"""Changes that would bring a result nearer: the objective to first order, where a limit were wider or a constant
+another one, with the design's own variables adjusted to it.
 
 The shape is linear in the change and in the variables; NLopt takes the best step of it (`step.py`), so that no
 simulation but one Jacobian is needed. To first order only: good for saying what matters, not for how much.
@@ -45,32 +45,32 @@ def what_helps(
     wider: Mapping[str, DesignSpace],
     others: Mapping[str, DesignSpace] | None = None,
 ) -> tuple[float, list[Nearer]]:
-    """m that the same step comes to without any change, and what each change, each wider space of the same design and
-    each other design of as many muscles and corners, by their names, would; the nearest first."""
+    """Return the value [m] that the same step comes to without any change, and what each change, each wider space of
+    the same design and each other design of as many muscles and corners, by their names, would; the nearest first."""
     space, x = point
     layout = space.decode(x)
-    columns = {own.column.name: own.column for own in changes}
+    columns = {relaxed.column.name: relaxed.column for relaxed in changes}
     others = others or {}
-    places = [(own, own.encode(*layout)) for own in others.values()]
+    places = [(relaxed, relaxed.encode(*layout)) for relaxed in others.values()]
     slopes, *of_others = slopes_of(jacobians, objective, [point, *places], [*columns.values()])
     of_column = dict(zip(columns, slopes.by_further, strict=True))
 
-    def stepped(own: DesignSpace, model: LinearShape) -> float:
+    def stepped(relaxed: DesignSpace, model: LinearShape) -> float:
         if not np.isfinite(model.shape).all():
             return float("nan")
-        return objective.value(model.at(best_step(model, objective, own, RADIUS)))
+        return objective.value(model.at(best_step(model, objective, relaxed, RADIUS)))
 
-    def reached(shape: Shape, own: DesignSpace) -> float:
-        by_variable = slopes.by_variable * (own.units / space.units)[:, None, None, None]
-        return stepped(own, LinearShape(own.encode(*layout), shape, by_variable))
+    def reached(shape: Shape, relaxed: DesignSpace) -> float:
+        by_variable = slopes.by_variable * (relaxed.units / space.units)[:, None, None, None]
+        return stepped(relaxed, LinearShape(relaxed.encode(*layout), shape, by_variable))
 
-    shifted = [slopes.shape + own.by * of_column[own.column.name] for own in changes]
-    nearer = [Nearer(own.what, reached(shape, space)) for own, shape in zip(changes, shifted, strict=True)]
-    nearer += [Nearer(what, reached(slopes.shape, own)) for what, own in wider.items()]
+    shifted = [slopes.shape + relaxed.by * of_column[relaxed.column.name] for relaxed in changes]
+    nearer = [Nearer(relaxed.what, reached(shape, space)) for relaxed, shape in zip(changes, shifted, strict=True)]
+    nearer += [Nearer(what, reached(slopes.shape, relaxed)) for what, relaxed in wider.items()]
     nearer += [
-        Nearer(what, stepped(own, LinearShape(there, of_other.shape, of_other.by_variable)))
-        for what, (own, there), of_other in zip(others, places, of_others, strict=True)
+        Nearer(what, stepped(relaxed, LinearShape(there, of_other.shape, of_other.by_variable)))
+        for what, (relaxed, there), of_other in zip(others, places, of_others, strict=True)
     ]
     return reached(slopes.shape, space), sorted(
-        (own for own in nearer if np.isfinite(own.value)), key=lambda own: own.value
+        (relaxed for relaxed in nearer if np.isfinite(relaxed.value)), key=lambda relaxed: relaxed.value
     )

@@ -29,7 +29,7 @@ class SearchState:
 
 
 def add_starts(evaluations: Evaluations, at: SearchState, further: FurtherStarts) -> None:
-    """Those of the last restart of `at`."""
+    """Add the starts of the last restart of `at`."""
     start, x, _, stage = at.bests[-1]
     new, at.independent = further(len(at.bests), (evaluations.space(start, stage), np.array(x)))
     at.first = len(evaluations.starts)
@@ -37,7 +37,7 @@ def add_starts(evaluations: Evaluations, at: SearchState, further: FurtherStarts
 
 
 def save_state(evaluations: Evaluations, at: SearchState) -> None:
-    """Into the history of `evaluations`, after a round."""
+    """Write the state into the history of `evaluations`, after a round."""
     best_entry = evaluations.best
     best = None if best_entry is None else best_entry.as_row()
     rows = [
@@ -69,7 +69,7 @@ def save_state(evaluations: Evaluations, at: SearchState) -> None:
 
 
 def load_state(evaluations: Evaluations, further: FurtherStarts | None) -> SearchState:
-    """As it was kept, with the best of `evaluations`; a search at its begin where nothing was."""
+    """Return the state as it was kept, with the best of `evaluations`; a search at its begin where nothing was."""
     state: Any = evaluations.history.load()
     at = SearchState()
     if state is None:
@@ -97,7 +97,7 @@ def load_state(evaluations: Evaluations, further: FurtherStarts | None) -> Searc
             rounds,
             done,
             slopes_at=None if slopes_at is None else np.array(slopes_at),
-            learned=[np.array(x) for own in learned for x in own],
+            learned=[np.array(x) for rows in learned for x in rows],
         )
         for start, x, value, radius, rounds, done, slopes_at, *learned in state["searches"]
     ]

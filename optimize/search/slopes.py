@@ -23,7 +23,7 @@ Corner = tuple[int, int, int]  # muscle, corner of its path, axis
 
 
 class Slopes(NamedTuple):
-    """Of one point of a space."""
+    """The slopes at one point of a space."""
 
     shape: Shape  # (poses, 2 n, 3) m, at rest
     by_variable: NDArray[np.float64]  # (n, poses, 2 n, 3) m; 0 where a derivative is not there
@@ -31,7 +31,8 @@ class Slopes(NamedTuple):
 
 
 def jacobians_for(forward: ForwardModel, objective: Objective) -> Jacobians | None:
-    """What derivatives are asked of; None where the model has none, or a target is a frame too early for them."""
+    """Return what derivatives are asked of; None where the model has none, or a target is a frame too early for
+    them."""
     if any(target.time is not None and target.time < LATE for target in objective.targets):
         return None
     offered: Jacobians | None = getattr(forward, "faces_jacobian", None)
@@ -44,7 +45,8 @@ def slopes_of(
     points: Sequence[tuple[DesignSpace, Vector]],
     further: Sequence[Column] = (),
 ) -> list[Slopes]:
-    """Of every point, whatever their layouts, by its variables and by further columns; a batch for each pose."""
+    """Return the slopes of every point, whatever its layout, by its variables and by further columns; a batch for each
+    pose."""
     decoded = [space.decode(x) for space, x in points]
     corners = sorted({corner for space, _ in points for corner in _corners(space)})
     channels = max(space.channels * space.vary_pressures for space, _ in points)
@@ -54,7 +56,7 @@ def slopes_of(
     jacobian_of = [jacobians(objective.cases(pose, decoded), columns) for pose in range(len(objective.targets))]
     results = []
     for i, (space, x) in enumerate(points):
-        own = [place[corner] for corner in _corners(space)]
+        rows = [place[corner] for corner in _corners(space)]
         shape = np.array([refined(np.asarray(pose[i].points, float)) for pose in jacobian_of])
         by_variable = np.zeros((len(x), *shape.shape))
         by_further = np.zeros((len(further), *shape.shape))
@@ -62,7 +64,7 @@ def slopes_of(
         for pose, jacobian in enumerate(one[i] for one in jacobian_of):
             changes = np.array([refined(change) for change in jacobian.changes]).reshape(len(columns), -1, 3)
             by_further[:, pose] = changes[len(columns) - len(further) :]
-            by_variable[: space.position_count, pose] = changes[own] * space.units[: space.position_count, None, None]
+            by_variable[: space.position_count, pose] = changes[rows] * space.units[: space.position_count, None, None]
             if space.vary_pressures:
                 many = space.channels
                 by_variable[at : at + many, pose] = (
@@ -75,7 +77,7 @@ def slopes_of(
 
 
 class ByColumns(NamedTuple):
-    """Of one design, a case a pose. exact: whether every column is a definite tangent's in every pose."""
+    """The slopes of one design, a case a pose. exact: whether every column is a definite tangent's in every pose."""
 
     shape: Shape  # (poses, 2 n, 3) m, at rest
     changes: NDArray[np.float64]  # (columns, poses, 2 n, 3) m per unit; NaN where that diverged
@@ -83,7 +85,7 @@ class ByColumns(NamedTuple):
 
 
 def by_columns(jacobians: Jacobians, cases: Sequence[Case], columns: Sequence[Column]) -> ByColumns:
-    """How the shapes of one design, a case a pose, change with columns."""
+    """Return how the shapes of one design, a case a pose, change with columns."""
     of_cases = [jacobians([case], columns)[0] for case in cases]
     shape = np.array([refined(np.asarray(one.points, float)) for one in of_cases])
     changes = np.stack([np.array([refined(change) for change in one.changes]) for one in of_cases], axis=1)
@@ -91,28 +93,28 @@ def by_columns(jacobians: Jacobians, cases: Sequence[Case], columns: Sequence[Co
 
 
 def _corners(space: DesignSpace) -> list[Corner]:
-    """In the order of the space's variables."""
+    """Return the corners in the order of the space's variables."""
     if not space.vary_positions:
         return []
-    return [(m, k, axis) for m, own in enumerate(space.design.muscles) for k in range(len(own.path)) for axis in (0, 1)]
+    return [(m, k, axis) for m, one in enumerate(space.design.muscles) for k in range(len(one.path)) for axis in (0, 1)]
 
 
 def _of_corner(corner: Corner) -> Column:
-    """m. A case without that corner stays: its derivative is zero."""
+    """Return the column [m] of a corner. A case without that corner stays: its derivative is zero."""
     muscle, index, axis = corner
-    own = column.corner_or_still(muscle, index, ((1.0, 0.0), (0.0, 1.0))[axis])
+    moving = column.corner_or_still(muscle, index, ((1.0, 0.0), (0.0, 1.0))[axis])
 
     def moved(case: Case, by: float) -> Case:
         muscles = case.design.muscles
         if muscle >= len(muscles) or index >= len(muscles[muscle].path):
             return case
-        return own.moved(case, by)
+        return moving.moved(case, by)
 
-    return replace(own, name=f"{own.name} along {'uv'[axis]}", moved=moved, room=_inside(corner))
+    return replace(moving, name=f"{moving.name} along {'uv'[axis]}", moved=moved, room=_inside(corner))
 
 
 def _inside(corner: Corner) -> Callable[[Case], tuple[float, float]]:
-    """How far the corner may go within the cloth."""
+    """Return how far the corner may go within the cloth."""
     muscle, index, axis = corner
 
     def room(case: Case) -> tuple[float, float]:
@@ -126,13 +128,14 @@ def _inside(corner: Corner) -> Callable[[Case], tuple[float, float]]:
 
 
 def _of_channel(channel: int, far: float) -> Column:
-    """Pa. A case without that channel stays. far: Pa, for differences, above what a corrector's steps are of."""
-    own = column.pressure(channel)
+    """Return the column [Pa] of a channel. A case without that channel stays. far: Pa, for differences, above what a
+    corrector's steps are of."""
+    raised = column.pressure(channel)
 
     def moved(case: Case, by: float) -> Case:
-        return own.moved(case, by) if channel < case.program.pressure.shape[1] else case
+        return raised.moved(case, by) if channel < case.program.pressure.shape[1] else case
 
     def room(case: Case) -> tuple[float, float]:
-        return own.room(case) if channel < case.program.pressure.shape[1] else (-np.inf, np.inf)
+        return raised.room(case) if channel < case.program.pressure.shape[1] else (-np.inf, np.inf)
 
-    return replace(own, far=far, moved=moved, room=room)
+    return replace(raised, far=far, moved=moved, room=room)

@@ -21,7 +21,7 @@ class StartRow(TypedDict):
 
 
 def as_rows(starts: Sequence[Start]) -> list[StartRow]:
-    """Muscles, and (poses, channels) pressures in Pa."""
+    """Return muscles, and (poses, channels) pressures in Pa."""
     rows: list[StartRow] = []
     for space, x in starts:
         design, pressures = space.decode(x)
@@ -30,11 +30,11 @@ def as_rows(starts: Sequence[Start]) -> list[StartRow]:
 
 
 def of_rows(rows: Sequence[StartRow], cloth: Design, limits: Limits) -> list[Start]:
-    """What `as_rows` gave, on the cloth and with the muscle types of a design."""
+    """Return what `as_rows` gave, on the cloth and with the muscle types of a design."""
     starts = []
     for row in rows:
         paths = [tuple((float(u), float(v)) for u, v in muscle["path"]) for muscle in row["muscles"]]
-        muscles = [Muscle(**{**own, "path": path}) for own, path in zip(row["muscles"], paths, strict=True)]
+        muscles = [Muscle(**{**keys, "path": path}) for keys, path in zip(row["muscles"], paths, strict=True)]
         design, pressures = replace(cloth, muscles=tuple(muscles)), np.array(row["pressures"], dtype=float)
         space = DesignSpace(design, limits, pressures, vary_positions=True)
         starts.append((space, space.encode(design, pressures)))

@@ -29,7 +29,8 @@ ANGLES = (0.0, np.pi / 2, np.pi / 4, -np.pi / 4)  # of parallel muscles against 
 
 
 def pressure_starts(space: DesignSpace, count: int, seed: int) -> list[Start]:
-    """The space's start, and `count` vectors with pressures from a scrambled Sobol sequence, positions unchanged."""
+    """Return the space's start, and `count` vectors with pressures from a scrambled Sobol sequence, positions
+    unchanged."""
     first = space.encode(space.design, space.start_pressures)
     pressures = space.dimension - space.position_count
     sequence = qmc.Sobol(pressures, rng=np.random.default_rng(seed)).random_base2(int(np.ceil(np.log2(count + 1))))
@@ -40,8 +41,8 @@ def pressure_starts(space: DesignSpace, count: int, seed: int) -> list[Start]:
 def catalogue_starts(
     design: Design, limits: Limits, poses: int, *, counts: range, sides: Sequence[Side]
 ) -> list[Start]:
-    """The catalogue's layouts and even lines on each side, through the whole cloth and through two thirds of it from
-    either end, of the most and of about half as many muscles, all at the highest pressure and at the middle; those
+    """Return the catalogue's layouts and even lines on each side, through the whole cloth and through two thirds of it
+    from either end, of the most and of about half as many muscles, all at the highest pressure and at the middle; those
     that keep the limits."""
     kind = next(iter(design.muscle_types.values()))
     pitch = design.muscles[0].fixed_point_pitch if design.muscles else PITCH
@@ -64,7 +65,7 @@ def catalogue_starts(
 def layout_starts(
     design: Design, limits: Limits, poses: int, *, counts: range, sides: Sequence[Side], number: int, seed: int
 ) -> list[Start]:
-    """Up to `number` drawn layouts on the design's cloth, each with a channel of its own for every muscle.
+    """Return up to `number` drawn layouts on the design's cloth, each with a channel of its own for every muscle.
 
     A count comes as often as it is large: there is more to draw. Half are parallel lines (upright, level, diagonal or
     at any angle), half loose lines; more than half have all muscles on one face and one pressure, as large shapes
@@ -87,8 +88,8 @@ def layout_starts(
 def thinned_starts(
     design: Design, limits: Limits, pressures: NDArray[np.float64], count: int, *, number: int, seed: int
 ) -> list[Start]:
-    """Layouts of `count` of the design's own muscles, under their `pressures` (poses, channels) Pa, a channel for each:
-    all that there are, or `number` of them drawn by `seed`."""
+    """Return layouts of `count` of the design's own muscles, under their `pressures` (poses, channels) Pa, a channel
+    for each: all that there are, or `number` of them drawn by `seed`."""
     subsets = list(combinations(range(len(design.muscles)), count))
     if len(subsets) > number:
         chosen = np.random.default_rng(seed).choice(len(subsets), number, replace=False)
@@ -96,14 +97,14 @@ def thinned_starts(
     starts = []
     for subset in subsets:
         kept = [design.muscles[i] for i in subset]
-        own = pressures[:, [muscle.channel for muscle in kept]]
+        by_muscle = pressures[:, [muscle.channel for muscle in kept]]
         muscles = tuple(replace(muscle, channel=channel) for channel, muscle in enumerate(kept))
-        starts.append(_start_with(design, limits, muscles, own))
+        starts.append(_start_with(design, limits, muscles, by_muscle))
     return [start for start in starts if start is not None]
 
 
 def _even(design: Design, limits: Limits, poses: int, count: int, sides: Sequence[Side]) -> list[Start]:
-    """Upright and level lines."""
+    """Return upright and level lines."""
     kind = next(iter(design.muscle_types))
     gaps = (np.arange(count) + 0.5) / count - 0.5
     starts = [
@@ -142,7 +143,7 @@ def _start(
     sides: Sequence[Side],
     pressures: NDArray[np.float64],
 ) -> Start | None:
-    """Straight muscles with a channel each; None where they break a limit."""
+    """Return straight muscles with a channel each; None where they break a limit."""
     pitch = design.muscles[0].fixed_point_pitch if design.muscles else PITCH
     muscles = tuple(
         Muscle(
@@ -160,12 +161,12 @@ def _start(
 def _start_with(
     design: Design, limits: Limits, muscles: tuple[Muscle, ...], pressures: NDArray[np.float64]
 ) -> Start | None:
-    """None where they break a limit. pressures (poses, muscles) Pa."""
+    """Return None where they break a limit. pressures (poses, muscles) Pa."""
     return start_of((muscles, pressures), DesignSpace(replace(design, muscles=muscles), limits, pressures))
 
 
 def _parallel(design: Design, limits: Limits, count: int, rng: Generator) -> NDArray[np.float64]:
-    """(count, 2, 2) even lines through the cloth, shortened by up to half."""
+    """Return (count, 2, 2) even lines through the cloth, shortened by up to half."""
     angle = rng.choice(ANGLES) if rng.random() < 0.7 else rng.uniform(-np.pi / 2, np.pi / 2)
     gaps = (np.arange(count) + rng.uniform(0.2, 0.8, count)) / count - 0.5
     lines = _lines(design, limits, gaps, angle)
@@ -175,12 +176,13 @@ def _parallel(design: Design, limits: Limits, count: int, rng: Generator) -> NDA
 
 
 def _part(lines: NDArray[np.float64], begin: float, end: float) -> NDArray[np.float64]:
-    """Of each line, from one share of its way to another."""
+    """Return the part of each line from one share of its length to another."""
     return np.array([[a + begin * (b - a), a + end * (b - a)] for a, b in lines])
 
 
 def _lines(design: Design, limits: Limits, gaps: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
-    """(count, 2, 2) lines at `angle` [rad] against the v axis through the whole box, `gaps` of its extent apart."""
+    """Return (count, 2, 2) lines at `angle` [rad] against the v axis through the whole box, `gaps` of its extent
+    apart."""
     along, across = np.array([np.sin(angle), np.cos(angle)]), np.array([np.cos(angle), -np.sin(angle)])
     low, high = _box(design, limits)
     middle, extent = (low + high) / 2, float(np.abs(across) @ (high - low))
@@ -188,12 +190,12 @@ def _lines(design: Design, limits: Limits, gaps: NDArray[np.float64], angle: flo
 
 
 def _loose(design: Design, limits: Limits, count: int, rng: Generator) -> NDArray[np.float64]:
-    """(count, 2, 2) lines between points drawn evenly over the cloth."""
+    """Return (count, 2, 2) lines between points drawn evenly over the cloth."""
     return rng.uniform(*_box(design, limits), (count, 2, 2))
 
 
 def random_line(design: Design, limits: Limits, rng: Generator) -> NDArray[np.float64]:
-    """(2, 2) m: a line through the cloth's box at any angle, cut to a part of it."""
+    """Return (2, 2) m: a line through the cloth's box at any angle, cut to a part of it."""
     angle, gap = rng.uniform(-np.pi / 2, np.pi / 2), rng.uniform(-0.45, 0.45)
     if rng.random() < 0.5:
         angle = rng.choice(ANGLES)
@@ -209,7 +211,7 @@ def _box(design: Design, limits: Limits) -> tuple[NDArray[np.float64], NDArray[n
 def _clipped(
     point: NDArray[np.float64], along: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The ends of the line through a point of the box, clipped to the box (Liang and Barsky 1984)."""
+    """Return the ends of the line through a point of the box, clipped to the box (Liang and Barsky 1984)."""
     safe = np.where(np.abs(along) < 1e-12, 1e-12, along)
     borders = np.sort([(low - point) / safe, (high - point) / safe], axis=0)
     return point + np.max(borders[0]) * along, point + np.min(borders[1]) * along

@@ -33,7 +33,7 @@ class LinearShape:
         return self.shape + np.tensordot(x - self.centre, self.slopes, axes=1)
 
     def through(self, x: Vector, shape: Shape) -> "LinearShape":
-        """The nearest model that holds at x too (Broyden, A class of methods for solving nonlinear simultaneous
+        """Return the nearest model that holds at x too (Broyden, A class of methods for solving nonlinear simultaneous
         equations, Math. Comp. 19, 1965)."""
         way = x - self.centre
         missed = shape - self.at(x)
@@ -41,7 +41,8 @@ class LinearShape:
 
 
 def best_step(model: LinearShape, objective: Objective, space: DesignSpace, radius: float) -> Vector:
-    """The best feasible point of the linear model within `radius` reaches of its centre (the centre, if none is)."""
+    """Return the best feasible point of the linear model within `radius` reaches of its centre (the centre, if none
+    is)."""
     reach = radius * space.reach
     lower, upper = np.maximum(0.0, model.centre - reach), np.minimum(1.0, model.centre + reach)
     thin = LinearShape(model.centre, model.shape[:, :: objective.thin], model.slopes[:, :, :: objective.thin])
@@ -67,8 +68,8 @@ def best_step(model: LinearShape, objective: Objective, space: DesignSpace, radi
             moved = x + MARGIN_STEP * np.eye(space.limited, len(x))
             gradient[: len(margins), : space.limited] = -(space.margins(moved) - margins).T / MARGIN_STEP
         if contraction is not None:
-            left, slopes = contraction.at(x)
-            result[len(margins) :] = -left
+            slack, slopes = contraction.at(x)
+            result[len(margins) :] = -slack
             if gradient.size:
                 gradient[len(margins) :] = -slopes
 
@@ -88,7 +89,7 @@ def best_step(model: LinearShape, objective: Objective, space: DesignSpace, radi
 
 
 def _contraction(model: LinearShape, space: DesignSpace) -> LinearContraction | None:
-    """None where it has no limit."""
+    """Return None where it has no limit."""
     if space.limits.contraction is None:
         return None
     design = space.decode(model.centre)[0]

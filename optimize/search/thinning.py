@@ -43,7 +43,8 @@ class Fewer:
 
 
 def fewer_muscles(evaluations: Evaluations, *, least: int, price: Price) -> Fewer:
-    """The best of `evaluations` with as few muscles as the price allows, never under `least`; itself where none may go.
+    """Return the best of `evaluations` with as few muscles as the price allows, never under `least`; itself where none
+    may go.
 
     Nothing that is evaluated here becomes the `best` of the evaluations. Ends at their limits with what it has.
     """
@@ -77,7 +78,7 @@ def fewer_muscles(evaluations: Evaluations, *, least: int, price: Price) -> Fewe
 
 
 def _thinned(evaluations: Evaluations, layout: Layout, space: DesignSpace, size: int) -> LocalSearch | None:
-    """The greedy choice of `size` of the layout's muscles, on the coarse model; None where there is none."""
+    """Return the greedy choice of `size` of the layout's muscles, on the coarse model; None where there is none."""
     stage, local = len(evaluations.stages) - 2, None
     while len(layout[0]) > size:
         choices = [*_drops(layout), *_merges(layout, space)]
@@ -91,7 +92,7 @@ def _thinned(evaluations: Evaluations, layout: Layout, space: DesignSpace, size:
 
 
 def _searched(evaluations: Evaluations, local: LocalSearch | None, allowed: float) -> LocalSearch | None:
-    """The search on from there, first on the coarse model; None where it does not come to what is allowed, m."""
+    """Return the search on from there, first on the coarse model; None where it does not come to what is allowed, m."""
     last = len(evaluations.stages) - 1
     coarse = run_rounds(evaluations, last - 1, [local], ROUNDS, until=allowed) if local else []
     if not coarse or coarse[0].value > HOPEFUL * allowed:
@@ -101,21 +102,21 @@ def _searched(evaluations: Evaluations, local: LocalSearch | None, allowed: floa
 
 
 def _searches(evaluations: Evaluations, stage: int, starts: Sequence[Start]) -> list[LocalSearch]:
-    """From starts that the evaluations get to know, valued on the model of a stage."""
+    """Return searches from starts that the evaluations get to know, valued on the model of a stage."""
     first = len(evaluations.starts)
     evaluations.starts += starts
     spaces = [evaluations.space(first + k, stage) for k in range(len(starts))]
-    xs = [own.encode(*space.decode(x)) for own, (space, x) in zip(spaces, starts, strict=True)]
+    xs = [reduced.encode(*space.decode(x)) for reduced, (space, x) in zip(spaces, starts, strict=True)]
     results = evaluations.evaluate(stage, [(first + k, x) for k, x in enumerate(xs)])
     return [
-        LocalSearch(first + k, own, x, value, shape=shape)
-        for k, (own, x, (value, shape)) in enumerate(zip(spaces, xs, results, strict=True))
+        LocalSearch(first + k, reduced, x, value, shape=shape)
+        for k, (reduced, x, (value, shape)) in enumerate(zip(spaces, xs, results, strict=True))
     ]
 
 
 def _simpler(evaluations: Evaluations, smallest: Fewer, start: Start | None, price: Price) -> Fewer:
-    """A simpler layout of as many muscles where it is near enough, or the price of the channels that it saves pays for
-    it; else `smallest`."""
+    """Return a simpler layout of as many muscles where it is near enough, or the price of the channels that it saves
+    pays for it; else `smallest`."""
     if start is None:
         return smallest
     saved = smallest.start[0].channels - start[0].channels
@@ -133,7 +134,7 @@ def _drops(layout: Layout) -> list[Layout]:
 
 
 def _merges(layout: Layout, space: DesignSpace) -> list[Layout]:
-    """Pairs on one face that lie close become one between them, with the higher pressures."""
+    """Return pairs on one face that lie close become one between them, with the higher pressures."""
     muscles, pressures = layout
     size = max(space.design.fabric.width, space.design.fabric.height)
     merged: list[Layout] = []
@@ -149,7 +150,7 @@ def _merges(layout: Layout, space: DesignSpace) -> list[Layout]:
         path = tuple((float(u), float(v)) for u, v in (one + other) / 2)
         kept = [*muscles[:j], *muscles[j + 1 :]]
         kept[i] = replace(a, path=path)
-        own = np.delete(pressures, j, axis=1)
-        own[:, i] = np.maximum(pressures[:, i], pressures[:, j])
-        merged.append((kept, own))
+        thinned = np.delete(pressures, j, axis=1)
+        thinned[:, i] = np.maximum(pressures[:, i], pressures[:, j])
+        merged.append((kept, thinned))
     return merged

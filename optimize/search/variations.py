@@ -21,9 +21,9 @@ BEND = 0.1  # of a leg, that its new corner lies off it, as a standard deviation
 def variations(
     best: Start, *, counts: range, sides: Sequence[Side], number: int, seed: int, corners: int = 0
 ) -> list[Start]:
-    """Up to `number` layouts that differ from `best` by a move or two: a muscle added, left out, on the other face,
-    drawn anew, with a corner more (`corners` between its ends at most) or less, or its ends or pressure moved; all
-    lines shifted or moved a little. All keep the limits.
+    """Return up to `number` layouts that differ from `best` by a move or two: a muscle added, left out, on the other
+    face, drawn anew, with a corner more (`corners` between its ends at most) or less, or its ends or pressure moved;
+    all lines shifted or moved a little. All keep the limits.
 
     A muscle that shares its channel gets one of its own, as far as the limits have channels.
     """
@@ -43,24 +43,24 @@ def variations(
 
 
 def with_corners(best: Start, corners: int) -> list[Start]:
-    """The same layout with a corner in the middle of every muscle that has fewer than `corners`, where it lies: for a
-    search by derivatives to move. None where no muscle may have one more."""
+    """Return the same layout with a corner in the middle of every muscle that has fewer than `corners`, where it lies:
+    for a search by derivatives to move. None where no muscle may have one more."""
     muscles, pressures = by_muscle(best)
-    bent = [_bent(own, 0.0) if len(own.path) - 2 < corners else own for own in muscles]
+    bent = [_bent(muscle, 0.0) if len(muscle.path) - 2 < corners else muscle for muscle in muscles]
     start = start_of((bent, pressures), best[0]) if bent != [*muscles] else None
     return [] if start is None else [start]
 
 
 def straightened(start: Start) -> Start | None:
-    """The same layout without corners between the ends; None where there are none, or that breaks a limit."""
+    """Return the same layout without corners between the ends; None where there are none, or that breaks a limit."""
     muscles, pressures = by_muscle(start)
-    straight = [replace(own, path=(own.path[0], own.path[-1])) for own in muscles]
+    straight = [replace(muscle, path=(muscle.path[0], muscle.path[-1])) for muscle in muscles]
     return start_of((straight, pressures), start[0]) if straight != [*muscles] else None
 
 
 def doubled(start: Start, muscle: int, share: float) -> Start | None:
-    """The same layout with a muscle, from 0, as two beside each other at that share of its pressures; None where that
-    breaks a limit. Errors of the two are independent, so that they average out."""
+    """Return the same layout with a muscle, from 0, as two beside each other at that share of its pressures; None where
+    that breaks a limit. Errors of the two are independent, so that they average out."""
     (muscles, pressures), space = by_muscle(start), start[0]
     size = np.array([space.design.fabric.width, space.design.fabric.height])
     path = _path(muscles[muscle])
@@ -118,7 +118,7 @@ def _moved(
 
 
 def _bent(muscle: Muscle, off: float) -> Muscle:
-    """With a corner in the middle of its longest leg, off it by a share of its length."""
+    """Return the muscle with a corner in the middle of its longest leg, off it by a share of its length."""
     path = _path(muscle)
     legs = np.diff(path, axis=0)
     k = int(np.argmax(np.linalg.norm(legs, axis=1)))
@@ -131,6 +131,6 @@ def _path(muscle: Muscle) -> Vector:
 
 
 def _with_path(muscle: Muscle, path: Vector, limits: Limits, size: Vector) -> Muscle:
-    """Kept within the cloth less its edge."""
+    """Return the muscle with its path within the cloth less its edge."""
     inside = np.clip(path, limits.edge, size - limits.edge)
     return replace(muscle, path=tuple((float(u), float(v)) for u, v in inside))

@@ -30,22 +30,22 @@ class Lacing:
 
 
 def touched(design: Design, n: int) -> tuple[int, int]:
-    """How many nodes across and down a loop of this design can touch."""
+    """Return how many nodes across and down a loop of this design can touch."""
     return patch_size(n, design.fabric.width / (n - 1)), patch_size(n, design.fabric.height / (n - 1))
 
 
 def lace(design: Design, n: int, across: int, down: int) -> Lacing:
-    """The fixed points with the weights of across x down nodes around each."""
+    """Return the fixed points with the weights of across x down nodes around each."""
     hu, hv = design.fabric.width / (n - 1), design.fabric.height / (n - 1)
     weights = [np.zeros((6, 0, PATCH))]
     base = [np.zeros((0, 2), np.int32)]
-    offset, active, rest, channel, types, own, along = [], [], [], [], [], [], []
+    offset, active, rest, channel, types, kinds, along = [], [], [], [], [], [], []
     for index, muscle in enumerate(design.muscles):
         first, touching, lengths = _loops(muscle, n, hu, hv, across, down)
         count = len(first)
         base.append(first)
         weights.append(touching)
-        own += [index] * count
+        kinds += [index] * count
         along += [*((np.cumsum(lengths) - lengths / 2) / lengths.sum()), 0.0]
         side = 1.0 if muscle.side == "front" else -1.0
         offset += [side * design.muscle_types[muscle.type].axis_offset] * count
@@ -56,7 +56,7 @@ def lace(design: Design, n: int, across: int, down: int) -> Lacing:
     return Lacing(
         np.concatenate(base), np.concatenate(weights, axis=1),
         np.array(offset), np.array(active), np.array(rest), np.array(channel, np.int32), tuple(types),
-        np.array(own, np.int32), np.array(along),
+        np.array(kinds, np.int32), np.array(along),
     )  # fmt: skip
 
 
@@ -64,7 +64,8 @@ def lace(design: Design, n: int, across: int, down: int) -> Lacing:
 def _loops(
     muscle: Muscle, n: int, hu: float, hv: float, across: int, down: int
 ) -> tuple[NDArray[np.int32], Array, Array]:
-    """Of the muscle's fixed points: first node (p, 2), weights (6, p, PATCH); lengths of its intervals [m]."""
+    """Return of the muscle's fixed points the first node (p, 2), weights (6, p, PATCH); lengths of its intervals
+    [m]."""
     points = muscle.fixed_points()
     i, wu, du, eu = line_weights(points[:, 0], n, hu, across)
     j, wv, dv, ev = line_weights(points[:, 1], n, hv, down)

@@ -1,4 +1,4 @@
-"""What a batch of cases puts into the fields."""
+"""The contents of the fields for a batch of cases."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -28,7 +28,7 @@ from sim.state import COARSE_DOWN, GREEN, PATCH
 
 @lru_cache(maxsize=64)
 def bench_grid(table: BenchTable) -> NDArray[np.float32]:
-    """(pressures, contractions) N: the muscle law on the kernels' grid."""
+    """Return (pressures, contractions) N: the muscle law on the kernels' grid."""
     pressure = np.arange(f.TABLE[0])[:, None] * f.PRESSURE_STEP
     contraction = f.FIRST_CONTRACTION + np.arange(f.TABLE[1]) * f.CONTRACTION_STEP
     return law_of(table).tension(pressure, contraction[None]).astype(np.float32)
@@ -38,8 +38,8 @@ SIZES = ((43, 96), (43, 256), (83, 96), (163, 96))  # (padded nodes a side, fixe
 
 
 def contents_of(cases: Sequence[Case], n: int, *, support: Support, blocks: int) -> Contents:
-    """Of `cases`, one a lane, on n x n grids; for fields of `blocks` blocks, which are made where there are none.
-    With them the preconditioner's basis."""
+    """Return what the kernels load of `cases`, one a lane, on n x n grids, with the preconditioner's basis; for fields
+    of `blocks` blocks, which are made where there are none."""
     points = max(sum(len(m.fixed_points()) for m in case.design.muscles) for case in cases)
     _require_room(points, blocks)
     side, room = next(((a, b) for a, b in SIZES if a >= n + 2 and b >= points), (n + 2, points))
@@ -67,7 +67,7 @@ def contents_of(cases: Sequence[Case], n: int, *, support: Support, blocks: int)
         across, down, modes.odd,
         basis=by_four(modes).astype(np.float32),
         eigen=np.stack([modes.stretching, modes.bending, modes.slopes], axis=1).astype(np.float32),
-        table=np.array([bench_grid(own.bench) for _, own in types], np.float32).reshape(-1, *TABLE),
+        table=np.array([bench_grid(kind.bench) for _, kind in types], np.float32).reshape(-1, *TABLE),
         coarse=coarse, place=place,
         rows=_rows(lacings, n, len(cases) // LANES, points, down),
     )  # fmt: skip
@@ -84,17 +84,18 @@ def _require_room(points: int, blocks: int) -> None:
 
 
 def constants_of(cases: Sequence[Case], n: int) -> NDArray[np.float32]:
-    """(blocks, constants, LANES): the materials of `cases`, one a lane."""
+    """Return (blocks, constants, LANES): the materials of `cases`, one a lane."""
     return _constants([specimen_of(case) for case in cases], n)
 
 
 def _constants(specimens: Sequence[Specimen], n: int) -> NDArray[np.float32]:
-    """(blocks, constants, LANES)"""
+    """Return (blocks, constants, LANES)"""
     return side_by_side([lane_constants(Lane(specimen, n)).astype(np.float32) for specimen in specimens])
 
 
 def side_by_side(values: Sequence[NDArray]) -> NDArray:
-    """One array of each lane to (blocks, entries, LANES); of vectors (3, entries) to (blocks, entries, 3, LANES)."""
+    """Return one array of each lane to (blocks, entries, LANES); of vectors (3, entries) to (blocks, entries, 3,
+    LANES)."""
     whole = values[0].dtype.kind == "i"
     vectors = values[0].ndim == 2 and len(values[0]) == 3
     lanes = np.array([value.T if vectors else value.ravel() for value in values], np.int32 if whole else np.float32)
@@ -102,7 +103,7 @@ def side_by_side(values: Sequence[NDArray]) -> NDArray:
 
 
 def node_values(specimen: Specimen, n: int) -> dict[str, NDArray]:
-    """What a lane has on the padded grid."""
+    """Return what a lane has on the padded grid."""
     rest, mass, free = node_arrays(specimen, n)
 
     def padded(values: NDArray) -> NDArray:
@@ -126,15 +127,15 @@ def muscle_table(cases: Sequence[Case]) -> dict[tuple[str, MuscleType], int]:
 def fixed_points(
     lacing: Lacing, specimen: Specimen, types: dict[tuple[str, MuscleType], int], n: int
 ) -> dict[str, NDArray]:
-    """What a lane has at its fixed points; spare ones lie at rest inside the cloth with no interval."""
+    """Return what a lane has at its fixed points; spare ones lie at rest inside the cloth with no interval."""
     damping = specimen.factors.get("damping", 1.0)
     count, room = len(lacing.offset), F.points
     spare, first = np.zeros((4, PATCH)), (n - 1) // 2
     spare[:2, 0], spare[2:4, 0], spare[2:4, 1] = 1, -1, 1  # at a node, tangents to the next
     weights = np.concatenate([lacing.weights[:4], np.repeat(spare[:, None], room - count, axis=1)], axis=1)
     base = np.concatenate([lacing.base, np.full((room - count, 2), first, np.int32)])
-    own = {name: specimen.design.muscle_types[name] for name in dict.fromkeys(lacing.muscle_type)}
-    place = {named[0]: types[named] for named in own.items()}  # hashing a bench table takes long
+    kinds = {name: specimen.design.muscle_types[name] for name in dict.fromkeys(lacing.muscle_type)}
+    place = {named[0]: types[named] for named in kinds.items()}  # hashing a bench table takes long
 
     def filled(values: NDArray, spare: float = 0) -> NDArray:
         return np.pad(values, (0, room - count), constant_values=spare)
@@ -150,7 +151,7 @@ def fixed_points(
         "rest": filled(lacing.rest, 1.0),
         "gain": filled(of_muscles("gain")),
         "pressure_share": filled(1 - of_muscles("pressure_loss") * lacing.along),
-        "viscosity": filled(damping * np.array([own[name].viscosity for name in lacing.muscle_type])),
+        "viscosity": filled(damping * np.array([kinds[name].viscosity for name in lacing.muscle_type])),
         "base": (base[:, 0] + 1) * (n + 2) + base[:, 1] + 1,
         "channel": filled(lacing.channel),
         "muscle_type": filled(np.array([place[name] for name in lacing.muscle_type], np.int32)),
@@ -159,8 +160,8 @@ def fixed_points(
 
 
 def _modal_weights(lacing: Lacing, modes: Modes, points: int) -> NDArray[np.float32]:
-    """(2, points, 4, modes): what F.across and F.down hold of one design: normal means, slopes and moments, and across
-    tangential means."""
+    """Return (2, points, 4, modes): what F.across and F.down hold of one design: normal means, slopes and moments, and
+    across tangential means."""
     n, count = len(modes.normal), len(lacing.offset)
     out = np.zeros((2, points, 4, F.modes), np.float32)
     touched = np.minimum(lacing.base[:, :, None] + np.arange(PATCH), n - 1)  # row, column; weights beyond are zero
@@ -172,13 +173,14 @@ def _modal_weights(lacing: Lacing, modes: Modes, points: int) -> NDArray[np.floa
 
 
 def _rows(lacings: Sequence[Lacing], n: int, blocks: int, points: int, down: int) -> NDArray[np.int32]:
-    """(blocks, points, 2): the first row that a fixed point touches in any lane, and how many times four rows."""
+    """Return (blocks, points, 2): the first row that a fixed point touches in any lane, and how many times four
+    rows."""
     first, last = np.full((blocks, points), n), np.zeros((blocks, points), int)
     for lane, lacing in enumerate(lacings):
         block, row = lane // LANES, lacing.base[:, 0]
-        own = slice(len(row))
-        first[block, own] = np.minimum(first[block, own], row)
-        last[block, own] = np.maximum(last[block, own], np.minimum(row + down, n))
+        used = slice(len(row))
+        first[block, used] = np.minimum(first[block, used], row)
+        last[block, used] = np.maximum(last[block, used], np.minimum(row + down, n))
     begin = first // 4  # at multiples of four: sums are the same whatever the other lanes hold
     fours = np.clip(-(-last // 4) - begin, 0, None)
     return np.stack([4 * begin, fours], axis=-1).astype(np.int32)

@@ -14,7 +14,7 @@ from sim.state import PATCH
 
 Array = NDArray[np.float64]
 LOOP = 0.005  # m; the trials of rig_c (synthetic) that may be fitted like 4 to 5 mm best, 0 or 7 mm less
-WIDENED = 1 / 8  # with it grids of 10 and 5 mm come nearest to fine ones (docs/results/simulator.md)
+WIDENED = 1 / 8  # with it grids of 10 and 5 mm come nearest to fine ones (docs/lab/simulator.md)
 
 
 def patch_size(nodes: int, spacing: float) -> int:

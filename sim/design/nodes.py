@@ -16,7 +16,7 @@ FINE = 0.0025  # m between the points over which a node's mean is taken
 
 
 def node_arrays(specimen: Specimen, n: int) -> tuple[Array, Array, Array]:
-    """Rest positions (n n, 3) m, lumped masses (n n,) kg and free (n n,), rows of rising v."""
+    """Return the rest positions (n n, 3) m, lumped masses (n n,) kg and free (n n,), rows of rising v."""
     fabric = specimen.design.fabric
     u, v = np.linspace(0, fabric.width, n), np.linspace(0, fabric.height, n)
     uu, vv = np.meshgrid(u, v)
@@ -32,7 +32,7 @@ def node_arrays(specimen: Specimen, n: int) -> tuple[Array, Array, Array]:
 
 
 def masses(specimen: Specimen, n: int) -> Array:
-    """(n n,) kg, lumped: cloth, muscles along their paths, added ones."""
+    """Return (n n,) kg, lumped: cloth, muscles along their paths, added ones."""
     design, fabric = specimen.design, specimen.design.fabric
     u, v = np.linspace(0, fabric.width, n), np.linspace(0, fabric.height, n)
     trapezoid = np.ones(n)
@@ -47,7 +47,7 @@ def masses(specimen: Specimen, n: int) -> Array:
 
 
 def node_means(specimen: Specimen, name: str, n: int) -> Array:
-    """(n n,) means over the nodes' areas of what differs by place; 0 where nothing does."""
+    """Return (n n,) means over the nodes' areas of what differs by place; 0 where nothing does."""
     value, fabric = specimen.places.get(name), specimen.design.fabric
     if value is None:
         return np.zeros(n * n)
@@ -57,7 +57,7 @@ def node_means(specimen: Specimen, name: str, n: int) -> Array:
 
 
 def _points_within(size: float, n: int) -> Array:
-    """(n, k) m, points even over the stretches of n nodes."""
+    """Return (n, k) m, points even over the stretches of n nodes."""
     h = size / (n - 1)
     ends = np.clip((np.arange(n + 1) - 0.5) * h, 0.0, size)
     count = int(np.ceil(h / FINE))
@@ -70,7 +70,7 @@ def _add_line_mass(mass: Array, path: Path, density: float, hu: float, hv: float
 
 
 def _line_masses(path: Path, density: float, hu: float, hv: float) -> Iterator[tuple[Array, Array, float]]:
-    """Points of a muscle along each part of its path, in spacings, and their masses [kg]."""
+    """Yield points of a muscle along each part of its path, in spacings, and their masses [kg]."""
     corners = np.array(path)
     for a, b in pairwise(corners):
         length = float(np.linalg.norm(b - a))
@@ -81,7 +81,7 @@ def _line_masses(path: Path, density: float, hu: float, hv: float) -> Iterator[t
 
 
 def muscle_masses(muscles: Sequence[tuple[Muscle, float]], spacing: tuple[float, float], n: int) -> Array:
-    """(n n,) kg that muscles of so much mass a length [kg/m] each lay on the nodes."""
+    """Return (n n,) kg that muscles of so much mass a length [kg/m] each lay on the nodes."""
     mass = np.zeros((n, n))
     parts = [
         (x, y, np.full(len(x), each))

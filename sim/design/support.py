@@ -6,7 +6,7 @@ from fabdesign.nouns.fabric import Fabric
 
 
 class Support(IntEnum):
-    """What is held. Kernels take the number; edges come first."""
+    """The kinds of support. Kernels take the number; edges come first."""
 
     TOP = 0
     BOTTOM = 1
@@ -26,7 +26,7 @@ class Support(IntEnum):
 
     @property
     def nodes(self) -> tuple[int | slice, int | slice]:
-        """Of a held edge: which rows and columns of the grid."""
+        """Return the rows and columns of a held edge on the grid."""
         every = slice(None)
         return ((0, every), (-1, every), (every, 0), (every, -1))[self]
 

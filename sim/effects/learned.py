@@ -16,8 +16,8 @@ def _tension(b, k):
     share = F.point[b, X.pressure + k] / UNIT
     along = F.point[b, X.learned_stroke + k] * share + F.point[b, X.learned_spring + k]
     loss = F.point[b, X.learned_rate + k] * share
-    own = F.point[b, X.compliance + k]  # the bench law's slope until all forces have been added
-    stiffness = ti.max(loss * F.scheme[b, CV] - along, -SOFTEST * own)  # the solver divides by both together
+    slope = F.point[b, X.compliance + k]  # the bench law's slope until all forces have been added
+    stiffness = ti.max(loss * F.scheme[b, CV] - along, -SOFTEST * slope)  # the solver divides by both together
     return along * F.point[b, X.eps + k] - loss * F.point[b, X.rate + k], stiffness
 
 

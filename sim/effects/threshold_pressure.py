@@ -12,13 +12,13 @@ LEAST_WIDTH = 1e-3  # Pa
 
 @ti.func
 def _pressure(b, k):
-    told = F.point[b, X.pressure + k]
+    wanted = F.point[b, X.pressure + k]
     threshold = F.point[b, X.threshold_pressure + k]
     width = ti.max(F.point[b, X.threshold_width + k], LEAST_WIDTH)
-    beyond = (told - threshold) / width
+    beyond = (wanted - threshold) / width
     # log(1 + exp(x)) = max(x, 0) + log(1 + exp(-|x|))
     acting = width * (ti.max(beyond, 0.0) + ti.log(1.0 + ti.exp(-ti.abs(beyond))))
-    return told + ti.select(threshold > 0.0, acting - told, Lanes(0.0))
+    return wanted + ti.select(threshold > 0.0, acting - wanted, Lanes(0.0))
 
 
 THRESHOLD_PRESSURE = AddedForce(

@@ -92,7 +92,7 @@ def aged(b, time):
 
 @ti.func
 def remember(b):
-    """At a step's end: memory is what the last evaluation left."""
+    """Keep memory at a step's end: it is what the last evaluation left."""
     for plane in ti.static(state.remembered("node")):
         keep(b, F.node, ti.static(getattr(F, plane.name)), ti.static(getattr(F, plane.name + NEXT)), F.nodes)
     for plane in ti.static(state.remembered("node3")):

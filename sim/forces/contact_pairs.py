@@ -23,7 +23,7 @@ SLIP = 0.25  # thicknesses that a node may move before pairs are found anew
 
 @dataclass(frozen=True, eq=False)
 class ContactPairs:
-    """Of every node (n n, LAYERS): the cell it meets, where in the cell, and from which side."""
+    """The contacts of every node (n n, LAYERS): the cell it meets, where in the cell, and from which side."""
 
     row: Ints
     column: Ints
@@ -40,7 +40,7 @@ class ContactPairs:
 
 @dataclass(frozen=True)
 class ContactSheet:
-    """What contact knows of a design."""
+    """The facts of a design that contact needs."""
 
     spacing: tuple[float, float]  # m, along u and v
     thickness: float  # m
@@ -60,8 +60,8 @@ class ContactSheet:
 
 
 def find(x: Array, sheet: ContactSheet, cutoff: float, before: ContactPairs) -> ContactPairs:
-    """Pairs at most `cutoff` [m] apart in the shape x (n, n, 3). A node that was paired with a cell or its neighbours
-    stays on the side where it was then, so that what has slipped through is pushed back."""
+    """Return pairs at most `cutoff` [m] apart in the shape x (n, n, 3). A node that was paired with a cell or its
+    neighbours stays on the side where it was then, so that what has slipped through is pushed back."""
     n = len(x)
     node, row, column = _candidates(x, sheet, cutoff)
     p00, p10, p01, p11 = (x[row + j, column + i] for j, i in ((0, 0), (0, 1), (1, 0), (1, 1)))
@@ -85,12 +85,12 @@ def find(x: Array, sheet: ContactSheet, cutoff: float, before: ContactPairs) -> 
     r = position - sum(w[:, None] * p for w, p in zip(weights, (p00, p10, p01, p11), strict=True))
     distance = np.linalg.norm(r, axis=1)
     side = np.where(np.einsum("kc,kc->k", r, np.cross(b, a)) < 0, -1.0, 1.0)
-    left = np.flatnonzero(beside & (distance < cutoff))
-    left = left[np.lexsort((distance[left], node[left]))]
+    close = np.flatnonzero(beside & (distance < cutoff))
+    close = close[np.lexsort((distance[close], node[close]))]
     pairs = ContactPairs.none(n * n)
     for layer in range(LAYERS):
-        nodes, first = np.unique(node[left], return_index=True)
-        chosen = left[first]
+        nodes, first = np.unique(node[close], return_index=True)
+        chosen = close[first]
         pairs.row[nodes, layer], pairs.column[nodes, layer] = row[chosen], column[chosen]
         pairs.xi[nodes, layer], pairs.eta[nodes, layer] = xi[chosen], eta[chosen]
         pairs.side[nodes, layer], pairs.distance[nodes, layer] = side[chosen], distance[chosen]
@@ -98,13 +98,13 @@ def find(x: Array, sheet: ContactSheet, cutoff: float, before: ContactPairs) -> 
             kept = before.side[nodes, then]
             same = _close(row[chosen] - before.row[nodes, then], column[chosen] - before.column[nodes, then], sheet)
             pairs.side[nodes, layer] = np.where(same & (kept != 0), kept, pairs.side[nodes, layer])
-        i = node[left]
-        left = left[~_close(row[left] - pairs.row[i, layer], column[left] - pairs.column[i, layer], sheet)]
+        i = node[close]
+        close = close[~_close(row[close] - pairs.row[i, layer], column[close] - pairs.column[i, layer], sheet)]
     return pairs
 
 
 def _candidates(x: Array, sheet: ContactSheet, cutoff: float) -> tuple[Ints, Ints, Ints]:
-    """Nodes, and rows and columns of cells around the nodes of other layers that are near."""
+    """Return nodes, and rows and columns of cells around the nodes of other layers that are near."""
     from scipy.spatial import cKDTree  # half a second that only contact needs
 
     n = len(x)
@@ -126,7 +126,7 @@ def _candidates(x: Array, sheet: ContactSheet, cutoff: float) -> tuple[Ints, Int
 
 
 def _close(rows: Ints, columns: Ints, sheet: ContactSheet) -> NDArray[np.bool_]:
-    """Whether so many rows and columns apart is the same layer."""
+    """Return whether so many rows and columns apart is the same layer."""
     return np.asarray(np.hypot(columns * sheet.spacing[0], rows * sheet.spacing[1]) <= sheet.near)
 
 
@@ -146,16 +146,17 @@ class Touching:
     def refresh(self, blocks: int, h: NDArray[np.floating[Any]]) -> None:
         """Before a step of h (lanes,) s."""
         n = self.n
-        own = [self.packed.index(i) for i in range(len(self.sheets))]
+        lanes = [self.packed.index(i) for i in range(len(self.sheets))]
         out = np.empty((blocks, LANES, n * n, 3), np.float32)
         read(blocks, n, n, F.x0, out)
-        shapes = out.reshape(-1, n, n, 3)[own].astype(float)
+        shapes = out.reshape(-1, n, n, 3)[lanes].astype(float)
         anew = [
-            self._refresh(i, x, float(h[lane] / self.h[i])) for i, (lane, x) in enumerate(zip(own, shapes, strict=True))
+            self._refresh(i, x, float(h[lane] / self.h[i]))
+            for i, (lane, x) in enumerate(zip(lanes, shapes, strict=True))
         ]
         if any(anew):
             self._put(blocks)
-        self.h = h[own]
+        self.h = h[lanes]
 
     def _refresh(self, index: int, x: Array, ratio: float) -> bool:
         """Find the pairs of one design in the shape x (n, n, 3) if it has moved; whether there were or are any.
@@ -180,7 +181,7 @@ class Touching:
         return paired or bool(self.pairs[index].side.any())
 
     def _put(self, blocks: int) -> None:
-        """All pairs into the fields."""
+        """Put all pairs into the fields."""
         entries = [self._entries(i) for i in range(len(self.sheets))]
         room = max(1, *(index.shape[1] for index, _ in entries))
         index = np.zeros((blocks, 2, room, LANES), np.int32)
@@ -192,7 +193,8 @@ class Touching:
         put(blocks, index, value)
 
     def _entries(self, index: int) -> tuple[Ints, Array]:
-        """(2, pairs) node and cell, with padding; (PAIR, pairs) place in the cell, side, thickness, stiffness [N/m]."""
+        """Return (2, pairs) node and cell, with padding; (PAIR, pairs) place in the cell, side, thickness, stiffness
+        [N/m]."""
         n, sheet, pairs = self.n, self.sheets[index], self.pairs[index]
         node, layer = np.nonzero((pairs.side != 0) & (pairs.distance < self.far[index]))
         row, column = np.divmod(node, n)

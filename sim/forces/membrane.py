@@ -70,7 +70,7 @@ def edge_row(b, nu, nv, j, along_u: ti.template(), stressed: ti.template()):
 
 @ti.func
 def edge_force_row(b, nu, nv, j, along_u: ti.template(), stressed: ti.template()):
-    """What these edges pull their nodes with: tension, and the bending moments of both ends."""
+    """Return the forces of these edges on their nodes: tension, and the bending moments of both ends."""
     t = ti.static(F.tu if along_u else F.tv)
     tension = ti.static(F.su if along_u else F.sv)
     moment = ti.static(F.s1 if along_u else F.s2)

@@ -165,7 +165,7 @@ def tension(b, npt, added: ti.template()):
 
 @ti.func
 def pull(b, npt, src):
-    """What tensions pull their fixed points with."""
+    """Return the forces of tensions on their fixed points."""
     F.point3[b, X.force] = thrice(F.point[b, src]) * F.point3[b, X.dir]
     k = 1
     while k < npt:

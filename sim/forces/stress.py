@@ -1,4 +1,4 @@
-"""What two effects make of the cloth's elastic stress: places are stiffer, and part of it relaxes.
+"""The cloth's elastic stress under two effects: places are stiffer, and part of it relaxes.
 
 Each stress s of the cloth (tension of an edge, moments of a node, shear and twist of a cell, equations 2 to 6 of
 docs/model.md, without viscosity) becomes (1 + a) s - share q, where dq/dt = ((1 + a) s - q) / time: a is what a place
@@ -17,7 +17,7 @@ from sim.time.scheme import AGES
 
 @ti.func
 def age_stress(b):
-    """By how much memory follows in this step."""
+    """Return by how much memory follows in this step."""
     share = aged(b, F.lane[b, M.RELAXED_TIME])
     lane = 0
     while lane < LANES:
@@ -29,7 +29,7 @@ def age_stress(b):
 
 @ti.func
 def relaxes(b):
-    """Whether stress relaxes in any lane."""
+    """Return whether stress relaxes in any lane."""
     most = ti.f32(0.0)
     lane = 0
     while lane < LANES:
@@ -46,7 +46,7 @@ def stiffer(b, first, second):
 
 @ti.func
 def relaxed(b, memory, successor, stress):
-    """What is left at the step's end of a stress, whose memory the entries of F.node are."""
+    """Return what remains at the step's end of a stress, whose memory the entries of F.node are."""
     gone = F.node[b, memory] + F.aged[b, 0] * (stress - F.node[b, memory])
     F.node[b, successor] = gone
     return stress - F.lane[b, M.RELAXED_SHARE] * gone
@@ -54,7 +54,7 @@ def relaxed(b, memory, successor, stress):
 
 @ti.func
 def relaxed_more(b, successor, stress):
-    """The same of what adds to a stress that `relaxed` was asked for."""
+    """Return what remains of what adds to a stress that `relaxed` was asked for."""
     gone = F.aged[b, 0] * stress
     F.node[b, successor] += gone
     return stress - F.lane[b, M.RELAXED_SHARE] * gone

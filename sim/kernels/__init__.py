@@ -1,1 +1,1 @@
-"""What all kernels share: Taichi, its fields, vectors, transfers, and how they are compiled (docs/compiler.md)."""
+"""What all kernels share: Taichi, its fields, vectors, transfers, and how they are compiled (docs/lab/compiler.md)."""

@@ -1,6 +1,6 @@
 """The one owner of Taichi: starts it, and makes room for all that is declared (sim/state.py).
 
-Layout (measured, see docs/results/simulator.md): LANES designs ride side by side, innermost, as the entries
+Layout (measured, see docs/lab/simulator.md): LANES designs ride side by side, innermost, as the entries
 of one `Vector.field(LANES)`, so that LLVM emits vector loads and stores; a block of them belongs to one thread. The
 environment variable FABDESIGN_LANES, read once, sets LANES: 8 for batches; with 2 a lone design takes a third less. The
 three components of a vector lie in one element of WIDE entries, component by component: one address for three.

@@ -22,8 +22,8 @@ SECONDS = 20  # that a costly kernel takes to compile on one core
 
 @contextmanager
 def first_call(costly: str, sizes: tuple[int, ...]) -> Iterator[None]:
-    """A context for a kernel's first call. costly: what the kernel computes, where it takes long to compile. sizes: of
-    the fields, which are part of the compiled kernel."""
+    """Return a context for a kernel's first call. costly: what the kernel computes, where it takes long to compile.
+    sizes: of the fields, which are part of the compiled kernel."""
     with not_counted(), brief():
         mark = _mark(costly, sizes) if costly else None
         if mark is not None and not mark.exists():
@@ -48,6 +48,6 @@ def _mark(costly: str, sizes: tuple[int, ...]) -> Path:
 
 @functools.cache
 def _sources() -> str:
-    """A hash of what kernels are made of: this package, Taichi's version, its processor."""
-    own = repr((ti.__version__, ti.lang.impl.current_cfg().arch))
-    return sha256(own, *sorted(Path(__file__).parents[1].rglob("*.py")))
+    """Return a hash of what kernels are made of: this package, Taichi's version, its processor."""
+    compiler = repr((ti.__version__, ti.lang.impl.current_cfg().arch))
+    return sha256(compiler, *sorted(Path(__file__).parents[1].rglob("*.py")))

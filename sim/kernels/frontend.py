@@ -27,7 +27,7 @@ from taichi.lang.exception import TaichiCompilationError
 from fabdesign.errors import InputError
 
 TESTED = (1, 7, 4)  # the version of Taichi whose frontend this is
-SHORT_FRONTEND = "FABDESIGN_SHORT_FRONTEND"  # environment variables: 0 turns the device off (docs/compiler.md)
+SHORT_FRONTEND = "FABDESIGN_SHORT_FRONTEND"  # environment variables: 0 turns the device off (docs/lab/compiler.md)
 HIDDEN_STEPS = "FABDESIGN_HIDDEN_STEPS"  # sim/kernels/fields.py
 _swapping = threading.RLock()  # one thread at a time, so that Taichi's own frontend is back after the last
 

@@ -55,7 +55,7 @@ def mark(*spaces: SimpleNamespace) -> None:
 
 
 def watch_forks(lock: Any) -> None:
-    """In a child that is forked, free the lock, which a thread that is not there may hold, and remember what it is."""
+    """Free the lock in a child that is forked, where its thread may be missing, and remember what the child is."""
 
     def after() -> None:
         lock._at_fork_reinit()  # what the standard library does with its own

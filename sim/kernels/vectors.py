@@ -35,7 +35,7 @@ def load(b, k):
 
 @ti.func
 def difference(b, k, e):
-    """From entry k to entry e."""
+    """Return the vector from entry k to entry e."""
     d = F.node3[b, e] - F.node3[b, k]
     return parts(d)
 

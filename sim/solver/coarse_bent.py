@@ -1,4 +1,4 @@
-"""What a bent cloth's strains add in the coarse space's modes (sim/solver/coarse_space.py)."""
+"""The strains of a bent cloth in the coarse space's modes (sim/solver/coarse_space.py)."""
 
 import taichi as ti
 

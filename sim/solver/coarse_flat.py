@@ -81,7 +81,7 @@ def pull(b, npt):
 
 @ti.func
 def stretch(b, npt, s, dst):
-    """How the modes stretch an interval, times the root of its stiffness; nothing behind the last one."""
+    """Return how the modes stretch an interval, times the root of its stiffness; nothing behind the last one."""
     k = 0
     while k < COARSE:
         F.coarse[b, dst + k] = Lanes(0.0)

@@ -100,10 +100,10 @@ def restrict(b, nu, nv):
     """C.right <- W^T r, twice, of the second plane of F.modal3; and both solved."""
     k = 0
     while k < COARSE_ACROSS:
-        own = k * COARSE_DOWN
+        begin = k * COARSE_DOWN
         m = 0
         while m < COARSE_DOWN:
-            F.patch3[b, own + m] = Wide(0.0)
+            F.patch3[b, begin + m] = Wide(0.0)
             m = F.after[m]
         for quad in range((nv + 3) // 4):
             o = nu * nv + 4 * quad * nu + C.place[k]
@@ -114,7 +114,7 @@ def restrict(b, nu, nv):
             w = C.rows + 4 * quad * COARSE_DOWN
             m = 0
             while m < COARSE_DOWN:
-                F.patch3[b, own + m] = F.patch3[b, own + m] + (
+                F.patch3[b, begin + m] = F.patch3[b, begin + m] + (
                     (C.shared[w + m] * e0 + C.shared[w + COARSE_DOWN + m] * e1)
                     + (C.shared[w + 2 * COARSE_DOWN + m] * e2 + C.shared[w + 3 * COARSE_DOWN + m] * e3)
                 )

@@ -1,4 +1,4 @@
-"""What the coarse space (sim/solver/coarse_space.py) has of the grid alone: modes, and products at the samples."""
+"""Tables of the coarse space (sim/solver/coarse_space.py) from the grid alone: modes, and products at the samples."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ PRODUCTS = (
 def tables(
     across: Modes, down: NDArray[np.float64], eigen_down: NDArray[np.float64]
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """What C.shared and C.place hold; down (n, n): modes along v, softest first, and their eigenvalues."""
+    """Return what C.shared and C.place hold; down (n, n): modes along v, softest first, and their eigenvalues."""
     n = len(down)
     nodes = np.rint((np.arange(COARSE_SAMPLES) + 0.5) * (n - 1) / COARSE_SAMPLES).astype(int)
     columns, rows = np.argsort(across.stretching, kind="stable")[:COARSE_ACROSS], slice(0, COARSE_DOWN)
@@ -37,13 +37,13 @@ def tables(
 
 
 def _at_edges(modes: NDArray[np.float64], eigen: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Tangential modes, and what means and slopes of edges are of them, at the nodes."""
+    """Return tangential modes, and what means and slopes of edges are of them, at the nodes."""
     shrink = _shrink(eigen)
     return modes, modes * shrink, np.gradient(modes, axis=0) / shrink
 
 
 def _shrink(eigen: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How much less the mean of two neighbours is than a mode between them."""
+    """Return how much less the mean of two neighbours is than a mode between them."""
     return np.sqrt(np.clip(1 - eigen / 4, 0, None))
 
 

@@ -38,13 +38,13 @@ def factorise(b, nu, nv):
             b1 = ti.f32(-2.0)
         fm = Lanes(1.0)
         fm2 = Lanes(1.0)
-        own = Lanes(0.0)
+        diagonal = Lanes(0.0)
         extra = Lanes(0.0)
         if j == 0:
-            own = F.lane[b, M.TOP_HELD]
+            diagonal = F.lane[b, M.TOP_HELD]
         if j == nv - 1:
-            own = F.lane[b, M.BOTTOM_HELD]
-            fm = 1.0 - own
+            diagonal = F.lane[b, M.BOTTOM_HELD]
+            fm = 1.0 - diagonal
             fm2 = fm
         if j == 1:
             fm = free_top
@@ -66,7 +66,7 @@ def factorise(b, nu, nv):
             )
             e1 = thrice(fm) * Wide(-hu * sh * ihv, -hu * k2 * ihv, b1 * bend - twist * ihv)
             e2 = Wide(Lanes(0.0), Lanes(0.0), fm2 * bend)
-            d = thrice(1.0 - own) * a + thrice(own)
+            d = thrice(1.0 - diagonal) * a + thrice(diagonal)
             l1 = Wide(0.0)
             l2 = Wide(0.0)
             if j > 1:

@@ -8,7 +8,7 @@ from sim.kernels.vectors import Wide, cross, difference, dot, load, parts, store
 
 @ti.func
 def frames(b, nu, nv, half_width):
-    """At every node, from the nodes `half_width` away, or at the border, in four directions."""
+    """Put the frame at every node, from the nodes `half_width` away, or at the border, in four directions."""
     s = nu + 2
     for j in range(nv):
         i = 0

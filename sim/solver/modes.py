@@ -37,7 +37,7 @@ def modes_across(n: int, support: Support) -> Modes:
 
 
 def modes_down(n: int, support: Support) -> tuple[Array, Array]:
-    """Tangential modes along v (n, n), softest first, and their eigenvalues."""
+    """Return tangential modes along v (n, n), softest first, and their eigenvalues."""
     turned = {Support.TOP: Support.LEFT, Support.BOTTOM: Support.RIGHT}.get(support, Support.NONE)
     across = modes_across(n, turned)
     order = np.argsort(across.stretching, kind="stable")
@@ -45,8 +45,8 @@ def modes_down(n: int, support: Support) -> tuple[Array, Array]:
 
 
 def by_four(modes: Modes) -> NDArray[np.float64]:
-    """(entries, 8): both bases as the transforms read them, half of the rows of the even vectors, of the odd ones, and
-    the transposes: rows by four, tangential, then normal."""
+    """Return (entries, 8): both bases as the transforms read them, half of the rows of the even vectors, of the odd
+    ones, and the transposes: rows by four, tangential, then normal."""
     even = len(modes.normal) - modes.odd
     both = []
     for basis in (modes.tangential, modes.normal):
@@ -58,8 +58,8 @@ def by_four(modes: Modes) -> NDArray[np.float64]:
 
 
 def _eigenvectors(stiffness: Array, keep: slice) -> tuple[Array, Array]:
-    """Of K phi = lambda W phi with the nodes outside `keep` held: eigenvalues (n,), columns (n, n); zero columns for
-    held nodes come last. Even vectors, then odd ones, where no node is held."""
+    """Return the solutions of K phi = lambda W phi with the nodes outside `keep` held: eigenvalues (n,), columns (n,
+    n); zero columns for held nodes come last. Even vectors, then odd ones, where no node is held."""
     n = len(stiffness)
     root = np.ones(n)
     root[[0, -1]] = np.sqrt(0.5)
@@ -79,7 +79,7 @@ def _eigenvectors(stiffness: Array, keep: slice) -> tuple[Array, Array]:
 
 
 def _rows_by_four(matrix: Array) -> Array:
-    """(n/4 rounded up x n, 4): entry [q n + k, r] is row 4 q + r, column k; rows beyond the last are zero."""
+    """Return (n/4 rounded up x n, 4): entry [q n + k, r] is row 4 q + r, column k; rows beyond the last are zero."""
     n = len(matrix)
     padded = np.pad(matrix, ((0, -n % 4), (0, 0)))
     return padded.reshape(-1, 4, n).transpose(0, 2, 1).reshape(-1, 4)

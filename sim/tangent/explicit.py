@@ -1,4 +1,4 @@
-"""What a column changes in the forces before anything moves: the right sides of the linear solves.
+"""The change of the forces by a column before anything moves: the right sides of the linear solves.
 
 On the host: central differences between a case and the case moved along the column. Forces of muscles and weights
 differ in float64 (sim/tangent/muscle_forces.py). The forces of the cloth are linear in its stiffnesses and in its rest
@@ -39,9 +39,9 @@ class LaidCase:
 
     @cached_property
     def constants(self) -> Array:
-        """In the order of CONSTANTS; 0 for those that no force takes."""
+        """Return the constants in the order of CONSTANTS; 0 for those that no force takes."""
         lane = Lane(self.specimen, self.n)
-        return np.array([0.0 if name in OF_SOLVER else own.value(lane) for name, own in CONSTANTS.items()])
+        return np.array([0.0 if name in OF_SOLVER else constant.value(lane) for name, constant in CONSTANTS.items()])
 
     @cached_property
     def mass(self) -> Array:
@@ -57,8 +57,8 @@ class LaidCase:
         design, numbers = self.specimen.design, self.specimen.muscles
         values = zip(*(numbers[name].tolist() for name in ("gain", "lever", "pressure_loss")), strict=True)
         return [
-            Strand(muscle, design.muscle_types[muscle.type], float(self.pressure[muscle.channel]), *own)
-            for muscle, own in zip(design.muscles, values, strict=True)
+            Strand(muscle, design.muscle_types[muscle.type], float(self.pressure[muscle.channel]), *row)
+            for muscle, row in zip(design.muscles, values, strict=True)
         ]
 
 
@@ -93,10 +93,12 @@ class Explicit:
         self.constants = side_by_side([lane_constants(Lane(lane.specimen, n)) for lane in self._lanes])
 
     def moved(self, moves: Sequence[Move | None]) -> list[Sides | None]:
-        """Of a move for each lane; None where there is none."""
+        """Return both sides of a move for each lane; None where there is none."""
         return [
-            None if own is None else Sides(self._side(lane, own.sides[0]), self._side(lane, own.sides[1]), own.width)
-            for lane, own in zip(self._lanes, moves, strict=True)
+            None
+            if change is None
+            else Sides(self._side(lane, change.sides[0]), self._side(lane, change.sides[1]), change.width)
+            for lane, change in zip(self._lanes, moves, strict=True)
         ]
 
     def _side(self, lane: LaidCase, case: Case) -> LaidCase:
@@ -105,13 +107,13 @@ class Explicit:
         return LaidCase(case, lane.pressure if same else self._pressure(case), self._n)
 
     def of_cloth(self, moved: Sequence[Sides | None]) -> ClothChange | None:
-        """What one column changes in the lanes' cloths; None where that is nothing."""
+        """Return what one column changes in the lanes' cloths; None where that is nothing."""
         middle = np.array([lane.constants for lane in self._lanes])
         change, weight = np.zeros_like(middle), np.zeros(len(middle))
-        for k, own in enumerate(moved):
-            if own is None or _same_cloth(own.low.specimen, own.high.specimen):
+        for k, changed in enumerate(moved):
+            if changed is None or _same_cloth(changed.low.specimen, changed.high.specimen):
                 continue
-            slope = (own.high.constants - own.low.constants) / own.width
+            slope = (changed.high.constants - changed.low.constants) / changed.width
             largest = np.max(np.abs(slope) / self._scale[k], initial=0.0)
             if largest > 0:
                 change[k], weight[k] = slope * LARGE / largest, largest / (2 * LARGE)
@@ -129,56 +131,56 @@ class Explicit:
         return np.where(scale > 0, scale, 1.0)
 
     def of_muscles(self, columns: Sequence[Sequence[Sides | None]], middle: Array) -> NDArray[np.float32]:
-        """(columns, lanes, n n, 3) N per unit: what each column changes in the lanes' muscles and weights, at their
-        shapes, middle (lanes, n n, 3) m."""
+        """Return (columns, lanes, n n, 3) N per unit: what each column changes in the lanes' muscles and weights, at
+        their shapes, middle (lanes, n n, 3) m."""
         count = len(self._lanes)
         pulls: list[Pull] = []
         weights = np.zeros((len(columns) * count, *middle.shape[1:]))
         for slot, moved in enumerate(columns):
-            for k, own in enumerate(moved):
-                if own is None:
+            for k, sides in enumerate(moved):
+                if sides is None:
                     continue
                 at = slot * count + k
-                for strands, sign in zip(_unlike(own.low, own.high), (-1, 1), strict=True):
-                    pulls += [Pull(strand, k, sign / own.width, at) for strand in strands]
-                change = self._mass_change(k, own.low, own.high)
+                for strands, sign in zip(_unlike(sides.low, sides.high), (-1, 1), strict=True):
+                    pulls += [Pull(strand, k, sign / sides.width, at) for strand in strands]
+                change = self._mass_change(k, sides.low, sides.high)
                 if change is not None:
-                    weights[at] = change[:, None] / own.width * self._lanes[k].gravity
+                    weights[at] = change[:, None] / sides.width * self._lanes[k].gravity
         forces = weights + summed(pulls, middle, self._spacing, self._grid, len(weights))
         return forces.astype(np.float32).reshape(len(columns), count, *middle.shape[1:])
 
     def _mass_change(self, lane: int, low: LaidCase, high: LaidCase) -> Array | None:
-        """(n n,) kg from one side to the other; None where none is."""
+        """Return (n n,) kg from one side to the other; None where none is."""
         if not _same_weight(low.specimen, high.specimen):
             return high.mass - low.mass
         one, other = low.specimen.design.muscles, high.specimen.design.muscles
         moved = [(a, b) for a, b in zip(one, other, strict=True) if a.path != b.path]
         if not moved:
             return None
-        density = {name: own.mass_per_length for name, own in low.specimen.design.muscle_types.items()}
+        density = {name: kind.mass_per_length for name, kind in low.specimen.design.muscle_types.items()}
         changes = [(m, sign * density[m.type]) for pair in moved for m, sign in zip(pair, (-1, 1), strict=True)]
         return muscle_masses(changes, tuple(self._spacing[lane]), self._n)
 
 
 def _unlike(low: LaidCase, high: LaidCase) -> tuple[list[Strand], list[Strand]]:
-    """Those muscles of both sides that do not pull alike."""
+    """Return the muscles of both sides that do not pull alike."""
     pairs = [pair for pair in zip(low.strands, high.strands, strict=True) if not pair[0].is_like(pair[1])]
     return [one for one, _ in pairs], [other for _, other in pairs]
 
 
 def _same_cloth(one: Specimen, other: Specimen) -> bool:
-    """Whether their constants are alike, but for those of the solver."""
-    own, others = ({k: v for k, v in s.factors.items() if k not in OF_MUSCLES} for s in (one, other))
+    """Return whether their constants are alike, but for those of the solver."""
+    ours, others = ({k: v for k, v in s.factors.items() if k not in OF_MUSCLES} for s in (one, other))
     curved = all(one.constants.get(name) == other.constants.get(name) for name in REST_CURVATURES)
-    return curved and own == others and one.design.fabric is other.design.fabric
+    return curved and ours == others and one.design.fabric is other.design.fabric
 
 
 def _same_weight(one: Specimen, other: Specimen) -> bool:
-    """Whether they weigh the same, but for where their muscles lie."""
+    """Return whether they weigh the same, but for where their muscles lie."""
     factors = [specimen.factors.get("areal_density", 1.0) for specimen in (one, other)]
     return one.design.fabric is other.design.fabric and factors[0] == factors[1] and one.masses == other.masses
 
 
 def _by_lane(pressures: Sequence[Array]) -> NDArray[np.float32]:
     channels = max(1, *map(len, pressures))
-    return side_by_side([np.pad(own, (0, channels - len(own))) for own in pressures]).astype(np.float32)
+    return side_by_side([np.pad(pressure, (0, channels - len(pressure))) for pressure in pressures]).astype(np.float32)

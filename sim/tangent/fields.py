@@ -1,4 +1,4 @@
-"""What derivatives need beside the fields of the simulator, made at their first use.
+"""The fields that derivatives need beside the simulator's, made at their first use.
 
 Planes over nodes and points as in sim/kernels/fields.py, parts of `T.node`, `T.node3`, `T.point3`; `T.columns` holds a
 vector plane for each of SLOTS columns. A `d` stands for the change of a plane of that name in a direction.

@@ -30,14 +30,14 @@ class Strand:
     loss: float  # share of the pressure lost to its far end
 
     def is_like(self, other: "Strand") -> bool:
-        """Whether both pull alike. Comparing types would compare their bench tables."""
-        own, others = ((s.pressure, s.gain, s.lever, s.loss, s.muscle) for s in (self, other))
-        return self.type is other.type and own == others
+        """Return whether both pull alike. Comparing types would compare their bench tables."""
+        ours, others = ((s.pressure, s.gain, s.lever, s.loss, s.muscle) for s in (self, other))
+        return self.type is other.type and ours == others
 
 
 @dataclass(frozen=True, eq=False)
 class Pull:
-    """What a strand does to one shape, with a weight, and to which sum of forces that is added."""
+    """The pull of a strand on one shape, with a weight, and to which sum of forces that is added."""
 
     strand: Strand
     shape: int
@@ -55,26 +55,28 @@ class Grid:
 
 
 def summed(pulls: Sequence[Pull], shapes: Array, spacing: Array, grid: Grid, sums: int) -> Array:
-    """(sums, n n, 3) N: forces on the nodes, times the weights. shapes (s, n n, 3) m; spacing (s, 2) m along u, v."""
+    """Return (sums, n n, 3) N: forces on the nodes, times the weights. shapes (s, n n, 3) m; spacing (s, 2) m along u,
+    v."""
     nodes = grid.n**2
     total = np.zeros((3, sums * nodes))
     points = _fixed_points(pulls)
-    behind = np.cumsum([len(own) for own in points])
+    behind = np.cumsum([len(places) for places in points])
     part = behind * grid.across * grid.down // AT_ONCE
     for k in np.unique(part):
         first, end = np.searchsorted(part, (k, k + 1))
         place, forces = _on_nodes(pulls[first:end], points[first:end], shapes, spacing, grid)
-        for component, own in zip(total, forces, strict=True):
-            component += np.bincount(place.ravel(), own.ravel(), sums * nodes)
+        for component, force in zip(total, forces, strict=True):
+            component += np.bincount(place.ravel(), force.ravel(), sums * nodes)
     return np.moveaxis(total.reshape(3, sums, nodes), 0, -1)
 
 
 def _on_nodes(
     pulls: Sequence[Pull], points: Sequence[Array], shapes: Array, spacing: Array, grid: Grid
 ) -> tuple[NDArray[np.int_], Array]:
-    """Of the nodes around each fixed point: their place among all sums' nodes (p, down, across), forces (3, p, down,
-    across) N times the weights."""
-    of = np.repeat(np.arange(len(pulls)), [len(own) for own in points])  # (p,) the pull that a fixed point belongs to
+    """Return of the nodes around each fixed point their place among all sums' nodes (p, down, across), forces (3, p,
+    down, across) N times the weights."""
+    # (p,) the pull that a fixed point belongs to
+    of = np.repeat(np.arange(len(pulls)), [len(places) for places in points])
     at = np.concatenate(points)
     shape = np.array([pull.shape for pull in pulls])[of]
     (i, wu, du, _), (j, wv, dv, _) = (
@@ -85,7 +87,7 @@ def _on_nodes(
     around = shapes[shape[:, None, None], touched]
     rows, rows_u = (np.einsum("pi,pjic->pjc", weights, around) for weights in (wu, du))
     cloth, along_u, along_v = (
-        np.einsum("pj,pjc->pc", weights, own) for weights, own in ((wv, rows), (wv, rows_u), (dv, rows))
+        np.einsum("pj,pjc->pc", weights, part) for weights, part in ((wv, rows), (wv, rows_u), (dv, rows))
     )
     area = np.cross(along_v, along_u)
     size = np.linalg.norm(area, axis=1, keepdims=True)
@@ -107,14 +109,14 @@ def _fixed_points(pulls: Sequence[Pull]) -> list[Array]:
 
 
 def _offset(strand: Strand) -> float:
-    """m, positive on the front."""
+    """Return the offset [m], positive on the front."""
     return (1 if strand.muscle.side == "front" else -1) * strand.lever * strand.type.axis_offset
 
 
 def _pulls(pulls: Sequence[Pull], at: Array, of: NDArray[np.int_], points: Array) -> Array:
-    """(p, 3) N: what the intervals pull their fixed points with. at: (p, 2) m on the flat cloth."""
-    own = of[1:] == of[:-1]
-    begin, of = np.flatnonzero(own), of[1:][own]
+    """Return (p, 3) N: what the intervals pull their fixed points with. at: (p, 2) m on the flat cloth."""
+    same = of[1:] == of[:-1]
+    begin, of = np.flatnonzero(same), of[1:][same]
     rest = np.linalg.norm(at[begin + 1] - at[begin], axis=1)
     apart = points[begin + 1] - points[begin]
     length = np.linalg.norm(apart, axis=1)
@@ -135,11 +137,11 @@ def _pulls(pulls: Sequence[Pull], at: Array, of: NDArray[np.int_], points: Array
 def _tensions(
     benches: Sequence[BenchTable], of: NDArray[np.int_], pressure: Array, gain: Array, contraction: Array
 ) -> Array:
-    """(intervals,) N, each by the bench table of what it is `of`."""
+    """Return (intervals,) N, each by the bench table of what it is `of`."""
     tension = np.zeros(len(of))
     keys = np.array([id(bench) for bench in benches])[of]
     for key, bench in {id(bench): bench for bench in benches}.items():
-        own, law = keys == key, law_of(bench)
-        idle = law.tension(0.0, contraction[own])
-        tension[own] = idle + gain[own] * (law.tension(pressure[own], contraction[own]) - idle)
+        member, law = keys == key, law_of(bench)
+        idle = law.tension(0.0, contraction[member])
+        tension[member] = idle + gain[member] * (law.tension(pressure[member], contraction[member]) - idle)
     return tension

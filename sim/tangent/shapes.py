@@ -34,7 +34,7 @@ class LaneColumns:
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """What came of one lane. settled: whether the forces balance at `middle`, near where the lane came to rest."""
+    """The solution of one lane. settled: whether the forces balance at `middle`, near where the lane came to rest."""
 
     middle: NDArray[np.float32]  # (n, n, 3) m
     settled: bool
@@ -42,14 +42,14 @@ class Solved:
 
 
 def share_out(cases: Sequence[Case], columns: Sequence[Sequence[int]]) -> list[tuple[int, LaneColumns]]:
-    """Lanes for the cases' `columns`, each with its case's index: where there are spare lanes a case takes several,
-    each with some of its columns."""
+    """Return lanes for the cases' `columns`, each with its case's index: where there are spare lanes a case takes
+    several, each with some of its columns."""
     copies = max(1, min(LANES // max(len(cases), 1), *map(len, columns)) if columns else 1)
     return [(i, LaneColumns(case, tuple(columns[i][k::copies]))) for i, case in enumerate(cases) for k in range(copies)]
 
 
 def together(lanes: Sequence[Solved]) -> Solved:
-    """Of one case, from all of its lanes, whose shapes are the same to the last bit."""
+    """Return the solution of one case from all of its lanes, whose shapes are the same to the last bit."""
     changes = {c: change for lane in lanes for c, change in lane.changes.items()}
     return Solved(lanes[0].middle, lanes[0].settled, changes)
 
@@ -57,7 +57,7 @@ def together(lanes: Sequence[Solved]) -> Solved:
 def solve_at_rest(
     batch: Batch, lanes: Sequence[LaneColumns], columns: Sequence[Column], pressure: Callable[[Case], Array]
 ) -> list[Solved]:
-    """Of the lanes of a batch at rest. pressure(case): (channels,) Pa that act there."""
+    """Return the solutions of the lanes of a batch at rest. pressure(case): (channels,) Pa that act there."""
     fields.allocate()
     still(*batch.grid)
     cases = [lane.case for lane in lanes]
@@ -69,20 +69,20 @@ def solve_at_rest(
     settled &= moved < FARTHEST  # NaN compares false
     changes: list[dict[int, NDArray[np.float32]]] = [{} for _ in lanes]
     for first in range(0, max(len(lane.columns) for lane in lanes), fields.SLOTS):
-        own = [lane.columns[first : first + fields.SLOTS] for lane in lanes]
-        slots = max(map(len, own))
-        _put_right_sides(batch, cases, [[columns[c] for c in some] for some in own], host, middle)
+        wanted = [lane.columns[first : first + fields.SLOTS] for lane in lanes]
+        slots = max(map(len, wanted))
+        _put_right_sides(batch, cases, [[columns[c] for c in some] for some in wanted], host, middle)
         iterations = _solve(batch, host, False, slots)
         shapes = np.empty((batch.blocks, slots, LANES, batch.nu * batch.nv, 3), np.float32)
         read_columns(*batch.grid, slots, shapes)
         by_lane = shapes.swapaxes(1, 2).reshape(len(lanes), slots, *middle.shape[1:])
-        for i, some in enumerate(own):
+        for i, some in enumerate(wanted):
             changes[i] |= {c: by_lane[i, k] for k, c in enumerate(some) if iterations[i, k] == SOLVED}
     return [Solved(middle[i], bool(settled[i]), changes[i]) for i in range(len(lanes))]
 
 
 def _solve(batch: Batch, host: Explicit, settles: bool, turns: int) -> NDArray[np.int32]:
-    """(lanes, turns) what came of so many linear solves."""
+    """Return (lanes, turns) what came of so many linear solves."""
     solve(
         *batch.grid, batch.points, batch.support, batch.smoothing, int(settles), turns, ITERATIONS, TOLERANCE,
         STIFFENED, host.pressure,
@@ -93,22 +93,22 @@ def _solve(batch: Batch, host: Explicit, settles: bool, turns: int) -> NDArray[n
 
 
 def _positions(batch: Batch, plane: int) -> NDArray[np.float32]:
-    """(lanes, n, n, 3) m in a plane of F.node3."""
+    """Return (lanes, n, n, 3) m in a plane of F.node3."""
     out = np.empty((batch.blocks, LANES, batch.nu * batch.nv, 3), np.float32)
     read(*batch.grid, plane, out)
     return out.reshape(-1, batch.nv, batch.nu, 3)
 
 
 def _put_right_sides(
-    batch: Batch, cases: Sequence[Case], own: Sequence[Sequence[Column]], host: Explicit, middle: NDArray[np.float32]
+    batch: Batch, cases: Sequence[Case], wanted: Sequence[Sequence[Column]], host: Explicit, middle: NDArray[np.float32]
 ) -> None:
-    """What each column changes in the forces at the shape as it is, to the columns' places in the fields."""
-    slots = max(map(len, own))
+    """Put what each column changes in the forces, at the shape as it is, at the columns' places in the fields."""
+    slots = max(map(len, wanted))
     moved = [
         host.moved(
             [
                 move(case, columns[slot], columns[slot].step) if slot < len(columns) else None
-                for case, columns in zip(cases, own, strict=True)
+                for case, columns in zip(cases, wanted, strict=True)
             ]
         )
         for slot in range(slots)

@@ -30,13 +30,13 @@ class Batch:
         return self.blocks, self.nu, self.nv
 
     def positions(self, plane: int) -> NDArray[np.float32]:
-        """(lanes, n, n, 3) m, in a plane of F.node3."""
+        """Return (lanes, n, n, 3) m, in a plane of F.node3."""
         out = np.empty((self.blocks, LANES, self.nu * self.nv, 3), np.float32)
         read(*self.grid, plane, out)
         return out.reshape(-1, self.nv, self.nu, 3)
 
     def states(self) -> NDArray[np.float32]:
-        """(lanes, points, 2): contraction and tension [N] of every interval as last evaluated."""
+        """Return (lanes, points, 2): contraction and tension [N] of every interval as last evaluated."""
         out = np.zeros((self.blocks, LANES, max(self.points, 1), 2), np.float32)
         read_states(self.blocks, self.points, out)
         return out[:, :, : self.points].reshape(self.blocks * LANES, self.points, 2)

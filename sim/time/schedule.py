@@ -1,4 +1,4 @@
-"""What the lanes of a batch do step by step: each takes steps of its own, all of them their k-th together."""
+"""The schedule of a batch's lanes, step by step: each takes steps of its own, all of them their k-th together."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -38,8 +38,8 @@ class Schedule:
 
 
 def alike(batch: Batch, scheme: Scheme, pressure: Floats, *, anew: bool = True, halts: bool = False) -> Schedule:
-    """The same step for all lanes under `pressure` (S, blocks, channels, LANES) Pa, no frames. anew: whether the steps
-    before it, if any, were others."""
+    """Return the same step for all lanes under `pressure` (S, blocks, channels, LANES) Pa, no frames. anew: whether the
+    steps before it, if any, were others."""
     steps = len(pressure)
     entries = np.array(scheme.entries(batch.support), np.float32)
     work = np.full((steps, batch.blocks), PLAIN, np.int32)
@@ -56,7 +56,7 @@ def alike(batch: Batch, scheme: Scheme, pressure: Floats, *, anew: bool = True, 
 
 
 def by_block(values: NDArray[np.floating[Any]]) -> Floats:
-    """(..., entries, lanes) -> (..., blocks, entries, LANES), as the fields have it."""
+    """Return (..., entries, lanes) as (..., blocks, entries, LANES), as the fields have it."""
     apart = values.reshape(*values.shape[:-1], -1, LANES)
     return np.ascontiguousarray(np.swapaxes(apart, -3, -2), np.float32)
 
@@ -64,14 +64,14 @@ def by_block(values: NDArray[np.floating[Any]]) -> Floats:
 def of_motions(
     batch: Batch, packed: Sequence[int], motions: Sequence[Steps], *, tick: float, rho: float
 ) -> tuple[Schedule, NDArray[np.int_]]:
-    """The steps of `motions`, of which lane k takes motions[packed[k]], by generalised-alpha with spectral radius rho
-    at infinity and the midpoint rule through jumps; a lane that has come to its end goes on as it was. And
+    """Return the steps of `motions`, of which lane k takes motions[packed[k]], by generalised-alpha with spectral
+    radius rho at infinity and the midpoint rule through jumps; a lane that has come to its end goes on as it was. And
     (motions + 1,) where the frames of each begin among all."""
     lanes = [motions[i] for i in packed]
     count = max(len(motion.ticks) for motion in lanes)
     whole = np.minimum(np.arange(count)[:, None], [len(m.ticks) - 1 for m in lanes])  # (S, lanes) their own steps
-    own = list(enumerate(lanes))
-    scheme_of = np.stack([2 * m.ticks[whole[:, k]] + m.jumps[whole[:, k]] for k, m in own], axis=1)
+    numbered = list(enumerate(lanes))
+    scheme_of = np.stack([2 * m.ticks[whole[:, k]] + m.jumps[whole[:, k]] for k, m in numbered], axis=1)
     distinct, code = np.unique(scheme_of, return_inverse=True)
     schemes = [
         Scheme(tick * float(k // 2), Integrator.MIDPOINT if k % 2 else Integrator.GENERALISED_ALPHA, rho)
@@ -80,7 +80,7 @@ def of_motions(
     entries = np.array([scheme.entries(batch.support) for scheme in schemes], np.float32)
     channels = max(1, *(m.pressure.shape[1] for m in lanes))
     pressure = np.zeros((count, channels, len(lanes)))
-    for k, m in own:
+    for k, m in numbered:
         pressure[:, : m.pressure.shape[1], k] = m.pressure[whole[:, k]]
     begins = np.concatenate([[0], np.cumsum([len(m.due) for m in motions])])
     first = np.zeros((count + 1, len(lanes)), np.int32)

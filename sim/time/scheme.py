@@ -68,8 +68,9 @@ class Scheme:
         return h * gamma * ia
 
     def entries(self, support: Support) -> tuple[float, ...]:
-        """In the order of ENTRIES. An acceleration is not known through a jump or to rest. Where no edge is held, long
-        steps to rest have no use for the residual that they carry over: it keeps them from resting."""
+        """Return the coefficients in the order of ENTRIES. An acceleration is not known through a jump or to rest.
+        Where no edge is held, long steps to rest have no use for the residual that they carry over: it keeps them from
+        resting."""
         known = GOES_ON if self.rule is Integrator.GENERALISED_ALPHA else 0.0
         carried = 0.0 if not support.is_edge and self.rule is Integrator.BACKWARD_EULER else 1.0
         ages = self.h if self.ages is None else self.ages

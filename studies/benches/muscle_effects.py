@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
-from fabdesign.geometry.bspline import design_matrix
+from fabdesign.geometry.curves import design_matrix
 from fabdesign.nouns.forward import MUSCLE_TYPES, PARAMETERS, Term
 from fabdesign.nouns.model import EffectTerm
 from optimize.fit.descent import fit

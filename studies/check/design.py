@@ -24,7 +24,7 @@ _NAMED = 3  # pairs of muscles; of more the number is said
 
 
 def design_findings(design: Design, where: str) -> Findings:
-    """Of a design as a whole."""
+    """Return the findings on a design as a whole."""
     warnings = [*_fabric(design.fabric, FABRIC), *_types(design.muscle_types), *_scene(design)]
     problems = [
         f"muscle_types.{name}: bench has {len(kind.bench.force)} rows; expected at least {_ROWS}, for a law"
@@ -63,7 +63,7 @@ def design_findings(design: Design, where: str) -> Findings:
 
 
 def part_findings(part: DesignPart, where: str) -> Findings:
-    """Of a file that designs include."""
+    """Return the findings on a file that designs include."""
     known = {key: expected for key, expected in FABRIC.items() if key in part.keys}
     lines = [*(_fabric(part.fabric, known) if part.fabric else ()), *_types(part.types)]
     wide = tuple(f"{where}: {line}" for line in _too_wide(part.types, np.inf))
@@ -71,7 +71,7 @@ def part_findings(part: DesignPart, where: str) -> Findings:
 
 
 def _too_wide(types: Mapping[str, MuscleType], side: float) -> list[str]:
-    """Lines on muscles as wide as the cloth's shorter side [m], or wider than any that is laced."""
+    """Return lines on muscles as wide as the cloth's shorter side [m], or wider than any that is laced."""
     return [
         f"muscle_types.{name}: outer_diameter = {kind.outer_diameter:g} m; expected at most {WIDEST:g} m, and less "
         f"than the cloth{diameter_slip(kind.outer_diameter)}"
@@ -81,8 +81,8 @@ def _too_wide(types: Mapping[str, MuscleType], side: float) -> list[str]:
 
 
 def spacing(design: Design, least: float) -> tuple[list[str], list[str]]:
-    """Lines on pairs of muscles on one face that lie in each other's place, and on those that cross or lie less than
-    `least` m apart."""
+    """Return lines on pairs of muscles on one face that lie in each other's place, and on those that cross or lie less
+    than `least` m apart."""
     overlapping, close = [], []
     for (i, a), (j, b) in combinations(enumerate(design.muscles), 2):
         if a.side != b.side:
@@ -101,8 +101,8 @@ def spacing(design: Design, least: float) -> tuple[list[str], list[str]]:
 
 
 def _first(lines: list[str]) -> list[str]:
-    left = len(lines) - _NAMED
-    return lines if left <= 1 else [*lines[:_NAMED], f"and so {left} more pairs of muscles on one face"]
+    others = len(lines) - _NAMED
+    return lines if others <= 1 else [*lines[:_NAMED], f"and so {others} more pairs of muscles on one face"]
 
 
 def _fabric(fabric: Fabric, ranges: Mapping[str, object]) -> Iterator[str]:
@@ -130,7 +130,7 @@ def _types(types: Mapping[str, MuscleType]) -> Iterator[str]:
 
 
 def bench_table_lines(bench: BenchTable, diameter: float | None = None) -> Iterator[str]:
-    """What is implausible in a bench table; with a muscle's diameter [m] its forces too."""
+    """Yield what is implausible in a bench table; with a muscle's diameter [m] its forces too."""
     pressure, contraction, force = (np.array(x) for x in (bench.pressure, bench.contraction, bench.force))
     most = pressure >= pressure.max() * (1 - 1e-9)
     pulls = contraction[most & (force > 0)]

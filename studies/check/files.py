@@ -1,4 +1,4 @@
-"""Every kind of file that a command reads: how it is recognised, and what is asked of it."""
+"""The kinds of files that commands read: how it is recognised, and what is asked of it."""
 
 import hashlib
 import warnings
@@ -50,9 +50,9 @@ _SLOW = 8.0  # s between rows of a program or frames of a motion, from which mil
 
 
 def inspect(path: Path, how: AsTarget = AS_GIVEN) -> Findings:
-    """Everything that is wrong with a file or folder, what is implausible, and what was left out or read otherwise
-    than as the format has it. Of a set every trial is read, of a recording every cloud, of a study every target.
-    how: a cloud or mesh is to be a target; with a fabric also where it lies on that."""
+    """Return everything that is wrong with a file or folder, what is implausible, and what was left out or read
+    otherwise than as the format has it. Of a set every trial is read, of a recording every cloud, of a study every
+    target. how: a cloud or mesh is to be a target; with a fabric also where it lies on that."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", InputNote)
@@ -134,7 +134,7 @@ def _set(path: Path) -> Findings:
 
 
 def _repeats(frames: Sequence[NDArray[np.float64]], file: Path, seen: dict[bytes, Path]) -> Findings:
-    """What noise never does: frames equal to the one before, and those of a trial `seen` under another name."""
+    """Return what noise never does: frames equal to the one before, and those of a trial `seen` under another name."""
     lines = []
     hashes = [hashlib.sha256(frame.tobytes()).digest() for frame in frames]
     if count := sum(a == b for a, b in pairwise(hashes)):
@@ -226,7 +226,7 @@ def _is_design(file: Path) -> bool:
 
 
 def _table(path: Path, how: AsTarget) -> Findings:
-    """Of a text table, by what its headings measure."""
+    """Return the findings of a text table, by what its headings measure."""
     if is_text_cloud(path):
         return _cloud(path, how)
     raw = read_raw_table(path)
@@ -257,7 +257,7 @@ def _table(path: Path, how: AsTarget) -> Findings:
 
 
 def _programs(program: PressureProgram, where: str, *, measured_at: object = None) -> Findings:
-    """What is implausible in set points."""
+    """Return what is implausible in set points."""
     largest = float(program.pressure.max(initial=0.0))
     lines = [*beyond("largest pressure", largest, PRESSURE)] if largest > 0 else []
     if measured_at is None:

@@ -1,4 +1,4 @@
-"""What `check` says of one file or folder."""
+"""The findings of `check` on one file or folder."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ class Findings:
     notes: tuple[str, ...] = ()
 
     def __add__(self, other: "Findings") -> "Findings":
-        """Both, a line that both have once."""
+        """Return both, a line that both have once."""
         return Findings(
             tuple(dict.fromkeys((*self.problems, *other.problems))),
             tuple(dict.fromkeys((*self.warnings, *other.warnings))),
@@ -25,7 +25,7 @@ class Findings:
 
 
 def failures(reads: Iterable[Callable[[], object]]) -> Findings:
-    """The lines of those that raise InputError."""
+    """Return the lines of those that raise InputError."""
     messages = []
     for read in reads:
         try:

@@ -1,4 +1,4 @@
-"""The kinds of files that dataclasses declare: what `fabdesign schema` and the tables of docs/files.md are made of."""
+"""The kinds of files that dataclasses declare: `fabdesign schema` and the tables of keys in the docs come from them."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -1,4 +1,4 @@
-"""What parts of cloth and muscle are like: values beyond these ranges are possible, and most likely slips.
+"""Plausible ranges of parts of cloth and muscle: values beyond these ranges are possible, and most likely slips.
 
 Ranges are published and measured figures, widened about tenfold where parts differ much. Swimwear knit: 0.20 kg/m^2,
 48 to 105 N/m, bending 60 uN m. Elastic tape: 0.3 to 0.6 kg/m^2, 150 to 1000 N/m along and much more across, bending
@@ -58,7 +58,8 @@ BLOCKED = Range(0.3, 40.0, "", "braids of 15 degrees or more")
 
 
 def beyond(name: str, value: float | tuple[float, ...] | None, expected: Range) -> Iterator[str]:
-    """A line where a value, in SI, lies outside its range, with the unit that it may be in; a pair counts as one."""
+    """Yield a line where a value, in SI, lies outside its range, with the unit that it may be in; a pair counts as
+    one."""
     if value is None:
         return
     for number in value if isinstance(value, tuple) else (value,):

@@ -1,4 +1,5 @@
-"""What the command of a study or a bench will say of it: targets opened, start against limits, columns needed."""
+"""Checks of studies and benches, as their commands will make them: targets opened, start against limits, columns
+needed."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -23,7 +24,7 @@ from studies.layout_search.target import load_target
 
 
 def study_findings(path: Path) -> Findings:
-    """Of a study, its design and all its targets. Raises InputError for what reading refuses."""
+    """Return the findings of a study, its design and all its targets. Raises InputError for what reading refuses."""
     kind = read_kind(path)
     if kind == "sensitivity":
         sweep = read_sensitivity(path)
@@ -58,7 +59,7 @@ _CONSTANTS = {"muscle": SIZES, "strip": ("width", "direction")}  # that a law's 
 
 
 def bench_findings(path: Path) -> Findings:
-    """Of a bench and all its records. Raises InputError for what reading refuses."""
+    """Return the findings on a bench and all its records. Raises InputError for what reading refuses."""
     bench = read_bench(path)
     findings = failures([partial(require_columns, bench, bench.records), partial(require_sizes, bench)])
     return findings + Findings(warnings=tuple(f"{path}: {line}" for line in _unread(path, bench)))

@@ -1,4 +1,4 @@
-"""What the demo's measured trials say about its model: calibrated, with effects, corrected; none of them has
+"""The demo's model on measured trials: calibrated, with effects, corrected; none of them has
 seen these."""
 
 from collections.abc import Mapping, Sequence
@@ -38,7 +38,7 @@ SHEET, CALIBRATED, EFFECTS, CORRECTED = "data sheet", "calibrated", "with effect
 
 @dataclass(frozen=True, eq=False)
 class ShippedErrors:
-    """Of a measured set: each model's errors, means over the trials; `with effects` only where it has some."""
+    """The errors of each model on a measured set, means over the trials; `with effects` only where it has some."""
 
     measured: MeasurementSet
     shipped: Model
@@ -49,7 +49,7 @@ class ShippedErrors:
 
     @property
     def effects_in_words(self) -> str:
-        """What the shipped model has besides its factors."""
+        """Return what the shipped model has besides its factors."""
         names = [name.replace("_", " ") for name in acting_effects(self.shipped.terms)]
         return f"Effects in the model: {', '.join(names)}." if names else "The model has no effects."
 
@@ -65,17 +65,17 @@ class ShippedErrors:
 
     def kept(self) -> dict[str, Any]:
         """Return what `of_kept` takes: JSON, to the last bit."""
-        own = {name: {"own": one.own, "others": as_json(one.others)} for name, one in self.branches.items()}
+        branches = {name: {"own": one.unchanged, "others": as_json(one.others)} for name, one in self.branches.items()}
         return {
             "errors": as_json(self.errors),
             "share_left_out": self.share_left_out,
             "by_trial": as_json(self.by_trial),
-            "branches": own,
+            "branches": branches,
         }
 
     @staticmethod
     def of_kept(kept: Mapping[str, Any]) -> "ShippedErrors":
-        """Those of the set and the model that are shipped. Raises KeyError, TypeError or ValueError."""
+        """Return the errors of the set and the model that are shipped. Raises KeyError, TypeError or ValueError."""
         data = Path(str(files("fabdesign") / "data"))
         measured = read_set(data / SET)
         trials = {trial.name: trial for trial in measured.trials}
@@ -92,36 +92,36 @@ class ShippedErrors:
         )
 
     def rows(self) -> list[tuple[str, Errors, float | None]]:
-        """Each model's name, errors, and the share of the calibrated model's excess that it closes."""
+        """Return each model's name, errors, and the share of the calibrated model's excess that it closes."""
         base = self.errors[CALIBRATED]
         later = (EFFECTS, CORRECTED)
         return [(name, e, closed(base, e).surface if name in later else None) for name, e in self.errors.items()]
 
     def as_json(self) -> dict[str, Any]:
-        """mm."""
+        """Return what files hold of it: mm."""
         return {
             "set": self.measured.name,
             "trials": len(self.measured.trials),
             "unjudged_share": self.share_left_out,
             "effects": acting_effects(self.shipped.terms),
             "by_trial": {name: e.millimetres() for name, e in self.by_trial.items()},
-            "another_branch": {name: found.much_nearer for name, found in self.branches.items()},
+            "another_branch": {name: branch.much_nearer for name, branch in self.branches.items()},
             "models": [{"name": name, **errors.millimetres(), "closed": share} for name, errors, share in self.rows()],
         }
 
 
 def far_off(surface: Mapping[str, float]) -> dict[str, float]:
-    """The trials that are off by twice as much as the others, and the others' mean. surface: m, by trial."""
+    """Return the trials that are off by twice as much as the others, and the others' mean. surface: m, by trial."""
     others = {name: [x for key, x in surface.items() if key != name] for name in surface}
-    means = {name: float(np.mean(own)) for name, own in others.items() if own}
+    means = {name: float(np.mean(errors)) for name, errors in others.items() if errors}
     return {name: mean for name, mean in means.items() if surface[name] > FAR_OFF * mean}
 
 
-def branch_in_words(found: Branches) -> str:
-    """Whether a trial that is far off lies on another branch, as simulated from starts that differ a little."""
+def branch_in_words(branch: Branches) -> str:
+    """Return whether a trial that is far off lies on another branch, as simulated from starts that differ a little."""
     changed = f"the frame tilted by up to {max(TILTS):g} degrees or the cloth curved by up to {max(CURLS):g} 1/m more"
-    nearest = f"{in_mm(found.nearest):.2f} mm, without the change {in_mm(found.own):.2f} mm"
-    if found.much_nearer:
+    nearest = f"{in_mm(branch.nearest):.2f} mm, without the change {in_mm(branch.unchanged):.2f} mm"
+    if branch.much_nearer:
         return (
             "It took another stable shape (branch): a small change of the start leads there. With "
             f"{changed}, the model without its corrector comes to {nearest}."
@@ -133,7 +133,7 @@ def branch_in_words(found: Branches) -> str:
 
 
 def evaluate_shipped(*, forward: ForwardModel | None = None) -> ShippedErrors:
-    """How far the data sheet and the shipped model, calibrated, with its effects, and with its corrector, are
+    """Return how far the data sheet and the shipped model, calibrated, with its effects, and with its corrector, are
     from the embedded trials. forward: the bare simulator, by default with the shipped model's grid."""
     data = Path(str(files("fabdesign") / "data"))
     measured, shipped = read_set(data / SET), read_model(data / MODEL)
@@ -152,20 +152,23 @@ def evaluate_shipped(*, forward: ForwardModel | None = None) -> ShippedErrors:
     frames = {trial.name: np.flatnonzero(used.at(measured, trial)) for trial in measured.trials}
     trials = [trial for trial in measured.trials if len(frames[trial.name])]
     noise = noise_of(measured.trials)
-    each = {name: _each(trials, frames, noise, forward_model(fine, own, sensing=True)) for name, own in models.items()}
-    by_trial = {trial.name: own for trial, own in zip(trials, each[CORRECTED], strict=True)}
-    means = {name: mean_errors(own) for name, own in each.items()}
+    each = {
+        name: _each(trials, frames, noise, forward_model(fine, model, sensing=True)) for name, model in models.items()
+    }
+    by_trial = {trial.name: errors for trial, errors in zip(trials, each[CORRECTED], strict=True)}
+    means = {name: mean_errors(errors) for name, errors in each.items()}
     far = far_off({name: e.surface_rms for name, e in by_trial.items()})
     other = branches_of([t for t in trials if t.name in far], forward_model(fine, uncorrected, sensing=True))
     return ShippedErrors(
-        measured, shipped, means, used.share_left_out, by_trial, {found.trial.name: found for found in other}
+        measured, shipped, means, used.share_left_out, by_trial, {branch.trial.name: branch for branch in other}
     )
 
 
 def _each(
     trials: Sequence[Trial], frames: Mapping[str, NDArray[np.intp]], noise: SensorNoise, model: Predictor
 ) -> list[Errors]:
-    """Over the used `frames` of each trial; each is simulated once, and its errors are those of `evaluate`."""
+    """Return the mean errors over the used `frames` of each trial; each is simulated once, and its errors are those of
+    `evaluate`."""
     cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
     motions = model.motions(cases, [trial.times for trial in trials])
     each = []
@@ -176,16 +179,16 @@ def _each(
 
 
 def as_text(shipped: ShippedErrors) -> str:
-    """A table for people; mm."""
+    """Return a table for people; mm."""
     lines = [
         f"measured: {shipped.measured.description}",
         f"{'mm':16}{'Chamfer':>9}{'floor':>8}{'surface RMS':>13}{'floor':>8}{'removed':>9}",
     ]
     for name, e, share in shipped.rows():
-        told = "" if share is None else f"{share:.0%}"
+        shown = "" if share is None else f"{share:.0%}"
         lines.append(
             f"{name:16}{in_mm(e.chamfer):9.2f}{in_mm(e.chamfer_floor):8.2f}{in_mm(e.surface_rms):13.2f}"
-            f"{in_mm(e.surface_floor):8.2f}{told:>9}"
+            f"{in_mm(e.surface_floor):8.2f}{shown:>9}"
         )
     return "\n".join([*lines, *shipped.far_off, shipped.effects_in_words])
 

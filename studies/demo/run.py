@@ -8,24 +8,34 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+
+from fabdesign.drawings.layout_drawing import HALF, HIGH, LOW
 from fabdesign.formats.json_file import read_json, write_json
 from fabdesign.geometry.metrics import MANY_BEYOND, told_beyond
+from fabdesign.geometry.mid_surface import mid_surface
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import ForwardModel
-from fabdesign.output import work_folder, write_text
+from fabdesign.output import whole_file, work_folder, write_text
 from fabdesign.runtime.fingerprint import OtherContent, sha256
 from fabdesign.runtime.store import read_kept
 from fabdesign.study_files.search_terms import Price
 from fabdesign.study_files.study_file import MuscleChoice, Study, StudyLimits
 from fabdesign.study_files.study_targets import TargetFile
+from fabdesign.units import in_kpa, in_mm
 from optimize.search.evaluations import Evaluations
 from studies.demo.measured import MODEL, SET, ShippedErrors, as_blocks, evaluate_shipped
 from studies.demo.measured import as_text as shipped_as_text
 from studies.layouts.kept_result import VERSIONS
-from studies.layouts.picture import save_picture
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult
 from studies.layouts.run import run_study
+from studies.report.oblique import box_of
+from studies.report.shape_picture import draw_shape
 
 TARGET = "demo_target.npz"
 MEASURED = "measured.json"  # what the measured trials say of the model, kept
@@ -125,7 +135,7 @@ def _run_studies(
 
 
 def demo_studies(target: Path) -> list[Study]:
-    """Pressures for the catalogue's *basic* layout, and layout and pressures of at most four muscles."""
+    """Return pressures for the catalogue's *basic* layout, and layout and pressures of at most four muscles."""
     cloud = (TargetFile(target, description=SOURCE),)
     basic = build("basic")
     return [
@@ -143,7 +153,7 @@ def demo_studies(target: Path) -> list[Study]:
 
 
 def as_json(demo: Demo) -> dict[str, Any]:
-    """What `demo --json` prints; distances in mm."""
+    """Return what `demo --json` prints; distances in mm."""
     keys = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor", "surface_beyond", "evaluations", "wall_s")
     searches = [(result.study.name, result.as_json()) for result in demo.runs]
     runs = [{"name": name, **{key: values[key] for key in keys}} for name, values in searches]
@@ -151,7 +161,7 @@ def as_json(demo: Demo) -> dict[str, Any]:
 
 
 def as_text(demo: Demo) -> str:
-    """Tables for people; distances in mm."""
+    """Return tables for people; distances in mm."""
     head = f"{'mm':8}{'Chamfer':>9}{'floor':>8}{'surface RMS':>13}{'beyond 10 mm':>14}{'evaluations':>13}{'seconds':>9}"
     rows = [f"target: {SOURCE}", head]
     for run in as_json(demo)["runs"]:
@@ -167,3 +177,50 @@ def as_text(demo: Demo) -> str:
 
 def _named(progress: Callable[[str, Evaluations], None], name: str) -> Callable[[Evaluations], None]:
     return lambda evaluations: progress(name, evaluations)
+
+
+SHOWN = 1200  # target points drawn
+COLOURS = LinearSegmentedColormap.from_list("pressure", [tuple(c / 255) for c in (LOW, HALF, HIGH)])
+
+
+def save_picture(results: Sequence[tuple[str, StudyResult]], path: Path) -> None:
+    """Write a PNG with a row for every (title, result), of its first pose. Raises InputError."""
+    figure = plt.figure(figsize=(10.5, 3.9 * len(results)), layout="constrained")
+    grid = figure.add_gridspec(len(results), 3, width_ratios=(1.7, 1, 1))
+    for row, (title, result) in enumerate(results):
+        _draw_scene(figure.add_subplot(grid[row, 0]), title, result)
+        flat = [figure.add_subplot(grid[row, column]) for column in (1, 2)]
+        for axes, side in zip(flat, ("front", "back"), strict=True):
+            _draw_face(axes, side, result)
+        highest = in_kpa(result.study.limits.pressure[1])
+        figure.colorbar(ScalarMappable(Normalize(0, highest), COLOURS), ax=flat, label="kPa", shrink=0.7)
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, dpi=90, format="png")
+    plt.close(figure)
+
+
+def _draw_scene(axes: Axes, title: str, result: StudyResult) -> None:
+    points, target = result.points[0], result.targets[0].points
+    draw_shape(axes, mid_surface(points), target[:: max(1, len(target) // SHOWN)], box_of([points, target]))
+    errors = result.errors
+    axes.set_title(
+        f"{title}\nChamfer {in_mm(errors.chamfer):.2f} mm, floor {in_mm(errors.chamfer_floor):.2f}", fontsize=11
+    )
+
+
+def _draw_face(axes: Axes, side: str, result: StudyResult) -> None:
+    fabric, highest = result.design.fabric, result.study.limits.pressure[1]
+    for number, muscle in enumerate(result.design.muscles):
+        if muscle.side != side:
+            continue
+        pressure = result.pressures[0][muscle.channel]
+        path = in_mm(np.array(muscle.path))
+        axes.plot(*path.T, color=COLOURS(pressure / highest), linewidth=5, solid_capstyle="round")
+        place = path[0] + (path[-1] - path[0]) * (0.3 + 0.4 * (number % 2))
+        box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
+        axes.text(place[0], place[1], f"{in_kpa(pressure):.0f}", ha="center", va="center", fontsize=9, bbox=box)
+    axes.axhline(0, color="black", linewidth=4)
+    axes.set(xlim=(0, in_mm(fabric.width)), ylim=(in_mm(fabric.height), 0), xlabel="u, mm", ylabel="v, mm")
+    axes.set_title("front" if side == "front" else "back, seen through the cloth", fontsize=10)
+    axes.set_aspect("equal")
+    axes.set_facecolor("#f5f6f8")

@@ -1,7 +1,7 @@
 """`fabdesign fuse`: raw clouds or depth images of several sensors become a measurement set, a trial a recording.
 
 Every sensor is registered to the cloth at rest, all of them jointly to one another over all frames; then each frame is
-thinned on a grid, face by face, and sampled. docs/results/fuse.md has the figures.
+thinned on a grid, face by face, and sampled. docs/lab/fuse.md has the figures.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -22,17 +22,17 @@ Array = NDArray[np.float64]
 def bands(
     predictor: Predictor, coarse: ForwardModel, cases: Sequence[Case], times: Sequence[Array], motions: Sequence[Motion]
 ) -> list[Array | None]:
-    """(T, REGIONS, REGIONS) m of each case: 90 % of motions lie within so much of `motions` along their normal, in the
-    mean of a region. None of a model without intervals. motions: `predictor`'s own, at `times` [s]; coarse: moves the
-    drawn models."""
+    """Return (T, REGIONS, REGIONS) m of each case: 90 % of motions lie within so much of `motions` along their normal,
+    in the mean of a region. None of a model without intervals. motions: `predictor`'s own, at `times` [s]; coarse:
+    moves the drawn models."""
     spread = spread_of(predictor.model)
     if spread is None:
         return [None] * len(cases)
-    found: list[Array | None] = []
+    results: list[Array | None] = []
     for case, at, motion, rest in zip(cases, times, motions, rests(predictor, cases), strict=True):
         others = drawn_motions(predictor, coarse, [case], [at])[0] if spread.covariance else []
-        found.append(half_widths(spread, *region_terms(rest, motion, others, case.design.fabric), case.design.name))
-    return found
+        results.append(half_widths(spread, *region_terms(rest, motion, others, case.design.fabric), case.design.name))
+    return results
 
 
 def shapes_with_error(
@@ -45,9 +45,10 @@ def shapes_with_error(
     *,
     least: float,
 ) -> Array:
-    """(models, 2 n^2, 3) m: shapes of drawn models, spread as the calibrated intervals are: their scatter by its factor
-    (at least `least`), and what the model lacks, along the normal of the shape `predicted` (2 n^2, 3) m. One draw of it
-    moves the whole cloth to one side: how its parts go together is not known. rest: (2 n^2, 3) m, without pressure."""
+    """Return (models, 2 n^2, 3) m: shapes of drawn models, spread as the calibrated intervals are: their scatter by its
+    factor (at least `least`), and what the model lacks, along the normal of the shape `predicted` (2 n^2, 3) m. One
+    draw of it moves the whole cloth to one side: how its parts go together is not known. rest: (2 n^2, 3) m, without
+    pressure."""
     factor = max(spread.covariance / TWO_SIDED, least)
     mean = drawn.mean(axis=0)
     _, moved = region_terms(rest, predicted[None], [], fabric)
@@ -58,14 +59,14 @@ def shapes_with_error(
 
 
 def over_nodes(values: Array, side: int) -> Array:
-    """(side, side) of (REGIONS, REGIONS), linear between the regions' middles."""
+    """Return (side, side) of (REGIONS, REGIONS), linear between the regions' middles."""
     at = np.clip(np.linspace(0, REGIONS, side) - 0.5, 0, REGIONS - 1)
     line = np.array([np.interp(at, np.arange(REGIONS), row) for row in np.eye(REGIONS)]).T
     return np.asarray(line @ values @ line.T)
 
 
 def mean_width(widths: Sequence[Array]) -> float:
-    """m, from end to end, over motions, frames and regions. widths: m, half."""
+    """Return the mean width [m] from end to end, over motions, frames and regions. widths: m, half."""
     return 2 * float(np.concatenate([each.ravel() for each in widths]).mean())
 
 

@@ -21,12 +21,12 @@ MOST = 10  # of a design
 
 
 def chosen(trials: Sequence[Trial], most: int = MOST) -> list[Trial]:
-    """At most so many of a design, spread over the session."""
-    found = []
+    """Return at most so many trials of a design, spread over the session."""
+    selected = []
     for name in sorted({trial.design_name for trial in trials}):
-        own = [trial for trial in trials if trial.design_name == name]
-        found += [own[k] for k in evenly(len(own), most)]
-    return found
+        of_design = [trial for trial in trials if trial.design_name == name]
+        selected += [of_design[k] for k in evenly(len(of_design), most)]
+    return selected
 
 
 def with_spread(
@@ -38,7 +38,7 @@ def with_spread(
     used: Used | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[Model, str]:
-    """The model with its spread, or without one, and a line that says how good it is, or why there is none.
+    """Return the model with its spread, or without one, and a line that says how good it is, or why there is none.
 
     trials: that the model was not fitted to. coarse: a cheap simulator for the drawn models, by default `simulator`.
     """
@@ -46,18 +46,18 @@ def with_spread(
     predictor = forward_model(simulator, bare, sensing=True)
     if predictor.corrector is not None and not predictor.corrector.ordered:
         return bare, "intervals of motions are not calibrated: the corrector's points have no order"
-    own = [trial for trial in chosen(trials) if len(looked_at(trial, used))]
+    usable = [trial for trial in chosen(trials) if len(looked_at(trial, used))]
     every: list[RegionResiduals] = []
-    if len(own) >= LEAST:
-        every = residuals(own, predictor, coarse or simulator, used=used, progress=progress)
+    if len(usable) >= LEAST:
+        every = residuals(usable, predictor, coarse or simulator, used=used, progress=progress)
     kept = [k for k, one in enumerate(every) if len(one.residual)]
     if len(kept) < LEAST:
-        count = len(kept) if every else len(own)
+        count = len(kept) if every else len(usable)
         return (
             bare,
             f"intervals of motions are not calibrated: {count} trials of role fit are left for it; expected {LEAST}",
         )
-    spread, score = spread_from([every[k] for k in kept], _folds([own[k] for k in kept]), bare)
+    spread, score = spread_from([every[k] for k in kept], _folds([usable[k] for k in kept]), bare)
     return replace(bare, spread=spread), (
         f"90 % intervals calibrated on {spread.trials} trials that were not fitted: mean width "
         f"{in_mm(score.width):.2f} mm; {spread.held:.0%} inside where each trial is left out in turn"
@@ -65,7 +65,7 @@ def with_spread(
 
 
 def spread_from(every: Sequence[RegionResiduals], folds: Sequence[int], model: Model) -> tuple[Spread, IntervalScore]:
-    """Of trials' residuals, and how good it is where each fold is left out in turn."""
+    """Return the spread of trials' residuals, and how good it is where each fold is left out in turn."""
     widths = calibrated(every, combined, START)
     constant, covariance, motion = TWO_SIDED * widths.factor * np.exp(widths.shape)
     if not any(one.deviation.any() for one in every):
@@ -78,16 +78,16 @@ def spread_from(every: Sequence[RegionResiduals], folds: Sequence[int], model: M
 
 
 def spread_json(model: Model) -> dict[str, Any] | None:
-    """What commands print of it: mm."""
-    own = model.spread
-    if own is None:
+    """Return what commands print of it: mm."""
+    spread = model.spread
+    if spread is None:
         return None
-    shape = {"constant_mm": in_mm(own.constant), "covariance": own.covariance, "motion": own.motion}
-    return shape | {"trials": own.trials, "held": own.held, "designs": dict(own.designs)}
+    shape = {"constant_mm": in_mm(spread.constant), "covariance": spread.covariance, "motion": spread.motion}
+    return shape | {"trials": spread.trials, "held": spread.held, "designs": dict(spread.designs)}
 
 
 def _folds(trials: Sequence[Trial]) -> list[int]:
-    """Trials with the same pressures are one fold; of a single program each trial is one."""
+    """Return trials with the same pressures are one fold; of a single program each trial is one."""
     groups = by_program(trials)
     if len(groups) < 2:
         return [*range(len(trials))]

@@ -1,5 +1,5 @@
-"""What intervals are said of: the mean height of the cloth over the predicted one in each of nine regions, along the
-normal of the predicted mid-surface."""
+"""Regions that intervals are said of: the mean height of the cloth over the predicted one in each of nine regions,
+along the normal of the predicted mid-surface."""
 
 from collections.abc import Sequence
 
@@ -17,8 +17,8 @@ REGIONS = 3  # a side
 
 
 def region_terms(rest: Motion, predicted: Motion, drawn: Sequence[Motion], fabric: Fabric) -> tuple[Array, Array]:
-    """(T, REGIONS, REGIONS) m each: the standard deviation over the drawn models' motions, 0 without two of them, and
-    how far a region has moved since rest. rest: (2 n^2, 3) m; predicted and drawn: (T, 2 n^2, 3) m."""
+    """Return (T, REGIONS, REGIONS) m each: the standard deviation over the drawn models' motions, 0 without two of
+    them, and how far a region has moved since rest. rest: (2 n^2, 3) m; predicted and drawn: (T, 2 n^2, 3) m."""
     middle = middle_of(predicted, SIDE)
     nodes = _nodes(middle)
     per_region = by_region(np.ones((1, *nodes.shape[1:3])))[0]
@@ -32,7 +32,7 @@ def region_terms(rest: Motion, predicted: Motion, drawn: Sequence[Motion], fabri
 
 
 def region_residuals(predicted: Motion, clouds: Sequence[Array], fabric: Fabric) -> Array:
-    """(T, REGIONS, REGIONS) m from the predicted cloth to the measured one; NaN where no point was measured."""
+    """Return (T, REGIONS, REGIONS) m from the predicted cloth to the measured one; NaN where no point was measured."""
     middle = middle_of(predicted, SIDE)
     pairs = [offsets(one, cloud, fabric.thickness) for one, cloud in zip(middle, clouds, strict=True)]
     heights, counts = (np.array([pair[k] for pair in pairs], dtype=float) for k in (0, 1))
@@ -42,17 +42,17 @@ def region_residuals(predicted: Motion, clouds: Sequence[Array], fabric: Fabric)
 
 
 def normals(predicted: Motion, fabric: Fabric) -> Motion:
-    """(T, FINE, FINE, 3) of unit length, off the front."""
+    """Return (T, FINE, FINE, 3) of unit length, off the front."""
     return LocalFrames.of(middle_of(predicted, SIDE), fabric.width, fabric.height, FINE).normal
 
 
 def _nodes(middle: Motion) -> Motion:
-    """(T, FINE, FINE, 3) m."""
+    """Return (T, FINE, FINE, 3) m."""
     every = (SIDE - 1) // (FINE - 1)
     return middle[:, ::every, ::every]
 
 
 def by_region(values: Motion) -> Array:
-    """(T, REGIONS, REGIONS) sums of (T, n, n)."""
+    """Return (T, REGIONS, REGIONS) sums of (T, n, n)."""
     edges = np.linspace(0, values.shape[1], REGIONS + 1).astype(int)[:-1]
     return np.asarray(np.add.reduceat(np.add.reduceat(values, edges, axis=1), edges, axis=2))

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class RegionResiduals:
-    """Of one trial, (n,) each, a region at a frame."""
+    """The residuals of one trial, (n,) each, a region at a frame."""
 
     design: str
     residual: Array  # m, measured less predicted
@@ -30,13 +30,13 @@ START = np.log([0.5e-3, 1.0, 0.01])  # of `combined`
 
 
 def combined(shape: Array, one: RegionResiduals) -> Array:
-    """Constant, what the covariance says, and a share of the motion, in quadrature."""
+    """Return in quadrature the constant, what the covariance says, and a share of the motion."""
     least, times, share = np.exp(shape)
     return np.asarray(np.sqrt(least**2 + (times * one.deviation) ** 2 + (share * one.moved) ** 2))
 
 
 def crps(residual: Array, sigma: Array) -> Array:
-    """(n,) m, of a normal distribution about nothing (Gneiting and Raftery 2007, eq. 21)."""
+    """Return (n,) m, of a normal distribution about nothing (Gneiting and Raftery 2007, eq. 21)."""
     z = residual / sigma
     density = np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)
     return np.asarray(sigma * (z * (2 * ndtr(z) - 1) + 2 * density - 1 / np.sqrt(np.pi)))
@@ -52,12 +52,12 @@ class Widths:
     designs: Mapping[str, float]  # times that, of designs with enough trials
 
     def of(self, one: RegionResiduals) -> Array:
-        """(n,) m."""
+        """Return (n,) m."""
         return self.designs.get(one.design, 1.0) * self.factor * self.width(self.shape, one)
 
 
 def calibrated(others: Sequence[RegionResiduals], width: Width, start: Array) -> Widths:
-    """The shape by least CRPS, then the factors."""
+    """Return the shape by least CRPS, then the factors."""
 
     def mean(shape: Array) -> float:
         return float(np.concatenate([crps(one.residual, width(shape, one)) for one in others]).mean())
@@ -66,25 +66,25 @@ def calibrated(others: Sequence[RegionResiduals], width: Width, start: Array) ->
     ratios: dict[str, list[Array]] = {}
     for one in others:
         ratios.setdefault(one.design, []).append(np.abs(one.residual) / width(shape, one))
-    whole = float(np.quantile(np.concatenate([r for own in ratios.values() for r in own]), INSIDE))
-    own = {name: float(np.quantile(np.concatenate(r), INSIDE)) for name, r in ratios.items() if len(r) >= LEAST}
-    return Widths(width, shape, whole / TWO_SIDED, {name: value / whole for name, value in own.items()})
+    whole = float(np.quantile(np.concatenate([r for parts in ratios.values() for r in parts]), INSIDE))
+    factors = {name: float(np.quantile(np.concatenate(r), INSIDE)) for name, r in ratios.items() if len(r) >= LEAST}
+    return Widths(width, shape, whole / TWO_SIDED, {name: value / whole for name, value in factors.items()})
 
 
 def left_out(every: Sequence[RegionResiduals], folds: Sequence[int], width: Width, start: Array) -> list[Array]:
-    """(n,) m of each trial, standard deviations calibrated on the trials of the other folds."""
-    found: list[Array] = [np.empty(0)] * len(every)
+    """Return (n,) m of each trial, standard deviations calibrated on the trials of the other folds."""
+    residuals: list[Array] = [np.empty(0)] * len(every)
     for fold in sorted(set(folds)):
-        others = [one for one, own in zip(every, folds, strict=True) if own != fold]
+        others = [one for one, fold_of in zip(every, folds, strict=True) if fold_of != fold]
         widths = calibrated(others, width, start)
-        for k in (k for k, own in enumerate(folds) if own == fold):
-            found[k] = widths.of(every[k])
-    return found
+        for k in (k for k, fold_of in enumerate(folds) if fold_of == fold):
+            residuals[k] = widths.of(every[k])
+    return residuals
 
 
 @dataclass(frozen=True)
 class IntervalScore:
-    """Of 90 % intervals, over regions and frames. width: m, from end to end; crps: m."""
+    """The score of 90 % intervals, over regions and frames. width: m, from end to end; crps: m."""
 
     count: int
     inside: float
@@ -98,7 +98,7 @@ class IntervalScore:
 
     @staticmethod
     def of(residual: Array, sigma: Array) -> "IntervalScore":
-        """residual, sigma: (n,) m, n > 0."""
+        """Return the score of intervals. residual, sigma: (n,) m, n > 0."""
         sigma = np.maximum(sigma, 1e-9)
         inside = float((np.abs(residual) <= TWO_SIDED * sigma).mean())
         width, score = (float(x.mean()) for x in (2 * TWO_SIDED * sigma, crps(residual, sigma)))
@@ -106,7 +106,7 @@ class IntervalScore:
 
     @staticmethod
     def pooled(scores: Sequence["IntervalScore"]) -> "IntervalScore | None":
-        """Of all of their regions together; None where there are none."""
+        """Return the score of all of their regions together; None where there are none."""
         counts = np.array([score.count for score in scores])
         if not counts.sum():
             return None

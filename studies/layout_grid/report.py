@@ -57,32 +57,34 @@ def _blocks(result: GridResult) -> Iterator[page.Block]:
     explained = "Cells that no other beats with as many muscles or fewer come first."
     yield page.Text(f"{explained} Blue: the cloth's mid-surface. Red: the target.", "quiet")
     for f in [*front, *others]:
-        own = "" if f in front else " (own search)"
-        yield page.Title(f"{f.cell.muscles} {f.cell.type}, {WORDS[f.cell.sides]}: {page.mm(f.objective)} mm{own}", 3)
+        searched = "" if f in front else " (own search)"
+        yield page.Title(
+            f"{f.cell.muscles} {f.cell.type}, {WORDS[f.cell.sides]}: {page.mm(f.objective)} mm{searched}", 3
+        )
         yield from _shape(f)
     yield page.Text(f"Seed {search.seed}, fabdesign {__version__}.", "quiet")
 
 
-def _row(result: GridResult, own: CellResult, *, wished: bool) -> tuple[object, ...]:
+def _row(result: GridResult, entry: CellResult, *, wished: bool) -> tuple[object, ...]:
     """Return the cells of a search: the nearest of its layouts, then what its own search came to."""
-    best, search = result.nearest(own.cell), own.result
+    best, search = result.nearest(entry.cell), entry.result
     used: tuple[str, ...] = ("", "")
     if best:
         faces = WORDS[best.sides_used] if best.sides_used else ""
         used = page.mm(best.objective), f"{len(best.pulling)} of {best.cell.muscles} {faces}"
-    first = (own.cell.muscles, own.cell.type, own.cell.sides, *used)
+    first = (entry.cell.muscles, entry.cell.type, entry.cell.sides, *used)
     if search is None:
-        return (*first, own.why)
-    link = Markup('<a href="cells/{}/report.html">page</a>').format(own.cell.name)
+        return (*first, entry.why)
+    link = Markup('<a href="cells/{}/report.html">page</a>').format(entry.cell.name)
     return (*first, *error_cells(search.errors, wished=wished), len(search.history), f"{search.wall_s:.0f}", link)
 
 
-def _shape(own: CellResult) -> Iterator[page.Block]:
+def _shape(entry: CellResult) -> Iterator[page.Block]:
     """Yield the poses beside their targets, and the layout with what there is to say of it."""
-    result = own.result
+    result = entry.result
     assert result is not None
     poses = enumerate(zip(result.points, result.targets, strict=True), start=1)
-    alt = f"shape of {own.cell.name} beside the target, pose "
+    alt = f"shape of {entry.cell.name} beside the target, pose "
     pictures = [page.Picture(shape_png(points, target.points), f"{alt}{pose}") for pose, (points, target) in poses]
     path = result.loading_path
     motion = path.sentences if path else ["The motion to this shape was not simulated."]
@@ -100,13 +102,13 @@ def front_figure(result: GridResult) -> Figure:
     sound = [f for f in result.cells if f.result]
     for k, type_ in enumerate(result.study.types):
         for sides in result.study.sides:
-            own = [f for f in sound if (f.cell.type, f.cell.sides) == (type_, sides)]
-            if own:
-                counts = [f.cell.muscles for f in own]
-                reached = [in_mm(min(f.objective, _nearest(result, f))) for f in own]
+            series = [f for f in sound if (f.cell.type, f.cell.sides) == (type_, sides)]
+            if series:
+                counts = [f.cell.muscles for f in series]
+                reached = [in_mm(min(f.objective, _nearest(result, f))) for f in series]
                 label = f"{type_}, {sides}"
                 axes.plot(counts, reached, MARKS[sides], color=f"C{k}", linestyle=":", linewidth=0.8, label=label)
-                worse = [f for f in own if f.objective > _nearest(result, f)]
+                worse = [f for f in series if f.objective > _nearest(result, f)]
                 at = [f.cell.muscles for f in worse], [in_mm(f.objective) for f in worse]
                 axes.plot(*at, MARKS[sides], color=f"C{k}", fillstyle="none")
     front = result.front
@@ -121,13 +123,13 @@ def front_figure(result: GridResult) -> Figure:
     return figure
 
 
-def _nearest(result: GridResult, own: CellResult) -> float:
-    best = result.nearest(own.cell)
+def _nearest(result: GridResult, entry: CellResult) -> float:
+    best = result.nearest(entry.cell)
     return best.objective if best else float("inf")
 
 
 def as_text(result: GridResult) -> str:
-    """For people: the front, a line a cell."""
+    """Return the front in words, a line a cell."""
     lines = [
         f"{f.cell.muscles} muscles, {f.cell.type}, {f.cell.sides}: {in_mm(f.objective):.3f} mm" for f in result.front
     ]

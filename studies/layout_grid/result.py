@@ -1,4 +1,4 @@
-"""What a grid of searches found."""
+"""The result of a grid of searches."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -33,8 +33,8 @@ class CellResult:
         if self.result is None:
             return ()
         low, high = self.result.study.limits.pressure
-        own = self.result.pressures[:, [muscle.channel for muscle in self.result.design.muscles]].max(axis=0)
-        return tuple(np.flatnonzero(own > low + PULLS * (high - low)).tolist())
+        highest = self.result.pressures[:, [muscle.channel for muscle in self.result.design.muscles]].max(axis=0)
+        return tuple(np.flatnonzero(highest > low + PULLS * (high - low)).tolist())
 
     @property
     def sides_used(self) -> str:
@@ -57,7 +57,8 @@ class GridResult:
         return any(f.result is not None and f.result.interrupted for f in self.cells)
 
     def nearest(self, cell: Cell) -> CellResult | None:
-        """The nearest layout that `cell` may have: its own, or that of a cell with fewer muscles or on one face."""
+        """Return the nearest layout that `cell` may have: its own, or that of a cell with fewer muscles or on one
+        face."""
         may = [f for f in self.cells if f.result is not None and cell.includes(f.cell)]
         return min(may, key=lambda f: (f.objective, f.cell.muscles), default=None)
 
@@ -71,13 +72,13 @@ class GridResult:
         return kept
 
     def statements(self, cell: Cell) -> list[str]:
-        """Sentences on where more muscles, or a second face, did not help."""
-        own, best = next((f for f in self.cells if f.cell is cell), None), self.nearest(cell)
-        if own is None or best is None:
+        """Return sentences on where more muscles, or a second face, did not help."""
+        this, best = next((f for f in self.cells if f.cell is cell), None), self.nearest(cell)
+        if this is None or best is None:
             return []
         statements, count = [], f"{cell.muscles} muscles" if cell.muscles > 1 else "1 muscle"
-        if best is not own:
-            came = f"its own search came to {in_mm(own.objective):.2f} mm" if own.result else own.why
+        if best is not this:
+            came = f"its own search came to {in_mm(this.objective):.2f} mm" if this.result else this.why
             statements.append(
                 f"{count} {WORDS[cell.sides]} did not help: {best.cell.muscles} {WORDS[best.cell.sides]} are nearer, "
                 f"at {in_mm(best.objective):.2f} mm; {came}."
@@ -90,7 +91,7 @@ class GridResult:
         return statements
 
     def as_json(self) -> dict[str, Any]:
-        """What result.json holds: mm."""
+        """Return what result.json holds: mm."""
         front = self.front
         return {
             "cells": [self._cell(f, f in front) for f in self.cells],
@@ -109,7 +110,7 @@ class GridResult:
             entry["why_not"] = one.why
         if best is None or best.result is None:
             return entry
-        result, own = best.result, one.result
+        result, searched = best.result, one.result
         entry |= {
             "objective_mm": in_mm(result.objective),
             **result.errors.millimetres(),
@@ -117,7 +118,7 @@ class GridResult:
         }
         entry |= {"of": best.cell.name, "sides_used": best.sides_used, "muscles_used": len(best.pulling)}
         entry |= {"said": [*self.statements(cell), *result.reach.sentences], "front": on_front}
-        if own is not None:
-            entry |= {"searched_mm": in_mm(own.objective), "stop_reason": own.stop_reason}
-            entry |= {"evaluations": len(own.history), "wall_s": own.wall_s}
+        if searched is not None:
+            entry |= {"searched_mm": in_mm(searched.objective), "stop_reason": searched.stop_reason}
+            entry |= {"evaluations": len(searched.history), "wall_s": searched.wall_s}
         return entry

@@ -118,14 +118,15 @@ class _Grid:
         return result if result.interrupted else self._followed(result)
 
     def _followed(self, result: GridResult) -> GridResult:
-        """With the motions that lead to what is on the front, the nearest first, while there is time for another."""
+        """Return the result with the motions that lead to what is on the front, the nearest first, while there is time
+        for another."""
         while ahead := [f for f in reversed(result.front) if f.result is not None and f.result.loading_path is None]:
             begin = working_time.seconds()
             if self._spent + self._to_follow > self._limit:
                 return result
-            own = self._turns[ahead[0].cell.name]
+            turns = self._turns[ahead[0].cell.name]
             followed = self._run(
-                ahead[0].cell, own, first_starts(ahead[0].cell.study) if own.drawn else [], follow=True
+                ahead[0].cell, turns, first_starts(ahead[0].cell.study) if turns.drawn else [], follow=True
             )
             self._found[self._found.index(ahead[0])] = CellResult(ahead[0].cell, followed, "")
             self._longest = max(self._longest, working_time.seconds() - begin)
@@ -150,57 +151,57 @@ class _Grid:
         return GridResult(self._study, tuple(self._found), len(self._cells), self._spent)
 
     def _time_for_another(self) -> float:
-        """s of search in another turn, 0 where there is no time."""
+        """Return the seconds of search in another turn, 0 where there is no time."""
         seconds = self._study.search.limits.seconds
         until = self._limit - max(FOLLOWED * seconds, self._to_follow)
-        left, turn = until - self._spent - self._end, max(FURTHER * seconds, WORTH_A_TURN * self._end)
-        return min(turn, left) if left > WORTH_A_TURN * self._end and left > 0.01 * seconds else 0.0
+        remaining, turn = until - self._spent - self._end, max(FURTHER * seconds, WORTH_A_TURN * self._end)
+        return min(turn, remaining) if remaining > WORTH_A_TURN * self._end and remaining > 0.01 * seconds else 0.0
 
     def _first_turn(self, cell: Cell) -> None:
-        own = self._turns.get(cell.name)
+        turns = self._turns.get(cell.name)
         try:
             drawn = first_starts(cell.study)
         except InputError as error:
             self._found.append(CellResult(cell, None, str(error)))
             return
-        if own is None:
+        if turns is None:
             share = FIRST * self._study.search.limits.seconds / len(self._cells)
-            own = CellTurns(
+            turns = CellTurns(
                 seeds=as_rows(seeds_of(cell, self._found)),
                 seconds=max(share / 4, share - (self._end or END * share)),
                 beneath=best_beneath(cell, self._result()),
             )
-            self._turns[cell.name] = own
+            self._turns[cell.name] = turns
             self._keep()
         try:
-            result = self._run(cell, own, drawn)
+            result = self._run(cell, turns, drawn)
         except SimulationError as error:
             self._found.append(CellResult(cell, None, str(error)))
             return
         searched = CellResult(cell, result, "")
         self._found.append(searched)
-        if not own.turns and not result.interrupted:
-            own.turns, own.value, own.gained = 1, searched.objective, recent_gain(searched)
+        if not turns.turns and not result.interrupted:
+            turns.turns, turns.value, turns.gained = 1, searched.objective, recent_gain(searched)
         self._keep()
 
     def _further_turn(self, chosen: CellResult, seconds: float) -> None:
-        """On from where it stands; or anew from what its neighbours have found since."""
-        cell, own = chosen.cell, self._turns[chosen.cell.name]
+        """Search on from where it stands; or anew from what its neighbours have found since."""
+        cell, turns = chosen.cell, self._turns[chosen.cell.name]
         beneath = best_beneath(cell, self._result())
-        anew = chosen.objective - beneath > 0 and beneath < own.beneath
+        anew = chosen.objective - beneath > 0 and beneath < turns.beneath
         if anew:
             seeds = seeds_of(cell, self._found)
-            own.seeds, own.drawn, own.seconds, own.beneath = as_rows(seeds), False, 0.0, beneath
-        own.seconds += seconds
-        result = self._run(cell, own, first_starts(cell.study) if own.drawn else [], anew=anew)
+            turns.seeds, turns.drawn, turns.seconds, turns.beneath = as_rows(seeds), False, 0.0, beneath
+        turns.seconds += seconds
+        result = self._run(cell, turns, first_starts(cell.study) if turns.drawn else [], anew=anew)
         searched = CellResult(cell, result, "")
         self._found[self._found.index(chosen)] = searched
-        own.turns += 1
-        own.gained, own.value = max(0.0, own.value - searched.objective), searched.objective
+        turns.turns += 1
+        turns.gained, turns.value = max(0.0, turns.value - searched.objective), searched.objective
         self._keep()
 
     def _run(
-        self, cell: Cell, own: CellTurns, drawn: list[Start], *, anew: bool = False, follow: bool = False
+        self, cell: Cell, turns: CellTurns, drawn: list[Start], *, anew: bool = False, follow: bool = False
     ) -> StudyResult:
         last = working_time.seconds()
 
@@ -217,8 +218,8 @@ class _Grid:
             self._work.folder / CELLS / file_stem(cell.name),
             forward=forward,
             coarse=coarse,
-            seconds=own.seconds,
-            starts=[*of_rows(own.seeds, cell.study.design, limits_of(cell.study)), *(drawn if own.drawn else [])],
+            seconds=turns.seconds,
+            starts=[*of_rows(turns.seeds, cell.study.design, limits_of(cell.study)), *(drawn if turns.drawn else [])],
             force=anew,
             follow=follow,
             progress=told,
@@ -228,7 +229,7 @@ class _Grid:
         return result
 
     def _keep(self) -> None:
-        state = {"spent": self._spent, "cells": {name: own.as_row() for name, own in self._turns.items()}}
+        state = {"spent": self._spent, "cells": {name: turns.as_row() for name, turns in self._turns.items()}}
         with self._work.adding() as files:
             write_json(files / TURNS, state)
 

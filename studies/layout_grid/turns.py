@@ -28,8 +28,8 @@ ENDED = ("converged", "at the floor", "ended", "nothing gained", "the limit of",
 
 @dataclass
 class CellTurns:
-    """Of one cell. seconds: of search, all turns together, as `run_study` takes them. gained: m, in the last turn.
-    seeds: what its search began with besides its own draws (drawn: whether there were any)."""
+    """The turns of one cell. seconds: of search, all turns together, as `run_study` takes them. gained: m, in the last
+    turn. seeds: what its search began with besides its own draws (drawn: whether there were any)."""
 
     seeds: list[StartRow] = field(default_factory=list)
     drawn: bool = True
@@ -40,43 +40,44 @@ class CellTurns:
     beneath: float = float("inf")  # m, of the nearest layout that its seeds were made of
 
     def as_row(self) -> dict[str, Any]:
-        """For JSON: infinite values are absent."""
+        """Return a row for JSON: infinite values are absent."""
         return {name: value for name, value in vars(self).items() if value != float("inf")}
 
 
 def best_beneath(cell: Cell, result: GridResult) -> float:
-    """m, of the nearest layout of the other cells that `cell` includes."""
+    """Return the error [m] of the nearest layout of the other cells that `cell` includes."""
     return min((f.objective for f in result.cells if f.cell is not cell and cell.includes(f.cell)), default=np.inf)
 
 
-def recent_gain(own: CellResult) -> float:
-    """m that the full model's best fell by in the latter half of the search; all of it where it came only then."""
-    assert own.result is not None
-    entries = [entry for entry in own.result.history if not entry.diverged]
+def recent_gain(cell: CellResult) -> float:
+    """Return how far [m] the full model's best fell in the latter half of the search; all of it where it came only
+    then."""
+    assert cell.result is not None
+    entries = [entry for entry in cell.result.history if not entry.diverged]
     last = [(e.seconds, e.objective) for e in entries if e.stage == "full model"]
     if not last:
-        return own.objective
-    half = own.result.wall_s / 2
+        return cell.objective
+    half = cell.result.wall_s / 2
     before = [value for seconds, value in last if seconds <= half] or [last[0][1]]
     return max(0.0, min(before) - min(value for _, value in last))
 
 
 def next_turn(result: GridResult, turns: dict[str, CellTurns], seconds: float) -> CellResult | None:
-    """The cell that promises most in a turn of so many seconds; None where none does.
+    """Return the cell that promises most in a turn of so many seconds; None where none does.
 
     A cell promises what it gained a second in its turn before, or, where its neighbours have got ahead of it, what
     it lies behind them.
     """
     promised = []
     for f in result.cells:
-        own = turns.get(f.cell.name)
-        if f.result is None or own is None:
+        taken = turns.get(f.cell.name)
+        if f.result is None or taken is None:
             continue
         behind = f.objective - best_beneath(f.cell, result)
-        if behind > GAINS * f.objective and best_beneath(f.cell, result) < (1 - GAINS) * own.beneath:
+        if behind > GAINS * f.objective and best_beneath(f.cell, result) < (1 - GAINS) * taken.beneath:
             promised.append((behind, f))
-        elif not f.result.stop_reason.startswith(ENDED) and own.gained > GAINS * f.objective:
-            per_second = own.gained / max(own.seconds / max(1, own.turns), 1e-9)
+        elif not f.result.stop_reason.startswith(ENDED) and taken.gained > GAINS * f.objective:
+            per_second = taken.gained / max(taken.seconds / max(1, taken.turns), 1e-9)
             promised.append((per_second * seconds - max(0.0, behind), f))
     best = max(promised, key=lambda pair: pair[0], default=None)
     return best[1] if best is not None and best[0] > 0 else None
@@ -86,7 +87,8 @@ CANDIDATES = 12  # of further muscles, drawn for each neighbour's layout: idle, 
 
 
 def seeds_of(cell: Cell, results: Sequence[CellResult]) -> list[Start]:
-    """Of the cells that this one includes, nearest first: their layouts, and with idle muscles up to the cell's number.
+    """Return the layouts of the cells that this one includes, nearest first, and with idle muscles up to the cell's
+    number.
 
     Where a layout without a change has the cell's number of muscles already, it is a seed as it is.
     """
@@ -108,7 +110,7 @@ def seeds_of(cell: Cell, results: Sequence[CellResult]) -> list[Start]:
 
 
 def _nearest(beneath: Sequence[CellResult]) -> list[CellResult]:
-    """Of each choice of sides the nearest layout, and of all others none."""
+    """Return the nearest layout of each choice of sides."""
     best: dict[str, CellResult] = {}
     for f in sorted(beneath, key=lambda f: f.objective):
         best.setdefault(f.cell.sides, f)

@@ -24,21 +24,21 @@ THINNED_STARTS = 72  # of the design's own muscles, where it has more than the l
 
 
 def limits_of(study: Study) -> Limits:
-    own = study.limits
-    return Limits(own.pressure, own.spacing, own.edge, own.contraction, own.channels, own.air)
+    limits = study.limits
+    return Limits(limits.pressure, limits.spacing, limits.edge, limits.contraction, limits.channels, limits.air)
 
 
 def own_start(study: Study, limits: Limits) -> tuple[DesignSpace, Vector]:
-    """The study's own design under its start pressures, by default the middle of the limits."""
+    """Return the study's own design under its start pressures, by default the middle of the limits."""
     middle = np.mean(study.limits.pressure)
-    own = np.full(study.design.channels, middle) if study.start_pressures is None else study.start_pressures
-    pressures = np.tile(own, (len(study.targets), 1))
+    stated = np.full(study.design.channels, middle) if study.start_pressures is None else study.start_pressures
+    pressures = np.tile(stated, (len(study.targets), 1))
     space = DesignSpace(study.design, limits, pressures, vary_pressures=study.pressures)
     return space, space.encode(study.design, pressures)
 
 
 def earlier_starts(study: Study, limits: Limits) -> list[Start]:
-    """The earlier result that the study begins with, if any.
+    """Return the earlier result that the study begins with, if any.
 
     Raises InputError where it is no layout of this study: other muscles where they stay, too many or too few, another
     number of poses, a limit broken.
@@ -69,9 +69,10 @@ def earlier_starts(study: Study, limits: Limits) -> list[Start]:
 
 
 def first_starts(study: Study) -> list[Start]:
-    """The study's own design, an earlier result, the catalogue's layouts, and what is drawn by the study's seed."""
+    """Return the study's own design, an earlier result, the catalogue's layouts, and what is drawn by the study's
+    seed."""
     limits, poses = limits_of(study), len(study.targets)
-    space, own = own_start(study, limits)
+    space, stated = own_start(study, limits)
     if study.muscles is None:
         drawn = pressure_starts(space, PRESSURE_STARTS if study.pressures else 0, study.seed)
         return [*earlier_starts(study, limits), *drawn]
@@ -82,7 +83,7 @@ def first_starts(study: Study) -> list[Start]:
     )
     sides = {muscle.side for muscle in design.muscles}
     if len(design.muscles) in choice.counts and sides <= set(choice.sides):
-        drawn = [*_on_fewer_channels((space, own)), *drawn]
+        drawn = [*_on_fewer_channels((space, stated)), *drawn]
     elif len(design.muscles) > choice.most and sides <= set(choice.sides):
         given = space.start_pressures
         drawn += thinned_starts(design, limits, given, choice.most, number=THINNED_STARTS, seed=study.seed)
@@ -93,7 +94,8 @@ def first_starts(study: Study) -> list[Start]:
 
 
 def _on_fewer_channels(start: Start) -> list[Start]:
-    """It alone, with shared channels where it has more than its limits; none where that breaks another limit."""
+    """Return the layout alone, with shared channels where it has more than its limits; none where that breaks another
+    limit."""
     if start[0].design.channels <= (start[0].limits.channels or MUSCLES):
         return [start]
     shared = start_of(by_muscle(start), start[0])
@@ -101,12 +103,13 @@ def _on_fewer_channels(start: Start) -> list[Start]:
 
 
 def further_starts(study: Study) -> FurtherStarts | None:
-    """Starts of further restarts; none where nothing can be drawn anew."""
+    """Return starts of further restarts; none where nothing can be drawn anew."""
     limits, poses, choice = limits_of(study), len(study.targets), study.muscles
     if choice is not None:
 
         def added(best: Start, seed: int) -> list[Start]:
-            """With one muscle more at a share of the pressure: what it promises shows when these are screened."""
+            """Return layouts with one muscle more at a share of the pressure: what it promises shows when these are
+            screened."""
             count = len(best[0].design.muscles)
             if count + 1 not in choice.counts:
                 return []

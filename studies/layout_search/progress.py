@@ -19,7 +19,8 @@ QUIET_INTERVAL = 10.0  # s between lines where standard error is no terminal
 def saying_a_tenth(
     floor: Callable[[Shape], float], progress: Callable[[Evaluations], None]
 ) -> Callable[[Evaluations], None]:
-    """Progress of a search that also tells, after a tenth of its limits, how far it is. floor: m, of a shape."""
+    """Return the progress of a search that also tells, after a tenth of its limits, how far it is. floor: m, of a
+    shape."""
 
     def report(evaluations: Evaluations) -> None:
         best, shape = evaluations.best, evaluations.best_shape
@@ -52,8 +53,8 @@ class LiveLine:
             self._console.print(f"{self._title}: {self._told}", highlight=False, markup=False, soft_wrap=True)
         best = "none yet" if evaluations.best is None else f"{in_mm(evaluations.best.value):.3f} mm"
         done = f"{evaluations.history.evaluations} evaluations, {evaluations.elapsed:.0f} s"
-        left = f"{max(0.0, evaluations.seconds - evaluations.elapsed):.0f} s left at most"
-        self.say(f"{evaluations.stage}: best {best}, {done}", share=evaluations.share, left=left)
+        remaining = f"{max(0.0, evaluations.seconds - evaluations.elapsed):.0f} s left at most"
+        self.say(f"{evaluations.stage}: best {best}, {done}", share=evaluations.share, left=remaining)
 
     def say(self, text: str, *, share: float | None = None, left: str = "") -> None:
         """Show `title: text`; on a terminal a bar with the share done and what is said of the time left."""

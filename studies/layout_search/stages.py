@@ -24,7 +24,8 @@ def forward_models(
     hold: float = HOLD,
     coarse_hold: float | None = None,
 ) -> tuple[ForwardModel, ForwardModel]:
-    """The models given, or the simulator, the fine one with `points_per_side`; a single one given serves for both."""
+    """Return the models given, or the simulator, the fine one with `points_per_side`; a single one given serves for
+    both."""
     if fine is not None:
         return fine, coarse or fine
     from sim import Simulator  # here: it loads and starts taichi
@@ -36,23 +37,24 @@ def forward_models(
 
 
 def coarse_hold_of(study: Study, targets: Sequence[LoadedTarget]) -> float:
-    """s for which pressures hold where shapes at rest stand for frames of the targets (optimize.search.objective)."""
+    """Return the seconds for which pressures hold where shapes at rest stand for frames of the targets
+    (optimize.search.objective)."""
     times = [target.time for target in targets if target.time is not None]
     return study.hold if len(times) < len(targets) else min(study.hold, max(0.0, max(times) - study.rise))
 
 
 def stages_of(study: Study, coarse: Predictor, fine: Predictor, objective: Objective) -> list[Stage]:
-    """Slopes are those without forces against motion, where derivatives are known."""
+    """Return the stages. Slopes are those without forces against motion, where derivatives are known."""
     known = jacobians_for(coarse, objective) is not None
-    own = without_resistance(coarse) if known else None
+    bare = without_resistance(coarse) if known else None
     if study.muscles is not None:
         return [
-            Stage("pressures of drawn layouts", coarse, keep=10, rounds=1, until=0.4, slopes=own, at_rest=True),
-            Stage("layouts", coarse, keep=4, rounds=4, vary_positions=study.positions, until=0.5, slopes=own),
-            Stage("best layouts", coarse, keep=2, rounds=12, vary_positions=study.positions, until=0.65, slopes=own),
-            Stage("full model", fine, keep=1, rounds=32, vary_positions=study.positions, slopes=own or coarse),
+            Stage("pressures of drawn layouts", coarse, keep=10, rounds=1, until=0.4, slopes=bare, at_rest=True),
+            Stage("layouts", coarse, keep=4, rounds=4, vary_positions=study.positions, until=0.5, slopes=bare),
+            Stage("best layouts", coarse, keep=2, rounds=12, vary_positions=study.positions, until=0.65, slopes=bare),
+            Stage("full model", fine, keep=1, rounds=32, vary_positions=study.positions, slopes=bare or coarse),
         ]
     return [
-        Stage("coarse model", coarse, keep=2, rounds=8, vary_positions=study.positions, until=0.5, slopes=own),
-        Stage("full model", fine, keep=2, rounds=8, vary_positions=study.positions, slopes=own or coarse),
+        Stage("coarse model", coarse, keep=2, rounds=8, vary_positions=study.positions, until=0.5, slopes=bare),
+        Stage("full model", fine, keep=2, rounds=8, vary_positions=study.positions, slopes=bare or coarse),
     ]

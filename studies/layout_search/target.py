@@ -43,11 +43,11 @@ class LoadedTarget:
 
     @property
     def sought(self) -> Target:
-        """What a search comes close to."""
+        """Return the target that a search comes close to."""
         return Target(self.points, self.time, self.markers, self.face, self.landmarks, self.free, self.weighting)
 
     def beside(self, shape: NDArray[np.float64]) -> "LoadedTarget":
-        """A free one where it lies nearest to a shape (2 n, 3) m, with how it was moved; any other as it is."""
+        """Return a free one where it lies nearest to a shape (2 n, 3) m, with how it was moved; any other as it is."""
         if not self.free:
             return self
         motion = self.sought.motion(shape)
@@ -57,7 +57,7 @@ class LoadedTarget:
 
     @property
     def measured(self) -> bool:
-        """By a sensor, whose noise it shows."""
+        """Return whether a sensor measured it, whose noise it shows."""
         return self.noise.sigma > 0
 
     @property
@@ -109,8 +109,8 @@ def load_target(target: TargetFile, design: Design, *, seed: int = 0) -> LoadedT
 def target_errors(
     targets: Sequence[LoadedTarget], shapes: NDArray[np.float64], design: Design, *, seed: int = 0, draws: int = DRAWS
 ) -> Errors:
-    """Mean over the targets by their weights, of shapes (poses, 2 n, 3) m. The floors take the noise that each target
-    shows."""
+    """Return the mean error over the targets by their weights, of shapes (poses, 2 n, 3) m. The floors take the noise
+    that each target shows."""
     by_pose = pose_errors(targets, shapes, seed=seed, draws=-(-draws // len(targets)))
     weights = [target.weight for target in targets]
     return Errors(*np.average([astuple(errors) for errors in by_pose], axis=0, weights=weights).tolist())
@@ -119,7 +119,7 @@ def target_errors(
 def pose_errors(
     targets: Sequence[LoadedTarget], shapes: NDArray[np.float64], *, seed: int = 0, draws: int = DRAWS
 ) -> list[Errors]:
-    """Of each target beside its shape. draws: of each floor."""
+    """Return the errors of each target beside its shape. draws: of each floor."""
     return [
         _errors(target, shape, seed=seed + pose, draws=draws)
         for pose, (target, shape) in enumerate(zip(targets, shapes, strict=True))
@@ -152,7 +152,7 @@ def _wished(target: TargetFile, design: Design) -> LoadedTarget:
 
 
 def _placed(target: TargetFile, placed: PlacedTarget) -> list[str]:
-    """What was done to the file's points, for people."""
+    """Return what was done to the file's points, for people."""
     parts = []
     if target.unit != "m" or target.scale != 1:
         parts.append(f"{target.unit} times {target.scale:g}" if target.scale != 1 else f"in {target.unit}")
@@ -168,8 +168,8 @@ def _placed(target: TargetFile, placed: PlacedTarget) -> list[str]:
 
 
 def _noise(placed: PlacedTarget, thickness: float) -> SensorNoise:
-    """None on a mesh; a trial's is that of a cloth of this thickness [m], another cloud's also that of a single layer,
-    if that is less. So little that no sensor is so good is none."""
+    """Return None on a mesh; a trial's is that of a cloth of this thickness [m], another cloud's also that of a single
+    layer, if that is less. So little that no sensor is so good is none."""
     if placed.geometry.is_mesh or placed.markers:
         return NOISE_FREE
     some = placed.points[:: -(-len(placed.points) // ENOUGH)]
@@ -179,7 +179,7 @@ def _noise(placed: PlacedTarget, thickness: float) -> SensorNoise:
 
 
 def _set_description(trial: Path) -> str:
-    """Name and description of the set that a trial lies in, where it lies in one."""
+    """Return the name and description of the set that a trial lies in, where it lies in one."""
     for folder in trial.resolve().parents[:2]:
         if (folder / "set.toml").is_file():
             root = load_toml(folder / "set.toml", "fabdesign.measurement-set/1")

@@ -1,4 +1,4 @@
-"""What a result is measured by, in words, and beside wishes: what each asked for, and how far the cloth is from it."""
+"""Errors of a result in words, and beside wishes: what each asked for, and how far the cloth is from it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 def is_wished(targets: Sequence[TargetFile]) -> bool:
-    """Whether all poses are wishes, so that there is no cloud and no noise."""
+    """Return whether all poses are wishes, so that there is no cloud and no noise."""
     return bool(targets) and all(target.wishes for target in targets)
 
 

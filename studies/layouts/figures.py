@@ -85,8 +85,8 @@ def convergence(name: str, result: StudyResult) -> Chart:
     dots = {"size": 3, "color": GREY}
     curves = [curve("evaluations", numbers[shown].tolist(), values[shown], mode="markers", marker=dots)]
     for stage in dict.fromkeys(entry.stage for entry in entries):
-        own = np.array([entry.stage == stage for entry in entries])
-        curves.append(curve(stage, numbers[own], np.minimum.accumulate(values[own])))
+        in_stage = np.array([entry.stage == stage for entry in entries])
+        curves.append(curve(stage, numbers[in_stage], np.minimum.accumulate(values[in_stage])))
     floor, sound = in_mm(result.floor), values[shown]
     if floor > 0 and entries:  # of a mesh under surface RMS, and of wishes, there is none
         curves.append(curve("noise floor", [1, len(entries)], [floor, floor], DARK, line_dash="dash"))
@@ -97,7 +97,7 @@ def convergence(name: str, result: StudyResult) -> Chart:
 
 
 def _on_cloth(muscle: Muscle, points: NDArray[np.float64], result: StudyResult) -> NDArray[np.float64]:
-    """(n, 3) m: the muscle's fixed points on its face of the deformed cloth, by bilinear interpolation."""
+    """Return (n, 3) m: the muscle's fixed points on its face of the deformed cloth, by bilinear interpolation."""
     fabric, faces = result.design.fabric, two_faces(points)
     places = muscle.fixed_points() / [fabric.width, fabric.height]
     lifted, middle = at_places(faces[0 if muscle.side == "front" else 1], places), at_places(faces.mean(axis=0), places)

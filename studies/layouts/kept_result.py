@@ -1,5 +1,5 @@
-"""What a search depends on, and the result of one that has ended, kept in its history: the same call answers without
-a simulation."""
+"""The content that a search depends on, and the result of one that has ended, kept in its history: the same call
+answers without a simulation."""
 
 from collections.abc import Sequence
 from dataclasses import fields
@@ -26,7 +26,8 @@ _ABSENT = ("limits.contraction", "limits.channels", "limits.air")  # where there
 
 
 def study_content(study: Study, targets: Sequence[LoadedTarget]) -> dict[str, str]:
-    """Field (`limits.spacing`, `design.fabric.thickness`, `target.points`) to value, as text; pressures in kPa."""
+    """Return field (`limits.spacing`, `design.fabric.thickness`, `target.points`) to value, as text; pressures in
+    kPa."""
     more: dict[str, Any] = {"limits.pressure": [in_kpa(pressure) for pressure in study.limits.pressure]}
     if study.start_pressures is not None:
         more["start_pressures"] = in_kpa(study.start_pressures).tolist()
@@ -68,7 +69,8 @@ def keep(history: History, result: StudyResult, *, follow: bool) -> None:
 
 
 def answer(history: History, study: Study, targets: Sequence[LoadedTarget], *, follow: bool) -> StudyResult | None:
-    """The result that is kept, where a search within the study's limits would end with it; None where it may not."""
+    """Return the result that is kept, where a search within the study's limits would end with it; None where it may
+    not."""
     kept, limits, kinds = history.answer(), study.limits, get_type_hints(StudyResult)
     try:
         as_far = kept["seconds"] >= limits.seconds and kept["evaluations"] >= limits.evaluations

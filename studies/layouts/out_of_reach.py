@@ -1,4 +1,4 @@
-"""Of a target that is out of reach: where the nearest shape misses it, and what would bring it nearer."""
+"""A target that is out of reach: where the nearest shape misses it, and what would bring it nearer."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -57,17 +57,17 @@ class Helps:
     def sentences(self) -> list[str]:
         if not self.nearer:
             return [f"By derivatives no limit or constant that is changed by {BY:.0%} gains {WORTH:.0%}."]
-        gains = [f"{own.what}: {in_mm(self.before - own.value):.1f} mm" for own in self.nearer[:SAID]]
+        gains = [f"{change.what}: {in_mm(self.before - change.value):.1f} mm" for change in self.nearer[:SAID]]
         return [f"What would bring it nearer, by derivatives: {'; '.join(gains)}."]
 
     def as_json(self) -> list[dict[str, Any]]:
         """Return a row a change."""
-        return [{"what": own.what, "gain_mm": in_mm(self.before - own.value)} for own in self.nearer]
+        return [{"what": change.what, "gain_mm": in_mm(self.before - change.value)} for change in self.nearer]
 
 
 def missed_at(shape: NDArray[np.float64], target: LoadedTarget, size: tuple[float, float]) -> Missed:
-    """Of one pose: shape (2 n, 3) m beside its target, both ways, of wishes the one that lies farthest off; size:
-    (width, height) m of the cloth."""
+    """Return where one pose misses: shape (2 n, 3) m beside its target, both ways, of wishes the one that lies farthest
+    off; size: (width, height) m of the cloth."""
     if target.landmarks is not None:
         off = target.landmarks.distances(shape)
         worst = int(np.argmax(off))
@@ -87,7 +87,8 @@ def missed_at(shape: NDArray[np.float64], target: LoadedTarget, size: tuple[floa
 
 
 def helps_of(study: Study, point: Start, objective: Objective, forward: ForwardModel) -> Helps | None:
-    """Of a result; None where the forward model has no derivatives, or the targets are frames too early for them."""
+    """Return what helps a result; None where the forward model has no derivatives, or the targets are frames too early
+    for them."""
     jacobians = jacobians_for(forward, objective)
     if jacobians is None:
         return None
@@ -97,11 +98,11 @@ def helps_of(study: Study, point: Start, objective: Objective, forward: ForwardM
         for sign in (1, -1)
     ]
     before, nearer = what_helps(jacobians, objective, point, changes, _wider(study, point[0]), _of_types(point[0]))
-    return Helps(before, tuple(own for own in nearer if before - own.value > WORTH * before))
+    return Helps(before, tuple(change for change in nearer if before - change.value > WORTH * before))
 
 
 def _wider(study: Study, space: DesignSpace) -> dict[str, DesignSpace]:
-    """The space with one limit wider, by what that is."""
+    """Return the space with one limit wider, by what that is."""
     limits = space.limits
     low, high = limits.pressure
     spaces: dict[str, DesignSpace] = {}
@@ -117,21 +118,21 @@ def _wider(study: Study, space: DesignSpace) -> dict[str, DesignSpace]:
 
 
 def _of_types(space: DesignSpace) -> dict[str, DesignSpace]:
-    """The space with all muscles of one type, of those that the design has besides."""
+    """Return the space with all muscles of one type, of those that the design has besides."""
     muscles = space.design.muscles
     spaces = {}
     for name in space.design.muscle_types:
         if any(muscle.type != name for muscle in muscles):
-            own = tuple(replace(muscle, type=name) for muscle in muscles)
-            spaces[f"muscles of type {name}"] = replace(space, design=replace(space.design, muscles=own))
+            changed = tuple(replace(muscle, type=name) for muscle in muscles)
+            spaces[f"muscles of type {name}"] = replace(space, design=replace(space.design, muscles=changed))
     return spaces
 
 
 def missed_said(missed: Sequence[Missed]) -> list[str]:
-    """For people."""
+    """Return where the shape misses, in words."""
     said = []
-    for pose, own in enumerate(missed, start=1):
+    for pose, miss in enumerate(missed, start=1):
         of = f" in pose {pose}" if len(missed) > 1 else ""
-        u, v = (in_mm(x) for x in own.place)
-        said.append(f"It misses the target most{of} around u {u:.0f}, v {v:.0f} mm: {in_mm(own.off):.1f} mm.")
+        u, v = (in_mm(x) for x in miss.place)
+        said.append(f"It misses the target most{of} around u {u:.0f}, v {v:.0f} mm: {in_mm(miss.off):.1f} mm.")
     return said

@@ -1,4 +1,4 @@
-"""What a search reached: how far over the floor, what holds it back, and whether the shape can be."""
+"""The reach of a search: how far over the floor, what holds it back, and whether the shape can be."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.metrics import Errors
-from fabdesign.geometry.self_intersection import pierced
+from fabdesign.geometry.surface import pierced
 from fabdesign.nouns.design import Design
 from fabdesign.runtime.effort import duration
 from fabdesign.study_files.study_file import Study
@@ -48,7 +48,7 @@ def _rounded(value: float) -> int:
 
 
 def lacking_of(evaluations: Evaluations) -> Lacking | None:
-    """None of a search that has converged."""
+    """Return None of a search that has converged."""
     if has_converged(evaluations):
         return None
     more, done = evaluations_to_converge(evaluations), evaluations.history.evaluations
@@ -97,7 +97,7 @@ class Reach:
         return said
 
     def as_json(self) -> dict[str, Any]:
-        """What `reach` in result.json holds: mm; u and v in m."""
+        """Return what `reach` in result.json holds: mm; u and v in m."""
         return {
             "gap_mm": in_mm(self.gap),
             "out_of_reach": self.out_of_reach,
@@ -120,7 +120,8 @@ def reach_of(
     margins: Mapping[str, float],
     lacking: Lacking | None = None,
 ) -> Reach:
-    """pressures (poses, channels) Pa, shapes (poses, 2 n, 3) m and `margins` (`constraint_margins`) of the result."""
+    """Return the reach. pressures (poses, channels) Pa, shapes (poses, 2 n, 3) m and `margins` (`constraint_margins`)
+    of the result."""
     chamfer = study.objective == "chamfer"
     value, floor = (errors.chamfer, errors.chamfer_floor) if chamfer else (errors.surface_rms, errors.surface_floor)
     size = design.fabric.width, design.fabric.height

@@ -1,4 +1,4 @@
-"""What follows a search: no more muscles than needed, and a robust layout where it is asked for."""
+"""The refinement after a search: no more muscles than needed, and a robust layout where it is asked for."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -27,7 +27,7 @@ NEAR = 0.1  # of the nearest value: so near they lie
 
 
 def search_seconds(study: Study) -> float:
-    """s for the search itself."""
+    """Return the seconds for the search itself."""
     kept = (SHRINKING if _may_shrink(study) else 0.0) + (ROBUST if study.robust else 0.0)
     return study.limits.seconds * (1 - kept)
 
@@ -38,7 +38,8 @@ def _may_shrink(study: Study) -> bool:
 
 
 def shrunk(study: Study, evaluations: Evaluations) -> Fewer | None:
-    """The layout of fewer muscles that serves, within all of the study's seconds; None where their number is given.
+    """Return the layout of fewer muscles that serves, within all of the study's seconds; None where their number is
+    given.
 
     What was found stands in the history: the same search is not shrunk twice.
     """
@@ -74,8 +75,8 @@ def _fewest(fewer: Fewer, earlier: Fewer | None, price: Price) -> Fewer:
     if earlier is None or earlier.ended:
         return fewer
 
-    def rank(own: Fewer) -> tuple[int, int, float]:
-        return len(own.start[0].design.muscles), own.start[0].channels, own.value
+    def rank(option: Fewer) -> tuple[int, int, float]:
+        return len(option.start[0].design.muscles), option.start[0].channels, option.value
 
     allowed = price.allowed(fewer.before, fewer.count - rank(earlier)[0])
     if earlier.value > allowed or rank(earlier) >= rank(fewer):
@@ -96,13 +97,13 @@ def kept_fewer(study: Study, state: Mapping[str, Any]) -> Fewer | None:
 def made_robust(
     study: Study, robust: Robust, evaluations: Evaluations, points: Sequence[Start], coarse: Predictor
 ) -> tuple[list[Start], int]:
-    """`points` with the robust layout first, and how often one of its muscles was laid as two; within all of the
+    """Return `points` with the robust layout first, and how often one of its muscles was laid as two; within all of the
     study's seconds. What was found stands in the history."""
     objective, history, best = evaluations.objective, evaluations.history, evaluations.best
     state = history.load() or {}
     known, row = state.get("robust"), None if best is None else best.as_row()
     if not known or known["best"] != row or known["seconds"] < study.limits.seconds:
-        found = more_robust(
+        outcome = more_robust(
             study,
             robust,
             points[most_robust(study, robust, points, objective, coarse)],
@@ -111,7 +112,7 @@ def made_robust(
             tolerance=tolerance_of(robust, np.inf if best is None else best.value),
             going=lambda: evaluations.elapsed < study.limits.seconds,
         )
-        known = {"best": row, "row": as_rows([found.start])[0], "doubled": found.doubled}
+        known = {"best": row, "row": as_rows([outcome.start])[0], "doubled": outcome.doubled}
         state["robust"] = known | {"seconds": study.limits.seconds}
         history.save(state, evaluations.elapsed)
     return [*of_rows([known["row"]], study.design, limits_of(study)), *points], known["doubled"]
@@ -122,34 +123,35 @@ def _channels(count: int) -> str:
 
 
 def fewer_said(study: Study, fewer: Fewer, *, converged: bool = True) -> str:
-    """For people. converged: whether the search ended by itself, so that what it did not find is not enough."""
+    """Return how many muscles serve, in words. converged: whether the search ended by itself, so that what it did not
+    find is not enough."""
     space = fewer.start[0]
     count = len(space.design.muscles)
-    near = f"within {study.price.tolerance:.0%} of it" if not study.price.muscle else "for the price of a muscle"
+    bound = f"within {study.price.tolerance:.0%} of it" if not study.price.muscle else "for the price of a muscle"
     if count < fewer.count:
         mm = f"{in_mm(fewer.value):.2f} mm instead of {in_mm(fewer.before):.2f}"
         cut = ", not tried to the end" if fewer.cut else ""
         on = f" on {_channels(space.channels)}" if space.channels < count else ""
-        return f"{count} muscles{on} are enough, where the search came to {fewer.count}: {mm}, {near}{cut}."
+        return f"{count} muscles{on} are enough, where the search came to {fewer.count}: {mm}, {bound}{cut}."
     if not fewer.ended:
-        straight = "" if any(len(own.path) > 2 for own in space.design.muscles) else ", straight,"
+        straight = "" if any(len(muscle.path) > 2 for muscle in space.design.muscles) else ", straight,"
         mm = f"{in_mm(fewer.value):.2f} mm instead of {in_mm(fewer.before):.2f}"
-        return f"The {count} muscles{straight} are enough on {_channels(space.channels)}: {mm}, {near}." + (
+        return f"The {count} muscles{straight} are enough on {_channels(space.channels)}: {mm}, {bound}." + (
             " Fewer muscles are not enough." if converged else ""
         )
     if fewer.cut:
         return f"Layouts of fewer than {fewer.count} muscles were not tried to the end: {fewer.ended}."
     if not converged:
-        return f"No layout of fewer than {fewer.count} muscles came {near} so far."
-    return f"Fewer than {fewer.count} muscles are not enough: no smaller layout came {near}."
+        return f"No layout of fewer than {fewer.count} muscles came {bound} so far."
+    return f"Fewer than {fewer.count} muscles are not enough: no smaller layout came {bound}."
 
 
 def front_said(fewer: Fewer) -> str:
-    """For people; empty where there is one number of muscles."""
+    """Return the front in words; empty where there is one number of muscles."""
     each = ", ".join(f"{count}: {in_mm(value):.2f}" for count, value in fewer.front)
     return f"Reached, in mm, by number of muscles: {each}." if len(fewer.front) > 1 else ""
 
 
 def points_of(fewer: Fewer | None) -> list[tuple[DesignSpace, Vector]]:
-    """The smaller layout, to come before what the search found; none where there is none."""
+    """Return the smaller layout, to come before what the search found; none where there is none."""
     return [] if fewer is None or fewer.ended else [fewer.start]

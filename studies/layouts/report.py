@@ -130,7 +130,7 @@ def _pose(number: int, result: StudyResult, pose: int) -> Iterator[page.Block]:
         yield page.Title(f"Pose {pose + 1}{weight}", 3)
     asked = asked_of(result.study.targets[pose], result.points[pose], result.design.fabric)
     if asked:
-        rows = [(own.said, in_mm(own.mean), in_mm(own.largest), f"{own.weight:g}") for own in asked]
+        rows = [(wish.said, in_mm(wish.mean), in_mm(wish.largest), f"{wish.weight:g}") for wish in asked]
         yield page.TableBlock(("asked for", "mean distance\nmm", "largest\nmm", "weight"), rows)
     corners = ["\n".join(map(_place, m.path[1:-1])) for m in muscles]
     table = {

@@ -1,6 +1,6 @@
-"""What a study found, and its files."""
+"""The result of a study, and its files."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +13,20 @@ from fabdesign.formats.json_file import write_json
 from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import RISE
+from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import rising_program
+from fabdesign.nouns.spread import half_widths, spread_of
 from fabdesign.study_files.study_file import Study
 from fabdesign.units import from_kpa, in_kpa, in_mm
+from optimize.search.design_space import DesignSpace
 from optimize.search.evaluations import SLOPES
 from optimize.search.history import Entry
 from optimize.search.multistart import INTERRUPTED
+from optimize.search.objective import Objective
 from optimize.search.thinning import Fewer
+from studies.intervals.draws import drawn_models
+from studies.intervals.regions import region_terms
+from studies.layout_search.first_layouts import limits_of
 from studies.layout_search.target import LoadedTarget, pose_errors
 from studies.layouts.loading_path import LoadingPath
 from studies.layouts.reach import Reach
@@ -54,12 +61,12 @@ class StudyResult:
 
     @property
     def search_time(self) -> str:
-        """For people: the time searched against its limit, both without compiling and loading."""
+        """Return in words the time searched against its limit, both without compiling and loading."""
         return f"{self.wall_s:.0f} of at most {self.study.limits.seconds:g} s of search time (without compilation)"
 
     @property
     def interrupted(self) -> bool:
-        """By Ctrl-C."""
+        """Return whether Ctrl-C ended the search."""
         return self.stop_reason.startswith(INTERRUPTED)
 
     @property
@@ -82,7 +89,7 @@ class StudyResult:
 
     @property
     def outputs(self) -> dict[str, list[str]]:
-        """What the study asks for of the result's shapes, by name: of each pose, with its unit."""
+        """Return what the study asks for of the result's shapes, by name: of each pose, with its unit."""
         every = self.output_values.items()
         return {name: [f"{value:.1f} {of['unit']}" for value in of["values"]] for name, of in every}
 
@@ -95,7 +102,7 @@ class StudyResult:
         }
 
     def _poses(self) -> list[dict[str, float]]:
-        """Of several poses, the errors of each."""
+        """Return the errors of each pose where there are several."""
         if len(self.targets) == 1:
             return []
         each = pose_errors(self.targets, self.points, seed=self.study.seed)
@@ -120,7 +127,7 @@ class StudyResult:
 
     @property
     def fewer_in_words(self) -> str:
-        """For people; empty where the number of muscles is given."""
+        """Return how many muscles serve, in words; empty where their number is given."""
         if self.fewer is None:
             return ""
         said = fewer_said(self.study, self.fewer, converged=self.reach.lacking is None), front_said(self.fewer)
@@ -128,7 +135,7 @@ class StudyResult:
 
     @property
     def within_said(self) -> str | None:
-        """For people."""
+        """Return the expected deviation in words."""
         if self.within is None:
             return None
         return (
@@ -137,7 +144,7 @@ class StudyResult:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """What result.json holds: distances in mm, pressures in kPa, margins in m (kPa for pressure);
+        """Return what result.json holds: distances in mm, pressures in kPa, margins in m (kPa for pressure);
         `surface_beyond` is a share of the points."""
         return {
             "objective_mm": in_mm(self.objective),
@@ -169,7 +176,7 @@ class StudyResult:
 
 
 def pressures_kpa(pressures: NDArray[np.float64]) -> list[Any]:
-    """One list of kPa for a single pose, else a list a pose."""
+    """Return one list of kPa for a single pose, else a list a pose."""
     kpa = in_kpa(pressures).tolist()
     return kpa[0] if len(kpa) == 1 else kpa
 
@@ -195,3 +202,16 @@ def write_best(
         )
         write_pressures(program, out / file)
     write_json(out / "result.json", result)
+
+
+def expected_within(result: StudyResult, objective: Objective, coarse: Predictor) -> float | None:
+    """Return half the width [m] of the 90 % intervals along the cloth's normal, mean over poses and regions. None of a
+    model without. coarse: moves the drawn models."""
+    spread = spread_of(coarse.model)
+    if spread is None:
+        return None
+    space = DesignSpace(result.design, limits_of(result.study), result.pressures, vary_pressures=False)
+    models = drawn_models(coarse.model) if spread.covariance else []
+    others = [objective.shapes(replace(coarse, model=model), [(space, np.empty(0))])[0] for model in models]
+    terms = region_terms(result.rest, result.points, others, result.design.fabric)
+    return float(half_widths(spread, *terms).mean())

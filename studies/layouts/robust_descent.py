@@ -1,4 +1,5 @@
-"""From a layout to one whose copies come nearer: a local search of the mean value over copies that stay the same.
+"""A descent from a layout to one whose copies come nearer: a local search of the mean value over copies that stay the
+same.
 
 Sample average approximation (Shapiro, Dentcheva, Ruszczynski, Lectures on Stochastic Programming, 2009, chapter 5): the
 scatter is drawn once, each copy moves along with the layout, and the mean over the copies is an objective like any
@@ -45,34 +46,34 @@ class Copies:
     @property
     def together(self) -> Objective:
         """The mean over the copies."""
-        own = self.objective
-        return replace(own, targets=[*own.targets] * COPIES, weights=[*own.shares] * COPIES)
+        objective = self.objective
+        return replace(objective, targets=[*objective.targets] * COPIES, weights=[*objective.shares] * COPIES)
 
     def _scatter(self, x: Vector) -> tuple[Scatter, list[Array]]:
         scatter = Scatter(self.study, self.robust, *self.space.decode(x))
         return scatter, [*normals(scatter, self.study.seed + 2)[:COPIES]]
 
     def shapes(self, xs: Sequence[Vector]) -> list[Shape]:
-        """(COPIES poses, 2 n, 3) m of every vector's copies, in one batch; a diverged one holds NaN."""
+        """Return (COPIES poses, 2 n, 3) m of every vector's copies, in one batch; a diverged one holds NaN."""
         drawn = [self._scatter(x) for x in xs]
         every = [copy for scatter, zs in drawn for copy in scatter.copies(zs)]
         shapes = drawn[0][0].shapes_of(self.objective, self.forward, every)
         return [np.concatenate(shapes[k * COPIES : (k + 1) * COPIES]) for k in range(len(xs))]
 
     def model(self, x: Vector, shape: Shape, jacobians: Jacobians) -> LinearShape:
-        """How `shape`, that of the copies at x, changes with x. What has no derivative has none here."""
+        """Return how `shape`, that of the copies at x, changes with x. What has no derivative has none here."""
         scatter, zs = self._scatter(x)
         copies, poses, space = scatter.copies(zs), len(self.objective.targets), self.space
         columns, pull = self._columns(), np.array([scatter.pull(z) for z in zs])  # (copies, muscles)
-        own = [muscle.channel for muscle in space.design.muscles]
+        channels = [muscle.channel for muscle in space.design.muscles]
         slopes = np.zeros((space.dimension, COPIES, poses, *shape.shape[1:]))
         for pose in range(poses):
             cases = [scatter.case_of(self.objective, pose, copy) for copy in copies]
-            found = jacobians(cases, columns)
-            for k, changes in enumerate(np.array([refined(c) for c in one.changes]) for one in found):
+            derivatives = jacobians(cases, columns)
+            for k, changes in enumerate(np.array([refined(c) for c in one.changes]) for one in derivatives):
                 slopes[: space.position_count, k, pose] = changes[: space.position_count]
                 by_muscle = changes[space.position_count :]
-                for m, (channel, share) in enumerate(zip(own, pull[k], strict=True)):
+                for m, (channel, share) in enumerate(zip(channels, pull[k], strict=True)):
                     if space.vary_pressures:
                         at = space.position_count + pose * space.channels + channel
                         slopes[at, k, pose] += share * by_muscle[m]
@@ -81,9 +82,12 @@ class Copies:
         return LinearShape(x, shape, slopes.reshape(len(x), *shape.shape))
 
     def _columns(self) -> list[Column]:
-        """Of a copy's case: corners as the space has them, and the pressure of every muscle, which has a channel."""
+        """Return the columns of a copy's case: corners as the space has them, and the pressure of every muscle, which
+        has a channel."""
         muscles = self.space.design.muscles
-        corners = [(m, k) for m, own in enumerate(muscles) for k in range(len(own.path)) if self.space.vary_positions]
+        corners = [
+            (m, k) for m, muscle in enumerate(muscles) for k in range(len(muscle.path)) if self.space.vary_positions
+        ]
         return [
             *(corner_or_still(m, k, way) for m, k in corners for way in ((1.0, 0.0), (0.0, 1.0))),
             *(pressure(m) for m in range(len(muscles)) if self.space.vary_pressures),
@@ -99,8 +103,8 @@ def descend(
     *,
     going: Callable[[], bool] = lambda: True,
 ) -> Start:
-    """Where the mean over the copies is least near `start`, on `forward`; `start` itself where the forward model has no
-    derivatives or it does not gain. objective: of shapes at rest. going: asked before every round."""
+    """Return where the mean over the copies is least near `start`, on `forward`; `start` itself where the forward model
+    has no derivatives or it does not gain. objective: of shapes at rest. going: asked before every round."""
     jacobians = replace(forward, model=Model()).faces_jacobian
     space, x = start
     if jacobians is None or not space.dimension:

@@ -42,7 +42,7 @@ class MoreRobust:
         return len(self.start[0].design.muscles)
 
     def gains_on(self, other: "MoreRobust", robust: Robust, price: float) -> bool:
-        """Whether it is worth the change; price: m of the objective that each further muscle must gain."""
+        """Return whether it is worth the change; price: m of the objective that each further muscle must gain."""
         gained = other.expected - self.expected
         if not gained >= max(0, self.muscles - other.muscles) * price:
             return False
@@ -61,9 +61,9 @@ def more_robust(
     tolerance: float,
     going: Going = lambda: True,
 ) -> MoreRobust:
-    """On `forward`, the coarse model. Muscles are doubled where the study lets their number vary, up to its most, and
-    while that gains. tolerance: m. going: asked before every round; what it cuts is no worse than `start`. Of targets
-    that are frames of a motion too early to be near rest it is `start` itself."""
+    """Return a more robust layout, by `forward`, the coarse model. Muscles are doubled where the study lets their
+    number vary, up to its most, and while that gains. tolerance: m. going: asked before every round; what it cuts is no
+    worse than `start`. Of targets that are frames of a motion too early to be near rest it is `start` itself."""
     objective = objective.at_rest
     if any(target.time is not None for target in objective.targets):
         return MoreRobust(start, np.inf, 0.0)
@@ -100,17 +100,18 @@ def more_robust(
 
 
 def _doubled(study: Study, robust: Robust, start: Start, objective: Objective, forward: Predictor) -> Start | None:
-    """Of the layouts with one muscle laid as two, that whose copies are nearest in the mean; None where none fits."""
+    """Return that of the layouts with one muscle laid as two whose copies are nearest in the mean; None where none
+    fits."""
     count = len(start[0].design.muscles)
-    found = [own for k in range(count) for share in SHARES if (own := doubled(start, k, share)) is not None]
-    values = _or_infinite([objective.value(shape) for shape in objective.shapes(forward, found)]) if found else []
-    nearest = [found[i] for i in np.argsort(values)[:TRIED]]
+    starts = [option for k in range(count) for share in SHARES if (option := doubled(start, k, share)) is not None]
+    values = _or_infinite([objective.value(shape) for shape in objective.shapes(forward, starts)]) if starts else []
+    nearest = [starts[i] for i in np.argsort(values)[:TRIED]]
     if not nearest:
         return None
     means = []
-    for own in nearest:
-        copies = Copies(study, robust, objective, forward, own[0])
-        means.append(copies.together.value(copies.shapes([own[1]])[0]))
+    for option in nearest:
+        copies = Copies(study, robust, objective, forward, option[0])
+        means.append(copies.together.value(copies.shapes([option[1]])[0]))
     return nearest[int(np.argmin(_or_infinite(means)))]
 
 

@@ -26,7 +26,6 @@ from studies.layout_search.first_layouts import first_starts, further_starts, li
 from studies.layout_search.progress import saying_a_tenth
 from studies.layout_search.stages import coarse_hold_of, forward_models, stages_of
 from studies.layout_search.target import LoadedTarget, load_target, target_errors
-from studies.layouts.expected_deviation import expected_within
 from studies.layouts.kept_result import answer, keep, study_content
 from studies.layouts.loading_path import loading_paths
 from studies.layouts.out_of_reach import helps_of, missed_at
@@ -34,7 +33,7 @@ from studies.layouts.reach import lacking_of, reach_of
 from studies.layouts.refinement import NEAR as NEAR_ENOUGH
 from studies.layouts.refinement import POOL, made_robust, points_of, search_seconds, shrunk
 from studies.layouts.report import Section, render_report
-from studies.layouts.result import StudyResult, pressures_kpa, write_best
+from studies.layouts.result import StudyResult, expected_within, pressures_kpa, write_best
 from studies.layouts.robustness import robustness_of
 from studies.prediction.forward_model import forward_model, without_resistance
 
@@ -161,14 +160,14 @@ def _search_in(
     nearest = evaluations.best.value if evaluations.best else result.objective
     layout = (result.design, result.pressures)
     robust = robustness_of(study, study.robust, layout, objective, quick, fine, nominal=nearest)
-    own = len(result.design.muscles) == len(points[0][0].design.muscles)
-    return replace(result, robust=replace(robust, doubled=doubled if own else 0))
+    same_count = len(result.design.muscles) == len(points[0][0].design.muscles)
+    return replace(result, robust=replace(robust, doubled=doubled if same_count else 0))
 
 
 def _keeping_best(
     work: WorkFolder, targets: tuple[LoadedTarget, ...], rise: float, progress: Callable[[Evaluations], None]
 ) -> Callable[[Evaluations], None]:
-    """Progress that also writes the best so far, as often as it changes."""
+    """Return progress that also writes the best so far, as often as it changes."""
     written: list[float] = []
 
     def report(evaluations: Evaluations) -> None:
@@ -193,7 +192,7 @@ def _keeping_best(
 
 
 def _floor(study: Study, targets: tuple[LoadedTarget, ...]) -> Callable[[NDArray[np.float64]], float]:
-    """m of a result's shapes (poses, 2 n, 3) m, in the measure that is searched."""
+    """Return the floor [m] of a result's shapes (poses, 2 n, 3) m, in the measure that is searched."""
 
     def floor(shapes: NDArray[np.float64]) -> float:
         errors = target_errors(targets, shapes, study.design, seed=study.seed)
@@ -213,8 +212,9 @@ def _result(
     follow: bool = True,
     fewer: Fewer | None = None,
 ) -> StudyResult:
-    """Of `points`, by default what is as near as the best, the first whose loading path is not sensitive, else the
-    first: where its motion leads, valued once more on the full model, and the resting cloth beside it."""
+    """Return the result of the first of `points` whose loading path is not sensitive, else of the first: where its
+    motion leads, valued once more on the full model, and the resting cloth. By default points are what is as near as
+    the best."""
     objective, searched_s = evaluations.objective, evaluations.elapsed
     points = [*points] or evaluations.finalists()
     layouts = [space.decode(x) for space, x in points]

@@ -1,4 +1,5 @@
-"""What a turn's measurements teach: an effect traced, all parameters refitted with it, a network for what remains."""
+"""Learning from a turn's measurements: an effect traced, all parameters refitted with it, a network for what
+remains."""
 
 import shutil
 from collections.abc import Callable, Sequence
@@ -31,7 +32,7 @@ Say = Callable[[str], None]
 
 
 def together(sets: Sequence[MeasurementSet]) -> MeasurementSet:
-    """All turns' trials as one set, each turn's design by the turn's name."""
+    """Return all turns' trials as one set, each turn's design by the turn's name."""
     if len(sets) == 1:
         return sets[0]
     return MeasurementSet(
@@ -54,9 +55,9 @@ def learn(
     *,
     say: Say,
 ) -> Learned:
-    """From the sets of all turns so far to `model.toml` in the folder of the turn `name`. known: the model that the
-    turn's design was chosen with. A trace refits the declared parameters along; on another grid than the study's, or
-    without one, they and the effects are fitted by `calibrate`. What cannot be is said, and left out."""
+    """Learn from the sets of all turns so far, and write `model.toml` in the folder of the turn `name`. known: the
+    model that the turn's design was chosen with. A trace refits the declared parameters along; on another grid than the
+    study's, or without one, they and the effects are fitted by `calibrate`. What cannot be is said, and left out."""
     measured, known, said = together(sets), known.without(["corrector"]), []
     traced, model, started = None, None, known
     if study.learning.trace:
@@ -93,15 +94,15 @@ def learn(
 
 
 def model_of(work: WorkFolder, name: str) -> Model:
-    """What was learned in a turn."""
+    """Return what was learned in a turn."""
     return read_model(work.folder / name / MODEL)
 
 
 def _traced(
     study: LoopStudy, measured: MeasurementSet, known: Model, out: Path, simulators: Simulators, say: Say
 ) -> tuple[TracedEffects | None, Model | None, list[str]]:
-    """The verdict, the model with the effects that it has from now on, and lines for people; no model where there was
-    too little to trace."""
+    """Return the verdict, the model with the effects that it has from now on, and lines for people; no model where
+    there was too little to trace."""
     from fabdesign.runtime.fingerprint import OtherContent
     from studies.measured.fit_data import TooLittle
     from studies.tracing.run import Options, trace_set
@@ -172,8 +173,8 @@ def _trained(
     simulators: Simulators,
     say: Say,
 ) -> tuple[str, bool]:
-    """What a network is worth, in a line, and whether it is used: the model with it takes the place of the one without
-    where it brings the trials kept back nearer, of every design."""
+    """Return what a network is worth, in a line, and whether it is used: the model with it takes the place of the one
+    without where it brings the trials kept back nearer, of every design."""
     from studies.training.train import train
 
     assert study.learning.train is not None
@@ -213,8 +214,8 @@ def _trained(
 def _held_out(
     study: LoopStudy, sets: Sequence[MeasurementSet], model: Model, simulators: Simulators
 ) -> dict[str, float] | None:
-    """mm of surface excess on the trials of role test of all sets, before and after as `evaluate` has them; None
-    where no frame of such trials is used."""
+    """Return the surface excess [mm] on the trials of role test of all sets, before and after as `evaluate` has them;
+    None where no frame of such trials is used."""
     grid = study.points_per_side
     try:
         errors = evaluate_sets(
@@ -228,5 +229,5 @@ def _held_out(
 
 
 def _means(design: DesignResult, state: str) -> Errors:
-    """Over the trials."""
+    """Return the means over the trials."""
     return Errors(**{name: over.mean for name, over in getattr(design, state).items()})

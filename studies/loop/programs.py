@@ -1,4 +1,5 @@
-"""What is run on a design: the rise to its own pressures, and a few programs that say what its model lacks."""
+"""The pressure programs that are run on a design: the rise to its own pressures, and a few programs that say what its
+model lacks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,8 +38,8 @@ class Asked:
 def programs_for(
     study: LoopStudy, design: Design, pressures: Array, times: Sequence[float | None], *, seed: int, last: bool = False
 ) -> Asked:
-    """pressures (poses, channels) Pa, and the targets' times [s], None of a shape at rest. last: nothing is learned
-    from what is measured, so that only the rises are asked for."""
+    """Return the programs for pressures (poses, channels) Pa, and the targets' times [s], None of a shape at rest.
+    last: nothing is learned from what is measured, so that only the rises are asked for."""
     search, rate, trials = study.search, study.rig_limits.rate, study.trials
     rises = [
         rising_program(row, search.rise, search.rise + search.hold) if time is None else constant_program(row, time)
@@ -49,27 +50,27 @@ def programs_for(
     return Asked(design, tuple(programs), len(rises), 0 if last else trials.held_out)
 
 
-def _informative(study: LoopStudy, design: Design, own: Array, rng: np.random.Generator) -> list[PressureProgram]:
-    """By turns: a step on and off, a staircase up and down, random levels; of pressures about the design's own and of
-    any others. Channels differ, so that no trial is near a bifurcation."""
+def _informative(study: LoopStudy, design: Design, levels: Array, rng: np.random.Generator) -> list[PressureProgram]:
+    """Return by turns a step on and off, a staircase up and down, random levels; of pressures about the design's own
+    and of any others. Channels differ, so that no trial is near a bifurcation."""
     highest = np.minimum(limits(design), study.highest)
     seconds = study.trials.seconds
     chosen = []
     for number in range(study.trials.number):
         if number % 2 == 0:
-            most = np.minimum(own * rng.uniform(*NEAR, len(own)), highest)
+            most = np.minimum(levels * rng.uniform(*NEAR, len(levels)), highest)
         else:
-            most = highest * np.where(rng.random(len(own)) < IDLE, 0.0, rng.uniform(LEAST_SHARE, 1.0, len(own)))
+            most = highest * np.where(rng.random(len(levels)) < IDLE, 0.0, rng.uniform(LEAST_SHARE, 1.0, len(levels)))
         if not most.any():
             most = LEAST_SHARE * highest
         if number % 3 == 0:
-            shares: Array = np.outer([1.0, 0.0], np.ones(len(own)))
+            shares: Array = np.outer([1.0, 0.0], np.ones(len(levels)))
             times = np.array([0.0, 2 * seconds / 3])
         elif number % 3 == 1:
-            shares = np.outer(_STAIRS, np.ones(len(own)))
+            shares = np.outer(_STAIRS, np.ones(len(levels)))
             times = seconds * np.arange(len(_STAIRS)) / len(_STAIRS)
         else:
-            shares = rng.uniform(0.0, 1.0, (3, len(own)))
+            shares = rng.uniform(0.0, 1.0, (3, len(levels)))
             times = seconds * np.arange(3) / 3
         rows = 100.0 * np.round(shares * most / 100.0)  # of a regulator that resolves 0.1 kPa
         chosen.append(PressureProgram(times, rows, seconds))
@@ -77,7 +78,7 @@ def _informative(study: LoopStudy, design: Design, own: Array, rng: np.random.Ge
 
 
 def within_rate(program: PressureProgram, rate: float) -> PressureProgram:
-    """The program as a regulator follows it that changes by at most `rate` Pa/s, in ticks."""
+    """Return the program as a regulator follows it that changes by at most `rate` Pa/s, in ticks."""
     if not np.isfinite(rate):
         return program
     times = np.asarray(TICK * np.arange(max(1, round(program.duration / TICK))), np.float64)

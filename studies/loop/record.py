@@ -1,4 +1,4 @@
-"""What a loop has done so far: its pieces, by which it goes on, and `result.json`."""
+"""The record of a loop so far: its pieces, by which it goes on, and `result.json`."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,7 +18,8 @@ _RAISED = ("stop", "search")  # more turns go further; the search's own content 
 
 
 class ShapeErrors(TypedDict):
-    """Of a shape beside the targets, mm; surface_beyond: the share of the points farther off than the cap."""
+    """The errors of a shape beside the targets, mm; surface_beyond: the share of the points farther off than the
+    cap."""
 
     chamfer: float
     chamfer_floor: float
@@ -35,7 +36,7 @@ class DeviceErrors(ShapeErrors):
 
 
 class ChosenDesign(TypedDict):
-    """What a search chose; believed: the errors that it predicts."""
+    """The design that a search chose; believed: the errors that it predicts."""
 
     believed: ShapeErrors
     stop_reason: str
@@ -45,7 +46,7 @@ class ChosenDesign(TypedDict):
 
 
 class TracedEffects(TypedDict):
-    """What a trace says. excess: mm over the noise, by what it is of; None where it is not known."""
+    """The verdict of a trace. excess: mm over the noise, by what it is of; None where it is not known."""
 
     verdict: str
     effects: list[str]
@@ -54,8 +55,8 @@ class TracedEffects(TypedDict):
 
 
 class Learned(TypedDict):
-    """What measurements taught. said: lines for people. trace: None where it was not asked for or could not be.
-    held_out: mm of surface excess `before` and `after` on trials of role test, None without any."""
+    """The gain from a turn's measurements. said: lines for people. trace: None where it was not asked for or could not
+    be. held_out: mm of surface excess `before` and `after` on trials of role test, None without any."""
 
     said: list[str]
     trace: TracedEffects | None
@@ -102,7 +103,7 @@ class LoopOutcome:
 
 
 def loop_content(study: LoopStudy, targets: Sequence[LoadedTarget]) -> dict[str, str]:
-    """What the pieces depend on, by field; of a rig's ground truth its hash."""
+    """Return what the pieces depend on, by field; of a rig's ground truth its hash."""
     source = study.source
     where: dict[str, Any]
     if isinstance(source, VirtualRig):
@@ -115,7 +116,8 @@ def loop_content(study: LoopStudy, targets: Sequence[LoadedTarget]) -> dict[str,
 
 
 def stop_reason(rule: StopRule, excess: Sequence[float]) -> str | None:
-    """In a sentence, of the excess [m] on the device after each turn, the first design's first; None: it goes on."""
+    """Return why the loop ends, in a sentence, by the excess [m] on the device after each turn, the first design's
+    first; None: it goes on."""
     *before, now = excess
     if now <= rule.excess:
         return f"near enough: {in_mm(now):.2f} mm over the noise floor on the device, within {in_mm(rule.excess):g} mm"

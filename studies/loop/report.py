@@ -97,7 +97,7 @@ def _turn(turn: Turn, study: LoopStudy, targets: Sequence[LoadedTarget], folder:
 
 
 def as_sentence(outcome: LoopOutcome) -> str:
-    """Where the loop stands."""
+    """Return where the loop stands."""
     measured = [turn.device["excess"] for turn in outcome.turns if turn.device is not None]
     best = outcome.best
     if best is None or best.device is None:
@@ -111,7 +111,7 @@ def as_sentence(outcome: LoopOutcome) -> str:
 
 
 def as_text(outcome: LoopOutcome) -> str:
-    """For the terminal: a line a turn, and what comes next."""
+    """Return the text for the terminal: a line a turn, and what comes next."""
     lines, device = [], "on the device (synthetic rig)" if outcome.synthetic else "on the device"
     for turn in outcome.turns:
         predicted = f"predicted {turn.chosen['believed']['excess']:.2f} mm"

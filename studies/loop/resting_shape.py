@@ -14,7 +14,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from fabdesign.geometry.surface import Surface, face_triangles
+from fabdesign.geometry.mid_surface import mid_surface
+from fabdesign.geometry.surface import Surface, front_triangles
 from fabdesign.nouns.fabric import Fabric
 
 Array = NDArray[np.float64]
@@ -33,14 +34,14 @@ _LEAST_FAR = 2.5e-3  # m, below which it is none
 
 
 def resting_faces(points: Array, fabric: Fabric, predicted: Array, *, seed: int = 0) -> Array:
-    """(2 n n, 3) m, front face then back face as a forward model gives them, of measured points (k, 3) m.
+    """Return (2 n n, 3) m, front face then back face as a forward model gives them, of measured points (k, 3) m.
 
     predicted: (2 n n, 3) m, the shape that a model expects: where the fit begins, and whose lengths it keeps.
     """
     side = isqrt(len(predicted) // 2)
     points = _drawn(np.asarray(points, dtype=np.float64), seed)
     basis = _basis(side)
-    start = predicted.reshape(2, side * side, 3).mean(axis=0)
+    start = mid_surface(predicted).reshape(-1, 3)
     controls = np.linalg.lstsq(basis.toarray(), start, rcond=None)[0]
     along = _differences(side, basis)
     lengths = np.linalg.norm(along @ controls, axis=1)
@@ -52,9 +53,9 @@ def resting_faces(points: Array, fabric: Fabric, predicted: Array, *, seed: int 
         normals, rows, height = _heights(middle, side, points)
         face = np.tanh(height * half / _SOFT**2) if number >= _SIDED else np.zeros(len(height))
         off = height - half * face
-        near = np.abs(off) < max(_FAR * float(np.median(np.abs(off))), _LEAST_FAR)
+        kept = np.abs(off) < max(_FAR * float(np.median(np.abs(off))), _LEAST_FAR)
         blocks = [
-            (_projected(rows[near] @ basis, normals[near]) / _HEIGHT, off[near] / _HEIGHT),
+            (_projected(rows[kept] @ basis, normals[kept]) / _HEIGHT, off[kept] / _HEIGHT),
             _kept(along, controls, lengths),
             _bending(controls, curved),
             _pinned(basis[held], controls, start[held]),
@@ -74,14 +75,16 @@ def _drawn(points: Array, seed: int) -> Array:
 
 @lru_cache(maxsize=4)
 def _basis(side: int) -> sp.csr_matrix:
-    """(side side, CONTROLS CONTROLS): the mid-surface's nodes from control points, both by rising v, then rising u."""
+    """Return (side side, CONTROLS CONTROLS): the mid-surface's nodes from control points, both by rising v, then rising
+    u."""
     knots = np.concatenate([np.zeros(3), np.linspace(0, 1, CONTROLS - 2), np.ones(3)])
     line = BSpline.design_matrix(np.linspace(0, 1, side), knots, 3)
     return sp.csr_matrix(sp.kron(line, line))
 
 
 def _differences(side: int, basis: sp.csr_matrix) -> sp.csr_matrix:
-    """Between neighbours along u, along v, and across both diagonals, of nodes from control points."""
+    """Return the differences between neighbours along u, along v, and across both diagonals, of nodes from control
+    points."""
     index = np.arange(side * side).reshape(side, side)
     pairs = [
         (index[:, 1:], index[:, :-1]),
@@ -101,27 +104,28 @@ def _second_differences() -> sp.csr_matrix:
 
 
 def _held(fabric: Fabric, side: int) -> NDArray[np.intp]:
-    """Nodes whose places are known: those of the hung edge."""
+    """Return nodes whose places are known: those of the hung edge."""
     return np.arange(side) if fabric.hung == "top" else np.zeros(0, dtype=np.intp)
 
 
 def _heights(middle: Array, side: int, points: Array) -> tuple[Array, sp.csr_matrix, Array]:
-    """(k, 3) normals of the nearest triangles, (k, nodes) weights of the nearest places, (k,) m heights over the
+    """Return (k, 3) normals of the nearest triangles, (k, nodes) weights of the nearest places, (k,) m heights over the
     triangles' planes: a point beyond a hem counts by its height alone."""
-    triangles = face_triangles(side, side)[: 2 * (side - 1) ** 2]
+    triangles = front_triangles(side, side)
     surface = Surface(middle, triangles)
-    near = surface.nearest(points)
-    corners = triangles[near.triangle]
-    normals = surface.normals_of(near.triangle)
-    place = np.einsum("kc,kcd->kd", near.weights, middle[corners])
+    nearest = surface.nearest(points)
+    corners = triangles[nearest.triangle]
+    normals = surface.normals_of(nearest.triangle)
+    place = np.einsum("kc,kcd->kd", nearest.weights, middle[corners])
     height = np.einsum("kd,kd->k", points - place, normals)
     index = np.repeat(np.arange(len(points)), 3)
-    rows = sp.csr_matrix((near.weights.ravel(), (index, corners.ravel())), shape=(len(points), len(middle)))
+    rows = sp.csr_matrix((nearest.weights.ravel(), (index, corners.ravel())), shape=(len(points), len(middle)))
     return normals, rows, height
 
 
 def _projected(rows: sp.csr_matrix, directions: Array) -> sp.csr_matrix:
-    """(k, 3 controls) of the rows' points along directions (k, 3); unknowns are x, y, z of a control point by turns."""
+    """Return (k, 3 controls) of the rows' points along directions (k, 3); unknowns are x, y, z of a control point by
+    turns."""
     coordinates = [sp.csr_matrix(sp.diags(directions[:, d]) @ rows) for d in range(3)]
     stacked = sp.hstack(coordinates, format="csc")
     count = rows.shape[1]
@@ -138,17 +142,17 @@ def _kept(along: sp.csr_matrix, controls: Array, lengths: Array) -> tuple[sp.csr
 
 def _bending(controls: Array, curved: Array) -> tuple[sp.csr_matrix, Array]:
     second = _second_differences()
-    left = (curved - second @ controls) / _SMOOTH
-    return sp.csr_matrix(sp.kron(second, sp.identity(3)) / _SMOOTH), left.ravel()
+    residual = (curved - second @ controls) / _SMOOTH
+    return sp.csr_matrix(sp.kron(second, sp.identity(3)) / _SMOOTH), residual.ravel()
 
 
 def _pinned(held: sp.csr_matrix, controls: Array, where: Array) -> tuple[sp.csr_matrix, Array]:
-    left = (where - held @ controls) / _PINNED
-    return sp.csr_matrix(sp.kron(held, sp.identity(3)) / _PINNED), left.ravel()
+    residual = (where - held @ controls) / _PINNED
+    return sp.csr_matrix(sp.kron(held, sp.identity(3)) / _PINNED), residual.ravel()
 
 
 def _solve(blocks: list[tuple[sp.csr_matrix, Array]], size: int) -> Array:
-    """The least-squares step of all blocks (rows, wanted change)."""
+    """Return the least-squares step of all blocks (rows, wanted change)."""
     normal, right = np.zeros((size, size)), np.zeros(size)
     for rows, wanted in blocks:
         normal += (rows.T @ rows).toarray()

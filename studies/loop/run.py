@@ -34,12 +34,12 @@ _FACTORS, _EFFECTS = 7, 45  # unknowns of a calibration, and about of a trace
 
 
 class _Waiting(Exception):
-    """For a laboratory."""
+    """A turn that waits for a laboratory."""
 
 
 @dataclass(frozen=True)
 class _Loop:
-    """What all turns share."""
+    """The study, the record and the rig that all turns share."""
 
     study: LoopStudy
     targets: tuple[LoadedTarget, ...]
@@ -63,7 +63,7 @@ def run_loop(
     force: bool = False,
     progress: Progress = lambda line, share: None,
 ) -> LoopOutcome:
-    """Turn after turn, until the study's rule ends it or a laboratory is waited for; writes `result.json`,
+    """Run turn after turn, until the study's rule ends it or a laboratory is waited for; writes `result.json`,
     `report.html`, the folders of the turns and, of the turn that came nearest as measured, `design.toml` and
     `pressures.csv` into `out`, and the last `model.toml`.
 
@@ -113,7 +113,7 @@ def loop_in_words(study: LoopStudy, seconds: float | None = None) -> str:
 
 
 def open_study(study: LoopStudy) -> tuple[LoadedTarget, ...]:
-    """The study's targets. Raises InputError where they, the start, or the rig's ground truth are not sound."""
+    """Return the study's targets. Raises InputError where they, the start, or the rig's ground truth are not sound."""
     search = study.search
     require_searchable(search, search.name)
     targets = tuple(load_target(target, search.design, seed=search.seed) for target in search.targets)

@@ -31,7 +31,7 @@ Counter = Callable[[int, int], None]
 def measured(
     study: LoopStudy, name: str, asked: Asked, work: WorkFolder, *, progress: Counter = lambda done, of: None
 ) -> MeasurementSet | None:
-    """What the source measured of `asked` in the turn of this name, as a set in the turn's folder; None where a
+    """Return what the source measured of `asked` in the turn of this name, as a set in the turn's folder; None where a
     laboratory has been asked for it. Its trials and its design are named after the turn, so that sets of several turns
     go together. Raises InputError for a laboratory's set that is not what was asked for."""
     folder = work.folder / name / MEASURED
@@ -151,17 +151,17 @@ def _require_asked(measured: MeasurementSet, asked: Asked, place: Path) -> None:
 
 
 def _require_same(sewn: Design, asked: Design, place: Path) -> None:
-    own, wanted = ([(m.type, m.side, m.channel) for m in design.muscles] for design in (sewn, asked))
-    if own != wanted:
+    made, wanted = ([(m.type, m.side, m.channel) for m in design.muscles] for design in (sewn, asked))
+    if made != wanted:
         raise InputError(
-            f"{place}: design {sewn.name} has {len(own)} muscles of other types, sides or channels than the "
+            f"{place}: design {sewn.name} has {len(made)} muscles of other types, sides or channels than the "
             f"{len(wanted)} asked for; expected to_measure/design.toml, its paths corrected at most"
         )
 
 
 def _apart(ran: Trial, asked: PressureProgram) -> float:
-    """Pa RMS by which a trial's set points lie outside those asked for within two frames; infinite where it ended
-    before."""
+    """Return Pa RMS by which a trial's set points lie outside those asked for within two frames; infinite where it
+    ended before."""
     times, recorded = ran.times, ran.program.at(ran.times - 1e-6)
     interval = float(np.median(np.diff(times, prepend=0.0)))
     if times[-1] < asked.duration - 2 * interval or recorded.shape[1] != asked.pressure.shape[1]:

@@ -34,8 +34,8 @@ AT_REST = 0.5  # s, the last of a trial in which a cloth counts as at rest
 
 
 def measured_shapes(measured: MeasurementSet, targets: Sequence[LoadedTarget], predicted: Array, *, seed: int) -> Array:
-    """(poses, 2 n, 3) m: the cloth's faces in the trials of orders 0, 1, ..., one a target: at rest in the last half
-    second, or in the frame at the target's time. predicted: (poses, 2 n, 3) m, as the search had them."""
+    """Return (poses, 2 n, 3) m: the cloth's faces in the trials of orders 0, 1, ..., one a target: at rest in the last
+    half second, or in the frame at the target's time. predicted: (poses, 2 n, 3) m, as the search had them."""
     by_order = {trial.order: trial for trial in measured.trials}
     shapes = []
     for pose, target in enumerate(targets):
@@ -51,8 +51,8 @@ def measured_shapes(measured: MeasurementSet, targets: Sequence[LoadedTarget], p
 
 
 def device_errors(targets: Sequence[LoadedTarget], shapes: Array, measured: MeasurementSet, *, seed: int) -> Errors:
-    """Of the measured shapes (poses, 2 n, 3) m against the targets: the same measures, with the same floors, as of the
-    shapes that the search predicted. Raises InputError where no shape was found."""
+    """Return the errors of the measured shapes (poses, 2 n, 3) m against the targets: the same measures, with the same
+    floors, as of the shapes that the search predicted. Raises InputError where no shape was found."""
     if not np.isfinite(shapes).all():
         raise InputError(f"{measured.name}: no cloth lies through its points; expected measured clouds of one")
     return target_errors(targets, shapes, measured.trials[0].design, seed=seed)
@@ -64,7 +64,7 @@ SHAPES = "shapes.npz"
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """What a turn's search came to. predicted: against the target, m; shapes (poses, 2 n, 3) m."""
+    """The result of a turn's search. predicted: against the target, m; shapes (poses, 2 n, 3) m."""
 
     folder: Path
     design: Design
@@ -112,7 +112,7 @@ def choose(
 
 
 def chosen(kept: ChosenDesign, folder: Path) -> Choice:
-    """A search's result from its folder and what the record kept."""
+    """Return a search's result from its folder and what the record kept."""
     design = read_design(folder / "design.toml")
     files = sorted(folder.glob("pressures*.csv"), key=lambda file: (len(file.name), file.name))
     shapes = read_arrays(folder.parent / SHAPES)["believed"].astype(np.float64)
@@ -129,7 +129,7 @@ def chosen(kept: ChosenDesign, folder: Path) -> Choice:
 def errors_on_device(
     study: LoopStudy, choice: Choice, measured: MeasurementSet, targets: Sequence[LoadedTarget], work: WorkFolder
 ) -> DeviceErrors:
-    """Errors of the measured shapes against the targets, mm, and how far those are from the predicted ones."""
+    """Return errors of the measured shapes against the targets, mm, and how far those are from the predicted ones."""
     seed = study.search.seed
     shapes = measured_shapes(measured, targets, choice.shapes, seed=seed)
     errors = device_errors(targets, shapes, measured, seed=seed)
@@ -142,7 +142,7 @@ def errors_on_device(
 
 
 def as_millimetres(errors: Errors) -> ShapeErrors:
-    """The errors in mm, `beyond` as a share, with the `excess`."""
+    """Return the errors in mm, `beyond` as a share, with the `excess`."""
     return {
         "chamfer": in_mm(float(errors.chamfer)),
         "chamfer_floor": in_mm(float(errors.chamfer_floor)),
@@ -154,7 +154,7 @@ def as_millimetres(errors: Errors) -> ShapeErrors:
 
 
 def of_millimetres(kept: ShapeErrors) -> Errors:
-    """The same turned back."""
+    """Return the same turned back."""
     return Errors(
         chamfer=from_mm(kept["chamfer"]),
         chamfer_floor=from_mm(kept["chamfer_floor"]),
@@ -165,7 +165,7 @@ def of_millimetres(kept: ShapeErrors) -> Errors:
 
 
 def _fine(study: LoopStudy, model: Model | None) -> int:
-    """Points a side: a model's factors belong to their grid."""
+    """Return points a side: a model's factors belong to their grid."""
     if model is None or not model.parameters:
         return min(study.points_per_side, POINTS_PER_SIDE)
     return model.points_per_side

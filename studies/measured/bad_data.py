@@ -17,7 +17,7 @@ class Tolerance:
 
     @contextmanager
     def forgiving(self) -> Iterator[None]:
-        """A block whose InputError is noted and passed over, if bad data may be skipped."""
+        """Return a block whose InputError is noted and passed over, if bad data may be skipped."""
         try:
             yield
         except InputError as error:
@@ -32,7 +32,7 @@ class Tolerance:
 def sound_trials(
     measured: MeasurementSet, *, skip_bad: bool, roles: Collection[Role] = ("fit", "test")
 ) -> tuple[MeasurementSet, tuple[str, ...]]:
-    """The set's trials of these roles, all of them read, without the unsound ones, and a line on each of those.
+    """Return the set's trials of these roles, all of them read, without the unsound ones, and a line on each of those.
 
     Raises InputError for the first one unless `skip_bad`, and where none is left.
     """

@@ -1,4 +1,5 @@
-"""What a fit takes of measurement sets: trials, points of their frames, the sensor's noise, folds, provenance."""
+"""The data that a fit takes of measurement sets: trials, points of their frames, the sensor's noise, folds,
+provenance."""
 
 import importlib.metadata
 import platform
@@ -32,7 +33,7 @@ class TooLittle(InputError):
 
 @dataclass(frozen=True)
 class Density:
-    """What is drawn of each trial: frames spread over its first `until` s, and random points of each."""
+    """The sample that is drawn of each trial: frames spread over its first `until` s, and random points of each."""
 
     until: float  # s
     frames: int
@@ -57,7 +58,7 @@ class MeasuredData:
     def of(
         sets: Sequence[MeasurementSet], trials: Sequence[Trial], used: UsedFrames, density: Density, *, seed: int
     ) -> "MeasuredData":
-        """Drawn by `seed`. Raises TooLittle where no trial has a frame that is used."""
+        """Return the data drawn by `seed`. Raises TooLittle where no trial has a frame that is used."""
         rng = np.random.default_rng(seed)
         samples: list[Sample] = []
         for trial in trials:
@@ -91,24 +92,24 @@ class MeasuredData:
 
     @property
     def weighed(self) -> Accuracy | None:
-        """What a fit weighs errors of the inputs by; None where these are exact."""
+        """Return what a fit weighs errors of the inputs by; None where these are exact."""
         return None if self.accuracy.is_exact else self.accuracy
 
     def without(self, gone: Collection[int]) -> "MeasuredData":
-        """Less some trials, by their places."""
+        """Return less some trials, by their places."""
         return self.only([k for k in range(len(self.trials)) if k not in gone])
 
     def only(self, kept: Sequence[int]) -> "MeasuredData":
-        """Some trials, by their places."""
+        """Return some trials, by their places."""
         return replace(self, trials=tuple(self.trials[k] for k in kept), samples=tuple(self.samples[k] for k in kept))
 
     def until(self, horizon: float) -> "MeasuredData":
-        """The first `horizon` s of each trial."""
+        """Return the first `horizon` s of each trial."""
         return replace(self, samples=tuple(cut(sample, horizon) for sample in self.samples))
 
     @cached_property
     def folds(self) -> tuple[int, ...]:
-        """Of each trial: those with the same pressures are one fold."""
+        """Return the fold of each trial: those with the same pressures are one fold."""
         fold = {id(trial): k for k, group in enumerate(by_program(self.trials)) for trial in group}
         return tuple(fold[id(trial)] for trial in self.trials)
 
@@ -123,7 +124,8 @@ class MeasuredData:
         return np.array(rows, dtype=float)
 
     def provenance(self) -> Provenance:
-        """Every trial that was not fitted counts as held out. Hashes are of the files fitted, before anything else."""
+        """Return what was fitted, where every other trial counts as held out. Hashes are of the files fitted, before
+        anything else."""
         named = [(measured.name, trial) for measured in self.sets for trial in measured.trials]
         files = {trial.file for trial in self.trials}
         return Provenance(
@@ -150,13 +152,13 @@ def use_before(trials: Sequence[Trial]) -> dict[Path, NDArray[np.float64]]:
 
 
 def noise_of(trials: Sequence[Trial]) -> SensorNoise:
-    """The noise of the sensor that saw cloths of one thickness, from frames spread over the trials, the first of each
-    among them: the cloth is flattest there."""
+    """Return the noise of the sensor that saw cloths of one thickness, from frames spread over the trials, the first of
+    each among them: the cloth is flattest there."""
     return estimate_noise(noise_clouds(trials), trials[0].design.fabric.thickness)
 
 
 def noise_clouds(trials: Sequence[Trial]) -> list[NDArray[np.float64]]:
-    """Clouds (n_t, 3) m that the noise is estimated from."""
+    """Return clouds (n_t, 3) m that the noise is estimated from."""
     chosen = [trials[i] for i in np.linspace(0, len(trials) - 1, min(len(trials), NOISE_FRAMES)).astype(int)]
     each = -(-NOISE_FRAMES // len(chosen))
     clouds = []

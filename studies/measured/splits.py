@@ -21,7 +21,7 @@ class Split:
 
 
 def fit_trials(trials: Sequence[Trial], orders: Collection[int] | None = None) -> Trials:
-    """The trials of role `fit`, or those of the given orders among them.
+    """Return the trials of role `fit`, or those of the given orders among them.
 
     Raises InputError for an order that no trial has or that a trial of role `test` has alone, and for an empty result.
     """
@@ -52,7 +52,8 @@ def split(trials: Sequence[Trial], held_out: float, *, seed: int = 0) -> Split:
 
 
 def folds(trials: Sequence[Trial], count: int, *, seed: int = 0) -> tuple[Split, ...]:
-    """Cross-validation: `count` splits (or as many as there are programs), each fit trial held out once."""
+    """Return the splits of a cross-validation, `count` (or as many as there are programs), each fit trial held out
+    once."""
     groups = by_program(fit_trials(trials))
     if len(groups) < 2:
         raise InputError("all trials to fit have the same pressures; expected at least two programs to hold one out")
@@ -61,7 +62,7 @@ def folds(trials: Sequence[Trial], count: int, *, seed: int = 0) -> tuple[Split,
 
 
 def by_program(trials: Sequence[Trial]) -> list[Trials]:
-    """Trials with the same pressures together."""
+    """Return trials with the same pressures together."""
     groups: dict[tuple[bytes, bytes], list[Trial]] = {}
     for trial in trials:
         program = trial.program

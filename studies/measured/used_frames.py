@@ -38,26 +38,26 @@ class Stretch:
 
     @property
     def named(self) -> str:
-        """For people."""
+        """Return its name for people."""
         trial = f"{self.set_name}/{self.trial}" if self.set_name else self.trial
         return f"{trial} {self.begin:.1f} to {self.end:.1f} s"
 
 
 def used_mask(stretches: Sequence[Stretch], trial: str, times: Array, *, set_name: str = "") -> Flags:
-    """(T,) whether each frame of a trial, at `times` [s], is used. set_name: as in the stretches."""
-    own = [s for s in stretches if (s.set_name, s.trial) == (set_name, trial)]
-    inside = [(s.begin - 1e-9 <= times) & (times <= s.end + 1e-9) for s in own]
+    """Return (T,) whether each frame of a trial, at `times` [s], is used. set_name: as in the stretches."""
+    of_trial = [s for s in stretches if (s.set_name, s.trial) == (set_name, trial)]
+    inside = [(s.begin - 1e-9 <= times) & (times <= s.end + 1e-9) for s in of_trial]
     return ~np.any(inside, axis=0) if inside else np.ones(len(times), dtype=bool)
 
 
 def share_left_out(stretches: Sequence[Stretch], trials: Sequence[Trial], *, set_name: str = "") -> float:
-    """Of all frames of the trials of one set."""
+    """Return the share of all frames of the trials of one set."""
     used = [used_mask(stretches, trial.name, trial.times, set_name=set_name) for trial in trials]
     return float(1 - np.concatenate(used).mean()) if used else 0.0
 
 
 def left_out_in_words(stretches: Sequence[Stretch], share: float) -> str:
-    """In a line for people. share: of the frames that are left out."""
+    """Return a line for people. share: of the frames that are left out."""
     if not stretches:
         return "all frames are used: no stretch is sensitive to small changes of the inputs"
     return f"left out as sensitive, {share:.0%} of the frames: {', '.join(s.named for s in stretches)}; {WHY}"
@@ -72,12 +72,12 @@ class UsedFrames:
     several: bool = False  # sets: stretches are then named by set and trial
 
     def at(self, measured: MeasurementSet, trial: Trial, times: Array | None = None) -> Flags:
-        """(T,) whether each frame of a trial of the set is used, or what is seen at `times` [s] of it."""
+        """Return (T,) whether each frame of a trial of the set is used, or what is seen at `times` [s] of it."""
         times = trial.times if times is None else times
         return used_mask(self.stretches or (), trial.name, times, set_name=measured.name if self.several else "")
 
     def as_json(self) -> dict[str, Any]:
-        """The keys `unjudged` and `share_unjudged` of every command."""
+        """Return the keys `unjudged` and `share_unjudged` of every command."""
         listed = None if self.stretches is None else [stretch.as_json() for stretch in self.stretches]
         return {"unjudged": listed, "share_unjudged": self.share_left_out}
 

@@ -27,7 +27,7 @@ class Branches:
     """Surface RMS [m] of a trial: of the model's own motion, and of each changed one in the order of `starts`."""
 
     trial: Trial
-    own: float
+    unchanged: float
     others: NDArray[np.float64]
 
     @property
@@ -38,35 +38,35 @@ class Branches:
     @property
     def much_nearer(self) -> bool:
         """Whether a changed start leads to a motion that is much nearer."""
-        return self.nearest < HALF * self.own
+        return self.nearest < HALF * self.unchanged
 
     @property
     def on_another_branch(self) -> bool:
         """Whether that is so of a trial that no small error explains."""
-        return self.own > FAR and self.much_nearer
+        return self.unchanged > FAR and self.much_nearer
 
     @property
     def odds(self) -> float:
         """Share of the starts, the model's own among them, that lead as near as the nearest, within 1 mm."""
-        every = np.append(self.others, self.own)
+        every = np.append(self.others, self.unchanged)
         return float(np.mean(every < np.nanmin(every) + 1e-3))
 
 
 def starts() -> list[tuple[Term, ...]]:
-    """What is added to a case: first nothing, then each change."""
+    """Return what is added to a case: first nothing, then each change."""
     tilts = [(Term("frame_tilt", {"about_x": value}),) for value in TILTS]
     curls = [(Term("rest_curvature", {"down": value}),) for value in CURLS]
     return [(), *tilts, *curls]
 
 
 def branches_of(trials: Sequence[Trial], forward: Predictor, *, every: int = 1) -> Iterator[Branches]:
-    """Of each trial, by every so many of its frames. A curvature of the case takes the place of the model's own, which
-    is added to it."""
-    own = next((t.values.get("down", 0.0) for t in forward.model.terms if t.name == "rest_curvature"), 0.0)
+    """Yield the branches of each trial, by every so many of its frames. A curvature of the case takes the place of the
+    model's own, which is added to it."""
+    curvature = next((t.values.get("down", 0.0) for t in forward.model.terms if t.name == "rest_curvature"), 0.0)
     for first in range(0, len(trials), _AT_ONCE):
         some = trials[first : first + _AT_ONCE]
         motions = forward.motions(
-            [Case(t.design, t.program, {}, _beside(added, own), t.order) for added in starts() for t in some],
+            [Case(t.design, t.program, {}, _beside(added, curvature), t.order) for added in starts() for t in some],
             [t.times[::every] for _ in starts() for t in some],
         )
         for k, trial in enumerate(some):
@@ -78,12 +78,14 @@ def root_mean_square(values: Sequence[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def _beside(added: tuple[Term, ...], own: float) -> tuple[Term, ...]:
-    return tuple(replace(t, values={k: v + own if k == "down" else v for k, v in t.values.items()}) for t in added)
+def _beside(added: tuple[Term, ...], curvature: float) -> tuple[Term, ...]:
+    return tuple(
+        replace(t, values={k: v + curvature if k == "down" else v for k, v in t.values.items()}) for t in added
+    )
 
 
 def _error(trial: Trial, motion: NDArray[np.float32], every: int) -> float:
-    """m, root of the mean square over frames; NaN of a motion that diverged."""
+    """Return the root mean square [m] over frames; NaN of a motion that diverged."""
     if not np.isfinite(motion).all():
         return float("nan")
     clouds = trial.load().frames[::every]

@@ -27,25 +27,25 @@ class ByDesign:
     calm: tuple[Design, ...]  # for which the coarse one is as good
 
     def motions(self, cases: Sequence[Case], times: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float32]]:
-        """As the simulator of each case's design gives them."""
+        """Return what the simulator of each case's design gives."""
         by_case: dict[int, NDArray[np.float32]] = {}
-        for own, simulator in self._parts(cases):
-            motions = simulator.motions([cases[i] for i in own], [times[i] for i in own])
-            by_case |= dict(zip(own, motions, strict=True))
+        for numbers, simulator in self._parts(cases):
+            motions = simulator.motions([cases[i] for i in numbers], [times[i] for i in numbers])
+            by_case |= dict(zip(numbers, motions, strict=True))
         return [by_case[i] for i in range(len(cases))]
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
-        """As the simulator of each case's design gives them."""
+        """Return what the simulator of each case's design gives."""
         by_case: dict[int, NDArray[np.float32]] = {}
-        for own, simulator in self._parts(cases):
-            by_case |= dict(zip(own, simulator.equilibria([cases[i] for i in own]), strict=True))
+        for numbers, simulator in self._parts(cases):
+            by_case |= dict(zip(numbers, simulator.equilibria([cases[i] for i in numbers]), strict=True))
         return [by_case[i] for i in range(len(cases))]
 
     def _parts(self, cases: Sequence[Case]) -> list[tuple[list[int], ForwardModel]]:
         calm = [case.design in self.calm for case in cases]
         parts = [([i for i, is_calm in enumerate(calm) if not is_calm], self.fine)]
         parts.append(([i for i, is_calm in enumerate(calm) if is_calm], self.coarse))
-        return [(own, simulator) for own, simulator in parts if own]
+        return [(numbers, simulator) for numbers, simulator in parts if numbers]
 
 
 def enough_points(
@@ -55,8 +55,8 @@ def enough_points(
     *,
     tell: Callable[[str], None] = lambda line: None,
 ) -> ForwardModel:
-    """The simulator for `trials`: of the model's grid, and for designs whose points that moves by under 0.1 mm RMS, of
-    41 points a side.
+    """Return the simulator for `trials`: of the model's grid, and for designs whose points that moves by under 0.1 mm
+    RMS, of 41 points a side.
 
     Tried on the most strongly driven trial of each design, with the simulators `forward(points a side)`: cloth that
     snaps goes another way on another grid, and it is there that it snaps. `tell` hears a line on what was found. Raises
@@ -83,16 +83,16 @@ def enough_points(
 
 
 def _driven(trials: Sequence[Trial]) -> list[Trial]:
-    """Of each design that many trials have, the one with the highest pressures: the mean over channels of the highest
-    of each."""
+    """Return for each design that many trials have the trial with the highest pressures: the mean over channels of the
+    highest of each."""
     designs: list[tuple[Design, list[Trial]]] = []
     for trial in trials:
-        own = next((own for design, own in designs if design == trial.design), None)
-        if own is None:
+        trials_of = next((trials_of for design, trials_of in designs if design == trial.design), None)
+        if trials_of is None:
             designs.append((trial.design, [trial]))
         else:
-            own.append(trial)
-    return [max(own, key=_drive) for _, own in designs if len(own) >= _FEWEST]
+            trials_of.append(trial)
+    return [max(trials_of, key=_drive) for _, trials_of in designs if len(trials_of) >= _FEWEST]
 
 
 def _drive(trial: Trial) -> float:
@@ -100,6 +100,6 @@ def _drive(trial: Trial) -> float:
 
 
 def _rms(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
-    """m; infinite where a motion diverged."""
+    """Return the RMS [m]; infinite where a motion diverged."""
     square = float(np.mean(np.square(a - b).sum(axis=2)))
     return float(np.sqrt(square)) if np.isfinite(square) else float("inf")

@@ -51,7 +51,7 @@ class TrialResult:
 
 @dataclass(frozen=True)
 class DesignResult:
-    """All trials of one design; the statistics leave out trials that diverged or have no frame that is used."""
+    """The trials of one design; the statistics leave out trials that diverged or have no frame that is used."""
 
     source: str  # name and description of the set
     noise: SensorNoise
@@ -62,7 +62,7 @@ class DesignResult:
 
     @property
     def intervals(self) -> IntervalScore | None:
-        """Of all trials' frames and regions together."""
+        """Return the score of all trials' frames and regions together."""
         return IntervalScore.pooled([t.intervals for t in self.trials if t.intervals is not None])
 
     @property
@@ -88,7 +88,7 @@ class SetEvaluation(Tabled):
     skipped: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
-        """What `evaluate --json` prints: mm."""
+        """Return what `evaluate --json` prints: mm."""
         result: dict[str, Any] = {"designs": {name: _as_json(design) for name, design in self.designs.items()}}
         if self.others:
             result["others"] = {name: _as_json(design) for name, design in self.others.items()}
@@ -126,7 +126,8 @@ def evaluate_sets(
     interruptible: bool = False,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> SetEvaluation:
-    """Errors of `model` on the trials of role `test`, with `all_trials` of the others too, in a table of their own.
+    """Return errors of `model` on the trials of role `test`, with `all_trials` of the others too, in a table of their
+    own.
 
     forward: the simulator. coarse: a cheap one that finds the sensitive stretches of these trials
     (measured.sensitive_stretches), which are left out. Without it they are not looked for. After is all of the model;
@@ -161,8 +162,8 @@ def evaluate_sets(
             jobs, noises = jobs[:begun], noises[:begun]
     tables: dict[str, dict[str, DesignResult]] = {"test": {}, "fit": {}}
     for job, noise in zip(jobs, noises, strict=True):
-        own, results = results[: len(job.trials)], results[len(job.trials) :]
-        tables[job.role][job.title] = _summarise(job.title, job.measured, noise.result(), own)
+        of_set, results = results[: len(job.trials)], results[len(job.trials) :]
+        tables[job.role][job.title] = _summarise(job.title, job.measured, noise.result(), of_set)
     return SetEvaluation(tables["test"], tables["fit"], used, model.unreliable)
 
 
@@ -189,7 +190,8 @@ def _jobs(sets: Sequence[MeasurementSet], roles: Sequence[str]) -> list[_Job]:
 
 
 def _noises(jobs: Sequence[_Job], threads: ThreadPoolExecutor) -> list["Future[SensorNoise]"]:
-    """Of each job; what one set has of cloths of one thickness was seen by one sensor, and is estimated once."""
+    """Return the noise of each job; what one set has of cloths of one thickness was seen by one sensor, and is
+    estimated once."""
     alike: dict[tuple[int, float], list[Trial]] = {}
     keys = []
     for job in jobs:
@@ -205,9 +207,9 @@ def _evaluated(
     coarse: ForwardModel,
     threads: ThreadPoolExecutor,
 ) -> Iterator["Future[TrialResult]"]:
-    """Every trial's result, in order. The motions of a batch are simulated while those before are evaluated. Files are
-    read here, not beside the simulator: Python 3.11 may fail where two threads parse (gh-106905), as numpy does for an
-    array's header and Taichi for a kernel."""
+    """Yield every trial's result, in order. The motions of a batch are simulated while those before are evaluated.
+    Files are read here, not beside the simulator: Python 3.11 may fail where two threads parse (gh-106905), as numpy
+    does for an array's header and Taichi for a kernel."""
     waiting: list[Future[TrialResult]] = []
     for part in batches([2 * len(trial.times) for _, trial in tasks], _AT_ONCE):
         trials = [trial for _, trial in tasks[part]]
@@ -230,7 +232,8 @@ def _errors(
     judge: IntervalJudge,
     *predicted: Any,
 ) -> TrialResult:
-    """Of a trial of the set `name` with these clouds before and after, whose motions are `predicted`."""
+    """Return the errors of a trial of the set `name` with these clouds before and after; its motions are
+    `predicted`."""
     kept = np.flatnonzero(used(trial))
     if not len(kept):
         return TrialResult(name, trial.name, trial.order, trial.role, _UNKNOWN, _UNKNOWN, 0.0)
@@ -241,7 +244,8 @@ def _errors(
 
 
 def _motions(trials: Sequence[Trial], *predictors: Predictor) -> list[list[Any]]:
-    """Of every predictor, the trials' motions. All without a corrector are one batch: it takes two cores no longer."""
+    """Return the trials' motions by every predictor. All without a corrector are one batch: it takes two cores no
+    longer."""
     times = [trial.times for trial in trials]
     cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
     plain = [predictor for predictor in predictors if predictor.corrector is None]
@@ -296,14 +300,14 @@ def _intervals(score: IntervalScore | None) -> dict[str, float] | None:
 
 
 def _values(design: DesignResult, error: str) -> tuple[np.ndarray, np.ndarray]:
-    """(trials,) mm before and after, of those that did not diverge."""
+    """Return (trials,) mm before and after, of those that did not diverge."""
     pairs = np.array([(getattr(r.before, error), getattr(r.after, error)) for r in design.trials])
     pairs = in_mm(pairs[np.isfinite(pairs).all(axis=1)])
     return pairs[:, 0], pairs[:, 1]
 
 
 def histogram(design: DesignResult, error: str) -> dict[str, list[float]]:
-    """Trials per bin of one error: `edges` in mm, counts `before` and `after`."""
+    """Return trials per bin of one error: `edges` in mm, counts `before` and `after`."""
     before, after = _values(design, error)
     edges = np.histogram_bin_edges(np.concatenate([before, after]), bins=12)
     counts = {state: np.histogram(x, edges)[0].tolist() for state, x in (("before", before), ("after", after))}

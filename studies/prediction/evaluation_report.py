@@ -1,4 +1,4 @@
-"""What an evaluation leaves in a folder: numbers, tables and a picture."""
+"""The folder of an evaluation: numbers, tables and a picture."""
 
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ def write_evaluation(evaluation: SetEvaluation, out: Path) -> None:
 
 
 def tables_markdown(evaluation: SetEvaluation) -> str:
-    """Both tables for people: mm, mean (min to max, std) over trials."""
+    """Return both tables for people: mm, mean (min to max, std) over trials."""
     used = evaluation.used.in_words
     parts = [
         "Errors in mm, mean over trials; of several trials with (min to max, standard deviation). Chamfer: unsquared, "

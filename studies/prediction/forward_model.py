@@ -12,7 +12,7 @@ from fabdesign.nouns.pressure import PressureProgram
 
 
 def forward_model(simulator: ForwardModel, model: Model | None, *, sensing: bool = False) -> Predictor:
-    """`simulator` with all of `model`: factors, effects, corrector, and where asked for what its sensors add.
+    """Return `simulator` with all of `model`: factors, effects, corrector, and where asked for what its sensors add.
 
     Raises InputError for a model with a part that cannot be used.
     """
@@ -25,21 +25,21 @@ def forward_model(simulator: ForwardModel, model: Model | None, *, sensing: bool
 
 
 def without_resistance(predictor: Predictor) -> Predictor | None:
-    """What derivatives of shapes at rest are cheap of and near the model's, where it has forces against motion, for
-    which the simulator has no tangent; None where it has none."""
+    """Return what derivatives of shapes at rest are cheap of and near the model's, where it has forces against motion,
+    for which the simulator has no tangent; None where it has none."""
     kept = unresisted(predictor.model)
     return None if kept == predictor.model else replace(predictor, model=kept)
 
 
 def unresisted(model: Model) -> Model:
-    """The model less its forces against motion."""
+    """Return the model less its forces against motion."""
     return replace(
         model, effects=tuple(term for term in model.effects if not effect_named(term.name, "effects").resists)
     )
 
 
 def not_corrected(model: Model, designs: Iterable[Design]) -> list[str]:
-    """A line on each design that the model's corrector declines, and why: its motions are the simulator's."""
+    """Return a line on each design that the model's corrector declines, and why: its motions are the simulator's."""
     if model.corrector is None:
         return []
     from corrector import load_corrector
@@ -56,8 +56,8 @@ def not_corrected(model: Model, designs: Iterable[Design]) -> list[str]:
 
 
 def extrapolated(model: Model | None, programs: Sequence[PressureProgram]) -> list[str]:
-    """A line where the pressures go beyond those that the model's coefficients without a physical name were fitted to;
-    none for a model without such coefficients, or whose file does not say what they were fitted to."""
+    """Return a line where the pressures go beyond those that the model's coefficients without a physical name were
+    fitted to; none for a model without such coefficients, or whose file does not say what they were fitted to."""
     if model is None or model.learned_range is None:
         return []
     if all(effect_named(term.name, "effects").named for term in model.effects):

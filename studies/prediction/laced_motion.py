@@ -15,7 +15,7 @@ from studies.prediction.forward_model import forward_model
 
 
 def knows_muscles(forward: ForwardModel) -> bool:
-    """Whether it gives more than shapes, as `sim.Simulator` does."""
+    """Return whether it gives more than shapes, as `sim.Simulator` does."""
     return hasattr(forward, "run") and hasattr(forward, "rest")
 
 
@@ -42,8 +42,8 @@ Array = NDArray[np.float64]
 def laced_motions(
     forward: ForwardModel, model: Model | None, cases: Sequence[Case], times: Sequence[Array], *, sensing: bool = False
 ) -> list[MotionData]:
-    """The motions of `forward_model(forward, model, sensing=sensing)`; contraction and tension where `forward` knows
-    them. A motion that diverged holds NaN."""
+    """Return the motions of `forward_model(forward, model, sensing=sensing)`; contraction and tension where `forward`
+    knows them. A motion that diverged holds NaN."""
     kept = WithMuscleStates(forward) if knows_muscles(forward) else None
     predictor = forward_model(kept or forward, model, sensing=sensing)
     motions = predictor.motions(cases, times)
@@ -55,7 +55,7 @@ def laced_motions(
 
 
 def laced_rests(forward: ForwardModel, model: Model | None, cases: Sequence[Case]) -> list[MotionData]:
-    """The shapes at rest, as motions of one frame at the end of the pressures."""
+    """Return the shapes at rest, as motions of one frame at the end of the pressures."""
     kept = WithMuscleStates(forward) if knows_muscles(forward) else None
     shapes = forward_model(kept or forward, model).equilibria(cases)
     return [
@@ -65,10 +65,11 @@ def laced_rests(forward: ForwardModel, model: Model | None, cases: Sequence[Case
 
 
 def _motion(case: Case, at: Array, points: NDArray[np.float32], state: Any, seen: Array) -> MotionData:
-    """state: the simulator's own motion, whose instants hold those that are `seen` (T,) s, and perhaps more."""
-    fabric, own = case.design.fabric, {}
+    """Return the motion with its muscles. state: the simulator's own motion, whose instants hold those that are `seen`
+    (T,) s, and perhaps more."""
+    fabric, states = case.design.fabric, {}
     if state is not None:
         frames = np.abs(state.time[:, None] - seen).argmin(axis=0)
-        own = {"contraction": state.contraction[frames], "tension": state.tension[frames]}
-    muscles: LacedMuscles = laced_muscles(case.design, points, **own)
+        states = {"contraction": state.contraction[frames], "tension": state.tension[frames]}
+    muscles: LacedMuscles = laced_muscles(case.design, points, **states)
     return MotionData(at, points, square_triangles(points.shape[1]), (fabric.width, fabric.height), muscles)

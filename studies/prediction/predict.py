@@ -34,8 +34,8 @@ def frame_times(
     frame_rate: float = FRAME_RATE,
     points_per_side: int = POINTS_PER_SIDE,
 ) -> NDArray[np.float64]:
-    """(T,) s: k / frame_rate from rest (k = 0) to `duration` s, by default the program's. Raises InputError where a
-    motion on a grid of `points_per_side` would take too much."""
+    """Return (T,) s: k / frame_rate from rest (k = 0) to `duration` s, by default the program's. Raises InputError
+    where a motion on a grid of `points_per_side` would take too much."""
     last = program.duration if duration is None else duration
     if not (0 < frame_rate < np.inf and 0 <= last < np.inf):
         raise InputError(f"duration = {last:g} s at frame rate {frame_rate:g} Hz; expected numbers above 0")
@@ -52,7 +52,7 @@ def simulate(
     model: Model | None = None,
     order: int = 0,
 ) -> NDArray[np.float32]:
-    """(T, 2 n, 3) points [m] of the motion that `moved` gives."""
+    """Return (T, 2 n, 3) points [m] of the motion that `moved` gives."""
     return moved(forward, design, program, times, model=model, order=order).points
 
 
@@ -65,7 +65,7 @@ def moved(
     model: Model | None = None,
     order: int = 0,
 ) -> MotionData:
-    """One motion with its muscles, without sensing effects.
+    """Return one motion with its muscles, without sensing effects.
 
     order: the motion's place in the specimen's session. Raises as `require_motions`.
     """
@@ -79,8 +79,8 @@ def require_motions(
     *,
     model: Model | None = None,
 ) -> list[MotionData]:
-    """The motion of each case with its muscles, without sensing effects. Raises InputError for a model with a part that
-    cannot be used, SimulationError where a motion diverges."""
+    """Return the motion of each case with its muscles, without sensing effects. Raises InputError for a model with a
+    part that cannot be used, SimulationError where a motion diverges."""
     motions = laced_motions(forward, model, cases, times)
     for case, motion in zip(cases, motions, strict=True):
         _require_finite(motion.points, motion.time, case.design.name, _on_grid(forward, case.design))
@@ -111,8 +111,8 @@ def predict(
 def predicted(
     forward: ForwardModel, model: Model, trials: Sequence[Trial], *, coarse: ForwardModel | None = None
 ) -> Iterator[tuple[Trial, MotionData]]:
-    """Every trial with its motion at its own times, sensing effects included, and with its band where the model has
-    intervals. coarse: a cheap simulator for the drawn models, by default `forward`. Raises InputError and
+    """Yield every trial with its motion at its own times, sensing effects included, and with its band where the model
+    has intervals. coarse: a cheap simulator for the drawn models, by default `forward`. Raises InputError and
     SimulationError."""
     whole = forward_model(forward, model, sensing=True)
     cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
@@ -128,7 +128,7 @@ def predicted(
 
 
 def trials_of(source: MeasurementSet | Path, design: Design | None) -> tuple[str, tuple[Trial, ...]]:
-    """Name and trials of a set, or of an npz, one trial, which needs its `design`. Raises InputError."""
+    """Return the name and trials of a set, or of an npz, one trial, which needs its `design`. Raises InputError."""
     if isinstance(source, MeasurementSet):
         return source.name, source.trials
     if source.suffix == ".npz":
@@ -142,7 +142,7 @@ def trials_of(source: MeasurementSet | Path, design: Design | None) -> tuple[str
 
 
 def folders_of(sources: Sequence[tuple[str, tuple[Trial, ...]]]) -> dict[str, tuple[Trial, ...]]:
-    """Where the motions of each source (name, trials) go: of a lone one to ".", else under its name.
+    """Return where the motions of each source (name, trials) go: of a lone one to ".", else under its name.
 
     Raises InputError where two have one name.
     """
@@ -159,19 +159,19 @@ def folders_of(sources: Sequence[tuple[str, tuple[Trial, ...]]]) -> dict[str, tu
 def rest(
     forward: ForwardModel, design: Design, program: PressureProgram, *, model: Model | None = None, order: int = 0
 ) -> NDArray[np.float32]:
-    """(2 n, 3) points [m] of the shape that `rested` gives."""
+    """Return (2 n, 3) points [m] of the shape that `rested` gives."""
     return rested(forward, design, program, model=model, order=order).points[0]
 
 
 def rested(
     forward: ForwardModel, design: Design, program: PressureProgram, *, model: Model | None = None, order: int = 0
 ) -> MotionData:
-    """The shape at rest under the program's last pressures. Raises as `require_shapes`."""
+    """Return the shape at rest under the program's last pressures. Raises as `require_shapes`."""
     return require_shapes(forward, [Case(design, program, order=order)], model=model)[0]
 
 
 def require_shapes(forward: ForwardModel, cases: Sequence[Case], *, model: Model | None = None) -> list[MotionData]:
-    """The shape of each case at rest with its muscles, as a motion of one frame. Raises InputError like
+    """Return the shape of each case at rest with its muscles, as a motion of one frame. Raises InputError like
     `require_motions`, SimulationError where none was found."""
     shapes = laced_rests(forward, model, cases)
     for case, shape in zip(cases, shapes, strict=True):

@@ -79,7 +79,7 @@ def _derivatives() -> None:
 
 
 def _distances() -> None:
-    """To points and to faces, of a cloud of a flat cloth."""
+    """Compile distances to points and to faces, of a cloud of a flat cloth."""
     across, down = np.meshgrid(np.linspace(-0.1, 0.1, GRID), np.linspace(-0.2, 0.0, GRID))
     face = np.stack([across, down, np.zeros_like(across)], axis=-1).reshape(-1, 3)
     shape = np.concatenate([face + [0, 0, 1e-3], face - [0, 0, 1e-3]])

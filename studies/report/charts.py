@@ -20,7 +20,7 @@ _NAMED = {"type": "category", "dtick": 1}  # an axis of which every row has its 
 
 @dataclass(frozen=True)
 class Gain:
-    """What a candidate gains, with its 90 % interval."""
+    """The gain of a candidate, with its 90 % interval."""
 
     name: str
     value: float

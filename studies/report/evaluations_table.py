@@ -1,4 +1,4 @@
-"""Every evaluation of a search or sweep as one table, read from its folder, and as a store of Optuna studies, which its
+"""The evaluations of a search or sweep as one table, read from its folder, and as a store of Optuna studies, which its
 dashboard opens. Only this file knows Optuna, the extra `optuna`."""
 
 import csv
@@ -28,7 +28,8 @@ class EvaluationsTable:
 
 
 def read_evaluations(folder: Path) -> EvaluationsTable:
-    """A row an evaluation of `optimize` and `layouts`, or a sample of `sensitivity`. Nothing in the folder changes.
+    """Return a row an evaluation of `optimize` and `layouts`, or a sample of `sensitivity`. Nothing in the folder
+    changes.
 
     part: the cell's folder. x_0, ...: what the evaluated layout varies, 0 to 1 within its bounds, positions first.
     Raises InputError where there is neither.
@@ -85,7 +86,7 @@ def _read(history: Path) -> list[tuple[Any, ...]]:
 
 
 def _samples(path: Path) -> EvaluationsTable:
-    """Numbers where a cell is one: the names of methods are words."""
+    """Return numbers where a cell is one: the names of methods are words."""
     try:
         header, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines())
     except (OSError, ValueError, csv.Error) as error:
@@ -114,18 +115,18 @@ def write_optuna_store(table: EvaluationsTable, path: Path, name: str) -> None:
     with writing(path), _unwrapped():
         storage = optuna.storages.RDBStorage("sqlite:///of-the-creator", engine_kwargs=opened)
         try:
-            for part, own in groupby(rows, key=lambda row: row["part"]):
+            for part, group in groupby(rows, key=lambda row: row["part"]):
                 study_name = name if part == "." else part
                 study = optuna.create_study(storage=storage, study_name=study_name, direction="minimize")
                 study.set_user_attr("objective", OBJECTIVE)
-                study.add_trials([*_trials(own)])
+                study.add_trials([*_trials(group)])
         finally:
             storage.engine.dispose()
 
 
 @contextmanager
 def _unwrapped() -> Iterator[None]:
-    """A context that raises what SQLite raised, which SQLAlchemy and Optuna wrap in errors of their own."""
+    """Return a context that raises what SQLite raised, which SQLAlchemy and Optuna wrap in errors of their own."""
     try:
         yield
     except Exception as error:
@@ -136,7 +137,7 @@ def _unwrapped() -> Iterator[None]:
 
 
 def _trials(rows: Iterator[dict[str, Any]]) -> Iterator[Any]:
-    """One that diverged is a failed trial, without a value."""
+    """Yield one that diverged is a failed trial, without a value."""
     import optuna
 
     for row in rows:

@@ -87,3 +87,17 @@ def box_of(frames: Sequence[Any]) -> Box:
     some = [np.asarray(frame, float) for frame in frames if len(frame)]
     low, high = np.min([f.min(axis=0) for f in some], axis=0), np.max([f.max(axis=0) for f in some], axis=0)
     return np.array([low, np.maximum(high, low + 0.005)])
+
+
+def wires_svg(faces: Any, every: int = 8) -> str:
+    """Return lines of cloths (frames, rows, columns, 3) m as SVG: the last frame blue, those before grey."""
+    shown = flat(faces) * (1e3, -1e3)
+    low, high = shown.reshape(-1, 2).min(axis=0) - 4, shown.reshape(-1, 2).max(axis=0) + 4
+    groups = []
+    for k, frame in enumerate(shown):
+        colour = "#1f6fb2" if k == len(shown) - 1 else "#b9c2cd"
+        wires = (*frame[::every, ::2], *frame[::2, ::every].swapaxes(0, 1))
+        drawn = "".join(f'<polyline points="{" ".join(f"{x:.1f},{y:.1f}" for x, y in wire)}"/>' for wire in wires)
+        groups.append(f'<g fill="none" stroke="{colour}">{drawn}</g>')
+    box = " ".join(f"{value:.1f}" for value in (*low, *(high - low)))
+    return f'<svg viewBox="{box}" style="max-height: 18rem" role="img" aria-label="cloth">{"".join(groups)}</svg>'

@@ -197,6 +197,6 @@ def _cell(value: object) -> Markup:
 @cache
 def _environment() -> Environment:
     environment = Environment(autoescape=True, loader=PackageLoader("studies", ""))
-    shown = {"cell": _cell, "svg": svg_of, "png": png_address, "layout": lambda *own: Markup(layout_svg(*own))}
+    shown = {"cell": _cell, "svg": svg_of, "png": png_address, "layout": lambda *args: Markup(layout_svg(*args))}
     environment.filters.update(shown)
     return environment

@@ -37,7 +37,7 @@ class ResultFolder:
 
 
 def read_folder(path: Path) -> ResultFolder:
-    """Raises InputError for what no command made, and for a damaged result."""
+    """Read a folder of results. Raises InputError for what no command made, and for a damaged result."""
     mark = read_mark(path)
     if mark is None:
         raise InputError(f"{path}: is no folder that fabdesign made (without {MARK}); expected a result's folder")
@@ -48,8 +48,8 @@ def read_folder(path: Path) -> ResultFolder:
 
 
 def folders_below(paths: Sequence[Path]) -> list[ResultFolder]:
-    """Those of `paths` and of what lies in them, folders in a result's folder not. Raises InputError for a path that is
-    no folder."""
+    """Return those of `paths` and of what lies in them, folders in a result's folder not. Raises InputError for a path
+    that is no folder."""
     folders = []
     for path in paths:
         if not path.is_dir():
@@ -63,10 +63,10 @@ def folders_below(paths: Sequence[Path]) -> list[ResultFolder]:
 
 
 def compared(folders: Sequence[ResultFolder]) -> dict[str, list[Figure]]:
-    """Figures in which the results differ, by name: one of each folder, None where it has none."""
+    """Return figures in which the results differ, by name: one of each folder, None where it has none."""
     figures = [folder.figures for folder in folders]
-    names = dict.fromkeys(name for own in figures for name in own)
-    rows = {name: [own.get(name) for own in figures] for name in names}
+    names = dict.fromkeys(name for figure in figures for name in figure)
+    rows = {name: [figure.get(name) for figure in figures] for name in names}
     return {name: row for name, row in rows.items() if any(value != row[0] for value in row)}
 
 

@@ -9,7 +9,8 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from fabdesign.geometry.surface import face_triangles
+from fabdesign.geometry.mid_surface import mid_surface
+from fabdesign.geometry.surface import front_triangles
 from fabdesign.units import in_mm
 from studies.report.oblique import box_of, draw_points, draw_room, draw_triangles
 
@@ -22,7 +23,7 @@ WIDTH, HEIGHT, DPI = 9.0, 4.4, 90  # inches of a picture, and dots an inch
 def shape_png(points: Array, target: Array, copies: Sequence[Array] = ()) -> bytes:
     """Return a PNG. points (2 n n, 3) m: front face, then back face; target (n, 3) m. copies: shapes like
     `points` whose columns are drawn thinly in the side view."""
-    middle, others = middle_of(points), [middle_of(copy) for copy in copies]
+    middle, others = mid_surface(points), [mid_surface(copy) for copy in copies]
     some = target[:: max(1, len(target) // SHOWN)]
     every = np.concatenate([middle.reshape(-1, 3), some, *(other.reshape(-1, 3) for other in others)])
     box = box_of([every])
@@ -35,16 +36,10 @@ def shape_png(points: Array, target: Array, copies: Sequence[Array] = ()) -> byt
     return data.getvalue()
 
 
-def middle_of(points: Array) -> Array:
-    """(n, n, 3) m, the nodes midway between both faces."""
-    side = round(np.sqrt(len(points) / 2))
-    return np.asarray(points.reshape(2, side, side, 3).mean(axis=0))
-
-
 def draw_shape(axes: Any, middle: Array, target: Array, box: Array) -> None:
     """Draw a cloth's nodes (n, n, 3) m and the points of its target, from the front at an angle."""
     side = len(middle)
-    corners = middle.reshape(-1, 3)[face_triangles(side, side)[: 2 * (side - 1) ** 2]]
+    corners = middle.reshape(-1, 3)[front_triangles(side, side)]
     draw_triangles(axes, corners, np.tile(to_rgba(CLOTH, 0.75), (len(corners), 1)))
     draw_points(axes, target, TARGET)
     draw_room(axes, box)

@@ -34,7 +34,7 @@ class Cables:
 
 
 def lace(design: Design, patch: Patch, offset_factor: float) -> Cables:
-    """Fixed points of all muscles on the patch."""
+    """Return the fixed points of all muscles on the patch."""
     width, height = design.fabric.width, design.fabric.height
     uv: list[Array] = []
     offset, first, rest, muscle, along = [], [], [], [], []
@@ -64,7 +64,7 @@ def lace(design: Design, patch: Patch, offset_factor: float) -> Cables:
 
 
 def _loops(points: Array, patch: Patch, width: float, height: float) -> tuple[Ints, Array]:
-    """Control points and weighted basis of each loop, padded to the largest loop's node count."""
+    """Return control points and weighted basis of each loop, padded to the largest loop's node count."""
     g, w = np.polynomial.legendre.leggauss(LOOP_GAUSS)
     gu, gv = np.meshgrid(g, g, indexing="ij")
     weight = np.outer(w, w).ravel() / 4.0

@@ -29,7 +29,7 @@ class RigMotion:
     start: float
 
     def at(self, time: float) -> Array:
-        """(n, 3) control points [m] at `time` [s]: cubic Hermite between steps."""
+        """Return (n, 3) control points [m] at `time` [s]: cubic Hermite between steps."""
         h, since = self.step, (time - self.start) / self.step
         k = min(int(since + 1e-9), len(self.position) - 2)
         s = since - k
@@ -40,7 +40,8 @@ class RigMotion:
 
 
 def equilibrium(scene: Scene, x: Array, pressure: Array) -> Array:
-    """Control points at rest under gravity and `pressure` (channels,) Pa, from x: damped steps of growing length.
+    """Return control points at rest under gravity and `pressure` (channels,) Pa, from x: damped steps of growing
+    length.
 
     Raises RigDiverged.
     """
@@ -69,7 +70,7 @@ def equilibrium(scene: Scene, x: Array, pressure: Array) -> Array:
 
 
 def run(scene: Scene, pressures: Array, step: float, *, start: float = 0.0) -> RigMotion:
-    """Motion from equilibrium at zero pressure, of a free cloth from where it lies flat.
+    """Return the motion from equilibrium at zero pressure, of a free cloth from where it lies flat.
 
     pressures (steps + 1, channels) Pa: row n for start + n * step s. Raises RigDiverged.
     """
@@ -117,7 +118,7 @@ def _step(
     strains: list[Array],
     contractions: list[Array],
 ) -> tuple[Array, Array]:
-    """Position and velocity at `time`, one step h after `last`; p (intervals,) Pa."""
+    """Return the position and velocity at `time`, one step h after `last`; p (intervals,) Pa."""
     s = solver.scene
     (x1, v1), (x2, v2) = last, before
     gain = 1.5 / h

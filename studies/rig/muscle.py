@@ -11,7 +11,7 @@ _FIRST, _SPACING = float(CONTRACTIONS[0]), float(CONTRACTIONS[1] - CONTRACTIONS[
 
 
 def pressure_at_intervals(scene: Scene, pressure: Array) -> Array:
-    """(intervals,) Pa that act in the muscles, from (channels,) Pa at the regulators."""
+    """Return (intervals,) Pa that act in the muscles, from (channels,) Pa at the regulators."""
     state = scene.muscle_state
     p = pressure[scene.channel] * state.pressure_factor
     if state.threshold:
@@ -21,7 +21,7 @@ def pressure_at_intervals(scene: Scene, pressure: Array) -> Array:
 
 
 def tension(scene: Scene, p: Array, contraction: Array, rate: Array, rate_gain: float) -> tuple[Array, Array]:
-    """Tension (intervals,) N and its slope with contraction, at pressures p Pa and contraction rates 1/s."""
+    """Return the tension (intervals,) N and its slope with contraction, at pressures p Pa and contraction rates 1/s."""
     state = scene.muscle_state
     law, law_slope = np.empty_like(p), np.empty_like(p)
     idle, idle_slope = np.empty_like(p), np.empty_like(p)
@@ -51,7 +51,7 @@ def settle(scene: Scene, p: Array, contraction: Array) -> None:
 
 
 def _friction(scene: Scene, limit: Array, contraction: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """One Maxwell-slip element: a spring that slips at the Coulomb limit; resists contraction."""
+    """Return one Maxwell-slip element: a spring that slips at the Coulomb limit; resists contraction."""
     state = scene.muscle_state
     trial = state.friction + limit / state.friction_slip * (contraction - state.contraction_before)
     return np.clip(trial, -limit, limit), np.abs(trial) < limit
@@ -59,7 +59,7 @@ def _friction(scene: Scene, limit: Array, contraction: Array) -> tuple[Array, ND
 
 @njit(cache=True)
 def _interpolate(table: Array, p: Array, contraction: Array) -> tuple[Array, Array]:
-    """Bilinear; linear beyond the table in contraction. Returns tension and its slope with contraction."""
+    """Return bilinear, beyond the table in contraction linear, tension and its slope with contraction."""
     value, slope = np.empty(p.shape[0]), np.empty(p.shape[0])
     for i in range(p.shape[0]):
         a = min(max(p[i], 0.0) / PRESSURE_STEP, table.shape[0] - 1.000001)

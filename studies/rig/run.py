@@ -113,7 +113,7 @@ def _read(given: Given, pressures: Sequence[Program], test_trials: int) -> tuple
 
 
 def _by_name(designs: Sequence[Design]) -> dict[str, Design]:
-    """Each design under its name. Raises InputError where two have the same."""
+    """Return each design under its name. Raises InputError where two have the same."""
     named: dict[str, Design] = {}
     for design in designs:
         if design.name in named:
@@ -126,7 +126,7 @@ def _by_name(designs: Sequence[Design]) -> dict[str, Design]:
 def _recording_places(
     recording: Path | None, out: Path, force: bool, inputs: Sequence[Path | str]
 ) -> Iterator[tuple[Path, Path] | None]:
-    """Where the recording, if any, and the true poses are to be written."""
+    """Yield where the recording, if any, and the true poses are to be written."""
     if recording is None:
         yield None
         return
@@ -144,7 +144,7 @@ def _recording_places(
 def _task(
     design: Design, program: PressureProgram, order: int, truth: GroundTruth, resolution: Resolution
 ) -> TrialTask:
-    """The trial's frames, and the program as the trial's file will state it: a set point a frame interval."""
+    """Return the trial's frames, and the program as the trial's file will state it: a set point a frame interval."""
     require_pressures(program, design, f"program {order}")
     rate = truth.sensing.frame_rate
     if program.duration > LONGEST:
@@ -177,7 +177,7 @@ def _sense(task: TrialTask, shapes: Array) -> TrialData:
 
 
 def _shapes(tasks: Sequence[TrialTask], workers: int) -> Generator[Array, None, None]:
-    """Control points of every task, in order; on a cluster, or on several cores where there are several tasks."""
+    """Yield control points of every task, in order; on a cluster, or on several cores where there are several tasks."""
     if (cluster := current()) is not None:
         yield from cluster.map(control_points, tasks, lambda task: f"trial {task.order} of {task.design.name}")
         return
@@ -214,7 +214,7 @@ def end_with_parent() -> None:
 
 @contextmanager
 def _single_threaded_children() -> Iterator[None]:
-    """A process a core: linear algebra threads of their own would only get in each other's way."""
+    """Return a process a core: linear algebra threads of their own would only get in each other's way."""
     before = {name: os.environ.get(name) for name in THREAD_SETTINGS}
     os.environ.update(dict.fromkeys(THREAD_SETTINGS, "1"))
     try:
@@ -233,7 +233,7 @@ _FRAME, _POINT = 48, 120  # bytes of a frame: of each control point, and of each
 
 
 def trial_bytes(task: TrialTask, resolution: Resolution) -> float:
-    """At the peak of a trial."""
+    """Return the bytes at the peak of a trial."""
     blocks, within, reach = control_counts(task.design, resolution)
     controls, frames = blocks * within, len(task.times)
     steps = float(task.times[-1]) / resolution.step
@@ -242,7 +242,7 @@ def trial_bytes(task: TrialTask, resolution: Resolution) -> float:
 
 
 def require_room(tasks: Sequence[TrialTask], resolution: Resolution) -> int:
-    """How many of the trials fit into memory at once. Raises InputError where one alone does not."""
+    """Return how many of the trials fit into memory at once. Raises InputError where one alone does not."""
     most = 0.0
     for task in tasks:
         needed = trial_bytes(task, resolution)

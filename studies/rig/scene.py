@@ -29,7 +29,7 @@ PIN_STIFFNESS = 2e5  # N/m, of a hung point's spring: 0.01 mm under the cloth's 
 
 @dataclass(frozen=True)
 class Resolution:
-    """Mesh and time step. The default's distance from the limit stands in docs/results/rig.md."""
+    """Mesh and time step. The default's distance from the limit stands in docs/lab/rig.md."""
 
     element: float = 0.008  # m: of 10 mm, crosses that snap were up to 1.7 mm off, of 8 mm 0.2 mm
     degree: int = 3  # of the splines; quadratic ones of 10 mm are four times farther off than cubic ones

@@ -30,7 +30,7 @@ def _kinematics(x: Array, nodes: Ints, basis: Array, a: Array) -> None:
 
 @njit(cache=True, fastmath=True)
 def _strain(a: Array, e: Array, g: Array) -> tuple[Array, float, float]:
-    """Strains e (6,) and their gradients g (6, 5, 3) with respect to the five derivatives of the surface."""
+    """Return strains e (6,) and their gradients g (6, 5, 3) with respect to the five derivatives of the surface."""
     l1 = math.sqrt(a[0, 0] ** 2 + a[0, 1] ** 2 + a[0, 2] ** 2)
     l2 = math.sqrt(a[1, 0] ** 2 + a[1, 1] ** 2 + a[1, 2] ** 2)
     t1, t2 = a[0] / l1, a[1] / l2
@@ -206,7 +206,7 @@ def stiffness(
     """Adds the cloth's stiffness to `band` (lower banded, 3 degrees of freedom a control point)."""
     nb = nodes.shape[1]
     a, e, g, stress, rate = np.empty((5, 3)), np.empty(6), np.empty((6, 5, 3)), np.empty(6), np.empty(3)
-    h, left = np.empty((15, 15)), np.empty((3, 15))
+    h, product = np.empty((15, 15)), np.empty((3, 15))
     ke = np.zeros((3 * nb, 3 * nb))
     for q in range(basis.shape[0]):
         if q % points_per_element == 0:
@@ -223,16 +223,16 @@ def stiffness(
                     s = 0.0
                     for alpha in range(5):
                         s += basis[q, alpha, i] * h[3 * alpha + d, k]
-                    left[d, k] = weight[q] * s
+                    product[d, k] = weight[q] * s
             for k in range(i + 1):
                 for d in range(3):
                     for b in range(3):
                         ke[3 * i + d, 3 * k + b] += (
-                            left[d, b] * basis[q, 0, k]
-                            + left[d, 3 + b] * basis[q, 1, k]
-                            + left[d, 6 + b] * basis[q, 2, k]
-                            + left[d, 9 + b] * basis[q, 3, k]
-                            + left[d, 12 + b] * basis[q, 4, k]
+                            product[d, b] * basis[q, 0, k]
+                            + product[d, 3 + b] * basis[q, 1, k]
+                            + product[d, 6 + b] * basis[q, 2, k]
+                            + product[d, 9 + b] * basis[q, 3, k]
+                            + product[d, 12 + b] * basis[q, 4, k]
                         )
         if q % points_per_element == points_per_element - 1:
             for i in range(3 * nb):

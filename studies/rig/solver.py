@@ -43,7 +43,7 @@ class RigSolver:
         self._drag_band = _to_band(s.drag, self.band_width)
 
     def internal(self, x: Array, pressure: Array, rate_gain: float, rate_history: Array, cable_history: Array) -> Array:
-        """Internal force (n, 3) N at x. Rates are rate_gain * value + history."""
+        """Return the internal force (n, 3) N at x. Rates are rate_gain * value + history."""
         s = self.scene
         out = np.zeros_like(x)
         shell.forces(
@@ -92,9 +92,8 @@ class RigSolver:
             raise RigDiverged("the stiffness matrix is singular: is the cloth held, and does it have mass?")
 
     def newton(self, x: Array, residual: Callable[[Array], Array], refactor: Callable[[Array], None]) -> Array:
-        """The root of `residual` near x. The factor is kept while corrections shrink by 1 / KEEP, and damped where
-        they would grow (natural monotonicity: Deuflhard 2011, "Newton Methods for Nonlinear Problems", 3.3).
-        """
+        """Return the root of `residual` near x. The factor is kept while corrections shrink by 1 / KEEP, and damped
+        where they would grow (natural monotonicity: Deuflhard 2011, "Newton Methods for Nonlinear Problems", 3.3)."""
         r = residual(x)
         fresh = self.factor is None
         if fresh:
@@ -142,7 +141,7 @@ def _half_band(scene: Scene) -> int:
 
 
 def _to_band(matrix: sp.spmatrix, half: int) -> Array:
-    """Lower band (half + 1, 3 n) of a scalar matrix that acts on x, y and z alike."""
+    """Return the lower band (half + 1, 3 n) of a scalar matrix that acts on x, y and z alike."""
     coo = matrix.tocoo()
     lower = coo.row >= coo.col
     row, col, data = coo.row[lower], coo.col[lower], coo.data[lower]

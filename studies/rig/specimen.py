@@ -36,7 +36,7 @@ class TrialTask:
 
 
 def prepare(task: TrialTask, resolution: Resolution | None = None) -> Scene:
-    """The scene with the ground truth's factors and effects in it."""
+    """Return the scene with the ground truth's factors and effects in it."""
     scene = build_scene(
         task.design,
         task.truth.parameters,
@@ -52,7 +52,7 @@ def prepare(task: TrialTask, resolution: Resolution | None = None) -> Scene:
 
 
 def control_points(task: TrialTask) -> Array:
-    """(T, n, 3) control points [m] at the frames. From the cache where the same task has run before.
+    """Return (T, n, 3) control points [m] at the frames. From the cache where the same task has run before.
 
     Raises RigDiverged where even a quarter of the time step finds no solution.
     """
@@ -84,7 +84,7 @@ def _run(task: TrialTask) -> Array:
 
 
 def _digest(task: TrialTask) -> str:
-    """Hash of everything that a motion depends on, the code of its mechanics included."""
+    """Return the hash of everything that a motion depends on, the code of its mechanics included."""
     parts = [task.design, task.order, task.truth.seed, sorted(task.truth.parameters.items()), task.resolution]
     parts += [(e.name, sorted(e.parameters.items())) for e in task.truth.effects if e.name not in OF_CLOUDS]
     arrays = [np.asarray(array, np.float64) for array in (task.program.time, task.program.pressure, task.times)]

@@ -34,17 +34,17 @@ class Axis:
         return np.r_[[self.breaks[0]] * p, self.breaks, [self.breaks[-1]] * p]
 
     def greville(self) -> Array:
-        """(count,) m: control values that reproduce the identity."""
+        """Return (count,) m: control values that reproduce the identity."""
         k, p = self.knots, self.degree
         return np.array([k[i + 1 : i + p + 1].mean() for i in range(self.count)])
 
     def first(self, s: Array) -> Ints:
-        """Index of the first of the degree + 1 functions that live at `s` [m]."""
+        """Return the index of the first of the degree + 1 functions that live at `s` [m]."""
         e = np.searchsorted(self.breaks, s, side="right") - 1
         return np.clip(e, 0, len(self.breaks) - 2).astype(np.int64)
 
     def basis(self, s: Array, derivative: int) -> Array:
-        """(len(s), count) values of every basis function's derivative at `s` [m], dense."""
+        """Return (len(s), count) values of every basis function's derivative at `s` [m], dense."""
         s = np.clip(np.asarray(s, dtype=float), self.breaks[0], self.breaks[-1])
         eye = np.eye(self.count)
         spline = BSpline(self.knots, eye, self.degree)
@@ -67,7 +67,7 @@ class Patch:
         return iu * self.v.count + iv if self.u_slow else iv * self.u.count + iu
 
     def flat(self) -> Array:
-        """(count, 3) control points [m] of the cloth at rest in the plane z = 0."""
+        """Return (count, 3) control points [m] of the cloth at rest in the plane z = 0."""
         gu, gv = np.meshgrid(np.arange(self.u.count), np.arange(self.v.count), indexing="ij")
         x = np.zeros((self.count, 3))
         k = self.index(gu, gv)
@@ -76,7 +76,7 @@ class Patch:
         return x
 
     def matrix(self, uv: Array, du: int = 0, dv: int = 0) -> sp.csr_matrix:
-        """(len(uv), count) sparse matrix that takes control points to the derivative (du, dv) at `uv` [m]."""
+        """Return (len(uv), count) sparse matrix that takes control points to the derivative (du, dv) at `uv` [m]."""
         uv = np.asarray(uv, dtype=float)
         if not len(uv):
             return sp.csr_matrix((0, self.count))
@@ -85,7 +85,8 @@ class Patch:
         return sp.csr_matrix((values[:, 0].ravel(), (rows, nodes.ravel())), shape=(len(uv), self.count))
 
     def local(self, uv: Array, derivatives: tuple[tuple[int, int], ...]) -> tuple[Ints, Array]:
-        """Nodes (n, (p+1)^2) that live at `uv` (n, 2) m, and their derivatives (n, len(derivatives), (p+1)^2)."""
+        """Return nodes (n, (p+1)^2) that live at `uv` (n, 2) m, and their derivatives (n, len(derivatives),
+        (p+1)^2)."""
         p = self.u.degree
         a = np.arange(p + 1)
         iu = self.u.first(uv[:, 0])[:, None] + a
@@ -99,7 +100,7 @@ class Patch:
         return nodes, values
 
     def quadrature(self) -> tuple[Array, Array]:
-        """Gauss points (n, 2) m and weights (n,) m^2, GAUSS a direction, element by element.
+        """Return Gauss points (n, 2) m and weights (n,) m^2, GAUSS a direction, element by element.
 
         Splines as smooth as these need no degree + 1 points (Schillinger, Hossain and Hughes 2014, "Reduced Bezier
         element quadrature rules for quadratic and cubic splines in isogeometric analysis").

@@ -21,7 +21,7 @@ _EDGE = 1e-6  # of the cube, where a normal distribution has no value
 
 
 def trajectories(inputs: int, count: int, seed: int) -> Array:
-    """(count, inputs + 1, inputs): one input a step, in a random order, up or down (Morris 1991)."""
+    """Return (count, inputs + 1, inputs): one input a step, in a random order, up or down (Morris 1991)."""
     rng = np.random.default_rng([seed, 1])
     low = np.arange(LEVELS // 2) / (LEVELS - 1)  # from where a step up stays within the cube
     paths = np.empty((count, inputs + 1, inputs))
@@ -35,8 +35,8 @@ def trajectories(inputs: int, count: int, seed: int) -> Array:
 
 
 def saltelli_rows(inputs: int, groups: Sequence[Sequence[int]], count: int, seed: int) -> Array:
-    """(count, 2 + groups, inputs): a, b, and a with each group's inputs from b (Saltelli et al. 2010), where (a, b) are
-    scrambled Sobol points."""
+    """Return (count, 2 + groups, inputs): a, b, and a with each group's inputs from b (Saltelli et al. 2010), where (a,
+    b) are scrambled Sobol points."""
     points = qmc.Sobol(2 * inputs, rng=np.random.default_rng([seed, 2])).random_base2(int(np.ceil(np.log2(count))))
     a, b = np.clip(points[:count, :inputs], _EDGE, 1 - _EDGE), np.clip(points[:count, inputs:], _EDGE, 1 - _EDGE)
     rows = np.stack([a, b, *[a] * len(groups)], axis=1)
@@ -70,7 +70,8 @@ class Indices:
 
 
 def screening(paths: Array, values: Array, *, seed: int = 0) -> Screening:
-    """Of two trajectories or more (count, inputs + 1, inputs) and their outputs (count, inputs + 1), all finite."""
+    """Return the screening by two trajectories or more (count, inputs + 1, inputs) and their outputs (count, inputs +
+    1), all finite."""
     steps = np.diff(paths, axis=1)
     moved = np.abs(steps).argmax(axis=2)  # (count, inputs): which input
     sign = np.sign(np.take_along_axis(steps, moved[..., None], axis=2)[..., 0])
@@ -82,14 +83,14 @@ def screening(paths: Array, values: Array, *, seed: int = 0) -> Screening:
 
 
 def indices(values: Array, *, seed: int = 0) -> Indices:
-    """Of the outputs (rows, 2 + groups) of `saltelli_rows`, all finite and not all equal."""
+    """Return the indices by the outputs (rows, 2 + groups) of `saltelli_rows`, all finite and not all equal."""
     first, total = _indices(values)
     resampled = np.array([_indices(values[pick]) for pick in _picks(len(values), seed)])
     return Indices(first, total, _interval(resampled[:, 0]), _interval(resampled[:, 1]))
 
 
 def _indices(values: Array) -> tuple[Array, Array]:
-    """First order by Saltelli et al. 2010, total by Jansen 1999 (their table 2, b and f)."""
+    """Return the first order by Saltelli et al. 2010, total by Jansen 1999 (their table 2, b and f)."""
     centred = values - values[:, :2].mean()
     a, b, mixed = centred[:, :1], centred[:, 1:2], centred[:, 2:]
     variance = max(float(centred[:, :2].var()), np.finfo(float).tiny)

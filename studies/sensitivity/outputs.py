@@ -1,4 +1,4 @@
-"""What a sweep watches of a shape: numbers for people, in mm, 1/m and N."""
+"""The outputs of a shape that a sweep watches: numbers for people, in mm, 1/m and N."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.metrics import chamfer_to, distance_to_faces
+from fabdesign.geometry.mid_surface import mid_surface
 from fabdesign.nouns.fabric import Fabric
-from fabdesign.nouns.forward import SIDE
 from fabdesign.study_files.sensitivity_file import Output
 from fabdesign.study_files.shape_output import ShapeOutput, read_shape_output
 from fabdesign.units import in_mm
@@ -51,13 +51,13 @@ class Outputs:
     @property
     def columns(self) -> list[OutputColumn]:
         moments = [f" at {t:g} s" for t in self.at] or [""]
-        own = [
+        asked = [
             OutputColumn(column + moment, unit, least)
             for moment in moments
             for columns, unit, least in map(self._columns_of, self.names)
             for column in columns
         ]
-        return own + [OutputColumn(name, "", ROUNDING) for name in self.functions]
+        return asked + [OutputColumn(name, "", ROUNDING) for name in self.functions]
 
     @cached_property
     def _in_words(self) -> dict[str, ShapeOutput]:
@@ -67,8 +67,8 @@ class Outputs:
         return COLUMNS[name] if name in COLUMNS else ((name,), self._in_words[name].unit, _LEAST_OF_SHAPE)
 
     def of(self, frames: NDArray[np.float32], tension: NDArray[np.float32] | None) -> Array:
-        """(columns,) of (T, 3362, 3) m, and of the intervals' tensions (T, intervals) N where they are watched; NaN
-        where a frame is."""
+        """Return (columns,) of (T, 3362, 3) m, and of the intervals' tensions (T, intervals) N where they are watched;
+        NaN where a frame is."""
         values: list[float] = []
         for k, points in enumerate(frames):
             lost = not np.isfinite(points).all()
@@ -93,7 +93,7 @@ class Outputs:
 
 
 def _distance(target: LoadedTarget, points: NDArray[np.float32]) -> float:
-    """m."""
+    """Return the distance [m]."""
     if target.landmarks is not None:
         return target.landmarks.mean(points)
     target = target.beside(np.asarray(points, float))
@@ -103,17 +103,17 @@ def _distance(target: LoadedTarget, points: NDArray[np.float32]) -> float:
 
 
 def tip(points: NDArray[np.floating], fabric: Fabric) -> Array:
-    """(3,) m: mean position of the edge opposite the hung one; of the lower edge where no edge is hung."""
-    middle = _middle(points)
+    """Return (3,) m: mean position of the edge opposite the hung one; of the lower edge where no edge is hung."""
+    middle = mid_surface(points)
     edge = fabric.hung if isinstance(fabric.hung, str) else "top"
     along = middle[:, _FREE[edge]] if edge in ("left", "right") else middle[_FREE.get(edge, -1)]
     return np.asarray(along.mean(axis=0))
 
 
 def mean_curvature(points: NDArray[np.floating]) -> float:
-    """1/m: mean curvature of the mid-surface, mean over its area; positive where it is hollow to the front."""
-    faces = np.asarray(points, float).reshape(2, SIDE, SIDE, 3)
-    middle = faces.mean(axis=0)
+    """Return the mean curvature [1/m] of the mid-surface, mean over its area; positive where it is hollow to the
+    front."""
+    middle = mid_surface(points)
     inner = slice(1, -1)
     u = (middle[inner, 2:] - middle[inner, :-2]) / 2
     v = (middle[2:, inner] - middle[:-2, inner]) / 2
@@ -126,10 +126,6 @@ def mean_curvature(points: NDArray[np.floating]) -> float:
     e, f, g = _dot(u, u), _dot(u, v), _dot(v, v)
     h = (_dot(uu, normal) * g - 2 * _dot(uv, normal) * f + _dot(vv, normal) * e) / (2 * (e * g - f**2))
     return float((h * area).sum() / area.sum())
-
-
-def _middle(points: NDArray[np.floating]) -> Array:
-    return np.asarray(points, float).reshape(2, SIDE, SIDE, 3).mean(axis=0)
 
 
 def _dot(a: Array, b: Array) -> Array:

@@ -45,7 +45,7 @@ def bars_figure(result: SensitivityResult, column: int) -> Figure:
         panels.append((names, what, morris.mu_star, bars, morris.sigma))
     size = 5.4 * len(panels), 1.4 + 0.32 * max(len(names), len(groups))
     figure = Figure(figsize=size, layout="constrained")
-    for axes, (own, what, by, bars, sigma) in zip(
+    for axes, (title, what, by, bars, sigma) in zip(
         figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True
     ):
         order, place = np.argsort(by), np.arange(len(by))
@@ -56,7 +56,7 @@ def bars_figure(result: SensitivityResult, column: int) -> Figure:
         if sigma is not None:
             axes.plot(sigma[order], place, "D", color=SIGMA, markersize=4, label="sigma")
         axes.axvline(0, color="#1c2430", linewidth=0.8)
-        axes.set_yticks(place, [own[i] for i in order])
+        axes.set_yticks(place, [title[i] for i in order])
         axes.set(xlabel=f"{what}, with 90 % intervals", axisbelow=True)
         axes.legend(fontsize="small", frameon=False, ncols=2, loc="lower left", bbox_to_anchor=(0, 1), borderpad=0)
         axes.grid(axis="x", color="#e3e7ec")
@@ -134,14 +134,14 @@ def ranked(output: dict[str, Any], method: str, by: str) -> list[tuple[str, dict
 
 
 def _held(study: SensitivityStudy) -> str:
-    """The pressures that do not vary, kPa."""
+    """Return the pressures that do not vary, kPa."""
     varied = {v.name for v in study.varied}
     pressures = enumerate(in_kpa(study.pressures))
     return ", ".join(f"pressure.{k} {kpa:g}" for k, kpa in pressures if f"pressure.{k}" not in varied)
 
 
 def as_text(result: SensitivityResult) -> str:
-    """For people: of every output the parameters that matter most."""
+    """Return in words of every output the parameters that matter most."""
     lines = []
     for column, output in result.as_json()["outputs"].items():
         lines.append(

@@ -18,7 +18,7 @@ from studies.studio.target import Comparison, ShownTarget, placed_by_hand
 
 
 class Document:
-    """What a person edits, and what of it is shown. One thread owns it; the page asks through a queue.
+    """The design that a person edits, and what of it is shown. One thread owns it; the page asks through a queue.
 
     history: the own drawing; drawn: its last shape. targets: one for each pose; none where nothing is aimed at. shown:
     a result of a search; None: the own drawing. beside: whether another drawing is shown beside. message: what was told

@@ -1,4 +1,4 @@
-"""What of a sitting lies on disk: the autosave, the file that was opened, the folder that it is saved in, templates."""
+"""The files of a sitting: the autosave, the file that was opened, the folder that it is saved in, templates."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -39,8 +39,9 @@ def content_hash(file: Path) -> str | None:
 
 
 class Autosave:
-    """What is edited, kept beside its file until it is saved: a crash or a closed window loses nothing. It holds
-    muscles and pressures, which is all that the studio changes, and the hash of the file that they were begun on."""
+    """A copy of what is edited, kept beside its file until it is saved: a crash or a closed window loses nothing. It
+    holds muscles and pressures, which is all that the studio changes, and the hash of the file that they were begun
+    on."""
 
     def __init__(self, file: Path) -> None:
         self._file, self.path = file, file.with_name(f".{file.name}.studio")

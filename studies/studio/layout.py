@@ -1,4 +1,5 @@
-"""What is edited: a design and the pressures of its channels, each change that a person can make, and lacing rows."""
+"""The layout that is edited: a design and the pressures of its channels, each change that a person can make, and lacing
+rows."""
 
 import itertools
 from collections import Counter

@@ -1,4 +1,5 @@
-"""What the studio is opened on: a design, a study, a measurement set, with a target or pressures beside it."""
+"""The files that the studio is opened on: a design, a study, a measurement set, with a target or pressures beside
+it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

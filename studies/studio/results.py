@@ -48,7 +48,7 @@ class Result(Seen):
 
 @dataclass(frozen=True)
 class Row:
-    """Of the table that compares drawings. Distances in m; None: not known yet. highest: Pa."""
+    """A row of the table that compares drawings. Distances in m; None: not known yet. highest: Pa."""
 
     name: str
     muscles: int

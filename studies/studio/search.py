@@ -172,7 +172,8 @@ class Search:
 
 
 class BackgroundSearch:
-    """At most one search at a time, in a folder beside the one that `save_folder` gives. message: how it goes."""
+    """A search in the background, at most one at a time, in a folder beside the one that `save_folder` gives. message:
+    how it goes."""
 
     def __init__(self, document: Document, save_folder: Callable[[], Path]) -> None:
         self._document, self._save_folder = document, save_folder

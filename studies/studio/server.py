@@ -126,7 +126,7 @@ def quiet_viser(gate: Gate) -> Iterator[Any]:
 
     class Server(viser.ViserServer):
         def request_share_url(self, verbose: bool = True) -> str | None:
-            """Refuse: a design is the laboratory's."""
+            """Refuse to share: a design is the laboratory's."""
             return None
 
     rich.reconfigure(quiet=True)

@@ -1,4 +1,4 @@
-"""What is asked of the simulator while someone edits, and its answers; and the process in which it computes.
+"""Questions to the simulator while someone edits, and its answers; and the process in which it computes.
 
 Taichi's kernels hold Python's lock, and the page must answer meanwhile: so the simulator has a process of its own.
 """
@@ -76,7 +76,7 @@ class Ask:
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """What a corrector made of a shape or a motion. ordered: whether its answer is a surface; an unordered cloud is
+    """The shape or motion that a corrector made. ordered: whether its answer is a surface; an unordered cloud is
     not shown, and the points stay the simulated ones."""
 
     trust: Trust

@@ -45,7 +45,7 @@ class Evidence:
 
 
 def decide(evidence: Evidence, tolerance: float) -> Word:
-    """The verdict, by docs/files.md. tolerance: m."""
+    """The verdict, by docs/trace.md. tolerance: m."""
     if evidence.adequate(tolerance):
         return "adequate"
     if evidence.effects == 0:

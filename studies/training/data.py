@@ -1,4 +1,4 @@
-"""From measured sets to what a network learns from: trials chosen, a base fitted to them, its motions, each once."""
+"""Training data from measured sets: trials chosen, a base fitted to them, its motions, each once."""
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
@@ -47,8 +47,8 @@ def choose(
     seed: int,
     coarse: ForwardModel | None = None,
 ) -> tuple[list[Chosen], list[Chosen], UsedFrames]:
-    """Trials to learn from and trials held out, of role `fit`: all of the designs `hold_out`, and about the share
-    `kept_back` of the others, whole trials, those with the same pressures on one side; and which of their frames
+    """Return trials to learn from and trials held out, of role `fit`: all of the designs `hold_out`, and about the
+    share `kept_back` of the others, whole trials, those with the same pressures on one side; and which of their frames
     are used (coarse: as `studies.prediction.evaluate` takes it). A trial without a frame that is used is in neither.
 
     Raises InputError for a design that no set has, and where nothing or too little is left.
@@ -80,7 +80,7 @@ def choose(
 
 
 def case_of(trial: Trial, base: Model) -> Case:
-    """The trial's motion as the base model has it."""
+    """Return the trial's motion as the base model has it."""
     return Case(trial.design, trial.program, base.factors, base.terms, trial.order)
 
 
@@ -97,7 +97,7 @@ def check_one_cloth(trials: Sequence[Chosen]) -> None:
 
 
 def frames_learned(chosen: Chosen) -> NDArray[np.intp]:
-    """Indices of the frames that are learned from, of those used."""
+    """Return indices of the frames that are learned from, of those used."""
     usable = np.flatnonzero(chosen.used)
     return np.asarray(usable[evenly(len(usable), FRAMES)])
 
@@ -114,7 +114,8 @@ def fitted_base(
     seed: int,
     progress: Progress,
 ) -> Model:
-    """The model that a corrector stands on, as `calibrate` fits it, but to none of the trials that are held out."""
+    """Return the model that a corrector stands on, as `calibrate` fits it, but to none of the trials that are held
+    out."""
     taking_part = {chosen.trial.file for chosen in learned}
     own = [replace(one, trials=tuple(t for t in one.trials if t.file in taking_part)) for one in sets]
     return calibrate(
@@ -154,7 +155,7 @@ class KeptMotions:
             self.progress("simulated", done, len(trials))
 
     def of(self, trials: Sequence[Chosen]) -> list[NDArray[np.float32]]:
-        """(U, 2 n, 3) m of each."""
+        """Return (U, 2 n, 3) m of each."""
         self.simulate(trials)
         return [self.checkpoint.arrays(self._name(c), partial(self._again, c))["points"] for c in trials]
 

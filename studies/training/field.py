@@ -25,7 +25,7 @@ Coefficients = NDArray[np.float64]
 def train(
     trials: Sequence[Chosen], forward: ForwardModel, plan: Regression, checkpoint: Checkpoint, *, progress: Progress
 ) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
-    """The coefficients, and what is known of them: designs learned from, what was chosen, the limit of trust."""
+    """Return the coefficients, and what is known of them: designs learned from, what was chosen, the limit of trust."""
     check_one_cloth(trials)
     examples = _examples(trials, forward, checkpoint, progress)
     designs = {chosen.trial.design_name: chosen.trial.design for chosen in trials}
@@ -50,8 +50,8 @@ def train(
 
 
 def limit_of(left_out: Sequence[Mapping[str, Any]]) -> float:
-    """The distance up to which every design was predicted better by a corrector that had not seen it; 0 where none
-    was, or where no design could be left out: only designs that were learned from are corrected then."""
+    """Return the distance up to which every design was predicted better by a corrector that had not seen it; 0 where
+    none was, or where no design could be left out: only designs that were learned from are corrected then."""
     limit = 0.0
     for one in sorted(left_out, key=lambda one: one["distance"]):
         if one["after_mm"] > _GAIN * one["before_mm"]:
@@ -61,7 +61,7 @@ def limit_of(left_out: Sequence[Mapping[str, Any]]) -> float:
 
 
 def _folds(trials: Sequence[Chosen], plan: Regression) -> list[list[int]]:
-    """Indices of the trials that are kept back in turn."""
+    """Return indices of the trials that are kept back in turn."""
     index = {id(chosen.trial): i for i, chosen in enumerate(trials)}
     every = [chosen.trial for chosen in trials]
     if len(by_program(every)) < 2:
@@ -75,33 +75,35 @@ def _for_unseen(
     known: Mapping[str, dict[str, Any]],
     plan: Regression,
 ) -> tuple[float, float, list[dict[str, Any]]]:
-    """Penalty and share for layouts not learned from, and each design as it is predicted without its own trials: what
-    the design that gains least gains most by."""
+    """Return penalty and share for layouts not learned from, and each design as it is predicted without its own trials:
+    what the design that gains least gains most by."""
     if len(known) < 2:
         return plan.penalties[-1], 1.0, []
     parts = {}
     for name in known:
-        own = [e for e, chosen in zip(examples, trials, strict=True) if chosen.trial.design_name == name]
+        of_design = [e for e, chosen in zip(examples, trials, strict=True) if chosen.trial.design_name == name]
         rest = [e for e, chosen in zip(examples, trials, strict=True) if chosen.trial.design_name != name]
         parts[name] = (
-            own,
+            of_design,
             {penalty: coefficients_of(rest, penalty, least_effects(), anywhere()) for penalty in plan.penalties},
         )
 
     def worst(penalty: float, share: float) -> float:
-        return max(relative_error(own, share * coefficients[penalty]) for own, coefficients in parts.values())
+        return max(
+            relative_error(of_design, share * coefficients[penalty]) for of_design, coefficients in parts.values()
+        )
 
     penalty, share = min(((p, s) for p in plan.penalties for s in plan.shares), key=lambda both: worst(*both))
     left_out = []
-    for name, (own, coefficients) in parts.items():
-        before, after = errors_mm(own), errors_mm(own, share * coefficients[penalty])
+    for name, (of_design, coefficients) in parts.items():
+        before, after = errors_mm(of_design), errors_mm(of_design, share * coefficients[penalty])
         away = distance(known[name], [other for key, other in known.items() if key != name])
         left_out.append({"design": name, "distance": away, "before_mm": before, "after_mm": after})
     return penalty, share, left_out
 
 
 def errors_mm(examples: Sequence[Examples], coefficients: Coefficients | None = None) -> float:
-    """mm, RMS over the nodes of how far the cloth is off along the normal, mean over frames."""
+    """Return in mm the RMS over the nodes of how far the cloth is off along the normal, mean over frames."""
     return float(np.mean(np.concatenate([e.errors(coefficients) for e in examples])))
 
 
@@ -122,12 +124,12 @@ def _examples(
         layout = layouts[id(design)]
         return vars(Examples.of(chosen.case, layout, _times_learned(chosen), motion, _clouds(chosen)))
 
-    found = []
+    collected = []
     for k, (chosen, name) in enumerate(zip(trials, names, strict=True)):
-        found.append(Examples(**checkpoint.arrays(name, partial(examples, chosen))))
+        collected.append(Examples(**checkpoint.arrays(name, partial(examples, chosen))))
         if chosen in missing:
             progress("matched", k + 1, len(trials))
-    return found
+    return collected
 
 
 def _times_learned(chosen: Chosen) -> NDArray[np.float64]:

@@ -20,8 +20,8 @@ _PARTS = ("simulated", "measured", "following")
 def train(
     trials: Sequence[Chosen], forward: ForwardModel, plan: PaperTraining, checkpoint: Checkpoint, *, progress: Progress
 ) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
-    """The weights, and what is to be known about them. Raises InputError where frames are not evenly spaced alike, or
-    too few."""
+    """Return the weights, and what is to be known about them. Raises InputError where frames are not evenly spaced
+    alike, or too few."""
     rate = _frame_rate(trials)
     motions = KeptMotions(forward, checkpoint, progress).of(trials)
     pairs = [
@@ -35,7 +35,7 @@ def train(
 
 
 def about(plan: PaperTraining, rate: float, known: list[dict[str, Any]]) -> dict[str, Any]:
-    """What the weights' file says. rate: of the frames [Hz]."""
+    """Return what the weights' file says. rate: of the frames [Hz]."""
     return {
         "network": "paper",
         "code": plan.code,
@@ -49,7 +49,7 @@ def about(plan: PaperTraining, rate: float, known: list[dict[str, Any]]) -> dict
 
 
 def _frame_rate(trials: Sequence[Chosen]) -> float:
-    """Hz, that of all trials."""
+    """Return the frame rate [Hz] of all trials."""
     steps = np.concatenate([np.diff(chosen.trial.times) for chosen in trials])
     for chosen in trials:
         if len(chosen.trial.times) <= FRAMES:

@@ -1,11 +1,11 @@
-"""What a training found, in words."""
+"""The result of a training, in words."""
 
 from fabdesign.units import in_mm
 from studies.training.train import HeldOutErrors, TrainingResult
 
 
 def as_text(result: TrainingResult) -> str:
-    """Lines for a person: what was learned from what, and what it is worth on trials that took no part."""
+    """Return lines for a person: what was learned from what, and what it is worth on trials that took no part."""
     lines = [
         f"{result.about['network']} corrector on {result.base}, {result.learned_from} trials learned from"
         + ("" if result.held_out else "; no trial was held out, so nothing says what it is worth")

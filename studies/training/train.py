@@ -40,7 +40,7 @@ ALGORITHM = 13  # of what an unfinished training keeps: raised where it is no lo
 
 @dataclass(frozen=True)
 class HeldOutErrors:
-    """Of one design: the trials that took no part, before and after the corrector."""
+    """The errors of a design's trials that took no part, before and after the corrector."""
 
     trials: int
     trust: Trust
@@ -52,7 +52,7 @@ class HeldOutErrors:
 
 @dataclass(frozen=True)
 class TrainingResult(Tabled):
-    """What a training came to. skipped: bad trials left out, a line each."""
+    """The result of a training. skipped: bad trials left out, a line each."""
 
     model: Model
     about: Mapping[str, Any]  # as the weights' file says it
@@ -64,7 +64,7 @@ class TrainingResult(Tabled):
     skipped: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
-        """What `train --json` prints: mm."""
+        """Return what `train --json` prints: mm."""
 
         def millimetres(errors: Errors) -> dict[str, float]:
             values = {name: in_mm(getattr(errors, name)) for name in ERRORS}
@@ -172,7 +172,7 @@ def train(
 def _with_spread(
     model: Model, held: Sequence[Chosen], forward: ForwardModel, coarse: ForwardModel | None, progress: Progress
 ) -> tuple[Model, str]:
-    """Calibrated on the trials that were kept back and that the base was not fitted to either."""
+    """Return the model calibrated on the trials that were kept back and that the base was not fitted to either."""
     used = {c.trial.file: c.used for c in held if c.name not in model.provenance.fitted}
     return with_spread(
         model,
@@ -185,14 +185,14 @@ def _with_spread(
 
 
 def _in_words(base: Model, vector: FitVector | None) -> str:
-    """What the motions were simulated with."""
+    """Return what the motions were simulated with."""
     if vector is not None:
         return f"factors{' and effects' * bool(vector.terms)} fitted to the same trials"
     return "the model's parameters" if base.parameters else "the data sheet's parameters"
 
 
 def _network(network: Network, plan: Any, seed: int) -> tuple[Callable[..., Any], Any]:
-    """The function that trains, and how."""
+    """Return the function that trains, and how."""
     if network == "field":
         from corrector.regression import Regression
         from studies.training import field
@@ -207,7 +207,7 @@ def _network(network: Network, plan: Any, seed: int) -> tuple[Callable[..., Any]
 def _content(
     learned: Sequence[Chosen], base: Model, vector: FitVector | None, network: Network, plan: Any
 ) -> dict[str, str]:
-    """What makes a training the same."""
+    """Return what makes a training the same."""
     return {
         "network": network,
         "trials": ", ".join(chosen.name for chosen in learned),
@@ -230,18 +230,18 @@ def _tested(
     seed: int,
     progress: Progress,
 ) -> dict[str, HeldOutErrors]:
-    """Errors on the trials held out, with and without the corrector."""
+    """Return errors on the trials held out, with and without the corrector."""
     corrector, motions = load_corrector(model), KeptMotions(forward, checkpoint, progress)
     errors: dict[str, HeldOutErrors] = {}
     for name in sorted({chosen.trial.design_name for chosen in held}):
-        own = [chosen for chosen in held if chosen.trial.design_name == name]
-        noise = noise_of([chosen.trial for chosen in own])
+        of_design = [chosen for chosen in held if chosen.trial.design_name == name]
+        noise = noise_of([chosen.trial for chosen in of_design])
         sheet, before, after = list[Errors](), list[Errors](), list[Errors]()
-        plain = motions.of(own)
-        by_sheet = [replace(c, key=f"{c.key}-sheet", case=case_of(c.trial, Model())) for c in own]
+        plain = motions.of(of_design)
+        by_sheet = [replace(c, key=f"{c.key}-sheet", case=case_of(c.trial, Model())) for c in of_design]
         declared = motions.of(by_sheet) if model.parameters else None
-        wanted = replace(motions, history=corrector.history()).of(own)
-        for k, (chosen, simple, motion) in enumerate(zip(own, plain, wanted, strict=True)):
+        wanted = replace(motions, history=corrector.history()).of(of_design)
+        for k, (chosen, simple, motion) in enumerate(zip(of_design, plain, wanted, strict=True)):
             trial = chosen.trial
             answer = corrector.correct([chosen.case], [trial.times], [motion])[0]
             kept = np.flatnonzero(chosen.used & (trial.times >= corrector.starts))
@@ -259,7 +259,7 @@ def _tested(
         if not before:
             continue
         means = [mean_errors(each) for each in (before, after)]
-        trust = corrector.trust(own[0].trial.design)
+        trust = corrector.trust(of_design[0].trial.design)
         known = mean_errors(sheet) if sheet else None
         errors[name] = HeldOutErrors(len(before), trust, known, means[0], means[1], _closed(*means))
     return errors
@@ -268,7 +268,7 @@ def _tested(
 def unordered_errors(
     clouds: Sequence[NDArray[np.floating]], answer: NDArray[np.float32], chamfer_floor: float
 ) -> Errors:
-    """m. An unordered answer has no surface, and its floor is that of the simulated surface."""
+    """Return the errors [m]. An unordered answer has no surface, and its floor is that of the simulated surface."""
     apart = float(np.mean([chamfer(cloud, points) for cloud, points in zip(clouds, answer, strict=True)]))
     return Errors(apart, chamfer_floor, np.nan, np.nan, np.nan)
 

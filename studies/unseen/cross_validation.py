@@ -1,4 +1,4 @@
-"""Each design of a measured set left out in turn: calibrated on the others, evaluated on it."""
+"""Cross-validation by design, each of a measured set left out in turn: calibrated on the others, evaluated on it."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -36,12 +36,12 @@ def left_out(
     picture: Path,
     progress: Progress,
 ) -> dict[str, Any]:
-    """Errors of the data sheet and of what the other designs' trials of role `fit` gave, on at most `trials` trials of
-    the design `name`; an overlay of one of them goes to `picture` (PNG). free: effects fitted besides
-    (`free_parameters.fit_vector`); the errors without them, of factors fitted alone, are then said too. coarse:
-    as `calibrate` and `evaluate` take it; sensitive stretches are neither fitted nor evaluated. What
-    `evaluate` says of a design and of these stretches, the model's factors and effects, and how many trials were
-    fitted. Raises InputError where nothing is left to fit or to evaluate."""
+    """Return errors of the data sheet and of what the other designs' trials of role `fit` gave, on at most `trials`
+    trials of the design `name`; an overlay of one of them goes to `picture` (PNG). free: effects fitted besides
+    (`free_parameters.fit_vector`); the errors without them, of factors fitted alone, are then said too. coarse: as
+    `calibrate` and `evaluate` take it; sensitive stretches are neither fitted nor evaluated. What `evaluate` says of a
+    design and of these stretches, the model's factors and effects, and how many trials were fitted. Raises InputError
+    where nothing is left to fit or to evaluate."""
     others = tuple(trial for trial in measured.trials if trial.design_name != name and trial.role == "fit")
     own = [trial for trial in measured.trials if trial.design_name == name]
     if not others or not own:
@@ -87,7 +87,7 @@ def left_out(
 
 
 def _shown(trials: Sequence[Trial], measured: MeasurementSet, evaluation: SetEvaluation) -> tuple[Trial, int]:
-    """The trial in the middle of those with a used frame, and of its used frames the one that moved farthest."""
+    """Return the trial in the middle of those with a used frame, and of its used frames the one that moved farthest."""
     used = [(trial, np.flatnonzero(evaluation.used.at(measured, trial))) for trial in trials]
     sound = [(trial, kept) for trial, kept in used if len(kept)]
     trial, kept = sound[len(sound) // 2]

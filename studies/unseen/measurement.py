@@ -26,18 +26,18 @@ _THIN = 8  # every so many-th point
 
 
 def slopes(shapes: Sequence[NDArray[np.float32]]) -> Array:
-    """(values, n) m by z, of shapes at +STEP and -STEP of each z in turn; every few points."""
+    """Return (values, n) m by z, of shapes at +STEP and -STEP of each z in turn; every few points."""
     flat = [np.asarray(shape[..., ::_THIN, :], float).ravel() for shape in shapes]
     return np.stack([(up - down) / (2 * STEP) for up, down in zip(flat[::2], flat[1::2], strict=True)], axis=1)
 
 
 def directions(count: int) -> list[Array]:
-    """+STEP and -STEP of each z in turn."""
+    """Return +STEP and -STEP of each z in turn."""
     return [sign * STEP * row for row in np.eye(count) for sign in (1, -1)]
 
 
 def pose_slopes(unsewn: Unsewn, draws: Draws, forward: ForwardModel) -> Array:
-    """(values, n) m: B, all poses one after another."""
+    """Return (values, n) m: B, all poses one after another."""
     zs = directions(len(draws.names))
     cases = [draws.case(z, constant_program(pose)) for pose in unsewn.poses for z in zs]
     shapes = forward.equilibria(cases)
@@ -45,7 +45,7 @@ def pose_slopes(unsewn: Unsewn, draws: Draws, forward: ForwardModel) -> Array:
 
 
 def information(candidates: Sequence[CandidateMeasurement], draws: Draws, forward: ForwardModel) -> list[Array]:
-    """(n, n) A^T A / noise^2 of each candidate's motion; NaN where one diverged."""
+    """Return (n, n) A^T A / noise^2 of each candidate's motion; NaN where one diverged."""
     zs = directions(len(draws.names))
     cases = [draws.case(z, c.program, c.design) for c in candidates for z in zs]
     times = [c.program.duration * (np.arange(FRAMES) + 1) / FRAMES for c in candidates for _ in zs]
@@ -59,29 +59,29 @@ def information(candidates: Sequence[CandidateMeasurement], draws: Draws, forwar
 
 
 def spread(b: Array, covariance: Array) -> float:
-    """m RMS over points, of shapes B z with z of this covariance."""
+    """Return the RMS [m] over points, of shapes B z with z of this covariance."""
     return float(np.sqrt(3 * np.einsum("ij,jk,ik->i", b, covariance, b).mean()))
 
 
 def after(b: Array, gained: Array) -> float:
-    """m RMS of what a measurement of this information leaves of the shapes' spread."""
+    """Return the RMS [m] of what a measurement of this information leaves of the shapes' spread."""
     return spread(b, np.asarray(np.linalg.inv(np.eye(len(gained)) + gained)))
 
 
 def in_turn(b: Array, gained: Mapping[str, Array], count: int) -> dict[str, float]:
-    """At most `count` measurements, each the one that tells most beside those before it, and m RMS that they leave
-    together. gained: (n, n), what `information` says of each."""
-    found: dict[str, float] = {}
+    """Return at most `count` measurements, each the one that tells most beside those before it, and m RMS that they
+    leave together. gained: (n, n), what `information` says of each."""
+    chosen: dict[str, float] = {}
     known = np.zeros((b.shape[1], b.shape[1]))
-    while len(found) < min(count, len(gained)):
-        left = {name: after(b, known + own) for name, own in gained.items() if name not in found}
-        best = min(left, key=lambda name: left[name])
-        found[best], known = left[best], known + gained[best]
-    return found
+    while len(chosen) < min(count, len(gained)):
+        remaining = {name: after(b, known + information) for name, information in gained.items() if name not in chosen}
+        best = min(remaining, key=lambda name: remaining[name])
+        chosen[best], known = remaining[best], known + gained[best]
+    return chosen
 
 
 def candidates_of(unsewn: Unsewn, rig: RigLimits) -> list[CandidateMeasurement]:
-    """Those of the study; else steps, staircases and ramps on the design that the rig can do."""
+    """Return the study's measurements; else steps, staircases and ramps on the design that the rig can do."""
     if unsewn.candidates:
         return [*unsewn.candidates]
     named = programs(unsewn.design, rig)

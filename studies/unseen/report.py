@@ -65,7 +65,7 @@ def _measurement(measurement: Measurement) -> Iterator[page.Block]:
     yield page.Text(_MEASURED.format(measurement["spread_mm"]))
     rows = [(name, c["design"], c["left_mm"]) for name, c in measurement["candidates"].items()]
     yield page.TableBlock(("program", "on", "left, mm"), rows, left=(1,))
-    in_turn = ", ".join(f"{name} (leaves {left:.2f} mm)" for name, left in measurement["in_turn_mm"].items())
+    in_turn = ", ".join(f"{name} (leaves {remaining:.2f} mm)" for name, remaining in measurement["in_turn_mm"].items())
     yield page.Text(f"Measured one after another, each telling most beside those before it: {in_turn}.")
     head = "unknown, in the covariance's order", "spread by its own part, mm"
     yield page.TableBlock(head, [*measurement["due_to_mm"].items()])
@@ -76,7 +76,7 @@ def _left_out(result: UnseenResult, pictures: Path) -> Iterator[page.Block]:
     left_out = result.get("left_out") or {}
     if not left_out:
         return
-    done = {name: own for name, own in left_out.items() if own}
+    done = {name: entry for name, entry in left_out.items() if entry}
     yield page.Title("Each design left out in turn")
     free = ", ".join(result.get("free") or [])
     states = f" Without effects: factors fitted alone. After: factors and effects ({free}) fitted together."
@@ -86,26 +86,26 @@ def _left_out(result: UnseenResult, pictures: Path) -> Iterator[page.Block]:
         why = "Not started, because the time was used"
         yield page.Text(f"{why}: {waiting}. The same command with more seconds goes on.", "note")
     head = "left out", "error", "", *_STATISTICS, "noise floor", "excess removed"
-    yield page.TableBlock(head, [row for name, own in done.items() for row in _error_rows(name, own)], left=(1, 2))
-    for name, own in done.items():
+    yield page.TableBlock(head, [row for name, entry in done.items() for row in _error_rows(name, entry)], left=(1, 2))
+    for name, entry in done.items():
         yield page.Title(name)
-        bent = f", without {100 * own['share_unjudged']:.0f} % of their frames, which are near a bifurcation"
-        used = f"{len(own['trials'])} evaluated{bent if own['share_unjudged'] else ''}."
-        doubts = f" The intervals are not reliable: {'; '.join(own['doubts'])}." if own["doubts"] else ""
-        yield page.Text(f"{own['source']}. {own['fitted']} trials of the others fitted, {used}{doubts}", "quiet")
-        if own["effects"]:
-            yield page.TableBlock(("effect", "value", "90 %", ""), _effect_rows(own["effects"]))
-        yield page.Picture(_histogram_figure(own))
+        bent = f", without {100 * entry['share_unjudged']:.0f} % of their frames, which are near a bifurcation"
+        used = f"{len(entry['trials'])} evaluated{bent if entry['share_unjudged'] else ''}."
+        doubts = f" The intervals are not reliable: {'; '.join(entry['doubts'])}." if entry["doubts"] else ""
+        yield page.Text(f"{entry['source']}. {entry['fitted']} trials of the others fitted, {used}{doubts}", "quiet")
+        if entry["effects"]:
+            yield page.TableBlock(("effect", "value", "90 %", ""), _effect_rows(entry["effects"]))
+        yield page.Picture(_histogram_figure(entry))
         overlay = (pictures / f"left_out_{file_stem(name)}.png").read_bytes()
         yield page.Picture(overlay, f"{name}, measured over model")
 
 
-def _error_rows(name: str, own: dict[str, Any]) -> Iterator[tuple[object, ...]]:
+def _error_rows(name: str, entry: dict[str, Any]) -> Iterator[tuple[object, ...]]:
     """Yield a row for each error and state of a design left out, mm."""
     for kind, error, word in (("chamfer", "chamfer", "Chamfer"), ("surface", "surface_rms", "surface RMS")):
-        share = own["closed"][kind]
+        share = entry["closed"][kind]
         for state in ("before", "without_effects", "after"):
-            if values := own.get(state):
+            if values := entry.get(state):
                 removed = "" if state != "after" or share is None else f"{100 * share:.0f} %"
                 statistics = [values[error][key] for key in _STATISTICS]
                 yield name, word, state.replace("_", " "), *statistics, values[f"{kind}_floor"]["mean"], removed
@@ -126,18 +126,18 @@ def _effect_rows(effects: list[dict[str, Any]]) -> list[tuple[str, str, str, str
 
 
 def _notes(result: UnseenResult) -> list[str]:
-    """What must be said beside the shapes' intervals."""
+    """Return what must be said beside the shapes' intervals."""
     if not result.get("design"):
         return []
-    notes, own, grid = [], result["model_points_per_side"], result["points_per_side"]
+    notes, fitted_grid, grid = [], result["model_points_per_side"], result["points_per_side"]
     notes.append(result["intervals"])
     if result["doubted"] and not result["calibrated"]:
         notes.append(
             f"the model's intervals of {', '.join(result['doubted'])} are not reliable: its fit left more than "
             "noise. The intervals here follow from them and are probably too narrow"
         )
-    if own != grid:
-        notes.append(f"the model's factors belong to a grid of {own} points a side; these shapes have {grid}")
+    if fitted_grid != grid:
+        notes.append(f"the model's factors belong to a grid of {fitted_grid} points a side; these shapes have {grid}")
     if result["unknown"]:
         unknown = ", ".join(result["unknown"])
         notes.append(
@@ -147,7 +147,7 @@ def _notes(result: UnseenResult) -> list[str]:
 
 
 def without_lines(result: UnseenResult) -> UnseenResult:
-    """The result without the middle lines, which are for the picture."""
+    """Return the result without the middle lines, which are for the picture."""
     shown = result.copy()
     if poses := result.get("poses"):
         shown["poses"] = poses = [pose.copy() for pose in poses]
@@ -183,7 +183,7 @@ def _histogram_figure(sizes: dict[str, Any]) -> Figure:
 
 
 def as_text(result: UnseenResult) -> str:
-    """For people."""
+    """Return the result in words."""
     lines = []
     for pose in result.get("poses") or []:
         low, middle, high = pose["tip_mm"]["z"]
@@ -209,13 +209,13 @@ def as_text(result: UnseenResult) -> str:
         more = [f"{name} ({mm:.2f})" for name, mm in [*measurement["in_turn_mm"].items()][1:]]
         if more:
             lines.append(f"beside it, in this order: {', '.join(more)}")
-    for name, left in (result.get("left_out") or {}).items():
-        if left is None:
+    for name, errors in (result.get("left_out") or {}).items():
+        if errors is None:
             lines.append(f"{name} left out: not started, because the time was used")
             continue
-        before, after = left["before"]["surface_rms"]["mean"], left["after"]["surface_rms"]["mean"]
-        floor = left["after"]["surface_floor"]["mean"]
-        alone = left.get("without_effects")
+        before, after = errors["before"]["surface_rms"]["mean"], errors["after"]["surface_rms"]["mean"]
+        floor = errors["after"]["surface_floor"]["mean"]
+        alone = errors.get("without_effects")
         between = f"{alone['surface_rms']['mean']:.2f} with factors alone, " if alone else ""
         lines.append(f"{name} left out: surface RMS {before:.2f} -> {between}{after:.2f} mm, noise floor {floor:.2f}")
     return "\n".join(lines)

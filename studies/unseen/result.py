@@ -1,4 +1,4 @@
-"""What `result.json` of a study of what is not measured yet holds: mm, kPa, 1/m."""
+"""The content of `result.json` of a study of what is not measured yet: mm, kPa, 1/m."""
 
 from typing import Any, NotRequired, TypedDict
 
@@ -6,7 +6,7 @@ Percentiles = list[float]  # 5, 50 and 95 % over the drawn models
 
 
 class OutputPercentiles(TypedDict):
-    """Of an output that the study asks for."""
+    """The percentiles of an output that the study asks for."""
 
     unit: str
     percentiles: Percentiles
@@ -44,9 +44,9 @@ class CandidateResult(TypedDict):
 
 
 class Measurement(TypedDict):
-    """What a measurement would tell. due_to: spread by each unknown's own part, in the covariance's order; candidates:
-    the best first, and its program. in_turn: those that tell most together, each beside those before it, and the spread
-    that they leave."""
+    """The information of a measurement. due_to: spread by each unknown's own part, in the covariance's order;
+    candidates: the best first, and its program. in_turn: those that tell most together, each beside those before it,
+    and the spread that they leave."""
 
     spread_mm: float
     due_to_mm: dict[str, float]

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Distance:
-    """From a panel to the one it is compared with, at `times` (K,) s. NaN in errors: not known."""
+    """The distance from a panel to the one it is compared with, at `times` (K,) s. NaN in errors: not known."""
 
     reference: str
     times: Array
@@ -34,24 +34,24 @@ class Distance:
 
     @property
     def whole(self) -> Errors:
-        """Of the motion: the mean of two that move, else the last."""
+        """Return the errors of the motion: the mean of two that move, else the last."""
         return mean_errors(self.errors) if self.both_move else self.errors[-1]
 
     @property
     def when(self) -> str:
-        """What `whole` is of; empty between still shapes."""
+        """Return what `whole` is of; empty between still shapes."""
         return "" if len(self.times) == 1 else "mean of the motion" if self.both_move else "at the motion's end"
 
     def as_json(self) -> dict[str, object]:
-        """mm; null: not known."""
+        """Return the distance as JSON, in mm; null: not known."""
         names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
-        told = {name: in_mm(getattr(self.whole, name)) for name in names}
-        values = {name: value if np.isfinite(value) else None for name, value in told.items()}
+        in_file = {name: in_mm(getattr(self.whole, name)) for name in names}
+        values = {name: value if np.isfinite(value) else None for name, value in in_file.items()}
         return {"from": self.reference, "of": self.when or "still shapes", "unit": "mm", **values}
 
 
 def errors_in_words(errors: Errors) -> str:
-    """In words."""
+    """Return the distances in words."""
     floors = np.isfinite(errors.chamfer_floor)
 
     def figure(value: float, floor: float) -> str:
@@ -64,13 +64,14 @@ def errors_in_words(errors: Errors) -> str:
 
 
 def distances(items: Sequence[Item]) -> list[Distance | None]:
-    """Of every panel to the first one, of a prediction to what it predicts; None of what others are compared with."""
+    """Return the distance of every panel to the first one, of a prediction to what it predicts; None of what others are
+    compared with."""
     by_title = {item.title: item for item in items}
-    own: list[Distance | None] = []
+    compared: list[Distance | None] = []
     for item in items:
         reference = by_title.get(item.predicts, items[0])
-        own.append(None if reference is item else _distance(reference, item))
-    return own
+        compared.append(None if reference is item else _distance(reference, item))
+    return compared
 
 
 def _distance(reference: Item, item: Item) -> Distance:
@@ -91,7 +92,7 @@ def _distance(reference: Item, item: Item) -> Distance:
 
 
 def _frame(item: Item, time: float) -> Array:
-    """(n, 3) m: its points as a sensor would give them; of a mesh that is no cloth even draws over its area."""
+    """Return (n, 3) m: its points as a sensor would give them; of a mesh that is no cloth even draws over its area."""
     points = np.asarray(item.frames[item.nearest(time)], np.float64)
     if item.triangles is None or item.is_cloth:
         return points
@@ -103,7 +104,7 @@ def _few(points: Array) -> Array:
 
 
 def _noise(clouds: Sequence[Array], model: Array) -> SensorNoise | None:
-    """Of the sensor that saw a cloth; None where the clouds have too few points to say."""
+    """Return the noise of the sensor that saw a cloth; None where the clouds have too few points to say."""
     if np.median([len(cloud) for cloud in clouds]) < _FEWEST:
         return None
     front, back = two_faces(model)

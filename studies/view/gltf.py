@@ -39,7 +39,7 @@ def save_glb(items: Sequence[Item], path: Path) -> None:
 
 
 def kept(item: Item) -> NDArray[np.intp]:
-    """The frames of a panel that an animation shows."""
+    """Return the frames of a panel that an animation shows."""
     count = len(item.times)
     return np.unique(np.linspace(0, count - 1, min(MOST, count)).astype(np.intp))
 
@@ -58,7 +58,7 @@ class _Scene:
         return len(self._asset.nodes) - 1
 
     def morphing(self, item: Item, chosen: NDArray[np.intp], seconds: Floats) -> int:
-        """A node whose mesh is the first frame, with a morph target for every other, and its animation."""
+        """Return a node whose mesh is the first frame, with a morph target for every other, and its animation."""
         parts, vertices = parts_of(item), [vertices_of(item)[k] for k in chosen]
         every = np.concatenate([part.triangles for part in parts])
         normals = [vertex_normals(frame, every) for frame in vertices]
@@ -87,7 +87,8 @@ class _Scene:
         return node
 
     def frames_in_turn(self, item: Item, chosen: NDArray[np.intp], seconds: Floats) -> list[int]:
-        """A node a frame, of which one has its size at a time: the points of a cloud are not the same ones later."""
+        """Return a node a frame, of which one has its size at a time: the points of a cloud are not the same ones
+        later."""
         material, nodes = self._material("cloud", CLOUD), []
         for place, k in enumerate(chosen):
             points = np.asarray(item.frames[k], np.float32)
@@ -131,7 +132,8 @@ class _Scene:
         return self._accessor(array.astype(np.float32), "VEC3", gltf.ARRAY_BUFFER, limits=True)
 
     def _accessor(self, array: NDArray[Any], kind: str, target: int | None = None, *, limits: bool = False) -> int:
-        """Of an array that is appended to the buffer; its smallest and largest entries where glTF asks for them."""
+        """Return the accessor of an array that is appended to the buffer; its smallest and largest entries where glTF
+        asks for them."""
         offset = len(self._bytes)
         self._bytes += np.ascontiguousarray(array).tobytes()
         self._asset.bufferViews.append(

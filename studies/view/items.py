@@ -1,4 +1,4 @@
-"""What is looked at: motions, trials, clouds and predictions, each as frames of points with their times."""
+"""The items that are looked at: motions, trials, clouds and predictions, each as frames of points with their times."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -57,7 +57,7 @@ class Item:
         return len(self.times) > 1
 
     def nearest(self, time: float) -> int:
-        """The frame that is shown at `time` [s]."""
+        """Return the frame that is shown at `time` [s]."""
         return int(np.argmin(np.abs(self.times - time)))
 
 
@@ -70,7 +70,7 @@ def items_of(
     forward: ForwardModel | None = None,
     how: AsTarget = AS_GIVEN,
 ) -> list[Item]:
-    """The panels of files: a motion's npz, a trial's npz, a measurement set (its `trial` by name, by default the
+    """Return the panels of files: a motion's npz, a trial's npz, a measurement set (its `trial` by name, by default the
     first), a cloud or mesh. With a model, each trial's prediction by `forward` follows it, simulated and corrected
     where the model has a corrector; a lone trial needs its `design`. how: clouds and meshes are read.
 
@@ -144,5 +144,6 @@ def _trial(trial: Trial, name: str, source: str, model: Model | None, forward: F
 
 
 def timeline(items: Sequence[Item]) -> NDArray[np.float64]:
-    """(T,) s, rising: the instants of the panel with the most frames, at each of which the others show the nearest."""
+    """Return (T,) s, rising: the instants of the panel with the most frames, at each of which the others show the
+    nearest."""
     return max(items, key=lambda item: len(item.times)).times

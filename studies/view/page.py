@@ -42,10 +42,9 @@ class PackedItem(TypedDict):
 def render_page(
     title: str, items: Sequence[Item], apart: Sequence[Distance | None] = (), *, overlay: bool = False
 ) -> str:
-    """HTML of the items side by side, with one time slider where something moves; points are rounded to the LEVELS-th
-    part of the largest coordinate. apart: of every panel, how far it is from what it is compared with; none: unsaid.
-    overlay: whether
-    that one's points lie over it until a click takes them away."""
+    """Return the HTML of the items side by side, with one time slider where something moves; points are rounded to the
+    LEVELS-th part of the largest coordinate. apart: of every panel, how far it is from what it is compared with; none:
+    unsaid. overlay: whether that one's points lie over it until a click takes them away."""
     size = max(float(np.abs(frame).max(initial=0.0)) for item in items for frame in vertices_of(item))
     scale = max(size, 1e-6) / LEVELS
     compared = [_compared(distance) for distance in apart or [None] * len(items)]
@@ -54,8 +53,8 @@ def render_page(
         None if distance is None else titles.index(distance.reference) for distance in apart or [None] * len(items)
     ]
     packed = [
-        {**_packed(item, scale), "apart": own, "reference": reference}
-        for item, own, reference in zip(items, compared, references, strict=True)
+        {**_packed(item, scale), "apart": apart_by, "reference": reference}
+        for item, apart_by, reference in zip(items, compared, references, strict=True)
     ]
     data = {"scale": scale, "cloud": CLOUD, "overlay": OVERLAY, "items": packed}
     template = Environment(autoescape=True).from_string(

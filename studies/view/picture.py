@@ -1,4 +1,4 @@
-"""The same side by side as a picture (PNG) of some instants, or an animation (GIF, MP4)."""
+"""Items side by side as a picture (PNG) of some instants, or an animation (GIF, MP4)."""
 
 import shutil
 import subprocess
@@ -98,7 +98,9 @@ def save_animation(
     figure = plt.figure(figsize=(max(3.4 * len(items), _LEAST_WIDTH), height), layout="constrained")
     panels = figure.subplots(1, len(items), squeeze=False)[0]
     _draw_key(figure, items, overlay=overlay)
-    drawn = [_DrawnPanel(item, _reference(items, own, overlay)) for item, own in zip(items, apart, strict=True)]
+    drawn = [
+        _DrawnPanel(item, _reference(items, apart_by, overlay)) for item, apart_by in zip(items, apart, strict=True)
+    ]
     heads = [_head(item, distance) for item, distance in zip(items, apart, strict=True)]
 
     def show(instant: float) -> list[Any]:
@@ -147,7 +149,7 @@ def _distance_in_words(distance: Distance) -> str:
 
 
 def _head(item: Item, distance: Distance | None) -> str:
-    """As many lines for every panel, so that all stay alike."""
+    """Return a head of as many lines for every panel, so that all stay alike."""
     more = ["", "", ""]
     if distance is not None:
         more = [f"from {distance.reference}, {distance.when}:", *errors_in_words(distance.whole).split(", ")]
@@ -184,8 +186,8 @@ class _DrawnPanel:
         draw_room(axes, box)
 
     def _seen_muscles(self, frame: int) -> np.ndarray:
-        """(n, 2, 3) m: intervals on a face that looks towards the viewer. Drawn last, since by their depth matplotlib
-        would sort them half into the cloth; a fold in front does not hide them."""
+        """Return (n, 2, 3) m: intervals on a face that looks towards the viewer. Drawn last, since by their depth
+        matplotlib would sort them half into the cloth; a fold in front does not hide them."""
         muscles, points = self.item.muscles, np.asarray(self.item.frames[frame])
         if muscles is None or not len(muscles.sides):
             return np.zeros((0, 2, 3))
@@ -193,7 +195,7 @@ class _DrawnPanel:
         normals = vertex_normals(points, self._corners)
         half, seen = len(points) // 2, np.zeros(len(ends), dtype=bool)
         for side, face in ((1, slice(0, half)), (-1, slice(half, None))):
-            own = muscles.sides[muscles.owners] == side
-            nearest = cKDTree(points[face]).query(ends[own].mean(axis=1))[1]
-            seen[own] = normals[face][nearest] @ TO_VIEWER > 0
+            on_side = muscles.sides[muscles.owners] == side
+            nearest = cKDTree(points[face]).query(ends[on_side].mean(axis=1))[1]
+            seen[on_side] = normals[face][nearest] @ TO_VIEWER > 0
         return np.asarray(ends[seen])

@@ -11,8 +11,8 @@ from studies.view.shapes import CLOUD, parts_of, vertex_normals, vertices_of
 
 
 def save_recording(items: Sequence[Item], path: Path) -> None:
-    """Every panel an entity PANEL_NUMBER/PART in metres, y upwards, on the timeline `time` in s after rest; muscles
-    with contraction and tension [N] of their intervals as scalars' means."""
+    """Write every panel as an entity PANEL_NUMBER/PART in metres, y upwards, on the timeline `time` in s after rest;
+    muscles with contraction and tension [N] of their intervals as scalars' means."""
     recording = rerun.RecordingStream("fabdesign", recording_id=path.stem)
     recording.save(str(path))
     recording.log("/", rerun.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)
@@ -25,13 +25,13 @@ def save_recording(items: Sequence[Item], path: Path) -> None:
                 recording.log([name, "cloud"], rerun.Points3D(item.frames[k], colors=_bytes(CLOUD), radii=0.0005))
             for part in parts:
                 used, corners = np.unique(part.triangles, return_inverse=True)
-                own, triangles = vertices[k][used], corners.reshape(-1, 3)
+                nodes, triangles = vertices[k][used], corners.reshape(-1, 3)
                 recording.log(
                     [name, part.name],
                     rerun.Mesh3D(
-                        vertex_positions=own,
+                        vertex_positions=nodes,
                         triangle_indices=triangles,
-                        vertex_normals=vertex_normals(own, triangles),
+                        vertex_normals=vertex_normals(nodes, triangles),
                         albedo_factor=_bytes(part.colour),
                     ),
                 )
@@ -41,7 +41,7 @@ def save_recording(items: Sequence[Item], path: Path) -> None:
 
 
 def _log_states(recording: rerun.RecordingStream, name: str, item: Item, frame: int) -> None:
-    """Each muscle's mean contraction, and tension [N], over its intervals."""
+    """Log each muscle's mean contraction, and tension [N], over its intervals."""
     if item.muscles is None:
         return
     for what, values in (("contraction", item.muscles.contraction), ("tension_N", item.muscles.tension)):

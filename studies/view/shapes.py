@@ -1,4 +1,4 @@
-"""What a panel is drawn from: triangles in parts of one colour, the muscles as thin tubes on the cloth."""
+"""The parts that a panel is drawn from: triangles in parts of one colour, the muscles as thin tubes on the cloth."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ def key_of(items: Sequence[Item], *, overlay: bool) -> list[tuple[str, RGB]]:
 
 
 def parts_of(item: Item) -> list[MeshPart]:
-    """Of a panel with triangles; empty for a cloud."""
+    """Return the parts of a panel with triangles; none of a cloud."""
     if item.triangles is None:
         return []
     triangles = np.asarray(item.triangles, np.int64)
@@ -57,7 +57,7 @@ def parts_of(item: Item) -> list[MeshPart]:
 
 
 def vertices_of(item: Item) -> list[NDArray[np.float32]]:
-    """(n, 3) m of every frame: its points, then those of the muscles' tubes, in the order of `parts_of`."""
+    """Return (n, 3) m of every frame: its points, then those of the muscles' tubes, in the order of `parts_of`."""
     frames = [np.asarray(frame, np.float32) for frame in item.frames]
     if item.muscles is None or item.triangles is None:
         return frames
@@ -82,8 +82,8 @@ def points_beneath(item: Item) -> Triangles:
 
 
 def _tube(axis: NDArray[np.float32], radius: float) -> NDArray[np.float32]:
-    """(T, AROUND * p, 3) m around axes (T, p, 3) m. Its rings turn as little as they can from point to point and from
-    frame to frame, so that a vertex stays the same place of the muscle."""
+    """Return (T, AROUND * p, 3) m around axes (T, p, 3) m. Its rings turn as little as they can from point to point and
+    from frame to frame, so that a vertex stays the same place of the muscle."""
     at = np.asarray(axis, np.float64)
     along = np.gradient(at, axis=1)
     along /= np.linalg.norm(along, axis=-1, keepdims=True)
@@ -101,13 +101,13 @@ def _tube(axis: NDArray[np.float32], radius: float) -> NDArray[np.float32]:
 
 
 def _across(vector: Array, along: Array) -> Array:
-    """The part of `vector` (..., 3) square to `along` (..., 3), of unit length."""
-    left = vector - (vector * along).sum(axis=-1, keepdims=True) * along
-    return np.asarray(left / np.linalg.norm(left, axis=-1, keepdims=True))
+    """Return the part of `vector` (..., 3) square to `along` (..., 3), of unit length."""
+    across = vector - (vector * along).sum(axis=-1, keepdims=True) * along
+    return np.asarray(across / np.linalg.norm(across, axis=-1, keepdims=True))
 
 
 def _tube_triangles(count: int) -> Triangles:
-    """Of a tube of `count` rings, its ends closed, outwards."""
+    """Return the triangles of a tube of `count` rings, its ends closed, outwards."""
     ring, next_in_ring = np.arange(AROUND), (np.arange(AROUND) + 1) % AROUND
     begins = AROUND * np.arange(count - 1)[:, None]
     a, b = begins + ring, begins + next_in_ring
@@ -118,7 +118,7 @@ def _tube_triangles(count: int) -> Triangles:
 
 
 def vertex_normals(vertices: NDArray[np.float32], triangles: Triangles) -> NDArray[np.float32]:
-    """(n, 3) of unit length, means of the triangles' around by area; up where a vertex has none."""
+    """Return (n, 3) of unit length, means of the triangles' around by area; up where a vertex has none."""
     a, b, c = (np.asarray(vertices, np.float64)[triangles[:, k]] for k in range(3))
     each = np.cross(b - a, c - a)
     corners = triangles.T.ravel()

@@ -58,7 +58,7 @@ def _shape(item: Item, frame: int) -> meshio.Mesh:
 
 
 def _muscles(muscles: LacedMuscles, frame: int) -> meshio.Mesh:
-    """Lines between fixed points; `radius` is there for ParaView's filter Tube."""
+    """Return lines between fixed points; `radius` is there for ParaView's filter Tube."""
     data = {"muscle": [muscles.owners], "side": [muscles.sides[muscles.owners]]}
     for name, values in (("contraction", muscles.contraction), ("tension_N", muscles.tension)):
         if values is not None:

@@ -15,7 +15,7 @@ KINDS = (".html", ".png", ".gif", ".mp4", ".glb", ".pvd", ".rrd", ".csv")
 
 
 class PanelNote(TypedDict, total=False):
-    """What is said of a panel besides: frames that a file keeps, its distance to what it is compared with."""
+    """A note on a panel: frames that a file keeps, its distance to what it is compared with."""
 
     frames_kept: int
     distance: dict[str, object]
@@ -37,8 +37,8 @@ def writer(
     *,
     overlay: bool = False,
 ) -> Writer:
-    """Writes a file of a kind, one of KINDS; answers a note on each panel, or none. times: s, of a picture.
-    markers: (u, v) m, of a table. overlay: whether a panel shows what it is compared with, too."""
+    """Return what writes a file of a kind, one of KINDS, and answers a note on each panel, or none. times: s, of a
+    picture. markers: (u, v) m, of a table. overlay: whether a panel shows what it is compared with, too."""
     if kind in (".html", ".png", ".gif", ".mp4"):
         return lambda items, path: _shown(items, path, kind, times, overlay)
     if kind == ".glb":

@@ -1,4 +1,4 @@
-"""Longer checks of the simulator (`make verify-sim`); their figures become docs/results/simulator_verification.md."""
+"""Longer checks of the simulator (`make verify-sim`); their figures become docs/lab/simulator_verification.md."""
 
 import os
 import platform
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 HERE = Path(__file__).parent
-TABLE = HERE.parents[1] / "docs" / "results" / "simulator_verification.md"
+TABLE = HERE.parents[1] / "docs" / "lab" / "simulator_verification.md"
 _rows: list[tuple[str, str, str, str]] = []  # check, bound, measured, test
 _failed: set[str] = set()
 

@@ -1,4 +1,4 @@
-"""The devices of docs/compiler.md, all on and all off: the same motions. Compiles all kernels twice."""
+"""The devices of docs/lab/compiler.md, all on and all off: the same motions. Compiles all kernels twice."""
 
 import os
 import subprocess
@@ -30,5 +30,5 @@ def test_the_same_motions(tmp_path, record):
     on, off = motions(tmp_path / "on.npy"), motions(tmp_path / "off.npy", SHORT_FRONTEND, HIDDEN_STEPS)
     assert np.abs(on - on[:, :1]).max() > 0.01
     apart = np.abs(on - off).max()
-    record("motions without the devices of docs/compiler.md", "5e-5 m", f"{apart:.1e} m")
+    record("motions without the devices of docs/lab/compiler.md", "5e-5 m", f"{apart:.1e} m")
     assert apart < 5e-5

@@ -1,4 +1,4 @@
-"""What an effect of the virtual rig is: a change to a scene before it runs."""
+"""An effect of the virtual rig: a change to a scene before it runs."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 def normals(scene: Scene, x: Array, along_u: sp.csr_matrix, along_v: sp.csr_matrix) -> Array:
-    """(q, 3) unit normals towards the front at the quadrature points."""
+    """Return (q, 3) unit normals towards the front at the quadrature points."""
     n = np.cross(along_v @ x, along_u @ x)
     return np.asarray(n / np.linalg.norm(n, axis=1, keepdims=True))
 

@@ -1,4 +1,4 @@
-"""In the cloth, and between muscle and cloth."""
+"""Effects in the cloth, and between muscle and cloth."""
 
 from collections.abc import Mapping
 

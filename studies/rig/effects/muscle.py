@@ -1,4 +1,4 @@
-"""In the muscles themselves."""
+"""Effects in the muscles themselves."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""Between the regulator's set point and the pressure in a muscle."""
+"""Effects between the regulator's set point and the pressure in a muscle."""
 
 from collections.abc import Mapping
 
@@ -39,7 +39,7 @@ def dead_time(scene: Scene, order: int, values: Mapping[str, float]) -> None:
 
 
 def supply_droop(scene: Scene, order: int, values: Mapping[str, float]) -> None:
-    """Each other open channel takes a share of a channel's pressure."""
+    """Other open channels take a share of a channel's pressure."""
 
     def droop(pressure: Array, step: float) -> Array:
         is_open = pressure > OPEN

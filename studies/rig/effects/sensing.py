@@ -1,4 +1,4 @@
-"""In what the sensors say."""
+"""Effects in what the sensors say."""
 
 from collections.abc import Mapping
 
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 def registration_bias(scene: Scene, order: int, values: Mapping[str, float]) -> None:
-    """All clouds are turned about the world's axes and shifted, always alike."""
+    """Clouds are turned about the world's axes and shifted, always alike."""
     turn = Rotation.from_euler("xyz", [values[f"about_{a}"] for a in "xyz"], degrees=True).as_matrix()
     shift = np.array([values[a] for a in "xyz"])
     scene.sensed.append(lambda points: points @ turn.T + shift)

@@ -51,7 +51,8 @@ def seam_snap(scene: Scene, order: int, values: Mapping[str, float]) -> None:
 
 
 def _within(s: Array, low: float, high: float) -> Array:
-    """(q,) how much of the stretch that each s stands for, up to halfway to its neighbours, lies from low to high."""
+    """Return (q,) how much of the stretch that each s stands for, up to halfway to its neighbours, lies from low to
+    high."""
     middle = np.unique(s)
     ends = np.concatenate([middle[:1], (middle[1:] + middle[:-1]) / 2, middle[-1:]])
     share = np.diff(np.clip(ends, low, high)) / np.diff(ends)

@@ -21,9 +21,9 @@ def lag_of_two_volumes(scene: Scene, order: int, values: Mapping[str, float]) ->
     def lag(pressure: Array, step: float) -> Array:
         out = pressure
         for time in (values["line"], values["muscle"]):
-            told, out = out, np.zeros_like(out)
+            wanted, out = out, np.zeros_like(out)
             for k in range(1, len(out)):
-                out[k] = out[k - 1] - np.expm1(-step / time) * (told[k] - out[k - 1])
+                out[k] = out[k - 1] - np.expm1(-step / time) * (wanted[k] - out[k - 1])
         return out
 
     scene.pressure_hooks.append(lag)
@@ -50,7 +50,7 @@ def orthotropy_of_bending(scene: Scene, order: int, values: Mapping[str, float])
 
 
 def droop_by_flow(scene: Scene, order: int, values: Mapping[str, float]) -> None:
-    """Every other channel takes of a channel's pressure by its own pressure, `share` at 400 kPa."""
+    """Other channels take of a channel's pressure by its own pressure, `share` at 400 kPa."""
 
     def droop(pressure: Array, step: float) -> Array:
         others = (pressure.sum(axis=1, keepdims=True) - pressure) / FULL_PRESSURE

@@ -1,1 +1,1 @@
-"""What viser shows: panels, views and the page. Belongs here: what makes widgets or nodes of a document."""
+"""The widgets that viser shows: panels, views and the page. Belongs here: what makes widgets or nodes of a document."""

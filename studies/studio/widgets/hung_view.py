@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.geometry.surface import face_triangles
+from fabdesign.geometry.surface import face_triangles, front_triangles
 from fabdesign.nouns.design import Design
 from studies.studio.live import LiveShape
 from studies.studio.measured import TrialMotion
@@ -101,7 +101,7 @@ def _face(vertices: Shape, faces: Any, **look: Any) -> Node:
 @lru_cache(maxsize=4)
 def _triangles(points: int) -> NDArray[np.uint32]:
     side = round((points // 2) ** 0.5)
-    return face_triangles(side, side)[: 2 * (side - 1) ** 2].astype(np.uint32)
+    return front_triangles(side, side).astype(np.uint32)
 
 
 def _measured(motion: TrialMotion, frame: int) -> dict[str, Node]:

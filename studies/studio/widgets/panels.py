@@ -25,7 +25,7 @@ _SHIFT, _TURN, _TEMPLATE = "Shift, mm", "Turn, degrees", "Sewing template, 1:1"
 
 
 class Panel:
-    """All that stands beside the scene. typed(...): what stands in an input. gizmo: whether the target has one."""
+    """The widgets beside the scene. typed(...): what stands in an input. gizmo: whether the target has one."""
 
     def __init__(self, session: Session, made: Widgets) -> None:
         self._session, self._document, self._made = session, session.document, made

@@ -1,4 +1,5 @@
-"""Linear least squares with linear inequalities, for curves that must rise, fall or bend one way."""
+"""Curves fitted to data: cubic B-splines on even knots, as P-splines use them (Eilers and Marx 1996,
+doi:10.1214/ss/1038425655), and least squares with inequalities, for curves that must rise, fall or bend one way."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ _HELD = 1e-7  # of the data's scale
 
 
 def least_squares_with_inequalities(a: Array, b: Array, g: Array, h: Array) -> Array:
-    """The x (n,) that minimises |a x - b| with g x >= h, by non-negative least squares on the dual.
+    """Return the x (n,) that minimises |a x - b| with g x >= h, by non-negative least squares on the dual.
 
     a (rows, n) of full column rank, b (rows,), g (inequalities, n), h (inequalities,). The inequalities must admit a
     solution; they hold to about 1e-9 of the data's scale. Source: Lawson and Hanson, Solving Least Squares Problems
@@ -39,7 +40,19 @@ def least_squares_with_inequalities(a: Array, b: Array, g: Array, h: Array) -> A
 
 
 def non_negative(a: Array, b: Array) -> Array:
-    """The x >= 0 that minimises |a x - b|. Raises RuntimeError where the active sets go round in circles."""
+    """Return the x >= 0 that minimises |a x - b|. Raises RuntimeError where the active sets go round in circles."""
     from scipy.optimize import nnls  # here: a sixth of a second that only fits of curves take
 
     return np.asarray(nnls(a, b)[0])
+
+
+def design_matrix(x: Array, count: int, derivative: int = 0) -> Array:
+    """Return (..., count) values of every B-spline, or their derivatives, at x (...), in knot spans from the first
+    knot. Outside the knots they continue linearly."""
+    from scipy.interpolate import BSpline
+
+    inside = np.clip(x, 0.0, count - 3)
+    splines = BSpline(np.arange(-3.0, count + 1), np.eye(count), 3)
+    if derivative:
+        return np.asarray(splines(inside, nu=derivative))
+    return np.asarray(splines(inside) + (x - inside)[..., None] * splines(inside, nu=1))

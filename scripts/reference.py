@@ -1,0 +1,176 @@
+"""The tables of docs that are made from the code: commands, effects, and thresholds of the methods.
+
+python scripts/reference.py            # writes them between their marks
+python scripts/reference.py --check    # exits with 1 where they are not current
+"""
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+
+from fabdesign.cli import commands
+from fabdesign.effects.registry import EFFECTS
+from fabdesign.effects.table import markdown_table
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = tuple(sorted((ROOT / "docs").glob("*.md")))
+MARKED = re.compile(r"(<!-- (commands|effects|thresholds)(?:: ([a-z -]+))? -->\n).*?(<!-- end -->)", re.DOTALL)
+SHARED = ("--force", "--json", "--effects", "--cluster")  # said once, above the commands
+
+
+class Threshold(NamedTuple):
+    """A constant that a page names: its file, or the room where it stands once; what it decides; its unit."""
+
+    place: str
+    name: str
+    decides: str
+    unit: str = ""
+    factor: float = 1.0
+
+
+THRESHOLDS = {
+    "trace": (
+        Threshold("studies/tracing", "TOLERANCE", "excess that counts as nothing (`--tolerance`)", "mm", 1e3),
+        Threshold("studies/benches", "TOLERANCE", "the same on a bench", "% of the largest output", 100),
+        Threshold("studies/tracing", "TRIALS", "trials used, at most"),
+        Threshold("studies/tracing", "LEAST_TRIALS", "trials with different pressures, at least"),
+        Threshold("studies/tracing", "GRID", "grid of the simulator (`--grid`)", "points a side"),
+        Threshold("studies/calibration", "LEAST", "shapes at rest from which on they are fitted first"),
+        Threshold("optimize/fit", "HELD", "time that a cloth must stand to be at rest", "s"),
+        Threshold("optimize/fit", "NEEDED", "an effect that costs less to drop is dropped", "log likelihood"),
+        Threshold("studies/tracing", "CAUSE", "a weaker effect is no cause", "deviations of its prior"),
+        Threshold("studies/tracing", "CHANCE", "share of the decoys that an effect must beat", "%", 100),
+        Threshold("studies/tracing", "SHARE_OF_A_CAUSE", "excess that effects must remove", "%", 100),
+        Threshold("studies/tracing", "LEAST_SHARE", "the same, where the baseline removes less than that", "%", 100),
+        Threshold("studies/tracing", "STRUCTURE", "excess from which on one kind of feature is structure", "%", 100),
+        Threshold("optimize/fit", "ALIKE", "cosine from which on two effects look the same"),
+        Threshold("studies/tracing", "SHARE", "excess that a formula may leave", "%", 100),
+        Threshold("studies/tracing", "LEAST_DIFFERENCE", "an experiment must show more", "mm RMS", 1e3),
+    ),
+    "sensitive stretches": (
+        Threshold("studies/measured", "TILT", "tilt of gravity that is tried", "degrees"),
+        Threshold("studies/measured", "PRESSURE", "change of each pressure that is tried", "%", 100),
+        Threshold("studies/measured", "DRAWS", "draws of the data sheet's prior"),
+        Threshold("studies/measured", "SHARE", "share of the draws that must be sensitive", "%", 100),
+        Threshold("studies/prediction/stability.py", "OF_MOTION", "distance of two motions, of their size", "%", 100),
+        Threshold("studies/prediction/stability.py", "LEAST", "smallest size of a motion", "mm", 1e3),
+    ),
+    "calibrate": (
+        Threshold("studies/calibration/calibrate.py", "TRIALS", "trials fitted without effects, at most"),
+        Threshold("studies/calibration", "MOST_TRIALS", "trials fitted with effects, at most"),
+        Threshold("studies/calibration", "EXCESS", "excess of a reliable fit, at most", "mm", 1e3),
+        Threshold("studies/calibration", "OUTLYING", "outlying frames of a reliable fit", "%", 100),
+        Threshold("optimize/fit", "FAR", "an outlying frame has more", "times the median residual"),
+        Threshold("optimize/fit", "BLOCK", "time that counts as one observation of a trial", "s"),
+        Threshold("optimize/fit", "MODES", "observations in such a block, at most"),
+        Threshold("studies/intervals", "LEAST", "trials from which on motions get intervals"),
+    ),
+    "search": (
+        Threshold("optimize/search", "AGREE", "restarts that must agree"),
+        Threshold("optimize/search", "ALIKE", "how near they must be", "%", 100),
+        Threshold("optimize/search", "IDLE", "restarts without a gain that end a search"),
+        Threshold("optimize/search", "NO_GAIN", "a smaller gain is none", "%", 100),
+        Threshold("studies/layout_search", "PRESSURE_STARTS", "starts drawn for pressures"),
+        Threshold("studies/layout_search", "LAYOUT_STARTS", "layouts drawn"),
+        Threshold("studies/layout_search", "COARSE", "coarse model", "points a side"),
+        Threshold("studies/layouts", "SHRINKING", "seconds kept for fewer muscles", "%", 100),
+        Threshold("studies/layouts", "ROBUST", "seconds kept for a robust layout", "%", 100),
+        Threshold("studies/layouts", "LEAST_GAP", "out of reach: gap over the noise floor", "mm", 1e3),
+        Threshold("studies/layouts", "GAP", "and share of the noise floor", "%", 100),
+        Threshold("studies/prediction/stability.py", "OFF", "change of the pressures of a copy", "%", 100),
+        Threshold("studies/prediction/stability.py", "LEAST", "another stable shape: distance", "mm RMS", 1e3),
+        Threshold("studies/prediction/stability.py", "OF_SHAPE", "and share of the motion", "%", 100),
+    ),
+    "sensitivity": (
+        Threshold("studies/sensitivity", "WIDE", "width of a Sobol interval that is warned of"),
+        Threshold("studies/prediction/stability.py", "OFF", "change of the pressures that is tried", "%", 100),
+        Threshold("studies/prediction/stability.py", "LEAST", "sum of both moves that is a snap", "mm RMS", 1e3),
+        Threshold("studies/sensitivity", "MANY_SNAP", "share of snaps that is warned of", "%", 100),
+    ),
+}
+
+
+def with_tables(page: str) -> str:
+    """Return the page with every marked table as the code has it now."""
+    made = {"commands": command_tables, "effects": lambda _: markdown_table(EFFECTS) + "\n", "thresholds": thresholds}
+    return MARKED.sub(lambda mark: mark[1] + made[mark[2]](mark[3]) + mark[4], page)
+
+
+def thresholds(of: str) -> str:
+    """Return the table of the thresholds of a method, with the file of each."""
+    rows = []
+    for each in THRESHOLDS[of]:
+        file, value = standing(each)
+        rows.append(f"| {each.decides} | {f'{each.factor * value:g} {each.unit}'.strip()} | `{file}` |\n")
+    return "| what | value | where |\n|---|---|---|\n" + "".join(rows)
+
+
+def standing(each: Threshold) -> tuple[str, float]:
+    """Return the file of a constant and its value. Raises ValueError where it stands nowhere, or in several files."""
+    place = ROOT / each.place
+    found = []
+    for file in [place] if place.is_file() else sorted(place.glob("*.py")):
+        found += [
+            (file.relative_to(ROOT).as_posix(), ast.literal_eval(node.value))
+            for node in ast.parse(file.read_text(encoding="utf-8")).body
+            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == each.name
+        ]
+    if len(found) != 1:
+        raise ValueError(f"{each.place}: {len(found)} constants {each.name}; expected one")
+    return found[0]
+
+
+def command_tables(_: str | None) -> str:
+    """Return a heading, a sentence, the usage and the options of every command."""
+    return "\n".join(_command(name, command) for name, command in _commands(commands, ""))
+
+
+def _commands(group: Any, before: str) -> Iterator[tuple[str, click.Command]]:
+    for name, command in sorted(group.commands.items()):
+        if isinstance(command, click.Group):
+            yield from _commands(command, f"{before}{name} ")
+        else:
+            yield before + name, command
+
+
+def _command(name: str, command: click.Command) -> str:
+    context = click.Context(command, info_name=f"fabdesign {name}")
+    usage = " ".join(piece for piece in command.collect_usage_pieces(context) if piece != "[OPTIONS]")
+    records = (each.get_help_record(context) for each in command.params if isinstance(each, click.Option))
+    rows = [record for record in records if record is not None]
+    flags = [option.split(" ")[0] for option, _ in rows]
+    own = [row for row, flag in zip(rows, flags, strict=True) if flag not in SHARED]
+    shared = [f"`{flag}`" for flag in SHARED if flag in flags]
+    lines = [
+        f"### {name}\n",
+        f"{' '.join((command.help or '').split())}\n",
+        f"```\n{f'fabdesign {name} {usage}'.strip()}\n```\n",
+    ]
+    if own:
+        lines += [
+            "| option | means |",
+            "|---|---|",
+            *(f"| `{_cell(option)}` | {_cell(text)} |" for option, text in own),
+            "",
+        ]
+    return "\n".join([*lines, f"Also: {', '.join(shared)}.\n"])
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("  ", " ")
+
+
+if __name__ == "__main__":
+    wrong = 0
+    for page in PAGES:
+        old = page.read_text(encoding="utf-8")
+        if (new := with_tables(old)) != old:
+            wrong += 1
+            if "--check" not in sys.argv:
+                page.write_text(new, encoding="utf-8")
+    sys.exit(bool(wrong) and "--check" in sys.argv)

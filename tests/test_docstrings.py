@@ -1,0 +1,71 @@
+"""Docstrings have a subject or a verb: a few openings that have neither are refused."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from tests.conftest import ROOT
+from tests.test_imports import FILES
+
+NEITHER = re.compile(
+    r"(Of|What|By|The same|As|Than|Into|Within|Without|On|In|From|For|To|At|With|Over|Beside|Between)\b"
+)
+NO_VERB = re.compile(
+    rf"{NEITHER.pattern}|(Those|Where|Whether|How|Why|Every|Each|All|The|An?)\b|[^A-Z]|[A-Z]\w*[^\w\s,]"
+)
+NO_NOUNS = {"found", "own", "sure", "told"}
+UNREAD = (  # rooms and files that nobody has read for this yet; the list may only shrink
+    "fabdesign/clouds/", "fabdesign/depth/", "fabdesign/errors.py", "fabdesign/files/pressure_file.py",
+    "fabdesign/formats/headings.py", "fabdesign/formats/lab_table.py", "fabdesign/geometry/metrics.py",
+    "fabdesign/interface/results.py", "fabdesign/interface/searches.py", "fabdesign/nouns/model_sampling.py",
+    "fabdesign/nouns/trial.py", "fabdesign/study_files/sensitivity_file.py", "optimize/fit/",
+    "optimize/search/objective.py", "sim/design/loops.py", "sim/kernels/__init__.py", "sim/kernels/fields.py",
+    "sim/kernels/frontend.py", "sim/kernels/transfer.py", "sim/simulator.py", "sim/time/steps.py",
+    "studies/benches/", "studies/calibration/", "studies/follow/", "studies/fusion/", "studies/intervals/draws.py",
+    "studies/intervals/judge.py",
+    "studies/layouts/loading_path.py", "studies/layouts/robustness.py", "studies/layouts/scatter.py",
+    "studies/measured/sensitive_stretches.py", "studies/report/oblique.py", "studies/rig/cameras.py",
+    "studies/rig/scene.py", "studies/sensitivity/", "studies/studio/model_choice.py", "studies/tracing/",
+    "studies/training/data.py", "studies/unseen/cross_validation.py", "studies/prediction/stability.py",
+    "sim/resume.py", "fabdesign/files/pressure_log.py",
+    "studies/unseen/draws.py", "studies/unseen/prediction.py", "studies/unseen/run.py",
+)  # fmt: skip
+
+
+def openings(file: Path) -> Iterator[tuple[int, str, bool]]:
+    """Yield line and docstring of all that has one, and whether it is a function that returns something."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) or not (text := ast.get_docstring(node)):
+            continue
+        returns = False
+        if isinstance(node, ast.FunctionDef):
+            marks = [ast.unparse(mark) for mark in node.decorator_list]
+            kernel = any(mark.startswith("ti.") or mark.endswith("property") for mark in marks)
+            returns = not kernel and node.returns is not None and ast.unparse(node.returns) != "None"
+        yield getattr(node, "lineno", 1), text, returns
+
+
+def test_docstrings_open_with_a_subject_or_a_verb() -> None:
+    bad = [
+        f"{name}:{line}: {text.splitlines()[0]}"
+        for file in FILES
+        if not (name := file.relative_to(ROOT).as_posix()).startswith(UNREAD)
+        for line, text, returns in openings(file)
+        if (NO_VERB if returns else NEITHER).match(text)
+    ]
+    assert bad == []
+
+
+def test_variables_say_what_they_are() -> None:
+    """`found` and `own` are no nouns."""
+    bad = [
+        f"{name}:{node.lineno}: {word}"
+        for file in FILES
+        if not (name := file.relative_to(ROOT).as_posix()).startswith(UNREAD)
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if (word := getattr(node, "arg", None) if isinstance(node, ast.arg) else getattr(node, "id", None)) in NO_NOUNS
+        and not isinstance(getattr(node, "ctx", None), ast.Load)
+    ]
+    assert bad == []
