@@ -109,6 +109,6 @@ class ProgramView:
         return Places.of(self._session.document.layout.design.fabric).plot
 
     def _places(self, x: Floats, y: Floats) -> Floats:
-        """(n, 3) m of shares (n,) of the plot."""
+        """Return (n, 3) m of shares (n,) of the plot."""
         origin, size = map(np.array, self._box)
         return np.concatenate([origin + size * np.stack([x, y], axis=1), np.full((len(x), 1), LIFT)], axis=1)
