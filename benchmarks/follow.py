@@ -39,8 +39,9 @@ from fabdesign.study_files.follow_file import FollowStudy, MotionScatter, Moving
 from optimize.fit.free_parameters import fit_vector
 from sim import Simulator
 from studies.calibration.calibrate import CalibrationOptions, calibrate
+from studies.follow.programs import regulator_of
 from studies.follow.result import FollowResult
-from studies.follow.run import regulator_of, run_follow
+from studies.follow.run import run_follow
 from studies.follow.target import wanted_of
 
 Array = NDArray[np.float64]

@@ -229,7 +229,9 @@ def test_a_study_goes_on_where_it_was_stopped_and_a_measured_run_corrects_it(tmp
     assert done.begun > 1.5 * done.rms.mean()
     program = read_csv(out / "pressures.csv")
     assert np.array_equal(program.at(REGULATOR.cycle * np.arange(5)), done.pressures)
-    assert json.loads((out / "result.json").read_text())["error_mm"] == pytest.approx(1e3 * done.rms.mean())
+    content = json.loads((out / "result.json").read_text())
+    assert content["error_mm"] == pytest.approx(1e3 * done.rms.mean())
+    assert content["study"] == "../study.toml"  # the studio opens the folder by it
     assert "Wanted and predicted" in (out / "report.html").read_text()
 
     def measured(pressures, name):

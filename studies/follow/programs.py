@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.nouns.forward import Case, Term
+from fabdesign.nouns.pressure import PressureProgram, limits
+from fabdesign.study_files.follow_file import FollowStudy
 
 Array = NDArray[np.float64]
 UNIT = 1e5  # Pa, that changes are computed in
@@ -39,6 +41,14 @@ class Regulator:
         times = np.asarray(self.cycle * np.arange(len(pressures)), np.float64)
         return PressureProgram(times, pressures, self.cycle * len(pressures))
 
+    def rows(self, program: PressureProgram, cycles: int) -> Array:
+        """Return the set points (cycles, channels) Pa of any program."""
+        return program.at(np.asarray(self.cycle * np.arange(cycles), np.float64))
+
+    def cycles(self, until: float) -> int:
+        """Return how many set points act before an instant [s]."""
+        return int(np.ceil(until / self.cycle - 1e-6))
+
     def kept(self, pressures: Array) -> Array:
         """Return set points (cycles, channels) Pa that keep resolution, limits and, from rest on, the rate."""
         step = self.resolution * np.floor(max(self.change, self.resolution) / self.resolution + 1e-9)
@@ -50,6 +60,19 @@ class Regulator:
                 row[:] = np.clip(row, before - step, before + step)
                 before = row
         return np.asarray(rounded)
+
+
+def regulator_of(study: FollowStudy) -> Regulator:
+    """Return what the study's pressures keep."""
+    rig = study.rig
+    most = np.minimum(limits(study.design), min(rig.pressure, rig.supply or np.inf))
+    return Regulator(rig.cycle, rig.resolution, np.zeros(study.design.channels), most, rig.rate)
+
+
+def case_of(study: FollowStudy, program: PressureProgram) -> Case:
+    """Return the study's design under a program, behind the regulator's delay."""
+    delay = (Term("dead_time", {"delay": study.rig.delay}),) if study.rig.delay else ()
+    return Case(study.design, program, effects=delay, order=study.order)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,9 +18,9 @@ from studies.view.page import render_page
 _FRAMES = 90  # of the moving picture, at most
 
 
-def write_report(result: FollowResult, out: Path) -> None:
-    """Write `result.json` and `report.html` into `out`."""
-    write_json(out / "result.json", result.as_json())
+def write_report(result: FollowResult, out: Path, study: str | None) -> None:
+    """Write `result.json` and `report.html` into `out`. study: its file, from the folder that these come to."""
+    write_json(out / "result.json", {"study": study} | result.as_json())
     write_text(out / "report.html", page.html_of(result.study.name, _blocks(result)))
 
 

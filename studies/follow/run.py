@@ -1,5 +1,6 @@
 """A study of a target that moves, from its file to its folder."""
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,10 +12,9 @@ from fabdesign.errors import InputError, SimulationError
 from fabdesign.files.design_file import write_design
 from fabdesign.files.pressure_file import read_csv, write_pressures
 from fabdesign.geometry.metrics import Errors
-from fabdesign.nouns.forward import Case, Term
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
-from fabdesign.nouns.pressure import limits, require_pressures
+from fabdesign.nouns.pressure import require_pressures
 from fabdesign.output import WorkFolder, work_folder
 from fabdesign.runtime import working_time
 from fabdesign.runtime.effort import in_words, on_cores
@@ -28,7 +28,7 @@ from optimize.search.evaluations import Evaluations
 from sim import Simulator
 from studies.follow.layout import chosen_layout
 from studies.follow.measured import MeasuredRun, displacements, read_run
-from studies.follow.programs import Regulator
+from studies.follow.programs import Regulator, case_of, regulator_of
 from studies.follow.report import write_report
 from studies.follow.result import FollowResult
 from studies.follow.scatter import copies_of
@@ -71,6 +71,7 @@ def run_follow(
     study = study if isinstance(study, FollowStudy) else read_follow(study)
     study = study if seconds is None else replace(study, seconds=seconds)
     wanted, regulator = wanted_of(study), regulator_of(study)
+    file = os.path.relpath(inputs[0], out).replace(os.sep, "/") if inputs else None
     if measured is not None and not (Path(out) / PRESSURES).is_file():
         raise InputError(f"{out}: no {PRESSURES}; expected the folder of a study whose program was run")
     inputs += [*files_of(study), *([measured] if measured is not None else [])]
@@ -88,7 +89,7 @@ def run_follow(
             if run is not None:
                 write_pressures(regulator.program(run[2]), files / f"pressures_{result.run}.csv")
             write_pressures(result.program, files / PRESSURES)
-            write_report(result, files)
+            write_report(result, files, file)
     return result
 
 
@@ -116,13 +117,6 @@ def follow_in_words(study: FollowStudy) -> str:
     return in_words(SECONDS * length * (1 + fine), what, on_cores())
 
 
-def regulator_of(study: FollowStudy) -> Regulator:
-    """Return what the study's pressures keep."""
-    rig = study.rig
-    most = np.minimum(limits(study.design), min(rig.pressure, rig.supply or np.inf))
-    return Regulator(rig.cycle, rig.resolution, np.zeros(study.design.channels), most, rig.rate)
-
-
 class _Solver:
     """A study at work: passes over its windows, and what comes of them."""
 
@@ -133,10 +127,8 @@ class _Solver:
         self._checkpoint, self._progress = checkpoint, progress
         self._begun = working_time.seconds()
         self._model = study.model or Model()
-        delay = (Term("dead_time", {"delay": study.rig.delay}),) if study.rig.delay else ()
-        self._cycles = int(np.ceil(wanted.times[-1] / regulator.cycle - 1e-6))
-        rest = regulator.program(np.zeros((self._cycles, regulator.channels)))
-        self._case = Case(study.design, rest, effects=delay, order=study.order)
+        self._cycles = regulator.cycles(float(wanted.times[-1]))
+        self._case = case_of(study, regulator.program(np.zeros((self._cycles, regulator.channels))))
 
     def found(self) -> FollowResult:
         """Return the study's own answer."""
@@ -167,8 +159,7 @@ class _Solver:
 
     def _start(self) -> Array:
         if self._study.start is not None:
-            at = np.asarray(self._regulator.cycle * np.arange(self._cycles), np.float64)
-            return self._regulator.kept(self._study.start.at(at))
+            return self._regulator.kept(self._regulator.rows(self._study.start, self._cycles))
         predictor = self._predictor(COARSE)
         easy = without_resistance(predictor) or predictor
         case = replace(self._case, effects=())

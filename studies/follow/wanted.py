@@ -1,7 +1,7 @@
 """What is wanted when: a target at each of some instants, and how far a motion is from it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isqrt
 from typing import Any
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.geometry.metrics import landmark_errors, surface_rms
 from fabdesign.geometry.mid_surface import at_places, cells_of, mid_surface
 from fabdesign.geometry.surface import Surface
 from optimize.fit.clouds import Match, Nodes, nodes_of
@@ -62,6 +63,24 @@ class Wanted:
         if target.landmarks is not None:
             return _of_wishes(target, points, side)
         return _of_cloud(target, self._few[moment], points, side)
+
+    def thinned(self, count: int) -> "Wanted":
+        """Return the same with about so many points of each cloud."""
+        step = [-(-len(target.points) // count) if target.landmarks is None else 1 for target in self.targets]
+        thin = (replace(own, points=own.points[::k]) for own, k in zip(self.targets, step, strict=True))
+        return Wanted(self.times, tuple(thin))
+
+    def errors(self, times: Array, motion: Floats) -> Array:
+        """Return (T,) m of a motion's frames (T, 2 n, 3) m: surface RMS at wanted instants, NaN at other times."""
+        errors = np.full(len(times), np.nan)
+        for time, target in zip(self.times, self.targets, strict=True):
+            frame = int(np.argmin(np.abs(times - time)))
+            shape = motion[frame].astype(np.float64)
+            if target.landmarks is not None:
+                errors[frame] = landmark_errors(target.landmarks, shape).surface_rms
+            else:
+                errors[frame] = surface_rms(target.points, shape, target.face, target.weighting)
+        return errors
 
     def mean_distance(self, motion: Floats) -> float:
         """Return the mean over instants [m] of the RMS distance to a motion (K, 2 n, 3) m."""

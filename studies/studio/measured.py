@@ -1,8 +1,9 @@
 """A measurement set beside its prediction: one trial at a time, frame by frame, and a table of all of them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,14 +24,16 @@ UNKNOWN = (Errors(*[float("nan")] * 5),)
 
 @dataclass(frozen=True, eq=False)
 class TrialMotion:
-    """Frames (T, 2 n, 3) m at times (T,) s, and with them, where they were measured, the clouds (n_t, 3) m. points:
-    corrected where a corrector acts."""
+    """Frames (T, 2 n, 3) m at times (T,) s, and with them, where they were measured or are wanted, the clouds (n_t, 3)
+    m. points: corrected where a corrector acts. off: (T,) m from what is wanted, NaN at instants at which nothing
+    is: the cloud is then the next one that is."""
 
     name: str
     times: NDArray[np.float64]
     points: NDArray[np.float32]
-    trial: TrialData | None = None
+    clouds: Sequence[NDArray[np.floating[Any]]] | None = None
     correction: Correction | None = None
+    off: NDArray[np.float64] | None = None
 
     @property
     def simulated(self) -> NDArray[np.float32] | None:
@@ -46,11 +49,11 @@ class TrialMotion:
         return self.correction.simulated[frame]
 
     def cloud(self, frame: int) -> NDArray[np.float64] | None:
-        """Return what was measured of a frame, (n_t, 3) m."""
-        return None if self.trial is None else np.asarray(self.trial.frames[frame], dtype=np.float64)
+        """Return what was measured or is wanted of a frame, (n_t, 3) m."""
+        return None if self.clouds is None else np.asarray(self.clouds[frame], dtype=np.float64)
 
     def distances(self, frame: int) -> NDArray[np.float64] | None:
-        """Return (n_t,) m from each measured point to the shown surface, capped at 10 mm."""
+        """Return (n_t,) m from each of these points to the shown surface, capped at 10 mm."""
         return self._distances(self.points, frame)
 
     def _distances(self, points: NDArray[np.float32], frame: int) -> NDArray[np.float64] | None:
@@ -62,7 +65,7 @@ class TrialMotion:
     @cached_property
     def largest(self) -> float | None:
         """Return the end [m] of the scale of distances: their 98th percentile, in frames spread over the motion."""
-        if self.trial is None:
+        if self.clouds is None:
             return None
         frames = np.unique(np.linspace(0, len(self.times) - 1, _SCALED).astype(int))
         of_frames = [d for d in map(self.distances, frames.tolist()) if d is not None]
@@ -70,6 +73,10 @@ class TrialMotion:
 
     def in_words(self, frame: int) -> str:
         text = f"{self.name}, {self.times[frame]:.3f} s"
+        if self.off is not None:
+            error, mean = in_mm(self.off[frame]), in_mm(float(np.nanmean(self.off)))
+            now = f"{error:.2f} mm" if np.isfinite(error) else "not wanted at this instant"
+            return f"{text}: surface RMS {now}, mean {mean:.2f} mm"
         distances = self.distances(frame)
         if distances is None:
             return text

@@ -13,16 +13,19 @@ from fabdesign.files.design_file import read_design
 from fabdesign.files.measurement_set import MeasurementSet, read_set
 from fabdesign.files.model_file import read_model
 from fabdesign.files.pressure_file import read_pressures
+from fabdesign.formats.json_file import read_json
 from fabdesign.formats.toml_file import file_stem, parse_toml
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.pressure import PressureProgram, limits
-from fabdesign.study_files.study_file import Study, read_kind, read_study
+from fabdesign.output import read_mark
+from fabdesign.study_files.follow_file import read_follow
+from fabdesign.study_files.study_file import read_kind, read_study
 from optimize.search.margins import Limits
 from studies.layout_search.first_layouts import limits_of
 from studies.studio.layout import HIGHEST, Layout
-from studies.studio.target import ShownTarget
+from studies.studio.target import MovingProgram, ShownTarget
 
 NEW = Path("layout.toml")  # that a layout would be, which was begun on no file
 _TARGETS = (".npz", ".ply", ".obj", ".stl", ".off", ".glb", ".gltf", ".xyz", ".pts", ".pcd", ".txt", ".npy")
@@ -40,6 +43,7 @@ class Opened:
     model: Model | None = None
     measured: MeasurementSet | None = None
     program: PressureProgram | None = None
+    moving: MovingProgram | None = None  # of a study of a target that moves
 
 
 def open_files(files: Sequence[Path], model_file: Path | None, how: AsTarget = AS_GIVEN) -> Opened:
@@ -64,11 +68,15 @@ def open_files(files: Sequence[Path], model_file: Path | None, how: AsTarget = A
             program = read_pressures(file, opened.layout.design)
             last = tuple(float(pressure) for pressure in program.pressure[-1])
             opened = replace(opened, program=program, layout=Layout.of(opened.layout.design, last))
+            if opened.moving is not None:
+                opened = replace(opened, program=None, moving=opened.moving.under(program))
     return opened
 
 
 def _kind(file: Path) -> tuple[str, str]:
     """Return what a file is for, and of what format."""
+    if (mark := read_mark(file)) is not None and mark.made_by == "follow":
+        return "design, study or set", "result"
     if file.is_dir() or file.name == "set.toml":
         return "design, study or set", "set"
     suffix = file.suffix.lower()
@@ -100,28 +108,57 @@ def _begun(files: list[tuple[Path, str]]) -> Opened:
             file_stem(f"{measured.name}_{measured.trials[0].design_name}") + ".toml"
         )  # nothing is written into a set
         return Opened(file, Layout.of(design), search_limits(design), measured=measured)
+    if sort == "result":
+        return _of_result(file)
     if sort == "study":
-        return _of_study(read_study(file) if read_kind(file) == "optimize" else _refused(file), file)
+        return _of_moving(file) if read_kind(file) == "follow" else _of_study(file)
     design = read_design(file)
     return Opened(file, Layout.of(design, _pressures_beside(file, design)), search_limits(design))
 
 
-def _refused(file: Path) -> Study:
-    raise InputError(f'{file}: kind = "{read_kind(file)}"; expected "optimize", a search with a target')
+def _of_result(folder: Path) -> Opened:
+    """Return the study that a folder's result is of, under its pressures."""
+    study = read_json(folder / "result.json").get("study")
+    if not isinstance(study, str):
+        raise InputError(f"{folder}: of a study without a file; expected the result of a study's file")
+    return _of_moving(folder / study, folder)
 
 
-def _of_study(study: Study, file: Path) -> Opened:
+def _of_moving(file: Path, result: Path | None = None) -> Opened:
+    """Return a study of a target that moves; with the folder of a result its layout, where one was searched for, and
+    its pressures."""
+    study, (design_file, model_file) = read_follow(file), _files_of(file)
+    if result is not None and (result / "design.toml").is_file():
+        design_file = result / "design.toml"
+        study = replace(study, design=read_design(design_file))
+    moving, design = MovingProgram.of(study), study.design
+    if result is not None:
+        moving = moving.under(read_pressures(result / "pressures.csv", design))
+    return Opened(
+        design_file, Layout.of(design), search_limits(design), model_file=model_file, model=study.model, moving=moving
+    )
+
+
+def _files_of(file: Path) -> tuple[Path, Path | None]:
+    """Return the files of a study's design and model."""
     root = parse_toml(file)
+    model = root.get("model")
+    return file.parent / str(root["design"]), None if model is None else file.parent / str(model)
+
+
+def _of_study(file: Path) -> Opened:
+    if (kind := read_kind(file)) != "optimize":
+        raise InputError(f'{file}: kind = "{kind}"; expected "optimize" or "follow", a search with a target')
+    study, (design_file, model_file) = read_study(file), _files_of(file)
     begin = study.start_pressures
     pressures = np.full(study.design.channels, np.mean(study.limits.pressure)) if begin is None else begin
     layout = Layout.of(study.design, tuple(float(pressure) for pressure in pressures))
-    model_name = root.get("model")
     return Opened(
-        file.parent / str(root["design"]),
+        design_file,
         layout,
         limits_of(study),
         targets=tuple(ShownTarget.read(target, study.design) for target in study.targets),
-        model_file=None if model_name is None else file.parent / str(model_name),
+        model_file=model_file,
         model=study.model,
     )
 

@@ -18,10 +18,10 @@ from studies.studio.layout import Layout
 from studies.studio.measured import TrialErrors, TrialMotion, ask_of_trial
 from studies.studio.shapes import Shapes
 from studies.studio.solver import Answer, Ask
+from studies.studio.target import FRAME_RATE
 from studies.view.items import Item
 from studies.view.write import KINDS, writer
 
-FRAME_RATE = 30.0  # Hz, of a motion that is played
 SLOW = (".gif", ".mp4")  # for which the page would stand still; `view` writes them
 _PAUSE = 0.5  # s, before a motion begins again
 
@@ -80,19 +80,26 @@ class Playing:
 
             def motion(answer: Answer) -> TrialMotion:
                 self._errors.add(label, answer)
-                return TrialMotion(label, trial.times, _points(answer), data, answer.correction)
+                return TrialMotion(label, trial.times, _points(answer), data.frames, answer.correction)
 
             self._ask(ask, motion)
+
+    def show(self, motion: TrialMotion, ask: Ask) -> None:
+        """Play a motion from its first frame; one with the same frames as the last goes on where that is."""
+        last, self.motion, self._played = self.motion, motion, ask
+        if last is None or not np.array_equal(last.times, motion.times):
+            self.frame, self.running, self._time = 0, True, 0.0
+        self._shapes.before = None
+        self._document.show()
 
     def _ask(self, ask: Ask, motion: Callable[[Answer], TrialMotion]) -> None:
         def arrived(answer: Answer) -> None:
             if answer.points is None:
                 self._document.tell(answer.error or "no motion", bad=True)
                 return
-            self.motion, self._played = motion(answer), ask
-            self.frame, self.running, self._time = 0, True, 0.0
-            self._shapes.before = None
-            self._document.tell(f"{self.motion.name}: {len(self.motion.times)} frames")
+            self.motion = None
+            self.show(shown := motion(answer), ask)
+            self._document.tell(f"{shown.name}: {len(shown.times)} frames")
 
         self._document.tell(f"computing {len(ask.times) if ask.times is not None else 0} frames")
         self._shapes.also(ask, arrived)
@@ -135,7 +142,7 @@ class Playing:
                 raise InputError("no motion; expected one that is played")
             _require_kind(path)
             document.tell(f"writing {path}")
-            self._shapes.also(replace(ask, kind="laced", measured=()), arrived)
+            self._shapes.also(replace(ask, kind="laced", measured=(), wanted=None), arrived)
 
 
 def _points(answer: Answer) -> np.ndarray:
@@ -156,8 +163,9 @@ def _export(path: Path, shown: TrialMotion, laced: MotionData) -> None:
     of markers, which it has not. Raises InputError, also for a file that is there."""
     kind = _require_kind(path)
     items = [Item.of_motion(shown.name, laced)]
-    if shown.trial is not None and kind != ".csv":
-        measured = Item(f"{shown.name}, measured", np.asarray(shown.times, np.float64), shown.trial.frames)
+    if shown.clouds is not None and kind != ".csv":
+        title = f"{shown.name}, {'measured' if shown.off is None else 'wanted'}"
+        measured = Item(title, np.asarray(shown.times, np.float64), shown.clouds)
         items = [measured, Item.of_motion(f"{shown.name}, predicted", laced, measured.title)]
     try:
         with new_files(path) as unfinished:

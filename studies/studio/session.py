@@ -9,6 +9,7 @@ from studies.studio.live import Solves
 from studies.studio.measured import TrialErrors
 from studies.studio.opening import Opened
 from studies.studio.playing import Playing
+from studies.studio.program import ProgramEdit
 from studies.studio.search import BackgroundSearch
 from studies.studio.shapes import Shapes
 
@@ -25,6 +26,8 @@ class Session:
         self.shapes = Shapes(self.document, solver)
         self.trial_errors = TrialErrors(self.document, self.shapes.also)
         self.playing = Playing(self.document, self.shapes, self.trial_errors)
+        moving = opened.moving
+        self.program = None if moving is None else ProgramEdit(moving, self.document, self.shapes, self.playing)
         self.files = Files(self.document)
         self.search = BackgroundSearch(self.document, lambda: self.files.folder)
         self._looked = clock()
@@ -34,6 +37,8 @@ class Session:
         self.document.show = show
         self.files.restore()
         self.document.changed()
+        if self.program is not None:
+            self.program.play()
 
     def tick(self) -> None:
         """Do whatever is due: shapes, the end of a gesture, autosave, the file, a search."""

@@ -23,18 +23,20 @@ from fabdesign.geometry.metrics import Errors, trial_errors
 from fabdesign.geometry.sensor_noise import NOISE_FREE, estimate_noise
 from fabdesign.nouns.corrector import Corrector, Trust, central_hash
 from fabdesign.nouns.design import Design
-from fabdesign.nouns.forward import Case
+from fabdesign.nouns.forward import Case, Term
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.runtime import working_time
 from fabdesign.runtime.supervisor import uninterrupted
+from studies.follow.wanted import Wanted
 from studies.prediction.forward_model import forward_model
 from studies.prediction.laced_motion import laced_motions
 
 COARSE = 21  # points a side, while something is dragged
 _NOISE_FRAMES = 8  # of a trial, that a sensor's noise is estimated from
-Kind = Literal["follow", "nearby", "exact", "motion", "laced"]
+Kind = Literal["follow", "nearby", "exact", "motion", "program", "laced"]
+LOOSE: tuple[Kind, ...] = ("follow", "nearby", "program")  # on the coarse grid, to a micrometre
 Points = NDArray[np.float32]
 
 
@@ -43,7 +45,8 @@ class Ask:
     """follow: the shape at rest nearby, on the coarse grid, from the last one. nearby: the same under another model,
     from which nothing is followed. exact: the one where a rise from rest leads, on the model's grid, or with one
     instant in `times` [s] the motion's frame there. motion: frames at `times`; with sensing, as sensors see it.
-    laced: the same with the muscles, for other programs."""
+    program: the same on the coarse grid, from where the last program was another. laced: with the muscles, for other
+    programs. wanted: what a motion is compared with."""
 
     number: int
     kind: Kind
@@ -54,6 +57,12 @@ class Ask:
     order: int = 0
     sensing: bool = False
     measured: tuple[NDArray[np.floating[Any]], ...] = ()  # (n_t, 3) m of each frame, where errors are asked for
+    effects: tuple[Term, ...] = ()  # beside the model's
+    wanted: Wanted | None = None
+
+    @property
+    def case(self) -> Case:
+        return Case(self.design, self.program, effects=self.effects, order=self.order)
 
     @staticmethod
     def at_rest(
@@ -93,6 +102,7 @@ class Answer:
     correction: Correction | None = None
     errors: tuple[Errors, ...] = ()
     laced: MotionData | None = None
+    off: NDArray[np.float64] | None = None  # (T,) m from what is wanted, NaN at instants at which nothing is
 
     @property
     def simulated(self) -> Points | None:
@@ -108,12 +118,13 @@ class StudioSolver:
         self._simulators: dict[int, Any] = {}
         self._correctors: dict[tuple[Path, str], Corrector | None] = {}
         self._last: tuple[Design, NDArray[np.float32]] | None = None  # the shape followed from, and of which design
+        self._program: Any = None  # keeps the states of the program that was simulated last
 
     def answer(self, ask: Ask) -> Answer:
         begin = working_time.seconds()
         if ask.kind == "laced":
             return self._laced(ask)
-        coarse = ask.kind in ("follow", "nearby")
+        coarse = ask.kind in LOOSE
         side = COARSE if coarse else ask.model.points_per_side
         points, correction, error = None, None, None
         errors: tuple[Errors, ...] = ()
@@ -125,30 +136,35 @@ class StudioSolver:
                 errors = _errors(ask, points, correction)
         except (InputError, SimulationError) as problem:
             error = str(problem)
-        return Answer(ask.number, ask.kind, points, side, working_time.seconds() - begin, error, correction, errors)
+        off = None
+        if points is not None and ask.wanted is not None and ask.times is not None:
+            off = ask.wanted.errors(ask.times, points)
+        seconds = working_time.seconds() - begin
+        return Answer(ask.number, ask.kind, points, side, seconds, error, correction, errors, off=off)
 
     def _laced(self, ask: Ask) -> Answer:
         assert ask.times is not None
-        side, case = ask.model.points_per_side, Case(ask.design, ask.program, order=ask.order)
+        side = ask.model.points_per_side
         try:
             forward = self._simulator(side, ask.kind)
-            (motion,) = laced_motions(forward, ask.model, [case], [ask.times], sensing=ask.sensing)
+            (motion,) = laced_motions(forward, ask.model, [ask.case], [ask.times], sensing=ask.sensing)
         except (InputError, SimulationError) as problem:
             return Answer(ask.number, ask.kind, None, side, 0.0, str(problem))
         return Answer(ask.number, ask.kind, motion.points, side, 0.0, laced=motion)
 
     def _nearby(self, ask: Ask, side: int) -> tuple[Points, Correction | None]:
-        """Return the shape without the corrector, which acts on exact ones alone, and how far it trusts the layout."""
+        """Return the shape or motion without the corrector, which acts on exact ones alone, and how far it trusts the
+        layout."""
         simulator = self._simulator(side, ask.kind)
-        full = self._predictor(simulator, ask.model if ask.kind == "follow" else ask.model.without(["corrector"]))
-        points = self._followed(simulator, full.case(Case(ask.design, ask.program, order=ask.order)), ask.kind)
+        full = self._predictor(simulator, ask.model.without(["corrector"]) if ask.kind == "nearby" else ask.model)
+        case = full.case(ask.case)
+        points = (self._followed if ask.times is None else self._resumed)(simulator, case, ask)
         if full.corrector is None:
             return points, None
         return points, Correction(full.corrector.trust(ask.design), full.corrector.ordered, points)
 
     def _exact(self, ask: Ask, side: int) -> tuple[Points, Correction | None]:
-        case = Case(ask.design, ask.program, order=ask.order)
-        simulator = _Remembering(self._simulator(side, ask.kind))
+        case, simulator = ask.case, _Remembering(self._simulator(side, ask.kind))
         full = self._predictor(simulator, ask.model, sensing=ask.sensing)
         if full.corrector is None:
             return _shown(full, case, ask.times, ask.kind), None
@@ -166,19 +182,27 @@ class StudioSolver:
             self._correctors[key] = forward_model(simulator, model).corrector
         return Predictor(simulator, model, sensing, self._correctors[key])
 
-    def _followed(self, simulator: Any, case: Case, kind: Kind) -> Points:
+    def _resumed(self, simulator: Any, case: Case, ask: Ask) -> Points:
+        """Return a program's motion, from the state before the first set point that is another than the last time."""
+        from studies.follow.resumed import Resumed
+
+        self._program = self._program or Resumed(simulator)
+        points: Points = self._program.motion(case, ask.times)
+        return points
+
+    def _followed(self, simulator: Any, case: Case, ask: Ask) -> Points:
         shape = None
         if self._last is not None and self._last[0].fabric == case.design.fabric:
             shape = simulator.follow(case, self._last[1])
         if shape is None or not np.isfinite(shape.middle).all():
             shape = simulator.rest([case])[0]
-        if kind == "follow":
+        if ask.kind == "follow":
             self._last = (case.design, shape.middle[0]) if np.isfinite(shape.middle).all() else None
         points: Points = shape.points[0]
         return points
 
     def _simulator(self, side: int, kind: Kind) -> Any:
-        loose = kind in ("follow", "nearby")
+        loose = kind in LOOSE
         key = -side if loose else side
         if key not in self._simulators:
             self._simulators[key] = self._make(side, tolerance=1e-6) if loose else self._make(side)

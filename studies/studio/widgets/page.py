@@ -9,6 +9,7 @@ from studies.studio.widgets.declared import Node, Post, SceneNodes, Widgets
 from studies.studio.widgets.flat_view import FlatView
 from studies.studio.widgets.hung_view import hung_nodes
 from studies.studio.widgets.panels import Panel
+from studies.studio.widgets.program_view import ProgramView
 from studies.studio.widgets.scene import VIEW, Places, eye_of
 
 
@@ -20,6 +21,7 @@ class Page:
         self._server, self._session, self._post = server, session, post
         self._arrange(server)
         self._nodes, self._flat = SceneNodes(server.scene), FlatView(session.document, post)
+        self.program = ProgramView(session, post)
         self.widgets = Widgets(server.gui, post)
         self._panel = Panel(session, self.widgets)
         document = session.document
@@ -30,7 +32,8 @@ class Page:
     def show(self) -> None:
         """Draw all that the session holds."""
         with self._server.atomic():
-            self._nodes.show({**self._flat.nodes(), **hung_nodes(self._session), **self._gizmo_node()})
+            hung = {**hung_nodes(self._session), **self._gizmo_node()}
+            self._nodes.show({**self._flat.nodes(), **hung, **self.program.nodes()})
             self.widgets.show(self._panel.widgets())
 
     def _arrange(self, server: Any) -> None:

@@ -17,6 +17,7 @@ from studies.studio.session import Session
 from studies.studio.widgets.declared import MM, Widget, Widgets, button, buttons, choice, entry, folder, html, words
 from studies.studio.widgets.design_panels import NONE, model, muscle, pressures
 from studies.studio.widgets.hung_view import LEAST_SCALE
+from studies.studio.widgets.program_view import program
 from studies.studio.widgets.status import profile, scale_bar, status
 
 OWN = "own drawing"
@@ -36,7 +37,7 @@ class Panel:
             "Model": [html("profile", profile(self._session)), *model(self._document)],
             "Target": self._target(),
             "Results": self._results(),
-            "Motion": self._motion(),
+            "Motion": [*program(self._session, self._made), *self._motion()],
             "Files": self._files(),
         }
         pages = [Widget("tab", name, inside=widgets) for name, widgets in tabs.items()]

@@ -22,6 +22,7 @@ BROKEN = (220, 30, 30)
 FRONT, BACK = (214, 222, 232), (196, 204, 190)  # of the cloth's faces
 VIEW, ASPECT = 0.6, 1.3  # rad that is seen from top to bottom; width over height of what the panel leaves, mostly
 _FILLED = 0.97  # of the picture, by what is to be in view
+_PLOT = 0.5  # of the cloth's height, that a program's plot has
 _GAP = 0.25  # of the cloth's longer side, between the pieces
 _BENT = 0.2  # of the cloth's height, that a bent one comes forward or back, and is in view at first
 _TURN, _TILT = -40.0, 15.0  # degrees about y and then x: the hung cloth is seen in three-quarters view, where it bends
@@ -53,6 +54,12 @@ class Places:
     def hung_origin(self) -> tuple[float, float, float]:
         """Return the middle [m] of the hung cloth's top edge."""
         return (self.gap + self.width / 2, self.height / 2 + self.gap / 2, 0.0)
+
+    @property
+    def plot(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Return (x, y) m of the lower left corner of a program's plot, and its width and height, below the hung
+        cloth."""
+        return (self.gap, -self.height - self.gap / 2), (self.width, _PLOT * self.height)
 
     @property
     def hung_turn(self) -> tuple[float, float, float, float]:

@@ -111,6 +111,7 @@ def profile(session: Session) -> str:
         return ""
     z = lower_edge(shape.points)[:, 2]
     half = np.zeros_like(z) if band is None else band.half[:, 2]
+    u = np.linspace(0.0, shape.layout.design.fabric.width, len(z))
     curves = [z - half, z + half]
     correction = shape.correction if shape.exact else None
     corrected = correction is not None and correction.moved(shape.points).any()
@@ -118,8 +119,8 @@ def profile(session: Session) -> str:
         curves.append(lower_edge(correction.simulated)[:, 2])
     low, high = float(np.min(curves)), float(np.max(curves))
     spare = max(_LEAST - (high - low), 0.1 * (high - low)) / 2
-    plot = _Plot(len(z), low - spare, high + spare)
-    parts = [plot.axes(in_mm(shape.layout.design.fabric.width))]
+    plot = _Plot(in_mm(u), low - spare, high + spare)
+    parts = [plot.axes(0)]
     message = "no intervals: the model has no joint covariance"
     if band is not None:
         parts.append(plot.band(z - half, z + half))
@@ -130,23 +131,51 @@ def profile(session: Session) -> str:
         parts.append(plot.line(curves[-1], "#e08a2b", dashed=True))
         message += "; orange: without the corrector"
     parts.append(plot.line(z, "#1b4f8a"))
+    return _plotted("profile", "Lower edge, z in mm over u in mm", parts, message)
+
+
+def error_over_time(session: Session) -> str:
+    """Return the error of the program's motion over time, with that of the program as it was opened; empty before the
+    first motion."""
+    edit, playing = session.program, session.playing
+    if edit is None or edit.off is None or edit.first is None:
+        return ""
+    at = np.isfinite(edit.off)
+    times, off, first = edit.moving.times[at], edit.off[at], edit.first[at]
+    high = max(_LEAST, 1.1 * float(np.max([off, first])))
+    plot = _Plot(np.concatenate([[0.0], times]), 0.0, high)
+    parts = [plot.axes(1), plot.line(first, "#8a94a0", dashed=True), plot.line(off, "#1b4f8a")]
+    if playing.motion is not None and playing.motion.off is not None:
+        parts.append(plot.cursor(float(playing.motion.times[playing.frame])))
+    means = f"mean {in_mm(float(off.mean())):.2f} mm; dashed: as opened, mean {in_mm(float(first.mean())):.2f} mm"
+    return _plotted("error", "Surface RMS, mm over s", parts, means)
+
+
+def _plotted(name: str, title: str, parts: list[str], below: str) -> str:
     size = f'style="display:block" width="{_SIZE[0]}" height="{_SIZE[1]}"'
-    svg = f'<svg id="studio-profile" {size}>{"".join(parts)}</svg>'
-    return f'<div style="font-size:0.8em; margin:0.2em 0.9em">Lower edge, z in mm over u in mm{svg}{message}</div>'
+    svg = f'<svg id="studio-{name}" {size}>{"".join(parts)}</svg>'
+    return f'<div style="font-size:0.8em; margin:0.2em 0.9em">{title}{svg}{below}</div>'
 
 
 class _Plot:
-    """Values at even places, between two ends [m], in pixels."""
+    """Values between two ends [m] over rising places, in pixels; of fewer values the last places."""
 
-    def __init__(self, count: int, low: float, high: float) -> None:
-        self._x = np.linspace(_LEFT, _SIZE[0] - 8, count)
-        self._low, self._high = low, high
+    def __init__(self, places: Any, low: float, high: float) -> None:
+        self._places, self._low, self._high = places, low, high
+        self._x = self._across(places)
+
+    def _across(self, place: Any) -> Any:
+        return np.interp(place, self._places[[0, -1]], [_LEFT, _SIZE[0] - 8])
 
     def _y(self, values: Any) -> Any:
         return 6 + (_SIZE[1] - _BELOW - 6) * (self._high - values) / (self._high - self._low)
 
     def _points(self, values: Any) -> list[str]:
-        return [f"{x:.1f},{y:.1f}" for x, y in zip(self._x, self._y(values), strict=True)]
+        return [f"{x:.1f},{y:.1f}" for x, y in zip(self._x[-len(values) :], self._y(values), strict=True)]
+
+    def cursor(self, place: float) -> str:
+        x = self._across(place)
+        return f'<path d="M{x:.1f} 6V{_SIZE[1] - _BELOW}" stroke="#e08a2b"/>'
 
     def line(self, values: Any, colour: str, *, dashed: bool = False) -> str:
         dash = ' stroke-dasharray="5 3"' if dashed else ""
@@ -157,14 +186,15 @@ class _Plot:
         outline = " ".join([*self._points(low), *reversed(self._points(high))])
         return f'<polygon points="{outline}" fill="#1b4f8a" fill-opacity="0.22"/>'
 
-    def axes(self, width: float) -> str:
-        """Return axes over a width [mm]."""
+    def axes(self, digits: int) -> str:
+        """Return axes. digits: of the places, after the point."""
         left, right, bottom = self._x[0], self._x[-1], _SIZE[1] - _BELOW
         text = 'font-size="11" fill="#3b4654"'
         lines = f'<path d="M{left} 6V{bottom}H{right}" stroke="#8a94a0" fill="none"/>'
         for v in (self._low, (self._low + self._high) / 2, self._high):
             at = f'x="{left - 4}" y="{self._y(v) + 4:.0f}" text-anchor="end"'
             lines += f"<text {at} {text}>{in_mm(v):.1f}</text>"
-        for x, u in ((left, 0.0), ((left + right) / 2, width / 2), (right - 6, width)):
-            lines += f'<text x="{x:.0f}" y="{bottom + 15}" text-anchor="middle" {text}>{u:.0f}</text>'
+        first, last = float(self._places[0]), float(self._places[-1])
+        for x, place in ((left, first), ((left + right) / 2, (first + last) / 2), (right - 6, last)):
+            lines += f'<text x="{x:.0f}" y="{bottom + 15}" text-anchor="middle" {text}>{place:.{digits}f}</text>'
         return lines
