@@ -60,9 +60,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--sdk", type=Path, action="append", default=[])
     parser.add_argument("--page", action="store_true")
     parser.add_argument("--no-calibration", action="store_true")
+    parser.add_argument("--seed", type=int, default=5, help="of the motion, the poses and the clocks")
     given = parser.parse_args(arguments)
     given.folder.mkdir(parents=True, exist_ok=True)
-    rig = make_rig(given.folder)
+    rig = make_rig(given.folder, seed=given.seed)
     outcomes = []
     for sdk in given.sdk:
         outcomes.append(_outcome(rig, given.folder, sdk))
