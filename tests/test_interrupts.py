@@ -20,7 +20,7 @@ SIMULATE = ("simulate", "in/d.toml", "--pressures", "300,300", "-o", "new/m.npz"
 
 # a command that holds unfinished output and does not answer: within C code that has Python's lock, or catching all
 DEAF = """
-import itertools, pathlib, time
+import itertools, pathlib, signal, time
 from fabdesign import __main__ as program, cli
 from fabdesign.output import new_file, whole_file, work_folder, write_text
 
@@ -43,6 +43,7 @@ def deaf(how):
         any(itertools.repeat(0, 10**14))
 
 program._command_line = cli.main
+signal.signal(signal.SIGQUIT, signal.SIG_DFL)  # which a shell ignores in what it runs in the background
 program.main()
 """
 
