@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.nouns.forward import Case
-from sim import state
+from sim import state as declared
 from sim.chunks import Chunk, chunks_of, laid
 from sim.kernels.fields import LANES, lock
 from sim.kernels.transfer import Values, load, put, take
@@ -34,8 +34,8 @@ def at_rest(simulator: Simulator, case: Case) -> State:
     with lock:
         chunk = _alone(case)
         batch, _ = simulator.started(chunk)
-        values = take(batch.blocks, _names())
-        return State(0, {name: value[0, ..., 0].copy() for name, value in values.items()})
+        [state] = _states(batch, 0, 1)
+        return state
 
 
 def go_on(
@@ -50,18 +50,12 @@ def go_on(
     lie after the state. A frame is the same, bit for bit, as in the motion from rest where that has a step's edge at
     the state's tick: one lies at every multiple of the simulator's `calm_steps`, jumps at such apart. jumps: after
     which the steps of all are short, by default each one's own."""
-    n, motions = simulator.points_per_side, dict[int, SimulatedMotion]()
+    motions = dict[int, SimulatedMotion]()
     steps = {i: simulator.steps(case, times[i], begin=states[i].tick, jumps=jumps) for i, case in enumerate(cases)}
     with lock:
-        for chunk in chunks_of(cases, n, {i: own.pattern for i, own in steps.items()}):
+        for chunk in chunks_of(cases, simulator.points_per_side, {i: own.pattern for i, own in steps.items()}):
             batch = _resumed(simulator, chunk, [states[i] for i in chunk.places])
-            schedule, begins = of_motions(
-                batch, chunk.packed, [steps[i] for i in chunk.places], tick=simulator.time_step, rho=simulator.rho
-            )
-            shapes, tensions = advance(batch, schedule, simulator.solve(batch), frames=int(begins[-1]))
-            for k, (i, case) in enumerate(zip(chunk.places, chunk.cases, strict=True)):
-                frames = slice(begins[k], begins[k + 1])
-                motions[i] = motion_of(case, times[i], shapes[frames].reshape(-1, n, n, 3), tensions[frames])
+            motions |= simulator.moved(batch, chunk, steps, times)
     return [motions[i] for i in range(len(cases))]
 
 
@@ -92,7 +86,8 @@ def with_states(
     n, shapes, tensions = simulator.points_per_side, [], []
     states: list[list[State]] = [[] for _ in cases]
     end = np.array([ticks[-1] * simulator.time_step])
-    jumps = together([Jumps(tuple(jumping), ()), *(simulator.jumps(case, end) for case in cases)])
+    acting = [simulator.acting(case, end) for case in cases]
+    jumps = together([Jumps(tuple(jumping), ()), *map(simulator.jumps, cases, acting)])
     lanes = [min(k, len(cases) - 1) for k in range(LANES)]
     with lock:
         batch = _resumed(simulator, Chunk([*range(len(cases))], [*cases], lanes), [begin] * len(cases))
@@ -101,14 +96,13 @@ def with_states(
             until = tick * simulator.time_step
             frames = times[(times > before * simulator.time_step + 1e-9) & (times <= until + 1e-9)]
             asked = np.append(frames, until)
-            steps = [simulator.steps(case, asked, begin=before, jumps=jumps) for case in cases]
+            steps = [simulator.steps_under(own, asked, jumps, begin=before) for own in acting]
             schedule, begins = of_motions(batch, lanes, steps, tick=simulator.time_step, rho=simulator.rho)
             each, state_of_muscles = advance(batch, schedule, simulator.solve(batch), frames=int(begins[-1]))
             shapes.append(each.reshape(len(cases), len(asked), n, n, 3)[:, :-1])
             tensions.append(state_of_muscles.reshape(len(cases), len(asked), -1, 2)[:, :-1])
-            values = take(batch.blocks, _names())
-            for k, own in enumerate(states):
-                own.append(State(tick, {name: value[0, ..., k].copy() for name, value in values.items()}))
+            for kept, state in zip(states, _states(batch, tick, len(cases)), strict=True):
+                kept.append(state)
             before = tick
     middles, muscles = np.concatenate(shapes, axis=1), np.concatenate(tensions, axis=1)
     return [
@@ -134,6 +128,12 @@ def _resumed(simulator: Simulator, chunk: Chunk, states: Sequence[State]) -> Bat
     return batch
 
 
+def _states(batch: Batch, tick: int, count: int) -> list[State]:
+    """Of the first `count` lanes of a batch of one block."""
+    values = take(batch.blocks, _names())
+    return [State(tick, {name: value[0, ..., k].copy() for name, value in values.items()}) for k in range(count)]
+
+
 def _names() -> list[str]:
-    carried = [plane.name for plane in state.PLANES if plane.life in (state.CARRIED, state.REMEMBERED)]
-    return ["x0", *carried, *(own.name for own in state.ARRAYS if own.life == state.CARRIED)]
+    carried = [plane.name for plane in declared.PLANES if plane.life in (declared.CARRIED, declared.REMEMBERED)]
+    return ["x0", *carried, *(own.name for own in declared.ARRAYS if own.life == declared.CARRIED)]

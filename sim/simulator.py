@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 import sim.effects  # noqa: F401 declares its planes before the first batch
 from fabdesign.effects.acting import acting_pressure, active
+from fabdesign.effects.pressures import ActingPressure
 from fabdesign.errors import InputError, require_number
 from fabdesign.nouns.column import Column, move
 from fabdesign.nouns.forward import HOLD, RISE, Case
@@ -120,20 +121,15 @@ class Simulator:
         self._require_room(cases, times)
         if (cluster := current()) is not None:
             return OnCluster(self, cluster).ask("run", cases, times)
-        n, motions = self.points_per_side, dict[int, SimulatedMotion]()
+        motions = dict[int, SimulatedMotion]()
         wanted = [np.asarray(t, dtype=float) for t in times]
         with lock:
             for engine, patient, asked in self._tries(motions, len(cases)):
                 steps = {i: engine.steps(cases[i], wanted[i]) for i in asked}
-                for chunk in chunks_of(cases, n, {i: own.pattern for i, own in steps.items()}):
-                    own = [steps[i] for i in chunk.places]
+                for chunk in chunks_of(cases, self.points_per_side, {i: own.pattern for i, own in steps.items()}):
                     batch, still = engine.started(chunk, patient=patient)
-                    solve = engine.solve(batch)
-                    schedule, begins = of_motions(batch, chunk.packed, own, tick=engine.time_step, rho=self.rho)
-                    shapes, states = advance(batch, schedule, solve, frames=int(begins[-1]))
-                    for k, (i, case) in enumerate(zip(chunk.places, chunk.cases, strict=True)):
-                        frames = slice(begins[k], begins[k + 1])
-                        motion = motion_of(case, wanted[i], shapes[frames].reshape(-1, n, n, 3), states[frames])
+                    moved = engine.moved(batch, chunk, steps, wanted)
+                    for k, (i, motion) in enumerate(moved.items()):
                         lost = still is not None and not still[chunk.packed.index(k)]
                         motions[i] = replace(motion, diverged=(0.0, (0, 0))) if lost else motion
         return [motions[i] for i in range(len(cases))]
@@ -154,6 +150,19 @@ class Simulator:
             put(batch.blocks, {"lane": constants_of(chunk.lanes, self.points_per_side)})
         return batch, rested(batch.positions(F.x0) - batch.positions(F.xp)) if start is Start.CHECKED else None
 
+    def moved(
+        self, batch: Batch, chunk: Chunk, steps: Mapping[int, Steps], times: Sequence[Array]
+    ) -> dict[int, SimulatedMotion]:
+        """The motions of a chunk that lies in the fields, by the places of its cases. steps, times: of all cases."""
+        n, own = self.points_per_side, [steps[i] for i in chunk.places]
+        schedule, begins = of_motions(batch, chunk.packed, own, tick=self.time_step, rho=self.rho)
+        shapes, states = advance(batch, schedule, self.solve(batch), frames=int(begins[-1]))
+        motions = {}
+        for k, (i, case) in enumerate(zip(chunk.places, chunk.cases, strict=True)):
+            frames = slice(begins[k], begins[k + 1])
+            motions[i] = motion_of(case, times[i], shapes[frames].reshape(-1, n, n, 3), states[frames])
+        return motions
+
     def _tries(
         self, results: Mapping[int, SimulatedMotion], count: int
     ) -> Iterator[tuple["Simulator", bool, list[int]]]:
@@ -165,13 +174,21 @@ class Simulator:
     def steps(self, case: Case, times: Array, *, begin: int = 0, jumps: Jumps | None = None) -> Steps:
         """Of a motion with frames at `times` [s], from tick `begin` on. jumps: after which steps are short, by default
         those of the case's own pressures."""
-        acting = acting_pressure(case, _ticks(times, self.time_step), self.time_step)
-        return steps_of(acting, times, jumps or self.jumps(case, times), calm=self._calm, begin=begin)
+        acting = self.acting(case, times)
+        return self.steps_under(acting, times, jumps or self.jumps(case, acting), begin=begin)
 
-    def jumps(self, case: Case, times: Array) -> Jumps:
-        """Of the pressures that act until the last of `times` [s]."""
-        acting = acting_pressure(case, _ticks(times, self.time_step), self.time_step)
+    def acting(self, case: Case, times: Array) -> ActingPressure:
+        """The pressures that act until the last of `times` [s]."""
+        return acting_pressure(case, _ticks(times, self.time_step), self.time_step)
+
+    def jumps(self, case: Case, acting: ActingPressure) -> Jumps:
+        """Of the pressures that act in a case."""
         return jumps_of(acting.program, self.time_step, released=is_free(case.design.fabric))
+
+    def steps_under(self, acting: ActingPressure, times: Array, jumps: Jumps, *, begin: int = 0) -> Steps:
+        """Of a motion under pressures that act at least until the last of `times` [s]."""
+        until = replace(acting, ticks=_ticks(times, self.time_step))
+        return steps_of(until, times, jumps, calm=self._calm, begin=begin)
 
     def _require_room(self, cases: Sequence[Case], times: Sequence[Array]) -> None:
         """Raise InputError where the motions, all together in memory, would take too much."""

@@ -8,16 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.clouds.mcap_file import messages_of
-from fabdesign.depth.intrinsics import Intrinsics, intrinsics_of
-from fabdesign.depth.png import depth_image
-from fabdesign.depth.ros_image import cdr_stamp, plain_image
+from fabdesign.depth.intrinsics import Intrinsics
+from fabdesign.depth.ros_image import camera_of_info, cdr_stamp, depth_of
 from fabdesign.depth.stream import DepthStream
 from fabdesign.errors import InputError
 
 IMAGES = tuple(f"sensor_msgs/{part}{name}" for name in ("Image", "CompressedImage") for part in ("msg/", ""))
 _INFO = ("sensor_msgs/msg/CameraInfo", "sensor_msgs/CameraInfo")
 _MM, _FINE = 1e-3, 1e-4  # m of a depth unit: of ROS, and of what stands in m
-_COMPRESSED_DEPTH = 12  # bytes before the PNG of a compressedDepth message
 
 
 def read_mcap_depth(path: Path, topic: str, *, unit: float | None = None) -> DepthStream:
@@ -56,13 +54,7 @@ def _camera(infos: dict[str, Any], topic: str, where: str) -> Intrinsics:
     if not infos:
         raise InputError(f"{where}: no CameraInfo; expected one beside the images")
     nearest = max(infos, key=lambda name: _shared(name, topic))
-    message = infos[nearest]()
-    k: Any = getattr(message, "k", ())
-    d: Any = getattr(message, "d", ())
-    if len(k) != 9:
-        raise InputError(f"{where}: CameraInfo of {nearest} has {len(k)} numbers k; expected 9")
-    model = str(getattr(message, "distortion_model", ""))
-    return intrinsics_of((message.width, message.height), (k[0], k[4], k[2], k[5]), model, tuple(d), where)
+    return camera_of_info(infos[nearest](), where, f"CameraInfo of {nearest}")
 
 
 def _shared(name: str, other: str) -> int:
@@ -72,11 +64,8 @@ def _shared(name: str, other: str) -> int:
 
 
 def _image(message: Any, where: str) -> NDArray[np.uint16]:
-    if hasattr(message, "format"):
-        skip = _COMPRESSED_DEPTH if "compresseddepth" in str(message.format).lower() else 0
-        return depth_image(bytes(message.data)[skip:], where)
     if getattr(message, "encoding", "") != "32FC1":
-        return plain_image(message, where)
+        return depth_of(message, where)
     rows, columns, step = int(message.height), int(message.width), int(message.step)
     data = np.frombuffer(bytes(message.data), np.uint8)
     if len(data) != rows * step or columns * 4 > step:

@@ -11,12 +11,12 @@ import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.depth.png import colour_image, depth_image
+from fabdesign.depth.png import colour_image
 from fabdesign.depth.realsense_info import (
     BagStream,
     camera_of,
@@ -25,13 +25,12 @@ from fabdesign.depth.realsense_info import (
     metadata_of,
     serial_of,
 )
-from fabdesign.depth.ros_image import bound_chunks, cdr_stamp, plain_image, ros1_image, ros1_stamp
+from fabdesign.depth.ros_image import bound_chunks, cdr_stamp, depth_of, ros1_image, ros1_stamp
 from fabdesign.depth.stream import MOST_FRAMES, DepthStream
 from fabdesign.errors import InputError
 
 LARGEST = 64_000_000_000  # bytes of a file, of which one chunk at a time is read
 _TOPIC = re.compile(r"/device_(\d+)/sensor_(\d+)/(Depth|Color)_(\d+)/(.*)")
-_COMPRESSED_DEPTH = 12  # bytes before the PNG of a compressedDepth message
 _GLOBAL = ("global time", "system time")
 
 
@@ -115,12 +114,13 @@ def _stream(reader: Any, path: Path, depth: BagStream, colour: BagStream | None,
     if images.msgcount > MOST_FRAMES:
         raise InputError(f"{where}: {images.msgcount} images; expected at most {MOST_FRAMES}")
     metadata = metadata_of(reader, depth)
-    times = [time for time, _ in _times_and_stamps(reader, images)]
-    stamps, clock = _stamps(reader, images, metadata, times)
+    headers = [*_headers(reader, images)]
+    times = [header.time for header in headers]
+    stamps, clock = _stamps(headers, metadata)
     units = [float(each["depth_units"]) for each in metadata.values() if "depth_units" in each]
     unit = units[0] if units else depth_unit(reader, depth)
     device = [float(metadata.get(t, {}).get("Frame Timestamp", "nan")) * 1e-6 for t in times]
-    numbers = _numbers(reader, images, metadata, times)
+    numbers = _numbers(headers, metadata)
     read = _reader(reader, images, times, where)
     shown = None
     if colour is not None:
@@ -141,37 +141,42 @@ def _stream(reader: Any, path: Path, depth: BagStream, colour: BagStream | None,
     )
 
 
-def _times_and_stamps(reader: Any, images: Any) -> Iterator[tuple[int, float]]:
-    """Yield the log time [ns] and the header's stamp [s] of every image."""
-    ros1 = not reader.is2
+class _Header(NamedTuple):
+    """Of an image: its log time [ns], and the stamp [s] and the counter that it begins with; ROS 2 has no counter."""
+
+    time: int
+    stamp: float
+    counter: int | None
+
+
+def _headers(reader: Any, images: Any) -> Iterator[_Header]:
+    """Yield those of every image, by one pass through the file."""
     for _, time, raw in reader.messages(connections=[images]):
         if len(raw) < 16:
             raise InputError(f"{reader.paths[0]}: an image of {len(raw)} bytes; expected a header")
-        yield time, ros1_stamp(raw) if ros1 else cdr_stamp(raw)
+        if reader.is2:
+            yield _Header(time, cdr_stamp(raw), None)
+        else:
+            yield _Header(time, ros1_stamp(raw), struct.unpack_from("<I", raw)[0])
 
 
-def _stamps(
-    reader: Any, images: Any, metadata: Mapping[int, Mapping[str, str]], times: Sequence[int]
-) -> tuple[NDArray[np.float64], str]:
+def _stamps(headers: Sequence[_Header], metadata: Mapping[int, Mapping[str, str]]) -> tuple[NDArray[np.float64], str]:
     """Return the frames' own stamps [s], and of which clock: of a `.db3` they stand in the metadata [ms]."""
     domains = {each["timestamp_domain"].strip().lower() for each in metadata.values() if "timestamp_domain" in each}
     clock = "global" if domains and domains <= set(_GLOBAL) else "device"
-    said = [metadata.get(time, {}).get("timestamp") for time in times]
+    said = [metadata.get(header.time, {}).get("timestamp") for header in headers]
     if all(each is not None for each in said):
         return np.array([1e-3 * float(str(each)) for each in said]), clock
-    return np.array([stamp for _, stamp in _times_and_stamps(reader, images)]), clock
+    return np.array([header.stamp for header in headers]), clock
 
 
-def _numbers(
-    reader: Any, images: Any, metadata: Mapping[int, Mapping[str, str]], times: Sequence[int]
-) -> NDArray[np.int64] | None:
-    said = [metadata.get(time, {}).get("Frame number") for time in times]
+def _numbers(headers: Sequence[_Header], metadata: Mapping[int, Mapping[str, str]]) -> NDArray[np.int64] | None:
+    """Return the frames' own numbers; None where nothing says them."""
+    said = [metadata.get(header.time, {}).get("Frame number") for header in headers]
     if all(each is not None for each in said):
         return np.array([int(str(each)) for each in said], dtype=np.int64)
-    if not reader.is2:  # the header's counter
-        counters = (struct.unpack_from("<I", raw)[0] for _, _, raw in reader.messages(connections=[images]))
-        return np.fromiter(counters, dtype=np.int64)
-    return None
+    counters = [header.counter for header in headers if header.counter is not None]
+    return np.array(counters, dtype=np.int64) if len(counters) == len(headers) else None
 
 
 def _raw(reader: Any, images: Any, time: int, repeat: int, where: str) -> bytes:
@@ -192,11 +197,7 @@ def _reader(reader: Any, images: Any, times: Sequence[int], where: str) -> Calla
             raw = _raw(reader, images, *places[index], what)
             if not reader.is2:
                 return ros1_image(raw, ("mono16", "16UC1"), 2, what).view("<u2")[..., 0]
-            message = reader.deserialize(raw, images.msgtype)
-            if hasattr(message, "format"):
-                skip = _COMPRESSED_DEPTH if "compresseddepth" in str(message.format).lower() else 0
-                return depth_image(bytes(message.data)[skip:], what)
-            return plain_image(message, what)
+            return depth_of(reader.deserialize(raw, images.msgtype), what)
         except InputError:
             raise
         except Exception as error:
@@ -207,7 +208,7 @@ def _reader(reader: Any, images: Any, times: Sequence[int], where: str) -> Calla
 
 def _colours(reader: Any, images: Any, times: Sequence[int], where: str) -> Callable[[int], NDArray[np.uint8]]:
     """Return what reads the colour image that was logged nearest to a depth image."""
-    logged = np.array([time for time, _ in _times_and_stamps(reader, images)], dtype=np.int64)
+    logged = np.array([header.time for header in _headers(reader, images)], dtype=np.int64)
 
     def read(index: int) -> NDArray[np.uint8]:
         what = f"{where} beside image {index}"

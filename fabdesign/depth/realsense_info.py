@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fabdesign.depth.intrinsics import Intrinsics, intrinsics_of
+from fabdesign.depth.ros_image import camera_of_info
 from fabdesign.errors import InputError
 
 
@@ -50,10 +51,7 @@ def camera_of(reader: Any, stream: BagStream, where: str) -> Intrinsics:
     for part in ("camera_info", "info/camera_info", "image/camera_info"):
         for _, message in messages(reader, stream.parts[part]) if part in stream.parts else ():
             if hasattr(message, "height"):
-                k: Any = getattr(message, "K", getattr(message, "k", None))
-                d: Any = getattr(message, "D", getattr(message, "d", None))
-                size = int(message.width), int(message.height)
-                return intrinsics_of(size, (k[0], k[4], k[2], k[5]), message.distortion_model, tuple(d), where)
+                return camera_of_info(message, where)
             pairs = pairs_of(message)
             try:
                 size = int(pairs["width"]), int(pairs["height"])

@@ -10,8 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.depth.intrinsics import Intrinsics, intrinsics_of
+from fabdesign.depth.png import depth_image
 from fabdesign.errors import InputError
 
+_COMPRESSED_DEPTH = 12  # bytes before the PNG of a compressedDepth message
 _CHUNK = 256_000_000  # bytes of a chunk, unpacked
 
 
@@ -74,6 +77,25 @@ def ros1_image(raw: bytes, encodings: tuple[str, ...], size: int, where: str) ->
     lines = np.frombuffer(data[:length], np.uint8).reshape(rows, step)[:, : columns * size]
     image = np.ascontiguousarray(lines).reshape(rows, columns, size)
     return image[..., ::-1] if encoding == "bgr8" else image
+
+
+def depth_of(message: Any, where: str) -> NDArray[np.uint16]:
+    """Return (rows, columns) of a sensor_msgs/msg/Image of 16 bits, or of a CompressedImage, bare or as
+    `compressedDepth`. Raises InputError."""
+    if not hasattr(message, "format"):
+        return plain_image(message, where)
+    skip = _COMPRESSED_DEPTH if "compresseddepth" in str(message.format).lower() else 0
+    return depth_image(bytes(message.data)[skip:], where)
+
+
+def camera_of_info(message: Any, where: str, name: str = "CameraInfo") -> Intrinsics:
+    """Return the intrinsics of a CameraInfo of ROS 1 or 2. Raises InputError."""
+    k: Any = getattr(message, "K", getattr(message, "k", ()))
+    d: Any = getattr(message, "D", getattr(message, "d", ()))
+    if len(k) != 9:
+        raise InputError(f"{where}: {name} has {len(k)} numbers k; expected 9")
+    model = str(getattr(message, "distortion_model", ""))
+    return intrinsics_of((int(message.width), int(message.height)), (k[0], k[4], k[2], k[5]), model, tuple(d), where)
 
 
 def plain_image(message: Any, where: str) -> NDArray[np.uint16]:

@@ -16,6 +16,7 @@ from fabdesign.formats.table import Table
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import PressureProgram, require_pressures
 from fabdesign.runtime.effort import LONGEST
+from fabdesign.units import in_kpa
 
 Array = NDArray[np.float64]
 _SHIFT = "of the log's clock: the cameras' common time of its first row; absent: found by the steps"
@@ -92,7 +93,7 @@ def _sound(time: Array, pressure: Array, path: Path) -> PressureProgram:
     lowest = float(pressure.min(initial=0.0))
     if highest <= 0 or lowest < -max(5 * _NOISE * highest, 1e3):
         raise InputError(
-            f"{path}: volts become {lowest / 1e3:.3g} to {highest / 1e3:.3g} kPa; expected gauge pressures from 0 "
+            f"{path}: volts become {in_kpa(lowest):.3g} to {in_kpa(highest):.3g} kPa; expected gauge pressures from 0 "
             "(per_volt, zero?)"
         )
     duration = 2 * time[-1] - time[-2] if len(time) > 1 else SINGLE_ROW_DURATION

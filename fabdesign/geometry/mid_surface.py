@@ -24,9 +24,29 @@ def mid_surface(points: Floats) -> Array:
 def cells_of(places: ArrayLike, rows: int, columns: int) -> tuple[Array, NDArray[np.intp]]:
     """Return where `places` (k, 2), shares of width and height, lie on a grid: (2, k) shares of a cell across and down,
     and (2, k) the column and row of its upper left corner."""
-    at = np.asarray(places, dtype=float) * [columns - 1, rows - 1]
+    return _apart(np.asarray(places, dtype=float) * [columns - 1, rows - 1], rows, columns)
+
+
+def _apart(at: Array, rows: int, columns: int) -> tuple[Array, NDArray[np.intp]]:
+    """Return places (k, 2) in cells as `cells_of` does."""
     low = np.clip(at.astype(int), 0, [columns - 2, rows - 2])
     return (at - low).T, low.T
+
+
+def bilinear(at: Array, rows: int, columns: int) -> tuple[NDArray[np.intp], Array]:
+    """Return the four points (k, 4) of a grid around each place `at` (k, 2), in cells across and down, numbered row by
+    row, and their weights (k, 4): those of `at_places`."""
+    (s, t), (i, j) = _apart(at, rows, columns)
+    first = j * columns + i
+    points = np.stack([first, first + 1, first + columns, first + columns + 1], axis=1)
+    return points, np.stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t], axis=1)
+
+
+def normals(middle: Floats) -> Array:
+    """Return the unit normals (..., rows, columns, 3) of a mid-surface, towards the front face."""
+    across, down = np.gradient(middle, axis=-2), np.gradient(middle, axis=-3)
+    normal = np.cross(down, across)  # v runs down: outwards is to the front
+    return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
 
 
 def at_places(grid: Floats, places: ArrayLike) -> Array:

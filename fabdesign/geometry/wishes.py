@@ -1,6 +1,6 @@
 """Wishes in place of a target's cloud: places of the cloth and where they are to come, in all coordinates or some."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import isqrt
@@ -13,7 +13,7 @@ from fabdesign.errors import InputError
 from fabdesign.formats.schema import ABOVE_0, FileUnit, Key, Metre, Within
 from fabdesign.formats.table import Table
 from fabdesign.geometry.hung_cloth import held_places, on_flat_cloth
-from fabdesign.geometry.mid_surface import at_places, cells_of, mid_surface
+from fabdesign.geometry.mid_surface import at_places, bilinear, mid_surface
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.units import in_mm
 
@@ -191,17 +191,12 @@ class Landmarks:
         pull = (self.weights / np.maximum(sizes, 1e-12))[:, None] * off
         slope = np.zeros(points.shape)
         half = len(points) // 2
-        for node, weight in self._corners(isqrt(half)):
+        side = isqrt(half)
+        nodes, weights = bilinear((side - 1) * self.shares, side, side)
+        for node, weight in zip(nodes.T, weights.T, strict=True):
             for face in (0, half):
                 np.add.at(slope, node + face, 0.5 * weight[:, None] * pull)
         return float(self.weights @ sizes), slope
-
-    def _corners(self, side: int) -> Iterator[tuple[NDArray[np.intp], Array]]:
-        """Yield the four nodes (k,) around every place, with their weights (k,): those of `at_places`."""
-        (s, t), (i, j) = cells_of(self.shares, side, side)
-        for down, across in ((0, 0), (0, 1), (1, 0), (1, 1)):
-            weight = (t if down else 1 - t) * (s if across else 1 - s)
-            yield (j + down) * side + i + across, weight
 
     @cached_property
     def key(self) -> str:

@@ -7,22 +7,26 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from fabdesign.files.design_file import read_design
-from fabdesign.files.model_file import read_model
-from fabdesign.files.pressure_file import read_pressures
 from fabdesign.formats.schema import ABOVE_0, GRIDS, FileUnit, Key, Metre, Second, Within
 from fabdesign.formats.table import Table
 from fabdesign.geometry.placement import Unit
-from fabdesign.geometry.regions import Region, Weighting
 from fabdesign.geometry.sheet import Face
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.model import POINTS_PER_SIDE, Model
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.runtime.effort import LONGEST
 from fabdesign.study_files.rig_limits_file import USUAL_LIMITS, RigLimits
-from fabdesign.study_files.study_file import MuscleChoice, Name, Order, Seed, StudyLimits, study_of
-from fabdesign.study_files.study_targets import TargetFile
-
-_REGIONS = Key("regions", form=tuple[Region, ...])
+from fabdesign.study_files.study_file import (
+    MuscleChoice,
+    Name,
+    Order,
+    Seed,
+    StudyLimits,
+    StudyModel,
+    read_program,
+    study_of,
+)
+from fabdesign.study_files.study_targets import RegionsOfCloth, TargetFile, weighting_on_cloth
 
 
 @dataclass(frozen=True)
@@ -34,15 +38,13 @@ class MovingTarget:
     until: Annotated[Second | None, ABOVE_0, "after rest; absent: to its end"] = None
     unit: Annotated[Unit, "of a folder's files"] = "m"
     face: Annotated[Face, "that its points lie on"] = "both"
-    weighting: Annotated[Weighting | None, _REGIONS, "places of the cloth that count more, or less"] = None
+    weighting: RegionsOfCloth = None
 
     def resolved(self, table: Table) -> "MovingTarget":
         """Raise InputError for what is not there."""
         if not self.file.exists():
             raise table.error(f"file {self.file} is not there")
-        regions: Any = self.weighting or ()
-        fabric = table.find("design").fabric
-        return replace(self, weighting=Weighting(regions, fabric.width, fabric.height) if regions else None)
+        return replace(self, weighting=weighting_on_cloth(self.weighting, table))
 
 
 @dataclass(frozen=True)
@@ -87,12 +89,6 @@ def _grid(table: Table) -> int:
     return model.points_per_side if model else POINTS_PER_SIDE
 
 
-def _program(value: str, table: Table) -> PressureProgram:
-    """Return what `simulate` takes too: a file, or a row."""
-    file = table.file.parent / value
-    return read_pressures(file if file.suffix in (".csv", ".npz") else value, table.find("design"))
-
-
 @dataclass(frozen=True, eq=False)
 class FollowStudy:
     """Pressures over time that bring a design nearest to a target that moves."""
@@ -100,12 +96,12 @@ class FollowStudy:
     name: Name
     design: Annotated[Design, Key(file=read_design), "whose pressures are sought"]
     target: Annotated[MovingTarget | tuple[Moment, ...], _TARGET]
-    model: Annotated[Model | None, Key(file=read_model), "of the specimen; absent: the data sheet"] = None
+    model: StudyModel = None
     seed: Seed = 1
     order: Order = 0
     rig: Annotated[RigLimits, Key("rig_limits"), "what the regulator can do"] = USUAL_LIMITS
     start: Annotated[
-        PressureProgram | None, Key(form=str, read=_program), "a program to begin with; absent: from shapes at rest"
+        PressureProgram | None, Key(form=str, read=read_program), "a program to begin with; absent: from shapes at rest"
     ] = None
     layout: Annotated[LayoutChoice | None, "absent: the design's own"] = None
     scatter: MotionScatter = MotionScatter()

@@ -18,7 +18,7 @@ from fabdesign.formats.table import STUDY, Table, load_toml
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import HOLD, RISE
 from fabdesign.nouns.model import Model
-from fabdesign.nouns.pressure import LARGEST, limits
+from fabdesign.nouns.pressure import LARGEST, PressureProgram, limits
 from fabdesign.runtime.effort import MUSCLES
 from fabdesign.study_files.search_terms import NO_PRICE, Price, Robust
 from fabdesign.study_files.shape_output import ShapeOutput, read_shape_outputs
@@ -124,6 +124,12 @@ def read_start_pressures(value: tuple[float, ...], table: Table) -> NDArray[np.f
         raise table.bad("start_pressures", f"{design.channels} pressures in kPa, from 0")
     _say_slight(max(value), design, f"{table.where}: start_pressures")
     return np.array(value)
+
+
+def read_program(value: str, table: Table) -> PressureProgram:
+    """Return what `simulate` takes too: a file, or a row."""
+    file = table.file.parent / value
+    return read_pressures(file if file.suffix in (".csv", ".npz") else value, table.find("design"))
 
 
 def _say_slight(highest: float, design: Design, where: str) -> None:

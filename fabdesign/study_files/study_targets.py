@@ -38,7 +38,14 @@ _REGIONS, _WISHES = (
         several=True,
     ),
 )
+RegionsOfCloth = Annotated[Weighting | None, _REGIONS, "places of the cloth that count more, or less"]
 _DEGREES = FileUnit("degrees")
+
+
+def weighting_on_cloth(regions: Weighting | None, table: Table) -> Weighting | None:
+    """Return the regions that a file lists, on the cloth of the study's design; None for none."""
+    listed, fabric = cast(tuple[Region, ...], regions or ()), table.find("design").fabric
+    return Weighting(listed, fabric.width, fabric.height) if listed else None
 
 
 @dataclass(frozen=True)
@@ -61,7 +68,7 @@ class TargetFile:
     face: Annotated[Face, "that the points lie on"] = "both"
     distances: Annotated[Literal["both ways", "one way"], "one way: to the cloth alone"] = "both ways"
     free: Annotated[bool, "it may stand anywhere, and is moved while searching"] = False
-    weighting: Annotated[Weighting | None, _REGIONS, "places of the cloth that count more, or less"] = None
+    weighting: RegionsOfCloth = None
     wishes: Annotated[tuple[Wish, ...], _WISHES, "in place of a file: where places of the cloth go"] = ()
 
     def resolved(self, table: Table) -> "TargetFile":
@@ -79,5 +86,4 @@ class TargetFile:
             raise table.bad("translation", 'none beside place = "fit", which finds it')
         if not self.file.is_file():
             raise table.error(f"file {self.file} is not there")
-        regions, fabric = cast(tuple[Region, ...], self.weighting or ()), table.find("design").fabric
-        return replace(self, weighting=Weighting(regions, fabric.width, fabric.height) if regions else None)
+        return replace(self, weighting=weighting_on_cloth(self.weighting, table))

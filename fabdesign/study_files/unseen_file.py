@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from fabdesign.files.design_file import read_design
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.model_file import read_model
-from fabdesign.files.pressure_file import read_pressures
 from fabdesign.formats.decoder import as_number
 from fabdesign.formats.schema import ABOVE_0, GRIDS, Key, Second, Within
 from fabdesign.formats.table import Table
@@ -22,17 +21,11 @@ from fabdesign.nouns.model_sampling import joint_root
 from fabdesign.nouns.pressure import PressureProgram, limits
 from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.study_files.rig_limits_file import USUAL_LIMITS, RigLimits
-from fabdesign.study_files.study_file import Hold, Name, Outputs, Rise, Seed, study_of
+from fabdesign.study_files.study_file import Hold, Name, Outputs, Rise, Seed, read_program, study_of
 from fabdesign.units import pascals
 
 GRID = 21  # points a side, where there is no model whose factors belong to a grid
 FREE = "measured.free:"  # as an error says it
-
-
-def _program(value: str, table: Table) -> PressureProgram:
-    """Return what `simulate` takes too: a file, or a row."""
-    file = table.file.parent / value
-    return read_pressures(file if file.suffix in (".csv", ".npz") else value, table.find("design"))
 
 
 _OWN_DESIGN = Key(file=read_design, absent=lambda table: table.find("design"))
@@ -44,7 +37,7 @@ class CandidateMeasurement:
 
     name: Annotated[str, Key(absent=lambda table: str(table["program"])), "absent: the program"]
     design: Annotated[Design, _OWN_DESIGN, "absent: the study's"]
-    program: Annotated[PressureProgram, Key(form=str, read=_program), "a file or a row, as simulate takes it"]
+    program: Annotated[PressureProgram, Key(form=str, read=read_program), "a file or a row, as simulate takes it"]
 
 
 def _poses(value: Any, table: Table) -> NDArray[np.float64]:

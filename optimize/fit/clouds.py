@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.files.trial_file import TrialData
+from fabdesign.geometry.mid_surface import bilinear
 from fabdesign.geometry.surface import Surface
 from fabdesign.nouns.forward import SIDE
 from fabdesign.nouns.trial import Trial
@@ -119,15 +120,11 @@ class Nodes:
 def nodes_of(match: Match, side: int, face: int = SIDE) -> Nodes:
     """side: nodes a side of the grid that the derivatives are made on; face: points a side of the faces matched."""
     place = match.vertex % (face * face)
-    across, down = (
+    at = [
         np.einsum("nc,nc->n", match.weights, k.astype(np.float64)) * (side - 1) / (face - 1)
         for k in (place % face, place // face)
-    )
-    column, row = (np.clip(at.astype(np.intp), 0, side - 2) for at in (across, down))
-    a, b = across - column, down - row
-    first = row * side + column
-    node = np.stack([first, first + 1, first + side, first + side + 1], axis=1)
-    weights = np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b], axis=1)
+    ]
+    node, weights = bilinear(np.stack(at, axis=1), side, side)
     return Nodes(node, -weights[:, :, None] * match.normal[:, None, :])
 
 

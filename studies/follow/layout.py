@@ -16,6 +16,7 @@ from optimize.search.evaluations import Evaluations
 from sim import Simulator
 from studies.follow.programs import Regulator
 from studies.follow.wanted import Wanted
+from studies.layout_search.stages import COARSE
 from studies.layouts.run import run_study
 
 FOLDER = "layout"  # of the search, what `optimize` writes
@@ -37,7 +38,7 @@ def chosen_layout(
         muscles=choice.muscles, limits=limits, order=study.order,
     )  # fmt: skip
     simulator = Simulator(study.points_per_side)
-    result = run_study(search, work.folder / FOLDER, forward=simulator, coarse=Simulator(21), progress=progress)
+    result = run_study(search, work.folder / FOLDER, forward=simulator, coarse=Simulator(COARSE), progress=progress)
     if result.interrupted:
         raise KeyboardInterrupt
     return result.design

@@ -12,6 +12,7 @@ from scipy.ndimage import gaussian_filter
 from fabdesign.errors import InputError
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.trial_file import TrialData, read_trial
+from fabdesign.geometry.mid_surface import normals
 from fabdesign.geometry.sheet import Face
 from fabdesign.geometry.surface import Surface
 from fabdesign.nouns.design import Design
@@ -80,11 +81,5 @@ def _beside(cloud: Array, faces: Array, face: Face) -> Array:
 
     # a cloth that lies farther off than its thickness is nearest to its other face: its own middle says which is which
     signs = {"front": 1.0, "back": -1.0}.get(face) or np.where(over > mean(over).ravel()[node], 1.0, -1.0)
-    moved = mean(over - signs * half)[..., None] * _normals(faces[:count].reshape(side, side, 3))
+    moved = mean(over - signs * half)[..., None] * normals(faces[:count].reshape(side, side, 3))
     return np.concatenate([moved.reshape(-1, 3)] * 2)
-
-
-def _normals(grid: Array) -> Array:
-    across, down = np.gradient(grid, axis=1), np.gradient(grid, axis=0)
-    normal = np.cross(down, across)
-    return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))

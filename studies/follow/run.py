@@ -12,6 +12,7 @@ from fabdesign.errors import InputError, SimulationError
 from fabdesign.files.design_file import write_design
 from fabdesign.files.pressure_file import read_csv, write_pressures
 from fabdesign.geometry.metrics import Errors
+from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import require_pressures
@@ -197,19 +198,22 @@ class _Solver:
         """(K, 2 n, 3) m that a corrector adds to the motion of a program; None without one."""
         if self._model.corrector is None:
             return None
-        case, times = replace(self._case, program=self._regulator.program(program)), self._wanted.times
+        case, times = self._driven(program), self._wanted.times
         corrected, simulated = (
             forward_model(Simulator(grid), model).motions([case], [times])[0]
             for model in (self._model, self._model.without(["corrector"]))
         )
         return corrected.astype(float) - simulated
 
+    def _driven(self, program: Array) -> Case:
+        return replace(self._case, program=self._regulator.program(program))
+
     def _predictor(self, grid: int) -> Predictor:
         return forward_model(Simulator(grid), self._model)
 
     def _motion(self, program: Array) -> Array:
-        case = replace(self._case, program=self._regulator.program(program))
-        [motion] = self._predictor(self._study.points_per_side).motions([case], [self._wanted.times])
+        predictor = self._predictor(self._study.points_per_side)
+        [motion] = predictor.motions([self._driven(program)], [self._wanted.times])
         if not np.isfinite(motion).all():
             raise SimulationError(f"design {self._study.design.name}: the motion diverges under the program found")
         return motion.astype(float)
@@ -219,10 +223,14 @@ class _Solver:
 
     def _result(self, program: Array, begun: float, complete: bool, beside: Array | None = None) -> FollowResult:
         motion = self._motion(program)
-        case = replace(self._case, program=self._regulator.program(program))
         self._progress("copies with other pressures and models", 1.0)
         copies = copies_of(
-            Simulator(COARSE), self._study.model, case, self._wanted, self._study.scatter, self._study.seed
+            Simulator(COARSE),
+            self._study.model,
+            self._driven(program),
+            self._wanted,
+            self._study.scatter,
+            self._study.seed,
         )
         shown = motion if beside is None else motion + beside
         seconds = working_time.seconds() - self._begun
@@ -240,9 +248,8 @@ def _last_run(work: WorkFolder, path: Path, study: FollowStudy) -> tuple[Measure
     number = 1
     while (work.folder / f"pressures_{number}.csv").is_file():
         number += 1
-    cycle = study.rig.cycle
-    at = np.asarray(cycle * np.arange(round(program.duration / cycle)), np.float64)
-    return read_run(path, study.design), number, program.at(at)
+    regulator = regulator_of(study)
+    return read_run(path, study.design), number, regulator.rows(program, regulator.cycles(program.duration))
 
 
 def _content(study: FollowStudy) -> dict[str, str]:

@@ -60,4 +60,4 @@ def copies_of(
 
 
 def _scaled(program: PressureProgram, gains: Array, most: Array) -> PressureProgram:
-    return PressureProgram(program.time, np.clip(program.pressure * gains, 0.0, most), program.duration)
+    return replace(program, pressure=np.clip(program.pressure * gains, 0.0, most))

@@ -37,13 +37,6 @@ def wanted_of(study: FollowStudy) -> Wanted:
     return wanted
 
 
-def described(study: FollowStudy) -> str:
-    """Return where the target comes from, for people."""
-    if isinstance(study.target, tuple):
-        return f"{len(study.target)} shapes at their times"
-    return study.target.file.name
-
-
 def _of_moments(moments: tuple[Moment, ...], study: FollowStudy) -> Wanted:
     targets = [load_target(moment.target, study.design, seed=study.seed) for moment in moments]
     for moment in moments:

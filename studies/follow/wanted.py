@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.metrics import landmark_errors, surface_rms
-from fabdesign.geometry.mid_surface import at_places, cells_of, mid_surface
+from fabdesign.geometry.mid_surface import at_places, bilinear, mid_surface
 from fabdesign.geometry.surface import Surface
 from optimize.fit.clouds import Match, Nodes, nodes_of
 from studies.layout_search.target import LoadedTarget
@@ -116,13 +116,10 @@ def _of_cloud(target: LoadedTarget, points: Array, shape: Floats, side: int) -> 
 def _of_wishes(target: LoadedTarget, shape: Floats, side: int) -> Distances:
     landmarks = target.landmarks
     assert landmarks is not None
-    (s, t), (i, j) = cells_of(landmarks.shares, side, side)
-    first = j * side + i
-    node = np.stack([first, first + 1, first + side, first + side + 1], axis=1)
-    bilinear = np.stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t], axis=1)
+    node, shares = bilinear((side - 1) * landmarks.shares, side, side)
     place, axis = np.nonzero(landmarks.given)
     off = (at_places(mid_surface(shape), landmarks.shares) - landmarks.goals)[place, axis]
-    weighted = bilinear[place][:, :, None] * np.eye(3)[axis][:, None]
+    weighted = shares[place][:, :, None] * np.eye(3)[axis][:, None]
     weight = EACH * target.weight * landmarks.weights[place] / WISHED**2
     return Distances(off, Nodes(node[place], weighted), weight, WISHED)
 

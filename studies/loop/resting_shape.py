@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from fabdesign.geometry.mid_surface import mid_surface
+from fabdesign.geometry.mid_surface import mid_surface, normals
 from fabdesign.geometry.surface import Surface, front_triangles
 from fabdesign.nouns.fabric import Fabric
 
@@ -162,7 +162,4 @@ def _solve(blocks: list[tuple[sp.csr_matrix, Array]], size: int) -> Array:
 
 def _faces(middle: Array, side: int, half: float) -> Array:
     grid = middle.reshape(side, side, 3)
-    across, down = np.gradient(grid, axis=1), np.gradient(grid, axis=0)
-    normal = np.cross(down, across)  # v runs down: outwards is to the front
-    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
-    return np.concatenate([(grid + s * half * normal).reshape(-1, 3) for s in (1, -1)])
+    return np.concatenate([(grid + s * half * normals(grid)).reshape(-1, 3) for s in (1, -1)])
