@@ -4,12 +4,9 @@ import numpy as np
 import pytest
 
 from fabdesign.effects import ActingPressure
-from sim.chunks import Chunk, laid
-from sim.design.loading import constants_of
-from sim.equilibrium import Start, start_of, to_start
+from sim.chunks import Chunk
 from sim.kernels import fields
 from sim.kernels.fields import LANES, F
-from sim.kernels.transfer import load, put
 from sim.simulator import Simulator
 from sim.step import advance
 from sim.time.schedule import of_motions
@@ -64,15 +61,7 @@ def off_in_the_last_digit(simulator: Simulator, cases, times, first):
 
 def _at_rest(simulator, cases, packed, *, patient):
     """The batch of the cases in the fields, at equilibrium without pressure."""
-    chunk = Chunk([*range(len(cases))], cases, packed)
-    start = start_of(cases[0], patient=patient)
-    own = chunk.damped() if start is Start.DAMPED else chunk
-    batch, contents = laid(own, simulator.points_per_side, simulator.self_contact)
-    load(contents)
-    for stage in to_start(batch, start, simulator.solve(batch), chunk.channels):
-        advance(batch, *stage)
-    if start is Start.DAMPED:
-        put(batch.blocks, {"lane": constants_of(chunk.lanes, simulator.points_per_side)})
+    batch, _ = simulator.started(Chunk([*range(len(cases))], cases, packed), patient=patient)
     return batch
 
 
