@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any, get_type_hints
 
-from fabdesign.runtime.exact_values import as_json, of_json
+from fabdesign.formats.json_file import of_exact, plain
 from fabdesign.runtime.fingerprint import content_of
 from fabdesign.study_files.study_file import Study
 from fabdesign.units import in_kpa
@@ -65,7 +65,7 @@ def keep(history: History, result: StudyResult, *, follow: bool) -> None:
         "follow": follow,
         "layout": {"muscles": result.design.muscles, "pressures": result.pressures.tolist()},
     }
-    history.keep_answer(as_json(kept | {name: getattr(result, name) for name in _KEPT}))
+    history.keep_answer(plain(kept | {name: getattr(result, name) for name in _KEPT}, exact=True))
 
 
 def answer(history: History, study: Study, targets: Sequence[LoadedTarget], *, follow: bool) -> StudyResult | None:
@@ -77,7 +77,7 @@ def answer(history: History, study: Study, targets: Sequence[LoadedTarget], *, f
         if kept["versions"] != VERSIONS or kept["follow"] != follow or not (kept["complete"] or as_far):
             return None
         [(space, _)] = of_rows([kept["layout"]], study.design, limits_of(study))
-        values = {name: of_json(kinds[name], kept[name]) for name in _KEPT}
+        values = {name: of_exact(kinds[name], kept[name]) for name in _KEPT}
     except (KeyError, TypeError, ValueError, AttributeError):  # none, or of another version
         return None
     return StudyResult(
