@@ -349,7 +349,7 @@ def test_optimize_ends_with_a_design_and_its_table(asked: Callable[[], list[str]
     vertical, told = fabdesign.build("vertical", muscles=1), [0.0]
     goal = AnalyticCloth().equilibria([Case(vertical, constant_program([2e5]))])[0]
     found = fabdesign.optimize(vertical, goal[::4], evaluations=40, progress=lambda line, share: told.append(share))
-    assert found.pressures == pytest.approx(np.array([[200.0]]), abs=5)
+    assert found.pressures_kpa == pytest.approx(np.array([[200.0]]), abs=5)
     assert len(found.to_table()) == found.to_json()["evaluations"] and told[-1] > 0
     assert found.shapes[0].points.shape[0] == 1 and found.objective < 5e-3
 
@@ -420,7 +420,7 @@ def test_layouts_side_by_side_end_as_a_table(asked: Callable[[], list[str]]) -> 
     found = fabdesign.layouts(vertical, goal[::4], muscles=[1], sides=["front"], evaluations=30, outputs=[OUTPUT])
     table = found.to_table()
     assert table["name"].tolist() == ["1_EM20_front"] and table["front"].tolist() == [True]
-    shape = found.front[0].shapes[0]
+    shape = found.front[0].result.shapes[0]
     assert table[OUTPUT][0] == pytest.approx(1e3 * shape.faces[0, :, -1, -1, 1].mean(), abs=1e-3)
 
 

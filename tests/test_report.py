@@ -13,9 +13,8 @@ from matplotlib.figure import Figure
 from fabdesign.formats.json_file import json_text, write_json
 from fabdesign.formats.schema import Key, Millimetre
 from studies.report import page
-from studies.report.charts import Gain, chart, curve, gains
+from studies.report.charts import Gain, chart, cloud, curve, gains, scene
 from studies.report.page import gain_in_words, html_of, kpa, mm, png_address, sentence, svg_of
-from studies.report.scene import cloud, scene
 from tests.conftest import ROOT
 
 

@@ -1,16 +1,28 @@
-"""Parts that the commands share: the group, how they print, and how notes are shown."""
+"""Parts that the commands share: the group, how they print, how notes are shown, and progress on standard error: on a
+terminal a bar with the time left, elsewhere lines. While kernels compile, the bar says so, and that time is not
+extrapolated."""
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from math import inf
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from fabdesign.errors import InputNote, printable
 from fabdesign.formats.json_file import json_text
-from fabdesign.runtime.cache_folder import ensure_cache_folder
+from fabdesign.runtime import working_time
+from fabdesign.runtime.effort import duration
+from fabdesign.runtime.shortage import ensure_cache_folder
 from fabdesign.version import __version__
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+MOST = 10  # notes of a command: a set may have one a trial
+_SETTLED = 5.0  # s, before which a share does not tell the time left
+_PERIOD = 600.0  # s of steps that the time left is taken from: a step of a fit may last a minute
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -34,9 +46,6 @@ def tell(line: str) -> None:
     click.echo(printable(line), err=True)
 
 
-MOST = 10  # lines of a command: a set may have one a trial
-
-
 @contextmanager
 def notes_told() -> Iterator[None]:
     """Show each `InputNote` once, as "note: ...", and MOST of them; other warnings as Python does."""
@@ -57,3 +66,75 @@ def notes_told() -> Iterator[None]:
         warnings.simplefilter("always", InputNote)
         warnings.showwarning = show
         yield
+
+
+@contextmanager
+def described(title: str, *, interval: float = 0.0) -> Iterator[Callable[[str, float | None], None]]:
+    """Return a context for work that says what it does, and about what share of it is done; without a share a line is
+    an answer or an estimate, which stays. Elsewhere than on a terminal steps follow at least `interval` s apart, and
+    end with the time that is left."""
+    if not _on_terminal():
+        yield _Lines(interval).show
+        return
+    with bar() as shown:
+        task = shown.add_task(title, total=1.0)
+
+        def show(line: str, share: float | None) -> None:
+            if share is None:
+                shown.console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
+            else:
+                shown.update(task, description=printable(line), completed=share)
+
+        yield show
+
+
+class _Lines:
+    """Steps as plain lines."""
+
+    def __init__(self, interval: float) -> None:
+        self._interval, self._begin, self._shown = interval, working_time.seconds(), -inf
+
+    def show(self, line: str, share: float | None) -> None:
+        now = working_time.seconds()
+        if share is not None and now - self._shown < self._interval:
+            return
+        self._shown = now
+        elapsed = now - self._begin
+        known = share is not None and 0 < share < 1 and elapsed > _SETTLED
+        rest = f"; about {duration(elapsed * (1 / share - 1))} left" if known and share else ""
+        tell(line + rest)
+
+
+def bar() -> "Progress":
+    """Return a bar on standard error, gone when it is closed: what is done is told by the command's result."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, Task, TextColumn, TimeRemainingColumn
+    from rich.text import Text
+
+    class Left(TimeRemainingColumn):
+        """The time left by the clock that stands still while kernels compile, or that they do."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.max_refresh = -1.0  # s: never kept, for that clock stands still
+
+        def render(self, task: Task) -> Text:
+            if working_time.compiling():
+                return Text("compiling the simulator")
+            return Text.assemble(super().render(task), " left")
+
+    return Progress(
+        TextColumn("{task.description}", markup=False),  # names may look like it
+        BarColumn(),
+        Left(),
+        console=Console(stderr=True),
+        transient=True,
+        speed_estimate_period=_PERIOD,
+        get_time=working_time.seconds,
+    )
+
+
+def _on_terminal() -> bool:
+    from rich.console import Console
+
+    return Console(stderr=True).is_terminal

@@ -13,16 +13,14 @@ from numpy.typing import NDArray
 
 from fabdesign.clouds.mcap_file import read_mcap
 from fabdesign.clouds.measured_points import names_instants, require_cloud, require_one_instant, sound_cloud
-from fabdesign.clouds.mesh_file import KINDS as MESHES
 from fabdesign.clouds.mesh_file import read_mesh
-from fabdesign.clouds.obj import read_obj
 from fabdesign.clouds.pcd import read_pcd
 from fabdesign.clouds.ply import read_ply
 from fabdesign.clouds.xyz import read_pts, read_xyz
 from fabdesign.errors import InputError
 from fabdesign.files.trial_file import read_trial
-from fabdesign.formats.bounded_file import read_bytes, require_few
 from fabdesign.formats.npz_file import open_npz, read_npy
+from fabdesign.formats.toml_file import read_bytes, require_few
 from fabdesign.geometry.placement import Unit
 from fabdesign.geometry.surface import Surface
 
@@ -94,15 +92,17 @@ def _npz(path: Path, frame: int) -> Geometry:
                     f"{path}: has {beside} beside points, and no offsets as a trial has; expected points alone"
                 )
             require_few(math.prod(arrays.shape("points")) // 3, path, "points")
-            points = arrays.get("points")
+            points = arrays.sound("points", "numbers (n, 3)", lambda a: a.ndim <= 2)
             require_one_instant({name: arrays.get(name) for name in filter(names_instants, arrays.names)}, str(path))
     if trial:
         data = read_trial(path, size=np.inf)
         index = _frame(frame, len(data.frames), path)
         return Geometry(data.frames[index], trial=True, time=float(data.time[index]), frame=index)
-    if points.dtype.kind not in "fiu" or points.ndim > 2:
-        raise InputError(f"{path}: points is {points.shape} {points.dtype}; expected numbers (n, 3)")
     return Geometry(points)
+
+
+def _mesh(path: Path, _: int) -> Geometry:
+    return Geometry(*read_mesh(path))
 
 
 def _text(path: Path, _: int) -> Geometry:
@@ -156,13 +156,13 @@ _READERS: Mapping[str, Callable[[Path, int], Geometry]] = {
     ".ply": lambda path, _: Geometry(*read_ply(path)),
     ".pcd": lambda path, _: Geometry(read_pcd(path)),
     ".pts": lambda path, _: Geometry(read_pts(path)),
-    ".obj": lambda path, _: Geometry(*read_obj(path)),
+    ".obj": _mesh,
     ".npy": lambda path, _: Geometry(read_npy(path)),
     ".npz": _npz,
     ".c3d": _c3d,
     ".mcap": _mcap,
     **dict.fromkeys((".xyz", ".csv", ".txt", ".tsv", ".asc"), _text),
-    **dict.fromkeys(MESHES, lambda path, _: Geometry(*read_mesh(path))),
+    **dict.fromkeys((".stl", ".off", ".glb", ".gltf"), _mesh),
 }
 KINDS = tuple(_READERS)
 

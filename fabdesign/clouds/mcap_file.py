@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
-from fabdesign.formats.bounded_file import read_bytes
+from fabdesign.formats.toml_file import read_bytes
 
 Array = NDArray[np.float64]
 LARGEST = 600_000_000  # bytes of the file, and of its points: some hundred clouds of four sensors

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from fabdesign.clouds.measured_points import names_instants, require_one_instant
 from fabdesign.errors import InputError, note
-from fabdesign.formats.bounded_file import LARGEST, decode_any, read_bytes, require_few
 from fabdesign.formats.csv_table import is_number, require_decimals, separator, without_separator_line
-from fabdesign.formats.headings import parse_heading, parse_units_row
+from fabdesign.formats.lab_table import parse_heading, parse_units_row
+from fabdesign.formats.toml_file import LARGEST, decode_any, read_bytes, require_few
 from fabdesign.geometry.placement import Unit
 
 _AXES = ["x", "y", "z"]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
 from fabdesign.effects.specimen import Specimen
-from fabdesign.files.curve_file import MembraneCurve
+from fabdesign.files.law_tables import MembraneCurve
 
 
 # Orthotropy: the cloth is stiffer one way than its data sheet says.

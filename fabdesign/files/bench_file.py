@@ -11,9 +11,14 @@ import numpy as np
 
 from fabdesign.errors import InputError
 from fabdesign.formats.decoder import as_number, decode
-from fabdesign.formats.headings import DIMENSIONS, Heading, without_unit
-from fabdesign.formats.lab_table import LabTable, TableColumn
-from fabdesign.formats.measured_units import require_measured_pressures
+from fabdesign.formats.lab_table import (
+    DIMENSIONS,
+    Heading,
+    LabTable,
+    TableColumn,
+    require_measured_pressures,
+    without_unit,
+)
 from fabdesign.formats.schema import Key
 from fabdesign.formats.table import Table, load_toml
 from fabdesign.nouns.bench import Array, Bench, BenchRecord, Specimen

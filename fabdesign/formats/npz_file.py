@@ -6,7 +6,7 @@ What an array takes in memory is counted by its header, before it is made.
 import io
 import math
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from fabdesign.errors import InputError
-from fabdesign.formats.bounded_file import read_bytes, require_few
+from fabdesign.formats.toml_file import read_bytes, require_few
 
 _NPY = b"\x93NUMPY"
 LARGEST = 600_000_000  # bytes of all arrays as they lie in the file, unpacked
@@ -54,6 +54,16 @@ class NpzArrays:
             return np.asarray(self._archive[name])
         except Exception:  # numpy and zipfile raise whatever they meet
             raise _damaged(self._path, self._expected) from None
+
+    def sound(
+        self, name: str, expected: str, fits: Callable[[NDArray[Any]], object], kinds: str = "fiu", **how: Any
+    ) -> NDArray[Any]:
+        """Return an array of numbers, of those `kinds` of numpy's, that fits. Raises InputError, which says shape and
+        type, for another one, and like `get`, which takes `how`."""
+        array = self.get(name, **how)
+        if array.dtype.kind not in kinds or not fits(array):
+            raise InputError(f"{self._path}: {name} is {array.shape} {array.dtype}; expected {expected}")
+        return array
 
     def _declared(self, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
         if name not in self:

@@ -8,13 +8,13 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from fabdesign.errors import InputError, note
+from fabdesign.errors import InputError
 from fabdesign.interface.run import Run, paths_of, simulator
 from fabdesign.interface.verb import Computing, Shown, verb
 
 if TYPE_CHECKING:
-    from fabdesign.files.motion_file import MotionData
-    from fabdesign.interface.results import Motion, Sweep
+    from fabdesign.files.motion_file import Motion
+    from fabdesign.interface.results import Sweep
     from fabdesign.interface.verb import DesignLike, File, ModelLike, Npz, Pressures
     from fabdesign.nouns.design import Design
     from fabdesign.nouns.pressure import PressureProgram
@@ -80,7 +80,7 @@ def simulate(
     ((7,), (7, 2, 41, 41, 3))
     """
     from fabdesign.files.motion_file import mesh_paths
-    from fabdesign.files.pressure_file import told_slight
+    from fabdesign.files.pressure_file import note_slight
     from fabdesign.interface.arguments import pairs
     from fabdesign.nouns.forward import HOLD, RISE, Case
     from fabdesign.nouns.pressure import rising_program
@@ -109,26 +109,22 @@ def simulate(
         forward = simulator(side, self_contact=self_contact, rise=rise, hold=hold)
 
         def moved(part: slice) -> list[Motion]:
-            from fabdesign.interface.results import Motion
-
             cases = [Case(*pair, order=order) for pair in asked[part]]
             if equilibrium:
-                motions = require_shapes(forward, cases, model=fitted)
-            else:
-                motions = require_motions(forward, cases, times[part], model=fitted)
-            return [Motion(**vars(motion)) for motion in motions]
+                return require_shapes(forward, cases, model=fitted)
+            return require_motions(forward, cases, times[part], model=fitted)
 
         motions = _until_stopped(run, asked, moved)
         write(motions[0])
-    if lone and isinstance(pressures, Path | str) and (slight := told_slight(asked[0][1], asked[0][0], pressures)):
-        note(slight)
+    if lone and isinstance(pressures, Path | str):
+        note_slight(float(asked[0][1].pressure.max(initial=0.0)), asked[0][0], str(pressures))
     return motions[0] if lone else motions
 
 
 @contextmanager
 def _written(
     run: Run, out: Npz | None, meshes: Sequence[Path], inputs: Sequence[Path]
-) -> Iterator[Callable[[MotionData], None]]:
+) -> Iterator[Callable[[Motion], None]]:
     """Return a context with what writes a motion, and a mesh a frame, where that is asked for."""
     from fabdesign.files.motion_file import square_triangles, write_mesh, write_motion
     from fabdesign.output import new_files
@@ -140,7 +136,7 @@ def _written(
             first = new_files(meshes[0], companions=names[1:], force=run.force, inputs=inputs)
             folder = stack.enter_context(first).parent
 
-        def write(motion: MotionData) -> None:
+        def write(motion: Motion) -> None:
             if file is not None:
                 write_motion(file, motion.time, motion.points, size=motion.size, muscles=motion.muscles)
             for name, frame in zip(names, motion.points, strict=bool(names)):
@@ -229,21 +225,15 @@ def sweep(
                     if len(time)
                     else laced_rests(forward, fitted, cases)
                 )
-                rows += [[_value(function, motion) for function in functions.values()] for motion in shapes]
+                for motion in shapes:
+                    sound = np.isfinite(motion.points).all()
+                    rows.append([float(function(motion)) if sound else np.nan for function in functions.values()])
         except KeyboardInterrupt:
             run.progress(f"interrupted, with {len(rows)} of {len(asked)} rows", len(rows) / len(asked))
     values = dict(zip(functions, np.array(rows).reshape(-1, len(functions)).T, strict=True))
     done = asked[: len(rows)]
     last = [in_kpa(program.pressure[-1]) for _, program in done]
     return Sweep(tuple(design for design, _ in done), tuple(last), values, len(rows) == len(asked))
-
-
-def _value(function: Callable[[Motion], float], motion: MotionData) -> float:
-    import numpy as np
-
-    from fabdesign.interface.results import Motion
-
-    return float(function(Motion(**vars(motion)))) if np.isfinite(motion.points).all() else float("nan")
 
 
 def _until_stopped(

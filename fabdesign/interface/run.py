@@ -119,9 +119,9 @@ class Run:
         if address is None and current() is None:
             address = os.environ.get(VARIABLE)
             if address is None and isinstance(study, Path):
-                from fabdesign.study_files.study_file import read_cluster
+                from fabdesign.study_files.study_file import read_head
 
-                address = read_cluster(study)
+                address = read_head(study).cluster
         with on_cluster(address, say=self.say):
             yield
 

@@ -15,8 +15,7 @@ from fabdesign.formats.schema import ABOVE_0, FROM_0, FileUnit, Key, Second, Wit
 from fabdesign.formats.table import Table, nearest
 from fabdesign.geometry.trial_place import require_on_cloth
 from fabdesign.nouns.design import Design
-from fabdesign.nouns.pressure import PressureProgram, require_pressures
-from fabdesign.study_files.rig_limits_file import USUAL_LIMITS, RigLimits
+from fabdesign.nouns.pressure import USUAL_LIMITS, PressureProgram, RigLimits, require_pressures
 
 Role = Literal["fit", "test"]
 

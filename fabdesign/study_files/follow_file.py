@@ -13,9 +13,8 @@ from fabdesign.geometry.placement import Unit
 from fabdesign.geometry.sheet import Face
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.model import POINTS_PER_SIDE, Model
-from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.nouns.pressure import USUAL_LIMITS, PressureProgram, RigLimits
 from fabdesign.runtime.effort import LONGEST
-from fabdesign.study_files.rig_limits_file import USUAL_LIMITS, RigLimits
 from fabdesign.study_files.study_file import (
     MuscleChoice,
     Name,

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
-from fabdesign.files.bench_law_file import FORMAT as BENCH_LAW
-from fabdesign.files.bench_law_file import read_bench_law
 from fabdesign.files.design_file import DesignPart, read_part
+from fabdesign.files.law_tables import FORMAT as BENCH_LAW
+from fabdesign.files.law_tables import read_bench_law
 from fabdesign.formats.toml_file import parse_toml
 from fabdesign.nouns.bench import Bench, BenchRecord
 from fabdesign.nouns.muscle_law import law_of

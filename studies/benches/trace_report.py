@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from markupsafe import Markup
 
-from fabdesign.formats.headings import DIMENSIONS
+from fabdesign.formats.lab_table import DIMENSIONS
 from fabdesign.nouns.bench import Bench
 from fabdesign.units import in_kpa, in_mm
 from studies.benches.trace_outcome import BenchOutcome

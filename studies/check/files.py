@@ -16,19 +16,22 @@ from fabdesign.clouds.target_file import AS_GIVEN, AsTarget, keys_as_options, re
 from fabdesign.clouds.xyz import is_text_cloud
 from fabdesign.errors import InputError, InputNote
 from fabdesign.files.bench_file import read_record
-from fabdesign.files.bench_law_file import TABLES as TABLES_OF_LAWS
-from fabdesign.files.bench_law_file import read_bench_law, read_law_table
-from fabdesign.files.bench_table_file import COLUMNS as BENCH_TABLE
-from fabdesign.files.bench_table_file import read_bench_table
-from fabdesign.files.curve_file import read_membrane_curve
 from fabdesign.files.design_file import is_part, read_design, read_part
+from fabdesign.files.law_tables import (
+    BENCH_COLUMNS,
+    read_bench_law,
+    read_bench_table,
+    read_law_table,
+    read_membrane_curve,
+)
+from fabdesign.files.law_tables import TABLES as TABLES_OF_LAWS
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.model_file import read_model
 from fabdesign.files.motion_file import read_motion
 from fabdesign.files.pressure_file import TABLES, read_csv, read_pressures
 from fabdesign.files.trial_file import read_trial
 from fabdesign.formats.csv_table import read_raw_table
-from fabdesign.formats.headings import parse_heading, parse_units_row, unit_of
+from fabdesign.formats.lab_table import parse_heading, parse_units_row, unit_of
 from fabdesign.formats.npz_file import open_npz
 from fabdesign.formats.table import nearest
 from fabdesign.formats.toml_file import parse_toml
@@ -36,9 +39,8 @@ from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.model_sampling import joint_root
 from fabdesign.nouns.pressure import PressureProgram
 from studies.check.design import bench_table_lines, design_findings, part_findings
-from studies.check.findings import Findings, failures
-from studies.check.ranges import FACTOR, PRESSURE, beyond
-from studies.check.study import study_findings
+from studies.check.findings import FACTOR, PRESSURE, Findings, beyond, failures
+from studies.check.study import bench_findings, study_findings
 
 _STUDY = "fabdesign.study/1"  # whose file may leave the line out
 _DESIGN = "fabdesign.design/1"  # as may a file that designs include
@@ -178,17 +180,6 @@ def _key(path: Path) -> Findings:
     return Findings(warnings=tuple(f"{path}: parameters: {line}" for line in lines))
 
 
-def _bench(path: Path) -> Findings:
-    from studies.check.study import bench_findings
-
-    return bench_findings(path)
-
-
-def _bench_law(path: Path) -> Findings:
-    read_bench_law(path)
-    return Findings()
-
-
 def _npz(path: Path, how: AsTarget) -> Findings:
     with open_npz(path, "a trial's, a motion's or a cloud's arrays") as arrays:
         trial, dimensions = "offsets" in arrays, len(arrays.shape("points"))
@@ -251,7 +242,7 @@ def _table(path: Path, how: AsTarget) -> Findings:
     if not {"time", "channel_0"} & measured:
         raise InputError(
             f"{path}: columns are {','.join(header)}; expected pressures (time_s,channel_0,...), a bench table "
-            f"({','.join(BENCH_TABLE)}), a membrane curve (strain,tension_n_per_m), a bench record or a cloud (x,y,z)"
+            f"({','.join(BENCH_COLUMNS)}), a membrane curve (strain,tension_n_per_m), a bench record or a cloud (x,y,z)"
         )
     return _programs(read_csv(path), str(path))
 
@@ -274,8 +265,8 @@ def _slow(time: NDArray[np.float64], what: str) -> list[str]:
 _BY_FORMAT: Mapping[str, Callable[[Path], Findings]] = {
     _DESIGN: _design,
     "fabdesign.model/1": _model,
-    "fabdesign.bench/1": _bench,
-    "fabdesign.bench-law/1": _bench_law,
+    "fabdesign.bench/1": bench_findings,
+    "fabdesign.bench-law/1": lambda path: failures([partial(read_bench_law, path)]),
     "fabdesign.recording/1": _recording,
     _STUDY: study_findings,
     "fabdesign.measurement-set/1": _set,

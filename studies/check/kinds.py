@@ -6,9 +6,9 @@ from typing import Any
 from fabdesign.clouds.recording import RecordingKeys
 from fabdesign.errors import InputError
 from fabdesign.files.bench_file import BenchKeys
-from fabdesign.files.bench_law_file import LawKeys
 from fabdesign.files.design_file import DesignHead, DesignScene
-from fabdesign.formats.json_schema import json_schema
+from fabdesign.files.law_tables import LawKeys
+from fabdesign.formats.schema import json_schema
 from fabdesign.formats.table import nearest
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.model import Model

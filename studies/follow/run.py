@@ -78,6 +78,7 @@ def run_follow(
     inputs += [*files_of(study), *([measured] if measured is not None else [])]
     with work_folder(out, made_by="follow", force=force, inputs=inputs) as work:
         checkpoint = Checkpoint(work, _content(study))
+        progress(follow_in_words(study, wanted), None)
         if study.layout is not None:
             study = _with_layout(study, wanted, regulator, work, progress)
             regulator = regulator_of(study)
@@ -109,9 +110,8 @@ def _with_layout(
     return replace(study, design=design)
 
 
-def follow_in_words(study: FollowStudy) -> str:
+def follow_in_words(study: FollowStudy, wanted: Wanted) -> str:
     """Return what a study computes and about how long that takes."""
-    wanted = wanted_of(study)
     length = float(wanted.times[-1]) * study.design.channels
     fine = (study.points_per_side / COARSE) ** 1.2
     what = f"{float(wanted.times[-1]):.3g} s of motion, {len(wanted.times)} instants, {study.design.channels} channels"

@@ -71,7 +71,7 @@ def run_layouts(
         study = replace(study, search=replace(study.search, limits=limits))
     for target in study.search.targets:
         load_target(target, study.search.design, seed=study.search.seed)  # sound, or said at once
-        inputs.append(target.file)
+        inputs += [target.file] if target.points is None else []
     with work_folder(out, made_by="layouts", force=force, inputs=inputs) as work:
         result = _Grid(work, study, forward, coarse, progress).searched()
         if work.anew and result.interrupted:

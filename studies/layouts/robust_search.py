@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fabdesign.nouns.predictor import Predictor
-from fabdesign.study_files.search_terms import Robust
 from fabdesign.study_files.study_file import Study
+from fabdesign.study_files.study_targets import Robust
 from optimize.search.objective import Objective
 from optimize.search.starts import Start
 from optimize.search.variations import doubled

@@ -80,7 +80,8 @@ def run_study(
         [t.weight for t in targets],
     )
     begun = first_starts(study) if starts is None else [*starts]
-    inputs = [*([] if isinstance(given, Study) else [given]), *(target.file for target in study.targets)]
+    inputs = [] if isinstance(given, Study) else [given]
+    inputs += [target.file for target in study.targets if target.points is None]
     with work_folder(out, made_by="optimize", force=force, inputs=inputs) as work:
         with History.of_work(work, HISTORY, study_content(study, targets)) as history:
             if (kept := answer(history, study, targets, follow=follow)) is not None:

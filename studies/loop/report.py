@@ -13,7 +13,7 @@ from fabdesign.study_files.loop_file import LoopStudy
 from fabdesign.version import __version__
 from studies.layout_search.target import LoadedTarget
 from studies.loop.record import LoopOutcome, Turn
-from studies.report import charts, page, scene
+from studies.report import charts, page
 
 PREDICTED, DEVICE = "#92c5de", "#b2182b"
 
@@ -133,5 +133,5 @@ def _scene(turn: Turn, targets: Sequence[LoadedTarget], folder: Path) -> page.Ch
     with np.load(folder / turn.name / "shapes.npz") as arrays:
         shapes = {name: np.asarray(arrays[name][0], dtype=float) for name in ("device", "believed")}
     named = (("measured", shapes["device"], DEVICE), ("predicted", shapes["believed"], PREDICTED))
-    cloths = [scene.cloth(name, points, color=colour, opacity=0.7) for name, points, colour in named]
-    return scene.scene(turn.name, [scene.target_cloud(targets[0].points), *cloths])
+    cloths = [charts.cloth_mesh(name, points, color=colour, opacity=0.7) for name, points, colour in named]
+    return charts.scene(turn.name, [charts.target_cloud(targets[0].points), *cloths])

@@ -83,6 +83,7 @@ def run_loop(
         inputs.append(study.source.folder)
     with work_folder(out, made_by="loop", force=force, inputs=inputs) as work:
         checkpoint = Checkpoint(work, loop_content(study, targets))
+        progress(loop_in_words(study), None)
         loop = _Loop(study, targets, work, checkpoint, simulators or _simulators(study), progress)
         outcome = _turns(loop)
         outcome = replace(outcome, wall_s=checkpoint.spent)
@@ -94,11 +95,10 @@ def run_loop(
     return outcome
 
 
-def loop_in_words(study: LoopStudy, seconds: float | None = None) -> str:
-    """Return what a loop does at most and about how long that takes, a laboratory's own time aside. seconds: of each
-    search, in place of the study's."""
+def loop_in_words(study: LoopStudy) -> str:
+    """Return what a loop does at most and about how long that takes, a laboratory's own time aside."""
     trials, design = study.trials, study.search.design
-    turns, search = study.stop.turns + 1, seconds or study.search.limits.seconds
+    turns, search = study.stop.turns + 1, study.search.limits.seconds
     motion = [trials.seconds] * (trials.number + 1)
     measuring = 0.0
     if isinstance(study.source, VirtualRig):

@@ -11,7 +11,7 @@ from fabdesign.geometry.metrics import chamfer_to, distance_to_faces
 from fabdesign.geometry.mid_surface import mid_surface
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.study_files.sensitivity_file import Output
-from fabdesign.study_files.shape_output import ShapeOutput, read_shape_output
+from fabdesign.study_files.study_targets import ShapeOutput, read_shape_output
 from fabdesign.units import in_mm
 from studies.layout_search.target import LoadedTarget
 

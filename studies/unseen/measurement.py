@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fabdesign.files.pressure_file import constant_program
 from fabdesign.nouns.forward import ForwardModel
-from fabdesign.study_files.rig_limits_file import RigLimits
+from fabdesign.nouns.pressure import RigLimits
 from fabdesign.study_files.unseen_file import CandidateMeasurement, Unsewn
 from studies.tracing.experiment import programs
 from studies.unseen.draws import Draws

@@ -58,6 +58,7 @@ def run_unseen(
     fit_vector(study.free, where=FREE)  # before anything is computed: it raises
     with work_folder(out, made_by="unseen", force=force, inputs=inputs) as work:
         checkpoint = Checkpoint(work, _content(study), seconds=study.seconds)
+        progress(unseen_in_words(study), None)
         if forward is None:
             from sim import Simulator  # here: it loads and starts taichi
 

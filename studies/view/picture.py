@@ -18,8 +18,17 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from scipy.spatial import cKDTree
 
+from fabdesign.drawings.oblique import (
+    TO_VIEWER,
+    box_of,
+    draw_lines,
+    draw_points,
+    draw_room,
+    draw_triangles,
+    extent,
+    facing,
+)
 from fabdesign.errors import InputError
-from studies.report.oblique import TO_VIEWER, box_of, draw_lines, draw_points, draw_room, draw_triangles, extent, facing
 from studies.view.distance import Distance, errors_in_words
 from studies.view.items import Item, timeline
 from studies.view.shapes import CLOUD, MUSCLE, OVERLAY, key_of, parts_of, vertex_normals
@@ -90,7 +99,7 @@ def save_animation(
 ) -> None:
     """Write a GIF, or by the ending an MP4, of the items side by side, in real time at RATE. overlay: as in a picture.
     Raises InputError where ffmpeg fails."""
-    begin, end = _span(items)
+    begin, end = min(float(item.times[0]) for item in items), max(float(item.times[-1]) for item in items)
     instants = np.arange(begin, end + 0.5 / RATE, 1 / RATE)
     box = box_of([frame for item in items for frame in item.frames])
     low, high = extent(box)
@@ -139,13 +148,11 @@ def _save_video(animation: FuncAnimation, path: Path) -> None:
 
 def _wrapped(item: Item, distance: Distance | None, width: float) -> str:
     """Return what stands over a row, in lines that a picture of `width` inches holds."""
-    lines = [item.title, *([_distance_in_words(distance)] if distance else [])]
+    lines = [item.title]
+    if distance is not None:
+        when = f"{distance.when}, " if distance.when else ""
+        lines.append(f"from {distance.reference}: {when}{errors_in_words(distance.whole)}")
     return "\n".join(part for line in lines for part in wrap(line, int(_LETTERS * width)))
-
-
-def _distance_in_words(distance: Distance) -> str:
-    when = f"{distance.when}, " if distance.when else ""
-    return f"from {distance.reference}: {when}{errors_in_words(distance.whole)}"
 
 
 def _head(item: Item, distance: Distance | None) -> str:
@@ -154,10 +161,6 @@ def _head(item: Item, distance: Distance | None) -> str:
     if distance is not None:
         more = [f"from {distance.reference}, {distance.when}:", *errors_in_words(distance.whole).split(", ")]
     return "\n".join([item.title, *(more + [""])[:3]])
-
-
-def _span(items: Sequence[Item]) -> tuple[float, float]:
-    return min(float(item.times[0]) for item in items), max(float(item.times[-1]) for item in items)
 
 
 class _DrawnPanel:
