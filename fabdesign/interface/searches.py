@@ -226,9 +226,11 @@ def follow(
     if target is None:
         study: Any = study_file(design)
     else:
-        of_motion = isinstance(target, Path | str)
+        if isinstance(target, Path | str):
+            keys["motion"] = {"file": _absolute(target)}
+        else:
+            keys["moments"] = [*target]
         keys |= {
-            "motion" if of_motion else "moments": {"file": _absolute(target)} if of_motion else [*target],
             "name": (read := one_design(design)).name,
             "seed": seed,
             "start": None if start is None else str(start),

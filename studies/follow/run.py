@@ -60,7 +60,7 @@ def run_follow(
     measured: Path | str | None = None,
     seconds: float | None = None,
     force: bool = False,
-    progress: Progress = lambda line, share: None,
+    progress: Callable[[str, float | None], None] = lambda line, share: None,
 ) -> FollowResult:
     """Find the study's pressures over time and write `result.json`, `pressures.csv` and `report.html` into `out`.
 

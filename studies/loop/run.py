@@ -61,7 +61,7 @@ def run_loop(
     simulators: Simulators | None = None,
     seconds: float | None = None,
     force: bool = False,
-    progress: Progress = lambda line, share: None,
+    progress: Callable[[str, float | None], None] = lambda line, share: None,
 ) -> LoopOutcome:
     """Run turn after turn, until the study's rule ends it or a laboratory is waited for; writes `result.json`,
     `report.html`, the folders of the turns and, of the turn that came nearest as measured, `design.toml` and

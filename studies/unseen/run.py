@@ -1,5 +1,6 @@
 """A study of what is not measured yet, from its file to its report."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -42,7 +43,7 @@ def run_unseen(
     coarse: ForwardModel | None = None,
     seconds: float | None = None,
     force: bool = False,
-    progress: Progress = lambda line, share: None,
+    progress: Callable[[str, float | None], None] = lambda line, share: None,
 ) -> UnseenResult:
     """Evaluate what the study names and write `result.json` and `report.html` into `out`; what result.json holds.
 
