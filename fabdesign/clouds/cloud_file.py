@@ -62,7 +62,10 @@ def read_geometry(path: Path | str, *, frame: int = -1) -> Geometry:
     geometry = read(path, frame)
     if geometry.is_mesh:
         require_cloud(geometry.points, str(path), size=np.inf)
-        return _with_area(geometry, path)
+        areas = Surface(geometry.points, geometry.triangles).areas
+        if not np.isfinite(areas.sum()) or areas.sum() <= 0:
+            raise InputError(f"{path}: its triangles have no area; expected a mesh")
+        return Geometry(geometry.points, geometry.triangles[areas > 0])  # without those that are a line or a point
     if geometry.trial:
         return geometry
     return replace(geometry, points=sound_cloud(geometry.points, str(path), unit_known=False))
@@ -103,11 +106,6 @@ def _npz(path: Path, frame: int) -> Geometry:
 
 def _mesh(path: Path, _: int) -> Geometry:
     return Geometry(*read_mesh(path))
-
-
-def _text(path: Path, _: int) -> Geometry:
-    points, unit = read_xyz(path)
-    return Geometry(points, unit=unit)
 
 
 def _mcap(path: Path, frame: int) -> Geometry:
@@ -161,7 +159,7 @@ _READERS: Mapping[str, Callable[[Path, int], Geometry]] = {
     ".npz": _npz,
     ".c3d": _c3d,
     ".mcap": _mcap,
-    **dict.fromkeys((".xyz", ".csv", ".txt", ".tsv", ".asc"), _text),
+    **dict.fromkeys((".xyz", ".csv", ".txt", ".tsv", ".asc"), lambda path, _: Geometry(**read_xyz(path)._asdict())),
     **dict.fromkeys((".stl", ".off", ".glb", ".gltf"), _mesh),
 }
 KINDS = tuple(_READERS)
@@ -171,11 +169,3 @@ def _frame(frame: int, count: int, path: Path) -> int:
     if not -count <= frame < count:
         raise InputError(f"{path}: frame {frame}; expected -{count} to {count - 1}")
     return frame % count
-
-
-def _with_area(mesh: Geometry, path: Path) -> Geometry:
-    """The mesh without triangles that are a line or a point."""
-    areas = Surface(mesh.points, mesh.triangles).areas
-    if not np.isfinite(areas.sum()) or areas.sum() <= 0:
-        raise InputError(f"{path}: its triangles have no area; expected a mesh")
-    return Geometry(mesh.points, mesh.triangles[areas > 0])

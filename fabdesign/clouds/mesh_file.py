@@ -172,7 +172,10 @@ def _gltf(content: bytes, path: Path) -> Mesh:
     for each node that shows it. So its JSON is checked before."""
     try:
         tree = json.loads(_json_of(content))
-        counts = _counts(tree, path)
+        counts = [accessor["count"] for accessor in tree["accessors"]]
+        if any(type(count) is not int or count < 0 for count in counts):
+            raise ValueError
+        require_few(max(counts, default=0), path, "values in an accessor")
         if (why := next(_missed(tree), None)) is None:
             _require_bounded(tree, counts, path)
     except InputError:
@@ -230,14 +233,6 @@ def _missed(tree: dict[str, Any]) -> Iterator[str]:
     for scene in tree.get("scenes", []):  # nodes must be trees, else the number of places of a mesh has no bound
         if any(count > 1 for count in (parents + Counter(scene.get("nodes", []))).values()):
             yield "has a node in more than one place"
-
-
-def _counts(tree: dict[str, Any], path: Path) -> list[int]:
-    counts = [accessor["count"] for accessor in tree["accessors"]]
-    if any(type(count) is not int or count < 0 for count in counts):
-        raise ValueError
-    require_few(max(counts, default=0), path, "values in an accessor")
-    return counts
 
 
 def _require_bounded(tree: dict[str, Any], counts: list[int], path: Path) -> None:

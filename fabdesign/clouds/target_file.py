@@ -45,7 +45,11 @@ def read_target(target: TargetFile, fabric: Fabric, *, seed: int = 0) -> PlacedT
     `read_geometry` refuses, for fewer points than FEWEST, and for a target that cannot be a cloth held as `fabric`,
     with the unit, or the registration, that would do.
     """
-    geometry, rng = _geometry(target), np.random.default_rng(seed)
+    if target.points is None:
+        geometry = read_geometry(target.file, frame=target.frame)
+    else:
+        geometry = Geometry(sound_cloud(target.points, str(target.file), unit_known=False))
+    rng = np.random.default_rng(seed)
     if geometry.trial and (target.unit != "m" or target.scale != 1):
         raise InputError(f"{target.file}: unit or scale for a trial, which says its own; expected none")
     if geometry.frame is None and target.frame != -1:
@@ -73,12 +77,6 @@ def read_target(target: TargetFile, fabric: Fabric, *, seed: int = 0) -> PlacedT
     if fault is not None:
         raise InputError(f"{target.file}: {fault}{next(_remedies(geometry, raw, fabric, target), '')}")
     return PlacedTarget(points, geometry, placement, turned_over)
-
-
-def _geometry(target: TargetFile) -> Geometry:
-    if target.points is None:
-        return read_geometry(target.file, frame=target.frame)
-    return Geometry(sound_cloud(target.points, str(target.file), unit_known=False))
 
 
 def _in_unit_of(geometry: Geometry, target: TargetFile) -> TargetFile:

@@ -102,11 +102,14 @@ def _lines(path: Path) -> Lines:
 
 
 def _with_header(lines: Lines, path: Path) -> Lines:
-    """Without comments, but with one above the points that names their columns as their header: "//X Y Z" of
+    """Return them without comments, but with one above the points that names their columns as a header: "//X Y Z" of
     CloudCompare, whose count of points may follow, "# z y x" of numpy's savetxt. Raises InputError where there are not
-    so many points."""
+    so many points, and where comments part several frames."""
     rest = [line for line in lines if not line[1].startswith(_COMMENTS)]
-    _require_one_block(lines, path)
+    words = (line.lstrip("#/ ").lower() for _, line in lines if line.startswith(_COMMENTS))
+    frames = {word for word in words if names_instants(word.rstrip("0123456789.:=+- smµ[]()"))}
+    if len(frames) > 1:  # as "# frame 0" and "# frame 1" do above their points
+        raise InputError(f"{path}: its comments part several frames ({min(frames)[:40]}, ...); expected one")
     for number, line in lines:
         if not line.startswith(_COMMENTS):
             break
@@ -117,17 +120,11 @@ def _with_header(lines: Lines, path: Path) -> Lines:
                     _refuse(path, rest[0], f"is the count of points, of which there are {len(rest) - 1}")
                 rest = rest[1:]
             mark = _mark(rest[0][1]) if rest else None
-            if line.startswith("//") or (rest and len(_split(rest[0][1], mark)) == len(cells) and _is_row(rest[0][1])):
+            row = _split(rest[0][1], mark) if rest else []
+            numbers = all(is_number(cell.replace(",", ".")) for cell in row[:3])
+            if line.startswith("//") or (rest and len(row) == len(cells) and numbers):
                 return [(number, (mark or " ").join(cell.replace(" ", "") + unit for cell in cells)), *rest]
     return rest
-
-
-def _require_one_block(lines: Lines, path: Path) -> None:
-    """Raise InputError where several comments name a frame, as "# frame 0" and "# frame 1" do above their points."""
-    words = (line.lstrip("#/ ").lower() for _, line in lines if line.startswith(_COMMENTS))
-    blocks = {word for word in words if names_instants(word.rstrip("0123456789.:=+- smµ[]()"))}
-    if len(blocks) > 1:
-        raise InputError(f"{path}: its comments part several frames ({min(blocks)[:40]}, ...); expected one")
 
 
 def _commented(line: str) -> tuple[list[str], str]:
@@ -137,10 +134,6 @@ def _commented(line: str) -> tuple[list[str], str]:
     last = cells[-1].strip("[]()")
     is_unit = cells[-1] != last and last in get_args(Unit)
     return (cells[:-1], f"[{last}]") if is_unit else (cells, "")
-
-
-def _is_row(line: str) -> bool:
-    return all(is_number(cell.replace(",", ".")) for cell in _split(line, _mark(line))[:3])
 
 
 def _mark(line: str) -> str | None:

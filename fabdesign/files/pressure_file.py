@@ -78,12 +78,10 @@ def write_pressures(program: PressureProgram, path: Path) -> None:
         time.append(time[-1] + rest / 2)
         rows.append(rows[-1])
     header = ["time_s", *(f"channel_{i}" for i in range(program.pressure.shape[1]))]
-    lines = [(repr(float(t)), *(_shortest(p) for p in row)) for t, row in zip(time, rows, strict=True)]
+    lines = [
+        (repr(float(t)), *(f"{kilopascals(p).normalize():f}" for p in row)) for t, row in zip(time, rows, strict=True)
+    ]
     write_rows(path, header, lines)
-
-
-def _shortest(pressure: float) -> str:
-    return f"{kilopascals(pressure).normalize():f}"
 
 
 def _read(spec: str | Path) -> PressureProgram:

@@ -5,7 +5,6 @@ What an array takes in memory is counted by its header, before it is made.
 
 import io
 import math
-import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -103,7 +102,13 @@ def open_npz(path: Path, expected: str) -> Iterator[NpzArrays]:
             raise _damaged(path, expected) from None
         if repeated := next((name for name in archive.files if archive.files.count(name) > 1), None):
             raise InputError(f"{path}: has the array {repeated} twice; expected each once")
-        _require_small(archive.zip, path, expected)
+        assert archive.zip is not None
+        size = sum(member.file_size for member in archive.zip.infolist())
+        if size > LARGEST:  # nothing is read beyond that, and what an array's header claims is not there
+            most = f"{LARGEST / 1e6:.0f} MB"
+            raise InputError(
+                f"{path}: unpacks to {size / 1e6:.0f} MB; expected an npz with {expected} of at most {most}"
+            )
         yield NpzArrays(archive, path, expected)
 
 
@@ -141,14 +146,3 @@ def _header(stream: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:
 
 def _damaged(path: Path, expected: str) -> InputError:
     return InputError(f"{path}: is damaged or cut short; expected an npz with {expected}")
-
-
-def _require_small(archive: zipfile.ZipFile | None, path: Path, expected: str) -> None:
-    """Require a small archive, by what it says of itself: nothing is read beyond it, and what an array's header claims
-    is not there."""
-    assert archive is not None
-    size = sum(member.file_size for member in archive.infolist())
-    if size > LARGEST:
-        raise InputError(
-            f"{path}: unpacks to {size / 1e6:.0f} MB; expected an npz with {expected} of at most {LARGEST / 1e6:.0f} MB"
-        )

@@ -85,8 +85,7 @@ def sensitivity(
     def show(now: Any) -> None:
         run.progress(str(now), now.done / now.total)
 
-    result: SensitivityResult = run.study(run_sensitivity, study, out, seconds, progress=show, interruptible=True)
-    return result
+    return run.study(run_sensitivity, study, out, seconds, progress=show, interruptible=True)
 
 
 def _texts(names: str | Sequence[str] | Mapping[str, Any]) -> list[str]:
@@ -172,8 +171,7 @@ def loop(study: File, out: Folder, *, seconds: float | None = None, **given: Unp
     from studies.loop.run import run_loop
 
     run = Run(**given)
-    outcome: LoopOutcome = run.study(run_loop, Path(study), out, seconds, progress=run.progress)
-    return outcome
+    return run.study(run_loop, Path(study), out, seconds, progress=run.progress)
 
 
 def _kind(study: File) -> Verb:

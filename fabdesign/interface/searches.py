@@ -117,8 +117,7 @@ def optimize(
             model=run.model(model),
         )
         study = replace(read_study(keys), name=read.name)
-    result: StudyResult = run.study(run_study, study, out, seconds, progress=_whole_search(run))
-    return result
+    return run.study(run_study, study, out, seconds, progress=_whole_search(run))
 
 
 @study_verb("studies.layout_grid.report")
@@ -185,8 +184,7 @@ def layouts(
         line = f"{cell.name}, {number} of {of}: {_best(at)}, {at.elapsed:.0f} s in this search"
         show(line, min(1.0, (number - 1 + at.share) / of))
 
-    result: GridResult = run.study(run_layouts, study, out, seconds, progress=cell)
-    return result
+    return run.study(run_layouts, study, out, seconds, progress=cell)
 
 
 @study_verb("studies.follow.result", "measured")
@@ -240,8 +238,7 @@ def follow(
             "model": run.model(model),
         }
         study = read_follow(keys)
-    result: FollowResult = run.study(run_follow, study, out, seconds, measured=measured, progress=run.progress)
-    return result
+    return run.study(run_follow, study, out, seconds, measured=measured, progress=run.progress)
 
 
 def _shown(outcome: Demo, given: Mapping[str, Any]) -> Shown:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.formats.schema import ABOVE_0, Key, Kilopascal, KilopascalPerSecond, Second, Within
-from fabdesign.formats.table import Table
 from fabdesign.runtime.effort import LONGEST
 from fabdesign.units import in_kpa
 
@@ -127,19 +126,18 @@ def require_pressures(program: PressureProgram, design: "Design", where: str) ->
 HIGHEST = 300e3  # Pa, of programs that nobody named, where the muscles allow it
 
 
-def _highest(value: float | tuple[float, float], table: Table) -> float:
-    """Return Pa of one number, or of [lowest, highest] as in [limits]."""
-    return value[1] if isinstance(value, tuple) else value
-
-
-_Highest = Annotated[Kilopascal, ABOVE_0] | tuple[Kilopascal, Kilopascal]
+# one number, or [lowest, highest] as in [limits]
+_HIGHEST = Key(
+    form=Annotated[Kilopascal, ABOVE_0] | tuple[Kilopascal, Kilopascal],
+    read=lambda value, _: value[1] if isinstance(value, tuple) else value,
+)
 
 
 @dataclass(frozen=True)
 class RigLimits:
     """The limits that next experiments keep."""
 
-    pressure: Annotated[Kilopascal, Key(form=_Highest, read=_highest), "of programs that nobody named"] = HIGHEST
+    pressure: Annotated[Kilopascal, _HIGHEST, "of programs that nobody named"] = HIGHEST
     rate: Annotated[KilopascalPerSecond, ABOVE_0, "of a set point; absent: steps are possible"] = np.inf  # Pa/s
     duration: Annotated[Second, Within(above=0, most=LONGEST), "of a program"] = 3.0
     channels: Annotated[int | None, Within(least=1), "of pressure; absent: any"] = None

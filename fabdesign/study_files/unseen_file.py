@@ -83,12 +83,8 @@ class Unsewn:
         return self
 
 
-def _grid(table: Table) -> int:
-    unsewn: Unsewn | None = table.decoded["unsewn"]
-    return unsewn.model.points_per_side if unsewn else GRID
-
-
-_SET, _GRID = Key("measured.set", file=read_set), Key(absent=_grid)
+_SET = Key("measured.set", file=read_set)
+_GRID = Key(absent=lambda table: sewn.model.points_per_side if (sewn := table.decoded["unsewn"]) else GRID)
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,16 +46,12 @@ def schema_of(kind: str) -> dict[str, Any]:
     if kind not in KINDS:
         raise InputError(f"schema {kind}: expected one of {', '.join(KINDS)}{nearest(kind, [*KINDS])}")
     if kind == "study":
-        studies = [_study(name, form) for name, form in STUDIES.items()]
+        studies = [json_schema("study", (StudyHead, form), format_line=False) for form in STUDIES.values()]
+        for name, study in zip(STUDIES, studies, strict=True):
+            study["properties"]["kind"] = {"const": name}
         return {"$schema": studies[0].pop("$schema"), "title": studies[0]["title"], "oneOf": studies}
     schema = json_schema(kind, KINDS[kind])
     if kind == "design":  # a file that others include has some of its keys
         del schema["properties"]["fabric"]["required"]
         schema["required"] = []
-    return schema
-
-
-def _study(name: str, form: type) -> dict[str, Any]:
-    schema = json_schema("study", (StudyHead, form), format_line=False)
-    schema["properties"]["kind"] = {"const": name}
     return schema

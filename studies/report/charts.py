@@ -139,7 +139,8 @@ def scene(name: str, traces: Sequence[Any]) -> Chart:
     )
     grid = {"showbackground": False, "gridcolor": "#e3e7ec", "tickformat": ".2f"}
     for axis, *ends in zip("xyz", low.tolist(), high.tolist(), strict=True):
-        ticks = _ticks((ends[1] - ends[0]) / corners)
+        share = (ends[1] - ends[0]) / corners  # of the box's diagonal: numbers that the axis has room for
+        ticks = 6 if share > 0.45 else 4 if share > 0.2 else 2
         figure.layout.scene[f"{axis}axis"].update(grid, title={"text": f"{axis}, m"}, range=ends, nticks=ticks)
     legend = LEGEND | {"font": {"size": 11}}
     return Chart(name, figure.update_layout(margin={"l": 25, "r": 10, "t": 10, "b": 10}, height=600, legend=legend))
@@ -147,11 +148,6 @@ def scene(name: str, traces: Sequence[Any]) -> Chart:
 
 def _axes(points: Points) -> dict[str, NDArray[np.float32]]:
     return dict(zip("xyz", np.asarray(points, np.float32).T, strict=True))
-
-
-def _ticks(share: float) -> int:
-    """Return how many numbers an axis has room for that takes a share of the box's diagonal."""
-    return 6 if share > 0.45 else 4 if share > 0.2 else 2
 
 
 def _box(traces: Sequence[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
