@@ -44,7 +44,7 @@ _SIZE = 4.0  # m; a cloud ten times as far from its camera is in another unit
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What a folder holds; clouds are read when asked for."""
+    """The content of a folder; clouds are read when asked for."""
 
     folder: Path
     name: str
@@ -76,7 +76,7 @@ class Recording:
         return by_topic
 
     def frame(self, sensor: Sensor, index: int) -> Array:
-        """(n, 3) m, in the camera's own frame, z forward and y down. Raises InputError."""
+        """Return (n, 3) m, in the camera's own frame, z forward and y down. Raises InputError."""
         if self.depth:
             column = self.sensors.index(sensor)
             return self.depth[column].cloud(index if self.chosen is None else int(self.chosen[index, column]))
@@ -98,7 +98,7 @@ class Recording:
         return (self.folder / "reference").is_dir()
 
     def reference(self, sensor: Sensor) -> Array:
-        """(n, 3) m: the unloaded cloth as the sensor sees it. Raises InputError."""
+        """Return (n, 3) m: the unloaded cloth as the sensor sees it. Raises InputError."""
         file = _cloud_file((self.folder / "reference" / sensor.name,), "reference", sensor)
         return self._ahead(read_cloud(file, size=_SIZE), str(file))
 

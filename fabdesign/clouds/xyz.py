@@ -68,7 +68,7 @@ def is_text_cloud(path: Path) -> bool:
 
 
 def read_pts(path: Path | str) -> NDArray[np.float64]:
-    """(n, 3) points of a PTS: their count, then as many lines of x y z, with an intensity, a colour, or both, or none.
+    """Return (n, 3) points of a PTS: their count, then as many lines of x y z, with an intensity, a colour or both.
 
     Raises InputError."""
     path = Path(path)
@@ -128,7 +128,7 @@ def _with_header(lines: Lines, path: Path) -> Lines:
 
 
 def _commented(line: str) -> tuple[list[str], str]:
-    """The headings in a comment, and the unit that may stand behind all of them, in brackets; "" for none."""
+    """Return the headings in a comment, and the unit that may stand behind all of them, in brackets; "" for none."""
     header = line.lstrip("#/ ")
     cells = _split(header, _mark(header))
     last = cells[-1].strip("[]()")
@@ -137,7 +137,7 @@ def _commented(line: str) -> tuple[list[str], str]:
 
 
 def _mark(line: str) -> str | None:
-    """What parts the cells; None: blanks."""
+    """Return what parts the cells; None: blanks."""
     mark = separator(line)
     return None if mark == " " or mark not in line else mark
 
@@ -147,7 +147,7 @@ def _split(line: str, mark: str | None) -> list[str]:
 
 
 def _named(path: Path, lines: Lines, mark: str | None) -> tuple[list[int], Unit | None, Lines]:
-    """The places of x, y and z, their unit, and the lines below the header and its units."""
+    """Return the places of x, y and z, their unit, and the lines below the header and its units."""
     headings = [parse_heading(cell) for cell in _split(lines[0][1], mark)]
     names = [heading.name for heading in headings]
     if len(set(names)) < len(names) or not set(_AXES) <= set(names):

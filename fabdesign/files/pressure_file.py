@@ -32,17 +32,24 @@ _SLIGHT = 1 / 40  # of the benches' largest pressure: 400 kPa written in bar is 
 
 
 def pressure_file_of(pose: int) -> str:
-    """The file's name in a folder of a design with several poses, which count from 1."""
+    """Return the file's name in a folder of a design with several poses, which count from 1."""
     return "pressures.csv" if pose == 1 else f"pressures_{pose}.csv"
 
 
 def read_pressures(spec: str | Path, design: Design) -> PressureProgram:
-    """The program that `spec` names (docs/files.md), checked against the design's channels and limits.
+    """Return the program that `spec` names (docs/files.md), checked against the design's channels and limits.
 
     A CSV's motion ends one row interval after its last row (1.5 s for a single row), a trial's with its last frame.
     Raises InputError.
     """
-    program = _read(spec)
+    path = Path(spec)
+    row = isinstance(spec, str) and path.suffix.lower() not in TABLES and not _exists(path)
+    if path.suffix == ".npz":
+        program = program_of(*read_trial_pressures(path))
+    elif row and _CONSTANT.fullmatch(str(spec)):
+        program = _read_constant(str(spec))
+    else:
+        program = read_csv(path)
     require_pressures(program, design, str(spec))
     return program
 
@@ -60,7 +67,7 @@ def note_slight(highest: float, design: Design, where: str) -> None:
 
 
 def constant_program(pressure: ArrayLike, duration: float = SINGLE_ROW_DURATION) -> PressureProgram:
-    """One row of set points [Pa], (channels,), held for `duration` s."""
+    """Return one row of set points [Pa], (channels,), held for `duration` s."""
     return PressureProgram(np.zeros(1), np.atleast_2d(np.asarray(pressure, np.float64)), duration)
 
 
@@ -84,15 +91,6 @@ def write_pressures(program: PressureProgram, path: Path) -> None:
     write_rows(path, header, lines)
 
 
-def _read(spec: str | Path) -> PressureProgram:
-    path = Path(spec)
-    if path.suffix == ".npz":
-        return program_of(*read_trial_pressures(path))
-    if isinstance(spec, str) and path.suffix.lower() not in TABLES and _CONSTANT.fullmatch(spec) and not _exists(path):
-        return _read_constant(spec)
-    return read_csv(path)
-
-
 def _exists(path: Path) -> bool:
     try:
         return path.exists()
@@ -101,7 +99,7 @@ def _exists(path: Path) -> bool:
 
 
 def _read_constant(spec: str) -> PressureProgram:
-    """The program of one row; its cells are in kPa, or each in the unit that it names."""
+    """Return the program of one row; its cells are in kPa, or each in the unit that it names."""
     cells = [_CELL.fullmatch(cell.strip()) for cell in spec.strip().rstrip(",").split(",")]
     units = [None if cell is None else unit_of(cell[2]) if cell[2] else _KPA for cell in cells]
     try:
@@ -117,14 +115,14 @@ def _read_constant(spec: str) -> PressureProgram:
 
 
 def _in_pascals(cell: "re.Match[str] | None", unit: Unit | None) -> float:
-    """Raises ArithmeticError for what is no pressure."""
+    """Return a cell's pressure. Raises ArithmeticError for what is none."""
     if cell is None or unit is None or unit.dimension != "pressure":
         raise ArithmeticError
     return float(Decimal(cell[1]) * unit.factor)
 
 
 def read_csv(path: Path) -> PressureProgram:
-    """The program of a pressure CSV, not yet checked against a design. Raises InputError."""
+    """Return the program of a pressure CSV, not yet checked against a design. Raises InputError."""
     table = LabTable(path, "time_s,channel_0,channel_1,...")
     time_column = table.find("time")
     channels = _channels(table, time_column)
@@ -148,9 +146,9 @@ def read_csv(path: Path) -> PressureProgram:
 
 
 def _channels(table: LabTable, time: TableColumn) -> list[TableColumn]:
-    """Every other column, in the order of their numbers; of columns under other names that have units of pressure, as
-    they stand. Raises InputError where the numbers are not 0, 1, ..., where those of other names do not rise one by
-    one, or a column is neither."""
+    """Return every other column, in the order of their numbers; of columns under other names that have units of
+    pressure, as they stand. Raises InputError where the numbers are not 0, 1, ..., where those of other names do not
+    rise one by one, or a column is neither."""
     others = [i for i in range(len(table.headings)) if i != time.index]
     names = [table.headings[i].quantity for i in others]
     if all(name in (None, "pressure") for name in names):
@@ -178,7 +176,7 @@ _ROWS = 5_000_000
 
 @dataclass(frozen=True)
 class PressureLog:
-    """How a log is written; by default a pressure.csv as everywhere."""
+    """The way a log is written; by default a pressure.csv as everywhere."""
 
     file: Annotated[str, "in the recording's folder"] = "pressure.csv"
     per_volt: Annotated[tuple[Kilopascal, ...], "of columns in V; one, or one a channel"] = ()
@@ -240,7 +238,7 @@ def _for_each(values: tuple[float, ...], name: str, design: Design, path: Path) 
 
 
 def _sound(time: Array, pressure: Array, path: Path) -> PressureProgram:
-    """Without the noise about 0; raises InputError where a pressure lies below it."""
+    """Return the pressures without the noise about 0. Raises InputError where a pressure lies below it."""
     highest = float(pressure.max(initial=0.0))
     lowest = float(pressure.min(initial=0.0))
     if highest <= 0 or lowest < -max(5 * _NOISE * highest, 1e3):

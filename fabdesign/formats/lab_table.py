@@ -96,7 +96,7 @@ class Heading:
 
     @property
     def quantity(self) -> str | None:
-        """What it measures, by its name and, of a name of several, its unit: `pressure`, `channel_0`, ..."""
+        """Return what it measures, by its name and, of a name of several, its unit: `pressure`, `channel_0`, ..."""
         if matched := _CHANNEL.fullmatch(self.name):
             return f"channel_{int(matched[1])}"
         unit = self.unit
@@ -237,9 +237,10 @@ class LabTable:
             written = decimal(row[column.index], self.path, line, column.heading.text)
             yield line, written, written * column.factor
 
-    def say(self, own: Sequence[str]) -> None:
-        """Say in one line how the table was read, unless it is written as this program writes it (`own` header)."""
-        if list(own) == self.header and self._written is None and self._units_row is None:
+    def say(self, usual: Sequence[str]) -> None:
+        """Say in one line how the table was read, unless it is written as this program writes it (the `usual`
+        header)."""
+        if list(usual) == self.header and self._written is None and self._units_row is None:
             return
         read = [f"{self._shown(i)} as {quantity}" for i, quantity in sorted(self.taken.items())]
         left = [h.text or "a column without a heading" for i, h in enumerate(self.headings) if i not in self.taken]

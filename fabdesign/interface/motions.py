@@ -108,13 +108,18 @@ def simulate(
         run.warn_beyond(fitted, acting)
         forward = simulator(side, self_contact=self_contact, rise=rise, hold=hold)
 
-        def moved(part: slice) -> list[Motion]:
-            cases = [Case(*pair, order=order) for pair in asked[part]]
-            if equilibrium:
-                return require_shapes(forward, cases, model=fitted)
-            return require_motions(forward, cases, times[part], model=fitted)
-
-        motions = _until_stopped(run, asked, moved)
+        motions: list[Motion] = []
+        try:
+            for part in _parts(run, asked, "simulated"):
+                cases = [Case(*pair, order=order) for pair in asked[part]]
+                if equilibrium:
+                    motions += require_shapes(forward, cases, model=fitted)
+                else:
+                    motions += require_motions(forward, cases, times[part], model=fitted)
+        except KeyboardInterrupt:
+            if not motions:
+                raise
+            run.say(f"interrupted, with the first {len(motions)} of {len(asked)} motions")
         write(motions[0])
     if lone and isinstance(pressures, Path | str):
         note_slight(float(asked[0][1].pressure.max(initial=0.0)), asked[0][0], str(pressures))
@@ -234,21 +239,6 @@ def sweep(
     done = asked[: len(rows)]
     last = [in_kpa(program.pressure[-1]) for _, program in done]
     return Sweep(tuple(design for design, _ in done), tuple(last), values, len(rows) == len(asked))
-
-
-def _until_stopped(
-    run: Run, asked: Sequence[tuple[Design, PressureProgram]], compute: Callable[[slice], list[Motion]]
-) -> list[Motion]:
-    """Return the motions of batch after batch, up to the end or Ctrl-C; it is raised where nothing is done yet."""
-    motions: list[Motion] = []
-    try:
-        for part in _parts(run, asked, "simulated"):
-            motions += compute(part)
-    except KeyboardInterrupt:
-        if not motions:
-            raise
-        run.say(f"interrupted, with the first {len(motions)} of {len(asked)} motions")
-    return motions
 
 
 def _parts(run: Run, asked: Sequence[tuple[Design, PressureProgram]], done: str) -> Iterator[slice]:

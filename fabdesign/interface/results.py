@@ -22,7 +22,7 @@ class Sweep(Tabled):
     complete: bool
 
     def __getitem__(self, output: str) -> NDArray[np.float64]:
-        """(n,) of an output."""
+        """Return (n,) of an output."""
         return self.values[output]
 
     def __len__(self) -> int:
@@ -47,7 +47,7 @@ class Sweep(Tabled):
 
 
 class Unseen(dict[str, Any], Tabled):
-    """What `result.json` of a study of kind `unseen` holds."""
+    """The content of `result.json` of a study of kind `unseen` holds."""
 
     __str__, __repr__ = Tabled.__str__, dict.__repr__
 

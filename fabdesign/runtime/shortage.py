@@ -1,4 +1,4 @@
-"""What is done where the machine has too little of something: messages on disk, memory, or what its limits allow, which
+"""Answers to a machine that has too little of something: messages on disk, memory, or what its limits allow, which
 `fabdesign/output` says of what it writes, the command line of all else (`line_of`); and a folder for what Taichi, Numba
 and Matplotlib compile and keep, where the user's own cannot be written, or is full.
 

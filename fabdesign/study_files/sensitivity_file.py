@@ -142,14 +142,9 @@ def _meaning(name: str, where: str, design: Design, model: Model) -> _Meaning:
     if plain in PARAMETERS and (plain == name or (plain in OF_MUSCLES and kind_of_muscle in design.muscle_types)):
         if hiding := [factor for factor in model.factors if plain == name and factor.endswith(f".{name}")]:
             raise InputError(f"{where}: the model has {', '.join(hiding)}; expected that name")
-        return "factor", (name,), "", FACTOR_RANGE, _interval(model, name)
+        ends = (p.interval90 for factor, p in model.parameters.items() if name in Model({factor: p}).factors)
+        return "factor", (name,), "", FACTOR_RANGE, next(ends, None)
     raise InputError(f"{where}: unknown parameter {name}; expected {_FORMS}{nearest(name, PARAMETERS)}")
-
-
-def _interval(model: Model, name: str) -> tuple[float, float] | None:
-    """Return the interval of the model's factor that a case calls `name`."""
-    intervals = (p.interval90 for n, p in model.parameters.items() if name in Model({n: p}).factors)
-    return next(intervals, None)
 
 
 def _in(unit: str) -> str:

@@ -2,7 +2,7 @@
 
 import hashlib
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.clouds.cloud_file import KINDS
-from fabdesign.clouds.recording import Recording, read_recording
+from fabdesign.clouds.recording import read_recording
 from fabdesign.clouds.target_file import AS_GIVEN, AsTarget, keys_as_options, read_target
 from fabdesign.clouds.xyz import is_text_cloud
 from fabdesign.errors import InputError, InputNote
@@ -148,16 +148,14 @@ def _repeats(frames: Sequence[NDArray[np.float64]], file: Path, seen: dict[bytes
 
 def _recording(path: Path) -> Findings:
     recording = read_recording(path)
-    findings = design_findings(recording.design, f"{path}: design") + failures(_clouds(recording))
-    return findings + _programs(recording.program, str(recording.folder / "pressure.csv"), measured_at=recording.times)
-
-
-def _clouds(recording: Recording) -> Iterator[Callable[[], object]]:
+    findings = design_findings(recording.design, f"{path}: design")
     for sensor in recording.sensors:
+        reads: list[Callable[[], object]] = []
         if recording.has_reference():
-            yield partial(recording.reference, sensor)
-        for index in range(len(recording.times)):
-            yield partial(recording.frame, sensor, index)
+            reads.append(partial(recording.reference, sensor))
+        reads += [partial(recording.frame, sensor, index) for index in range(len(recording.times))]
+        findings += failures(reads)
+    return findings + _programs(recording.program, str(recording.folder / "pressure.csv"), measured_at=recording.times)
 
 
 def _model(path: Path) -> Findings:
