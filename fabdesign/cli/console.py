@@ -74,7 +74,19 @@ def described(title: str, *, interval: float = 0.0) -> Iterator[Callable[[str, f
     an answer or an estimate, which stays. Elsewhere than on a terminal steps follow at least `interval` s apart, and
     end with the time that is left."""
     if not _on_terminal():
-        yield _Lines(interval).show
+        begin, shown_at = working_time.seconds(), -inf
+
+        def tell_step(line: str, share: float | None) -> None:
+            nonlocal shown_at
+            now = working_time.seconds()
+            if share is not None and now - shown_at < interval:
+                return
+            shown_at, elapsed = now, now - begin
+            known = share is not None and 0 < share < 1 and elapsed > _SETTLED
+            rest = f"; about {duration(elapsed * (1 / share - 1))} left" if known and share else ""
+            tell(line + rest)
+
+        yield tell_step
         return
     with bar() as shown:
         task = shown.add_task(title, total=1.0)
@@ -86,23 +98,6 @@ def described(title: str, *, interval: float = 0.0) -> Iterator[Callable[[str, f
                 shown.update(task, description=printable(line), completed=share)
 
         yield show
-
-
-class _Lines:
-    """Steps as plain lines."""
-
-    def __init__(self, interval: float) -> None:
-        self._interval, self._begin, self._shown = interval, working_time.seconds(), -inf
-
-    def show(self, line: str, share: float | None) -> None:
-        now = working_time.seconds()
-        if share is not None and now - self._shown < self._interval:
-            return
-        self._shown = now
-        elapsed = now - self._begin
-        known = share is not None and 0 < share < 1 and elapsed > _SETTLED
-        rest = f"; about {duration(elapsed * (1 / share - 1))} left" if known and share else ""
-        tell(line + rest)
 
 
 def bar() -> "Progress":

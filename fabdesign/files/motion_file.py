@@ -163,8 +163,10 @@ def read_band(path: Path) -> NDArray[np.float64] | None:
     with open_npz(path, "a motion's arrays") as arrays:
         if "band90" not in arrays:
             return None
-        by_region = lambda a: a.ndim == 3 and a.shape[1:] == (3, 3) and np.isfinite(a).all()  # noqa: E731
-        return arrays.sound("band90", "(frames, 3, 3), finite", by_region).astype(np.float64)
+        band = arrays.sound(
+            "band90", "(frames, 3, 3), finite", lambda a: a.shape[1:] == (3, 3) and np.isfinite(a).all()
+        )
+    return band.astype(np.float64)
 
 
 def square_triangles(count: int) -> NDArray[np.intp]:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fabdesign.drawings.sewing import Exported
     from fabdesign.interface.verb import DesignLike, File, Folder, ModelLike, Toml
     from fabdesign.nouns.design import Design
-    from studies.check import Findings
+    from studies.check.findings import Findings
 
 
 def _written(design: Design, given: Mapping[str, Any]) -> Shown:
@@ -100,7 +100,7 @@ def check(files: Sequence[File] | File, **given: Unpack[Placing]) -> dict[str, F
     Returns problems, warnings and notes of each file, by its name.
     """
     from fabdesign.clouds.target_file import AS_GIVEN
-    from studies.check import fabric_of, inspect
+    from studies.check.files import fabric_of, inspect
 
     how, paths = _as_target(given), paths_of(files)
     fabric = fabric_of(paths) if how != AS_GIVEN else None
