@@ -57,7 +57,7 @@ def draw_lines(axes: Any, ends: Array, colour: Any) -> None:
     axes.add_collection(LineCollection(list(flat(ends)), colors=[colour], linewidths=1.6, zorder=10))
 
 
-def draw_room(axes: Any, box: Box, *, words: bool = True) -> None:
+def draw_room(axes: Any, box: Box) -> None:
     """Draw a grid on the floor below a box and fit the axes to both, with the grid's size in words."""
     low, high = np.array(box, float)
     first, last = np.floor(low / _GRID) * _GRID, np.ceil(high / _GRID) * _GRID
@@ -68,8 +68,7 @@ def draw_room(axes: Any, box: Box, *, words: bool = True) -> None:
     least, most = extent(box)
     axes.set(xlim=(least[0], most[0]), ylim=(least[1], most[1]), aspect="equal")
     axes.set_axis_off()
-    if words:
-        axes.text(0.0, 0.0, f"grid {in_mm(_GRID):g} mm", transform=axes.transAxes, fontsize=7, color="#5a6675")
+    axes.text(0.0, 0.0, f"grid {in_mm(_GRID):g} mm", transform=axes.transAxes, fontsize=7, color="#5a6675")
 
 
 def extent(box: Box) -> tuple[Array, Array]:
