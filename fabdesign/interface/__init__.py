@@ -15,18 +15,17 @@ from typing import TYPE_CHECKING, Any
 
 from fabdesign import one_blas_thread
 from fabdesign.interface import folders as studies
-from fabdesign.interface.analyses import loop, sensitivity, study, unseen
+from fabdesign.interface.analyses import Unseen, loop, sensitivity, study, unseen
 from fabdesign.interface.files import check, export, new, studio, view
 from fabdesign.interface.fits import calibrate, trace, train
 from fabdesign.interface.folders import list_effects, prepare, schema
 from fabdesign.interface.laboratory import fuse, rig
 from fabdesign.interface.measured import evaluate, predict
-from fabdesign.interface.motions import equilibrium, simulate, sweep
+from fabdesign.interface.motions import Sweep, equilibrium, simulate, sweep
 from fabdesign.interface.searches import demo, follow, layouts, optimize
 
 if TYPE_CHECKING:
     from fabdesign.files.motion_file import Motion
-    from fabdesign.interface.results import Sweep, Unseen
 
 one_blas_thread()  # for the commands; in Python it was asked for already
 __all__ = [
@@ -37,9 +36,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name not in __all__:
+    if name != "Motion":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from fabdesign.files import motion_file  # loads numpy
-    from fabdesign.interface import results
+    from fabdesign.files.motion_file import Motion  # loads numpy
 
-    return getattr(motion_file if name == "Motion" else results, name)
+    return Motion

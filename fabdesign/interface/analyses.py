@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from fabdesign.errors import InputError
+from fabdesign.formats.result_tables import Columns, Tabled, by_name
 from fabdesign.interface.run import Run, all_sets
 from fabdesign.interface.searches import study_verb
 from fabdesign.interface.verb import VERBS, Computing, Verb, verb
 
 if TYPE_CHECKING:
     from fabdesign.files.motion_file import Motion
-    from fabdesign.interface.results import Unseen
     from fabdesign.interface.verb import DesignLike, File, Folder, ModelLike, SetLike
     from studies.loop.record import LoopOutcome
     from studies.sensitivity.result import SensitivityResult
@@ -102,6 +102,31 @@ def _of_motion(function: Callable[[Motion], float]) -> Callable[[Any, Any], floa
     return output
 
 
+class Unseen(dict[str, Any], Tabled):
+    """The content of `result.json` of a study of kind `unseen`."""
+
+    __str__, __repr__ = Tabled.__str__, dict.__repr__
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it without the middle lines, which are for the picture."""
+        from studies.unseen.report import without_lines
+
+        return {**without_lines(self)}  # type: ignore[arg-type]
+
+    def columns(self) -> Columns:
+        """Return a row a pose and output: pose, output, unit, and its 5, 50 and 95 % over the drawn models."""
+        rows: list[dict[str, Any]] = []
+        for number, pose in enumerate(self.get("poses") or []):
+            values = [(f"tip_{axis}", "mm", ends) for axis, ends in pose["tip_mm"].items()]
+            values.append(("mean_curvature", "1/m", pose["mean_curvature"]))
+            values += [(name, output["unit"], output["percentiles"]) for name, output in pose["outputs"].items()]
+            rows += [
+                {"pose": number, "output": name, "unit": unit, "low90": low, "middle": middle, "high90": high}
+                for name, unit, (low, middle, high) in values
+            ]
+        return by_name(rows)
+
+
 @study_verb("studies.unseen.report")
 def unseen(
     design: DesignLike | None = None,
@@ -133,7 +158,6 @@ def unseen(
     `candidates`, `rig_limits`, `rise`, `hold`.
     """
     from fabdesign.interface.arguments import one_design, study_file
-    from fabdesign.interface.results import Unseen
     from fabdesign.study_files.unseen_file import read_unseen
     from studies.unseen.run import run_unseen
 

@@ -5,16 +5,20 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from fabdesign.errors import InputError
+from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.interface.run import Run, paths_of, simulator
 from fabdesign.interface.verb import Computing, Shown, verb
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from fabdesign.files.motion_file import Motion
-    from fabdesign.interface.results import Sweep
     from fabdesign.interface.verb import DesignLike, File, ModelLike, Npz, Pressures
     from fabdesign.nouns.design import Design
     from fabdesign.nouns.pressure import PressureProgram
@@ -180,6 +184,43 @@ def equilibrium(
     )  # fmt: skip
 
 
+@dataclass(frozen=True, eq=False)
+class Sweep(Tabled):
+    """Numbers of many shapes. pressures: of each design, (channels,) kPa at the end. values: (n,) of each output.
+    complete: False where it was interrupted."""
+
+    designs: tuple[Design, ...]
+    pressures: tuple[NDArray[np.float64], ...]
+    values: Mapping[str, NDArray[np.float64]]
+    complete: bool
+
+    def __getitem__(self, output: str) -> NDArray[np.float64]:
+        """Return (n,) of an output."""
+        return self.values[output]
+
+    def __len__(self) -> int:
+        return len(self.designs)
+
+    def columns(self) -> Columns:
+        """Return design, muscles, the pressure of each channel [kPa], and the outputs."""
+        import numpy as np
+
+        channels = max((len(row) for row in self.pressures), default=0)
+        padded = np.full((len(self), channels), np.nan)
+        for row, kpa in zip(padded, self.pressures, strict=True):
+            row[: len(kpa)] = kpa
+        return {
+            "design": [design.name for design in self.designs],
+            "muscles": [len(design.muscles) for design in self.designs],
+            **{f"channel_{k}_kpa": padded[:, k] for k in range(channels)},
+            **self.values,
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the columns."""
+        return {**self.columns(), "complete": self.complete}
+
+
 def sweep(
     designs: DesignLike | Sequence[DesignLike],
     pressures: Pressures,
@@ -210,7 +251,6 @@ def sweep(
     import numpy as np
 
     from fabdesign.interface.arguments import functions_of, pairs
-    from fabdesign.interface.results import Sweep
     from fabdesign.nouns.forward import HOLD, RISE, Case
     from fabdesign.units import in_kpa
     from studies.prediction.laced_motion import laced_motions, laced_rests
