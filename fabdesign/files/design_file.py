@@ -11,15 +11,7 @@ import tomlkit
 
 from fabdesign.effects.registry import effect_named
 from fabdesign.errors import InputError
-from fabdesign.files.law_tables import FORMAT as BENCH_LAW
-from fabdesign.files.law_tables import (
-    BenchTable,
-    MembraneCurve,
-    read_bench_table,
-    why_not_included,
-    write_bench_table,
-    write_membrane_curve,
-)
+from fabdesign.files import law_tables
 from fabdesign.formats.decoder import decode, decode_key, decode_part
 from fabdesign.formats.encoder import Encoder, plain
 from fabdesign.formats.table import DESIGN, Table, load_toml
@@ -127,8 +119,8 @@ def _contents(root: Table, above: tuple[Path, ...]) -> tuple[list[Table], dict[s
         included = path.parent / file_name(name, str(path))
         if included.resolve() in above:
             raise InputError(f"{path}: include {name} comes back to a file that includes it")
-        if parse_toml(included).get("format") == BENCH_LAW:
-            raise InputError(f"{path}: include {name}: {included} {why_not_included(included)}")
+        if parse_toml(included).get("format") == law_tables.FORMAT:
+            raise InputError(f"{path}: include {name}: {included} {law_tables.why_not_included(included)}")
         table = load_toml(included, FORMAT, partial=True)
         more_fabrics, more_types, more_effects = _contents(table, above)
         table.finish()
@@ -191,11 +183,11 @@ def write_design(design: Design, path: Path | str) -> None:
 
 def _document(design: Design, path: Path) -> str:
     """Return the TOML text; the tables that it names are written beside `path`."""
-    benches = iter(
-        _place_bench(kind.bench, _bench_paths(path, kind.name, i))
-        for i, kind in enumerate(design.muscle_types.values())
-    )
-    names = {BenchTable: lambda bench: next(benches), MembraneCurve: lambda curve: _place_curve(curve, path)}
+    benches = iter(_place_bench(kind, path, i) for i, kind in enumerate(design.muscle_types.values()))
+    names = {
+        law_tables.BenchTable: lambda bench: next(benches),
+        law_tables.MembraneCurve: lambda curve: _place_curve(curve, path),
+    }
     encoder = Encoder(path, names, comments=True)
     document = tomlkit.document()
     document["format"] = "fabdesign.design/1"
@@ -221,28 +213,25 @@ def _document(design: Design, path: Path) -> str:
     return tomlkit.dumps(document)
 
 
-def _bench_paths(path: Path, name: str, index: int) -> tuple[Path, ...]:
-    word = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") or "muscle"
-    written = f"{path.stem}_{word}"
-    return tuple(path.with_name(f"{stem}_bench.csv") for stem in (word, written, f"{written}_{index}"))
-
-
-def _place_bench(bench: BenchTable, places: tuple[Path, ...]) -> str:
-    """Write the table to the first place that is free or holds it already; the last place is overwritten."""
+def _place_bench(kind: MuscleType, path: Path, index: int) -> str:
+    """Write a bench table to the first place that is free or holds it already; the last place is overwritten."""
+    bench, word = kind.bench, re.sub(r"[^a-z0-9]+", "_", kind.name.lower()).strip("_") or "muscle"
+    stems = (word, f"{path.stem}_{word}", f"{path.stem}_{word}_{index}")
+    places = [path.with_name(f"{stem}_bench.csv") for stem in stems]
     for place in places[:-1]:
         if not place.exists():
-            write_bench_table(bench, place)
+            law_tables.write_bench_table(bench, place)
             return place.name
         try:
-            if read_bench_table(place) == bench:
+            if law_tables.read_bench_table(place) == bench:
                 return place.name
         except InputError:
             continue
-    write_bench_table(bench, places[-1])
+    law_tables.write_bench_table(bench, places[-1])
     return places[-1].name
 
 
-def _place_curve(curve: MembraneCurve, path: Path) -> str:
+def _place_curve(curve: law_tables.MembraneCurve, path: Path) -> str:
     place = path.with_name(f"{path.stem}_membrane.csv")
-    write_membrane_curve(curve, place)
+    law_tables.write_membrane_curve(curve, place)
     return place.name

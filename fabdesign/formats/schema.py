@@ -199,8 +199,9 @@ def _table(forms: tuple[type, ...]) -> dict[str, Any]:
             value = _value(each.type, each.notes)
             if each.sentence or each.notes.unit:
                 value["description"] = described(each)
-            if _shown(each.default):
-                value["default"] = each.default
+            default = each.default
+            if isinstance(default, bool | int | str) or (isinstance(default, float) and isfinite(default)):
+                value["default"] = default
             table["properties"][each.name] = value
             if each.notes.key.also:
                 table["properties"][each.notes.key.also] = dict(value, deprecated=True)
@@ -213,10 +214,6 @@ def described(each: FileKey) -> str:
     """Return the unit and the sentence of a key."""
     unit = unit_of(each.type, each.notes)
     return ", ".join(filter(None, (unit.symbol if unit else "", each.sentence)))
-
-
-def _shown(default: Any) -> bool:
-    return isinstance(default, bool | int | str) or (isinstance(default, float) and isfinite(default))
 
 
 def _value(hint: Any, outer: Notes) -> dict[str, Any]:

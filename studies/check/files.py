@@ -15,16 +15,9 @@ from fabdesign.clouds.recording import read_recording
 from fabdesign.clouds.target_file import AS_GIVEN, AsTarget, keys_as_options, read_target
 from fabdesign.clouds.xyz import is_text_cloud
 from fabdesign.errors import InputError, InputNote
+from fabdesign.files import law_tables
 from fabdesign.files.bench_file import read_record
 from fabdesign.files.design_file import is_part, read_design, read_part
-from fabdesign.files.law_tables import (
-    BENCH_COLUMNS,
-    read_bench_law,
-    read_bench_table,
-    read_law_table,
-    read_membrane_curve,
-)
-from fabdesign.files.law_tables import TABLES as TABLES_OF_LAWS
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.model_file import read_model
 from fabdesign.files.motion_file import read_motion
@@ -221,18 +214,18 @@ def _table(path: Path, how: AsTarget) -> Findings:
     raw = read_raw_table(path)
     header = raw.header
     headings = [parse_heading(text) for text in header]
-    specimen = next((specimen for specimen, columns in TABLES_OF_LAWS.items() if header == [*columns]), None)
+    specimen = next((specimen for specimen, columns in law_tables.TABLES.items() if header == [*columns]), None)
     if specimen is not None:
-        read_law_table(path, specimen)
+        law_tables.read_law_table(path, specimen)
         return Findings()
     measured = {heading.quantity for heading in headings} | {heading.name for heading in headings}
     symbols = parse_units_row(raw.rows[0][1]) or [heading.symbol or "" for heading in headings]
     measured |= {unit.dimension for symbol in symbols if (unit := unit_of(symbol)) is not None}
     if {"pressure", "contraction", "force"} <= measured and "time" not in measured:
-        lines = bench_table_lines(read_bench_table(path))
+        lines = bench_table_lines(law_tables.read_bench_table(path))
         return Findings(warnings=tuple(f"{path}: {line}" for line in lines))
     if {"strain", "tension"} <= measured:
-        read_membrane_curve(path)
+        law_tables.read_membrane_curve(path)
         return Findings()
     if measured & {"stretch", "force", "load", "displacement", "contraction"}:
         read_record(path)
@@ -240,7 +233,8 @@ def _table(path: Path, how: AsTarget) -> Findings:
     if not {"time", "channel_0"} & measured:
         raise InputError(
             f"{path}: columns are {','.join(header)}; expected pressures (time_s,channel_0,...), a bench table "
-            f"({','.join(BENCH_COLUMNS)}), a membrane curve (strain,tension_n_per_m), a bench record or a cloud (x,y,z)"
+            f"({','.join(law_tables.BENCH_COLUMNS)}), a membrane curve (strain,tension_n_per_m), a bench record or a "
+            "cloud (x,y,z)"
         )
     return _programs(read_csv(path), str(path))
 
@@ -264,7 +258,7 @@ _BY_FORMAT: Mapping[str, Callable[[Path], Findings]] = {
     _DESIGN: _design,
     "fabdesign.model/1": _model,
     "fabdesign.bench/1": bench_findings,
-    "fabdesign.bench-law/1": lambda path: failures([partial(read_bench_law, path)]),
+    "fabdesign.bench-law/1": lambda path: failures([partial(law_tables.read_bench_law, path)]),
     "fabdesign.recording/1": _recording,
     _STUDY: study_findings,
     "fabdesign.measurement-set/1": _set,
