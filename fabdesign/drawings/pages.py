@@ -35,6 +35,15 @@ _MARK = 5.0  # mm, a registration mark from end to end
 _GREY = "#666666"
 
 Box = tuple[float, float, float, float]  # left, top, right, bottom, mm
+MOST_PAGES = 200
+_MM = 1 / 25.4  # in
+_POINT = 72 / 25.4  # points in a mm
+_HOW = (
+    "Print all pages at 100 % (actual size, not fitted to the page) and measure the bars: 100 mm each way.",
+    "Cut each page along its left and upper joint line, where it has them, from crop mark to crop mark.",
+    "Lay it onto its neighbour so that lines, crosses and half circles meet, and glue.",
+)
+_HA = {"start": "left", "middle": "center", "end": "right"}
 
 
 @dataclass(frozen=True)
@@ -139,16 +148,6 @@ def grid_drawing(face: Drawing, tiling: Tiling) -> Drawing:
         shapes.append(Words(middle, page_name(row, column), size, "#bbbbbb", "middle", bold=True))
     (left, top), (right, bottom) = boxes[0][:2], boxes[-1][2:]
     return Drawing((*shapes, *face.shapes), (left - 2, top - 2, right + 2, bottom + 2))
-
-
-MOST_PAGES = 200
-_MM = 1 / 25.4  # in
-_POINT = 72 / 25.4  # points in a mm
-_HOW = (
-    "Print all pages at 100 % (actual size, not fitted to the page) and measure the bars: 100 mm each way.",
-    "Cut each page along its left and upper joint line, where it has them, from crop mark to crop mark.",
-    "Lay it onto its neighbour so that lines, crosses and half circles meet, and glue.",
-)
 
 
 def write_pages(design: Design, path: Path, *, paper: str, seam_allowance: float) -> int:
@@ -277,6 +276,3 @@ def _draw(axes: Any, shapes: Any, scale: float = 1.0) -> None:
             weight = "bold" if shape.bold else "normal"
             turned = {"rotation": -shape.turn, "rotation_mode": "anchor", "clip_on": True, "zorder": order}
             axes.text(*shape.at, shape.text, weight=weight, parse_math=False, **style, **turned)
-
-
-_HA = {"start": "left", "middle": "center", "end": "right"}

@@ -19,6 +19,9 @@ from fabdesign.nouns.design import Design
 from fabdesign.output import Inputs, new_folder, whole_file, write_text
 from fabdesign.units import in_mm
 
+COLUMNS = ["muscle", "type", "side", "channel", "laced_mm", "tail_mm", "cut_mm", "fixed_points"]
+_LONGEST = {"seam allowance": 0.1, "tail length": 1.0}  # m; what is longer was surely meant in millimetres
+
 
 def write_svg(drawing: Drawing, path: Path, *, title: str) -> None:
     """Write a drawing whose unit is the millimetre. Raises InputError where `path` cannot be written."""
@@ -95,9 +98,6 @@ def write_dxf(design: Design, path: Path, *, seam_allowance: float) -> None:
         drawing.saveas(unfinished)
 
 
-COLUMNS = ["muscle", "type", "side", "channel", "laced_mm", "tail_mm", "cut_mm", "fixed_points"]
-
-
 def write_cut_list(design: Design, path: Path, *, tail_length: float | None = None) -> None:
     """Write a row a muscle: its laced length, the tail at each end, the length to cut and the number of fixed points.
 
@@ -122,9 +122,6 @@ def write_cut_list(design: Design, path: Path, *, tail_length: float | None = No
         lengths = (f"{in_mm(value):.1f}" for value in (muscle.length, tail, cut))
         rows.append((number, muscle.type, muscle.side, muscle.channel, *lengths, len(muscle.fixed_points())))
     write_rows(path, COLUMNS, rows)
-
-
-_LONGEST = {"seam allowance": 0.1, "tail length": 1.0}  # m; what is longer was surely meant in millimetres
 
 
 def pressures_beside(design: Path) -> list[Path]:

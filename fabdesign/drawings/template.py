@@ -11,6 +11,15 @@ from fabdesign.nouns.muscle import Muscle
 from fabdesign.units import in_mm
 
 Point = tuple[float, float]  # mm
+_LETTER = 0.62  # of the size, a letter's width, wide ones and bold among them
+_MARGIN = 15.0  # mm around the cloth that is cut
+_HEAD = 12.0  # mm above it, for the title
+_LINE = 4.4  # mm, of its further lines
+_FOOT = 18.0  # mm below it, for the bar
+_BAR = 100.0  # mm
+_TWO_LABELS = 60.0  # mm: a muscle as long as this is labelled at both ends
+# Okabe and Ito's colours: they differ for colour-blind people too
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8a7a00")
 
 
 @dataclass(frozen=True)
@@ -65,9 +74,6 @@ def scale_bar(start: Point, length: float = 100.0) -> list[Shape]:
     return [*shapes, Words((x, y + 4.2), f"measure this: {length:g} mm", 3.2)]
 
 
-_LETTER = 0.62  # of the size, a letter's width, wide ones and bold among them
-
-
 def size_within(text: str, width: float, size: float) -> float:
     """Return the size [mm] of words, at most `size`, at which they fit a width [mm]."""
     return min(size, width / (_LETTER * max(len(text), 1)))
@@ -80,16 +86,6 @@ def cross(centre: Point, size: float, width: float, colour: str) -> list[Shape]:
         Line(((x - half, y), (x + half, y)), width, colour),
         Line(((x, y - half), (x, y + half)), width, colour),
     ]
-
-
-_MARGIN = 15.0  # mm around the cloth that is cut
-_HEAD = 12.0  # mm above it, for the title
-_LINE = 4.4  # mm, of its further lines
-_FOOT = 18.0  # mm below it, for the bar
-_BAR = 100.0  # mm
-_TWO_LABELS = 60.0  # mm: a muscle as long as this is labelled at both ends
-# Okabe and Ito's colours: they differ for colour-blind people too
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8a7a00")
 
 
 def laced_sides(design: Design) -> list[str]:

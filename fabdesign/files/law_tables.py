@@ -22,6 +22,19 @@ from fabdesign.nouns.bench import Specimen
 from fabdesign.output import write_text
 from fabdesign.units import kilopascals
 
+CURVE_COLUMNS = ["strain", "tension_n_per_m", "direction"]
+_STRETCH = 0.9  # a first strain from here on is a stretch
+_MOST = 5.0  # strain, more than any cloth bears
+BENCH_COLUMNS = ["pressure_kpa", "contraction", "force_n"]
+FORMAT = "fabdesign.bench-law/1"
+# columns of the table by specimen; the first rises, or names a term
+TABLES: Mapping[Specimen, tuple[str, ...]] = {
+    "strip": ("strain", "force_n", "low90_n", "high90_n"),
+    "cylinder": ("term", "coefficient_n", "low90_n", "high90_n"),
+    "actuator": ("pressure_kpa", "displacement_m"),
+}
+_RISING = {"strip": ("strain", "force_n"), "cylinder": (), "actuator": ("pressure_kpa", "displacement_m")}
+
 
 @dataclass(frozen=True)
 class MembraneCurve:
@@ -29,11 +42,6 @@ class MembraneCurve:
 
     strain: tuple[tuple[float, ...], tuple[float, ...]]  # per direction, rising; empty: the linear stiffness holds
     tension: tuple[tuple[float, ...], tuple[float, ...]]  # N/m
-
-
-CURVE_COLUMNS = ["strain", "tension_n_per_m", "direction"]
-_STRETCH = 0.9  # a first strain from here on is a stretch
-_MOST = 5.0  # strain, more than any cloth bears
 
 
 def read_membrane_curve(path: Path) -> MembraneCurve:
@@ -88,9 +96,6 @@ class BenchTable:
     force: tuple[float, ...]  # N, positive is tension
 
 
-BENCH_COLUMNS = ["pressure_kpa", "contraction", "force_n"]
-
-
 def read_bench_table(path: Path) -> BenchTable:
     """Read a bench table, its columns in any order and unit that their headings say (`fabdesign.formats.lab_table`).
 
@@ -124,16 +129,6 @@ def write_bench_table(bench: BenchTable, path: Path) -> None:
     """Write a bench table; reading it gives the same one."""
     rows = zip(bench.pressure, bench.contraction, bench.force, strict=True)
     write_rows(path, BENCH_COLUMNS, [(f"{kilopascals(p):f}", repr(c), repr(f)) for p, c, f in rows])
-
-
-FORMAT = "fabdesign.bench-law/1"
-# columns of the table by specimen; the first rises, or names a term
-TABLES: Mapping[Specimen, tuple[str, ...]] = {
-    "strip": ("strain", "force_n", "low90_n", "high90_n"),
-    "cylinder": ("term", "coefficient_n", "low90_n", "high90_n"),
-    "actuator": ("pressure_kpa", "displacement_m"),
-}
-_RISING = {"strip": ("strain", "force_n"), "cylinder": (), "actuator": ("pressure_kpa", "displacement_m")}
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,19 @@ from fabdesign.runtime.effort import LONGEST
 if TYPE_CHECKING:
     import xarray
 
+_FARTHEST = 100.0  # m, of what can be no cloth
+# optional arrays of a motion's file, by the field of LacedMuscles
+_OF_MUSCLES = {
+    "points": "muscle_points",
+    "begins": "muscle_begins",
+    "sides": "muscle_sides",
+    "diameters": "muscle_diameters",
+    "contraction": "contraction",
+    "tension": "tension",
+}
+_KNOWN_OF_SIMULATOR = ("contraction", "tension")
+SUFFIXES = (".ply", ".obj")
+
 
 @dataclass(frozen=True, eq=False)
 class Motion(Tabled):
@@ -90,19 +103,6 @@ class Motion(Tabled):
     def to_json(self) -> dict[str, Any]:
         """Return how much there is of it."""
         return {"frames": len(self.time), "points": self.points.shape[1]}
-
-
-_FARTHEST = 100.0  # m, of what can be no cloth
-# optional arrays of a motion's file, by the field of LacedMuscles
-_OF_MUSCLES = {
-    "points": "muscle_points",
-    "begins": "muscle_begins",
-    "sides": "muscle_sides",
-    "diameters": "muscle_diameters",
-    "contraction": "contraction",
-    "tension": "tension",
-}
-_KNOWN_OF_SIMULATOR = ("contraction", "tension")
 
 
 def write_motion(
@@ -223,9 +223,6 @@ def _muscles(arrays: NpzArrays, path: Path, frames: int) -> LacedMuscles | None:
     if begins[0] != 0 or begins[-1] != most or (np.diff(begins) < 2).any():
         raise InputError(f"{path}: muscle_begins is {begins.tolist()}; expected 0, ..., {most}, two points a muscle")
     return LacedMuscles(**states)
-
-
-SUFFIXES = (".ply", ".obj")
 
 
 def mesh_paths(path: Path, frames: int) -> list[Path]:

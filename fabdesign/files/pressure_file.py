@@ -29,6 +29,10 @@ _CONSTANT = re.compile(r"\s*[-+.\w]+(\s+[a-zA-Z]+)?(\s*,\s*[-+.\w]+(\s+[a-zA-Z]+
 _CELL = re.compile(r"([-+]?(?:[\d.]+(?:e[-+]?\d+)?|nan|inf))\s*([a-z]*)", re.IGNORECASE)
 _WHICH = {"set", "setpoint", "soll", "command", "cmd", "target", "ref", "ist", "meas", "measured", "actual", "feedback"}
 _SLIGHT = 1 / 40  # of the benches' largest pressure: 400 kPa written in bar is a hundredth of it
+Array = NDArray[np.float64]
+_SHIFT = "of the log's clock: the cameras' common time of its first row; absent: found by the steps"
+_NOISE = 0.02  # of the largest pressure: below it a channel is at rest
+_ROWS = 5_000_000
 
 
 def pressure_file_of(pose: int) -> str:
@@ -166,12 +170,6 @@ def _channels(table: LabTable, time: TableColumn) -> list[TableColumn]:
         table.find(name, default=_KILO if name in table.header else None)
         for name in sorted(by_name, key=lambda name: int(name.rpartition("_")[2]))
     ]
-
-
-Array = NDArray[np.float64]
-_SHIFT = "of the log's clock: the cameras' common time of its first row; absent: found by the steps"
-_NOISE = 0.02  # of the largest pressure: below it a channel is at rest
-_ROWS = 5_000_000
 
 
 @dataclass(frozen=True)

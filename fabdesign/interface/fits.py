@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from fabdesign.nouns.trial import MeasurementSet
     from optimize.fit.parameters import FitVector
     from studies.benches.calibrate import BenchCalibration
+    from studies.training.train import TrainingResult
 
 
 def _calibrated(result: Any, given: Mapping[str, Any]) -> Shown:
@@ -215,11 +216,6 @@ def unknowns_of(free: Sequence[str], fix: Sequence[str], base: Model, sets: Sequ
 
     designs = [design for one in sets for design in one.designs.values()]
     return fit_vector(free, fix, factors=base.factors, terms=base.terms, designs=designs)
-
-
-if TYPE_CHECKING:
-    from fabdesign.interface.verb import ModelLike, SetLike, Toml
-    from studies.training.train import TrainingResult
 
 
 def _trained(result: TrainingResult, given: Mapping[str, Any]) -> Shown:

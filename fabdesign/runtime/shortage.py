@@ -23,6 +23,8 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _BROKEN = (errno.EIO, errno.EROFS)
 # what others raise where they get no memory: the loader, Taichi, LLVM
 _NO_MEMORY = re.compile(r"memory allocation|cannot allocate memory|failed to map segment|out of memory|bad_alloc", re.I)
+_STALE = 60.0  # s
+_ROOM = 1_000_000  # bytes: Matplotlib's list of fonts has some 100 kB
 
 
 def concerns_disk(error: BaseException) -> bool:
@@ -112,10 +114,6 @@ def _available() -> int | None:
     with suppress(ValueError, OSError, AttributeError):
         return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     return None
-
-
-_STALE = 60.0  # s
-_ROOM = 1_000_000  # bytes: Matplotlib's list of fonts has some 100 kB
 
 
 def ensure_cache_folder() -> None:

@@ -32,6 +32,13 @@ _FORMS = (
     "pressure.CHANNEL, position.MUSCLE.u (or .v, or position.MUSCLE.CORNER.u), a factor "
     f"({', '.join(PARAMETERS)}, muscle_types.NAME.muscle_gain) or effects.NAME.PARAMETER"
 )
+_Meaning = tuple[Kind, tuple[str | int, ...], str, tuple[float, float], tuple[float, float] | None]
+Output = Callable[[NDArray[np.float64], NDArray[np.float32]], float]
+METHODS = ("morris", "sobol")
+OUTPUTS = ("tip", "mean_curvature", "chamfer", "largest_tension")
+MOST = 1 << 16  # rows, trajectories: far more than anybody waits for
+GRID = 21  # points a side: docs/lab/sensitivity.md says what 41 would change
+MIDDLE = 200e3  # Pa, of channels that nothing is said of
 
 
 @dataclass(frozen=True)
@@ -109,9 +116,6 @@ def _varied(name: str, table: Table, design: Design, model: Model) -> Varied:
     return Varied(name, kind, key, low, high, unit)
 
 
-_Meaning = tuple[Kind, tuple[str | int, ...], str, tuple[float, float], tuple[float, float] | None]
-
-
 def _meaning(name: str, where: str, design: Design, model: Model) -> _Meaning:
     """Return kind, key, unit, what it may be, and the interval that the model gives it, if any."""
     first, *rest = name.split(".")
@@ -166,14 +170,6 @@ def _require_on_cloth(varied: tuple[Varied, ...], design: Design, where: str) ->
         for number, path in enumerate(moved_paths(design, shifts)):  # type: ignore[arg-type]
             if (path < -1e-9).any() or (path > size + 1e-9).any():
                 raise InputError(f"{where}: position.{number}: {side} takes muscle {number} off the cloth")
-
-
-Output = Callable[[NDArray[np.float64], NDArray[np.float32]], float]
-METHODS = ("morris", "sobol")
-OUTPUTS = ("tip", "mean_curvature", "chamfer", "largest_tension")
-MOST = 1 << 16  # rows, trajectories: far more than anybody waits for
-GRID = 21  # points a side: docs/lab/sensitivity.md says what 41 would change
-MIDDLE = 200e3  # Pa, of channels that nothing is said of
 
 
 def _outputs(value: tuple[str, ...], table: Table) -> tuple[str, ...] | None:

@@ -18,6 +18,10 @@ LEGEND = {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "font": {"
 _FONT = {"family": "system-ui, sans-serif", "size": 13}
 _ROW, _FRAME = 26, 90  # px: a row of bars, and what axis and title take
 _NAMED = {"type": "category", "dtick": 1}  # an axis of which every row has its name
+Points = NDArray[np.floating[Any]]  # (n, 3) m
+SHOWN = 700  # target points drawn: few enough that the result is seen between them
+TARGET = "#222222"
+_REACH = 1.5  # of a scene's box corner to corner, in Plotly's units: it stays in view however it is turned
 
 
 @dataclass(frozen=True)
@@ -95,12 +99,6 @@ def cloth(name: str, title: str, cells: NDArray[np.float64], size: tuple[float, 
 
 def _height(rows: Sequence[Any]) -> int:
     return _FRAME + _ROW * max(len(rows), 2)
-
-
-Points = NDArray[np.floating[Any]]  # (n, 3) m
-SHOWN = 700  # target points drawn: few enough that the result is seen between them
-TARGET = "#222222"
-_REACH = 1.5  # of a scene's box corner to corner, in Plotly's units: it stays in view however it is turned
 
 
 def cloud(name: str, points: Points, colour: str, size: float = 1.6) -> go.Scatter3d:

@@ -25,6 +25,9 @@ RESULTS = ("result.json", "trace.json", "evaluation.json", "loop.json", "fusion.
 HEADLINES = ("objective_mm", "chamfer", "surface_rms", "verdict", "evaluations", "complete", "wall_s", "stop_reason")
 
 Figure = str | float | bool | None  # what is not a list or a table
+HISTORY, SAMPLES = "history.sqlite", "samples.csv"
+OBJECTIVE = "objective_mm"
+_COLUMNS = ["part", "evaluation", "seconds", "stage", OBJECTIVE, "diverged"]
 
 
 @dataclass(frozen=True)
@@ -86,11 +89,6 @@ def _flat(result: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Fi
             yield from _flat(value, f"{before}{name}.")
         elif not isinstance(value, list):
             yield before + name, value
-
-
-HISTORY, SAMPLES = "history.sqlite", "samples.csv"
-OBJECTIVE = "objective_mm"
-_COLUMNS = ["part", "evaluation", "seconds", "stage", OBJECTIVE, "diverged"]
 
 
 @dataclass(frozen=True)
