@@ -15,7 +15,7 @@ from fabdesign.formats.encoder import Encoder
 from fabdesign.formats.table import load_toml
 from fabdesign.formats.toml_file import file_stem
 from fabdesign.nouns.design import Design
-from fabdesign.nouns.trial import MeasurementSet, RecordingTiming, Role, Trial
+from fabdesign.nouns.trial import USUAL, Accuracy, MeasurementSet, RecordingTiming, Role, Trial
 from fabdesign.output import new_folder
 
 __all__ = ["MeasurementSet", "NewTrial", "Trial", "TrialData", "read_set", "write_set"]
@@ -54,6 +54,7 @@ def write_set(
     name: str,
     description: str = "",
     frame_rate: float | None = None,
+    accuracy: Accuracy = USUAL,
     made_by: str = "write_set",
     force: bool = False,
 ) -> None:
@@ -73,7 +74,7 @@ def write_set(
             if trial.timing is not None:
                 timings[file.stem] = trial.timing
             listed.append(Trial(file, trial.design_name, designs[trial.design_name], trial.order, trial.role))
-        whole = MeasurementSet(name, designs, tuple(listed), description, frame_rate, recording=timings)
+        whole = MeasurementSet(name, designs, tuple(listed), description, frame_rate, accuracy, recording=timings)
         document = tomlkit.document()
         document["format"] = FORMAT
         document.update(Encoder(unfinished / "set.toml", {Design: lambda design: next(files)}).encode(whole))
