@@ -20,7 +20,7 @@ from optimize.search.objective import Objective
 from studies.benches.trace_report import render_bench
 from studies.benches.tracing import examine
 from studies.layout_grid.report import render
-from studies.layout_grid.result import CellResult, GridResult
+from studies.layout_grid.turns import CellResult, GridResult
 from studies.layout_search.first_layouts import limits_of
 from studies.layout_search.target import LoadedTarget, load_target
 from studies.layouts.report import Section, render_report

@@ -20,7 +20,7 @@ from optimize.search.contraction import Intervals, LinearContraction, largest_co
 from optimize.search.design_space import DesignSpace
 from optimize.search.margins import Limits, constraint_margins
 from optimize.search.starts import layout_starts
-from studies.layouts.kept_result import study_content
+from studies.layouts.result import study_content
 from studies.layouts.run import run_study
 from tests.analytic_cloth import AnalyticCloth
 from tests.sheets import rolled_sheet

@@ -16,7 +16,7 @@ from optimize.search.design_space import DesignSpace, Vector
 from optimize.search.evaluations import PENALTY
 from optimize.search.margins import Limits
 from optimize.search.objective import Objective, Target
-from studies.layout_search.stages import forward_models
+from studies.layout_search.first_layouts import forward_models
 
 BATCH = 32
 TIMES = 5  # our seconds to there, that each has

@@ -23,7 +23,7 @@ from fabdesign.study_files.study_targets import TargetFile
 from optimize.search.evaluations import SLOPES
 from optimize.search.objective import Objective, Target
 from studies.layout_grid.run import run_layouts
-from studies.layout_search.stages import forward_models
+from studies.layout_search.first_layouts import forward_models
 from studies.layouts.result import StudyResult
 from studies.layouts.robustness import as_json, robustness_of
 from studies.layouts.run import run_study

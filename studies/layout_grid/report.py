@@ -11,8 +11,8 @@ from fabdesign.formats.json_file import write_json
 from fabdesign.output import write_text
 from fabdesign.units import in_mm
 from fabdesign.version import __version__
-from studies.layout_grid.result import WORDS, CellResult, GridResult
-from studies.layout_search.wish_errors import is_wished, measure_of
+from studies.layout_grid.turns import WORDS, CellResult, GridResult
+from studies.layout_search.target import is_wished, measure_of
 from studies.layouts.report import ERRORS, WISHED, error_cells, target_texts
 from studies.report import page
 from studies.report.shape_picture import shape_png

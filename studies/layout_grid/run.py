@@ -16,7 +16,6 @@ from optimize.search.evaluations import Evaluations
 from optimize.search.start_rows import as_rows, of_rows
 from optimize.search.starts import Start
 from studies.layout_grid.report import write_report
-from studies.layout_grid.result import CellResult, GridResult
 from studies.layout_grid.turns import (
     FIRST,
     FIRST_FOLLOWED,
@@ -24,7 +23,9 @@ from studies.layout_grid.turns import (
     FURTHER,
     PAGE,
     WORTH_A_TURN,
+    CellResult,
     CellTurns,
+    GridResult,
     best_beneath,
     next_turn,
     recent_gain,

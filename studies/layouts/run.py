@@ -22,18 +22,22 @@ from optimize.search.multistart import INTERRUPTED, search
 from optimize.search.objective import Objective
 from optimize.search.starts import Start
 from optimize.search.thinning import Fewer
-from studies.layout_search.first_layouts import first_starts, further_starts, limits_of
+from studies.layout_search.first_layouts import (
+    coarse_hold_of,
+    first_starts,
+    forward_models,
+    further_starts,
+    limits_of,
+    stages_of,
+)
 from studies.layout_search.progress import saying_a_tenth
-from studies.layout_search.stages import coarse_hold_of, forward_models, stages_of
 from studies.layout_search.target import LoadedTarget, load_target, target_errors
-from studies.layouts.kept_result import answer, keep, study_content
 from studies.layouts.loading_path import loading_paths
-from studies.layouts.out_of_reach import helps_of, missed_at
-from studies.layouts.reach import lacking_of, reach_of
+from studies.layouts.reach import helps_of, lacking_of, missed_at, reach_of
 from studies.layouts.refinement import NEAR as NEAR_ENOUGH
 from studies.layouts.refinement import POOL, made_robust, points_of, search_seconds, shrunk
 from studies.layouts.report import Section, render_report
-from studies.layouts.result import StudyResult, expected_within, pressures_kpa, write_best
+from studies.layouts.result import StudyResult, answer, expected_within, keep, pressures_kpa, study_content, write_best
 from studies.layouts.robustness import robustness_of
 from studies.prediction.forward_model import forward_model, without_resistance
 

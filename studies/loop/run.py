@@ -21,10 +21,17 @@ from optimize.search.evaluations import Evaluations
 from studies.layout_search.first_layouts import first_starts
 from studies.layout_search.target import LoadedTarget, load_target
 from studies.loop.learning import MODEL, Simulators, learn, model_of
-from studies.loop.programs import programs_for
-from studies.loop.record import ChosenDesign, DeviceErrors, Learned, LoopOutcome, Turn, loop_content, stop_reason
-from studies.loop.report import write_report
-from studies.loop.sources import ASKED, MEASURED, measured
+from studies.loop.measuring import ASKED, MEASURED, measured, programs_for
+from studies.loop.record import (
+    ChosenDesign,
+    DeviceErrors,
+    Learned,
+    LoopOutcome,
+    Turn,
+    loop_content,
+    stop_reason,
+    write_report,
+)
 from studies.loop.turn import SEARCH, Choice, choose, chosen, errors_on_device, turn_name
 
 Progress = Callable[[str, float], None]  # what is done, and about what share of all

@@ -20,7 +20,7 @@ from fabdesign.study_files.loop_file import LoopStudy
 from fabdesign.study_files.study_file import EarlierResult
 from fabdesign.units import from_mm, in_mm
 from optimize.search.evaluations import Evaluations
-from studies.layout_search.stages import COARSE
+from studies.layout_search.first_layouts import COARSE
 from studies.layout_search.target import LoadedTarget, target_errors
 from studies.layouts.run import run_study
 from studies.loop.learning import Simulators

@@ -61,7 +61,7 @@ def run_rig(
     cameras of the first program; their true poses go beside it, to RECORDING.truth.json. force: replace folders that
     this program made, and that file. progress(done, of) is called after each trial; say with an
     estimate before. Raises InputError;
-    studies.rig.solver.RigDiverged where a motion has no solution.
+    studies.rig.motion.RigDiverged where a motion has no solution.
     """
     session = [(design, pressures), *more]
     inputs = [g for g in (truth, *(x for d, ps in session for x in (d, *ps))) if isinstance(g, Path | str)]

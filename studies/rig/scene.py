@@ -15,15 +15,13 @@ from numpy.typing import NDArray
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import PARAMETERS
 from fabdesign.nouns.muscle_law import law_of
-from studies.rig.cables import Cables, lace
+from studies.rig.cables import CONTRACTIONS, PRESSURE_STEP, Cables, lace
 from studies.rig.shell import DERIVATIVES
 from studies.rig.spline import Axis, Patch
 
 Array = NDArray[np.float64]
 
 IMPERFECTION = 1e-4  # 1/m, rest curvature by the seed: 2 um over 0.2 m, decides which way a symmetric cloth buckles
-CONTRACTIONS = np.linspace(-0.4, 0.6, 501)  # of the tabulated law; 0, the kink, is one of them
-PRESSURE_STEP = 4e3  # Pa
 PIN_STIFFNESS = 2e5  # N/m, of a hung point's spring: 0.01 mm under the cloth's weight
 
 

@@ -1,32 +1,99 @@
-"""A sweep from its file to its report."""
+"""A sweep from its file to its report. Its samples lie on disk: what is computed stays, whatever ends the process."""
 
-from collections.abc import Callable, Sequence
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.errors import InputError, SimulationError
+from fabdesign.errors import InputError, SimulationError, note
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
 from fabdesign.output import work_folder
 from fabdesign.runtime import working_time
 from fabdesign.runtime.cluster import at_once as machines
 from fabdesign.runtime.effort import duration
-from fabdesign.study_files.sensitivity_file import SensitivityStudy, read_sensitivity
+from fabdesign.runtime.fingerprint import content_of, sha256
+from fabdesign.runtime.store import Database
+from fabdesign.study_files.sensitivity_file import Output, SensitivityStudy, read_sensitivity
+from fabdesign.version import SIMULATOR
 from studies.layout_search.target import LoadedTarget, load_target
 from studies.prediction.forward_model import forward_model
 from studies.prediction.laced_motion import WithMuscleStates, knows_muscles
 from studies.prediction.stability import moves, to_either_side
-from studies.sensitivity.estimators import saltelli_rows, trajectories
 from studies.sensitivity.inputs import Inputs
 from studies.sensitivity.outputs import Outputs, needs_tension
 from studies.sensitivity.report import write_report
-from studies.sensitivity.result import Computed, SensitivityResult
-from studies.sensitivity.store import FILE, Samples, sweep_content
+from studies.sensitivity.result import Computed, SensitivityResult, saltelli_rows, trajectories
 
 Array = NDArray[np.float64]
+FILE = "samples.sqlite"
+ALGORITHM = 1  # of what samples hold: raised where kept ones are no longer what this code would compute
+_RAISED = ("name", "methods", "samples", "trajectories", "seconds")  # what may grow, or changes no sample
+_DROP_DAMAGED = "delete from samples where typeof(numbers) <> 'blob' or length(numbers) = 0 or length(numbers) % 8 <> 0"
+
+
+class Samples(Database):
+    """A SQLite file of one study's samples, by part (a method's design) and number in it."""
+
+    schema = """
+create table if not exists samples (part text, number integer, numbers blob, primary key (part, number));
+create table if not exists spent (id integer primary key check (id = 0), wall real, cpu real);
+insert or ignore into spent values (0, 0, 0);
+"""
+    holds = "another study"
+
+    def __init__(self, path: Path | str, content: Mapping[str, str]) -> None:
+        super().__init__(path, content)
+        with self.writing() as file:
+            dropped = file.execute(_DROP_DAMAGED).rowcount
+        if dropped:
+            note(f"{path}: {dropped} samples are damaged; they are computed again")
+
+    def of(self, part: str) -> dict[int, Array]:
+        """Return the numbers of each sample that is there."""
+        rows = self.rows("select number, numbers from samples where part = ?", part)
+        return {number: np.frombuffer(numbers) for number, numbers in rows}
+
+    def add(self, part: str, values: Mapping[int, Array], *, wall: float, cpu: float) -> None:
+        """Add samples, and the seconds that they took."""
+        rows = [(part, int(n), np.asarray(v, float).tobytes()) for n, v in values.items()]
+        with self.writing() as file:
+            file.executemany("insert or replace into samples values (?, ?, ?)", rows)
+            file.execute("update spent set wall = wall + ?, cpu = cpu + ?", (wall, cpu))
+
+    @property
+    def spent(self) -> tuple[float, float]:
+        """s by the clock and of the processor, all sessions together."""
+        [(wall, cpu)] = self.rows("select wall, cpu from spent")
+        return float(wall), float(cpu)
+
+
+def sweep_content(study: SensitivityStudy, target: Array | None) -> dict[str, str]:
+    """Return what the samples depend on, by field."""
+    more: dict[str, Any] = {f"functions.{name}": _text_of(function) for name, function in study.functions.items()}
+    if target is not None:
+        more["target.points"] = sha256(target)
+    if study.target is not None and study.target.weighting is not None:
+        more["target.regions"] = repr(study.target.weighting.regions)
+    content = content_of(study, (*_RAISED, "target", "functions"), more)
+    return {"simulator": str(SIMULATOR), "algorithm": str(ALGORITHM)} | content
+
+
+def _text_of(function: Output) -> str:
+    """Return that by which a function is known again in another session: what it does, not where it lies."""
+
+    def content(code: Any) -> list[Any]:
+        inner = [content(c) if hasattr(c, "co_code") else repr(c) for c in code.co_consts]
+        return [code.co_code.hex(), code.co_names, inner]
+
+    code = getattr(inspect.unwrap(function), "__code__", None)
+    return repr(type(function)) if code is None else sha256(repr(content(code)))
+
+
 BATCH = 128  # samples in one call: twice what the simulator takes side by side
 CHECKED = 8, 32  # samples at least and at most of which it is looked whether they snap
 _SHARE = 16  # every so many-th row is looked at

@@ -8,13 +8,20 @@ from typing import Literal
 from fabdesign.errors import InputError
 from fabdesign.nouns.trial import Trial
 from fabdesign.study_files.study_targets import TargetFile
-from studies.studio.history import DrawingHistory
-from studies.studio.layout import Layout, Point, move_corner, move_muscle, point_name, row_distance, snapped
-from studies.studio.limits import Broken, broken_limits
+from studies.studio.drawings import DrawingHistory, Result, Row, Seen
+from studies.studio.layout import (
+    Broken,
+    Layout,
+    Point,
+    broken_limits,
+    move_corner,
+    move_muscle,
+    point_name,
+    row_distance,
+    snapped,
+)
 from studies.studio.model_choice import ModelChoice
-from studies.studio.opening import Opened
-from studies.studio.results import Result, Row, Seen
-from studies.studio.target import Comparison, ShownTarget, placed_by_hand
+from studies.studio.opening import Comparison, Opened, ShownTarget, placed_by_hand
 
 
 class Document:

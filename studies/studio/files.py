@@ -21,9 +21,8 @@ from fabdesign.runtime.fingerprint import sha256
 from optimize.search.margins import Limits
 from studies.studio.document import Document
 from studies.studio.layout import Layout
-from studies.studio.opening import Opened
+from studies.studio.opening import Opened, ShownTarget
 from studies.studio.search import study_document
-from studies.studio.target import ShownTarget
 
 FORMAT = "fabdesign.studio-autosave/1"
 SETTLED = 2.0  # s of the motion in pressures.csv after its rise

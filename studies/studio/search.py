@@ -20,10 +20,9 @@ from fabdesign.study_files.study_targets import TargetFile
 from fabdesign.units import from_mm, in_kpa, in_mm
 from optimize.search.margins import Limits
 from studies.studio.document import Document
+from studies.studio.drawings import Result
 from studies.studio.layout import Layout
-from studies.studio.opening import search_limits
-from studies.studio.results import Result
-from studies.studio.target import ShownTarget
+from studies.studio.opening import ShownTarget, search_limits
 
 Vary = Literal["pressures", "pressures and positions", "one more muscle"]
 VARIES: tuple[Vary, ...] = get_args(Vary)

@@ -1,24 +1,73 @@
-"""Shapes of what is not sewn yet, with what the model does not know as intervals."""
+"""Shapes of what is not sewn yet, of models drawn jointly, with what a model does not know as intervals; and which
+measurement would narrow them most: expected information, linear and Gaussian.
 
-from collections.abc import Callable
+About the model, shapes are linear in z, whose prior is the unit normal: a pose's shape is B z, a measurement's frames
+are A z plus noise. After it z has covariance (1 + A^T A / noise^2)^-1, whatever is measured (Lindley 1956; Chaloner and
+Verdinelli 1995), and the shape that times B on both sides."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import SimulationError
 from fabdesign.files.pressure_file import constant_program
-from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import MUSCLE_TYPES, OF_MUSCLES, Case, ForwardModel
 from fabdesign.nouns.model import Model
+from fabdesign.nouns.model_sampling import Ensemble
+from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.nouns.spread import spread_of
-from fabdesign.study_files.unseen_file import Unsewn
+from fabdesign.study_files.rig_limits_file import RigLimits
+from fabdesign.study_files.unseen_file import CandidateMeasurement, Unsewn
 from fabdesign.units import in_kpa, in_mm
+from optimize.fit.parameters import PRIOR
 from studies.intervals.band import shapes_with_error
 from studies.prediction.stability import moves, snaps, to_either_side
 from studies.sensitivity.outputs import mean_curvature, tip
-from studies.unseen.draws import Draws
-from studies.unseen.result import CorrectorStatement, Percentiles, PoseResult
+from studies.tracing.experiment import programs
+from studies.unseen.report import CorrectorStatement, Percentiles, PoseResult
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Independent standard normals z stand for a model: first its covariance's, then, for each number of a muscle type
+    that the model does not have, the data sheet's prior."""
+
+    model: Model
+    design: Design
+
+    @cached_property
+    def unknown(self) -> tuple[str, ...]:
+        """Factors of the design's muscle types that the model says nothing of."""
+        known = self.model.factors
+        types = dict.fromkeys(muscle.type for muscle in self.design.muscles)
+        names = [(f"{MUSCLE_TYPES}{kind}.{own}", own) for kind in types for own in OF_MUSCLES]
+        return tuple(name for name, own in names if name not in known and own not in known)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return (*self._ensemble.names, *self.unknown)
+
+    @cached_property
+    def _ensemble(self) -> Ensemble:
+        return Ensemble(self.model)
+
+    def case(self, z: Array, program: PressureProgram, design: Design | None = None) -> Case:
+        """Of (n,) z; on the design, or on another one."""
+        count = self._ensemble.size
+        model = self._ensemble.at(z[:count])
+        own = {
+            name: float(np.exp(PRIOR[name.rpartition(".")[2]] * x))
+            for name, x in zip(self.unknown, z[count:], strict=True)
+        }
+        return Case(design or self.design, program, model.factors | own, model.terms)
+
+
 _PERCENTILES = 5.0, 50.0, 95.0
 
 
@@ -112,3 +161,73 @@ def corrector_statement(model: Model, unsewn: Unsewn) -> CorrectorStatement:
     far = f"{trust.distance:.2f} from the designs that it learned from, its limit is {trust.limit:.2f}"
     statement = f"the corrector applies: {far}" if trust.applies else f"the corrector does not apply: {far}"
     return {"applies": trust.applies, "distance": trust.distance, "limit": trust.limit, "said": statement}
+
+
+STEP = 0.5  # of z, in differences
+FRAMES = 6  # of a measurement
+NOISE = 1e-3  # m a coordinate: the sensor's and what the model cannot follow
+INDEPENDENT = 40  # points of a frame: what the model cannot follow is smooth over the cloth
+_THIN = 8  # every so many-th point
+
+
+def slopes(shapes: Sequence[NDArray[np.float32]]) -> Array:
+    """Return (values, n) m by z, of shapes at +STEP and -STEP of each z in turn; every few points."""
+    flat = [np.asarray(shape[..., ::_THIN, :], float).ravel() for shape in shapes]
+    return np.stack([(up - down) / (2 * STEP) for up, down in zip(flat[::2], flat[1::2], strict=True)], axis=1)
+
+
+def directions(count: int) -> list[Array]:
+    """Return +STEP and -STEP of each z in turn."""
+    return [sign * STEP * row for row in np.eye(count) for sign in (1, -1)]
+
+
+def pose_slopes(unsewn: Unsewn, draws: Draws, forward: ForwardModel) -> Array:
+    """Return (values, n) m: B, all poses one after another."""
+    zs = directions(len(draws.names))
+    cases = [draws.case(z, constant_program(pose)) for pose in unsewn.poses for z in zs]
+    shapes = forward.equilibria(cases)
+    return np.concatenate([slopes(shapes[k : k + len(zs)]) for k in range(0, len(shapes), len(zs))])
+
+
+def information(candidates: Sequence[CandidateMeasurement], draws: Draws, forward: ForwardModel) -> list[Array]:
+    """Return (n, n) A^T A / noise^2 of each candidate's motion; NaN where one diverged."""
+    zs = directions(len(draws.names))
+    cases = [draws.case(z, c.program, c.design) for c in candidates for z in zs]
+    times = [c.program.duration * (np.arange(FRAMES) + 1) / FRAMES for c in candidates for _ in zs]
+    motions = forward.motions(cases, times)
+    matrices = []
+    for k in range(0, len(motions), len(zs)):
+        a = slopes(motions[k : k + len(zs)])
+        points = len(a) / 3 / FRAMES
+        matrices.append(a.T @ a * (INDEPENDENT / points) / NOISE**2)
+    return matrices
+
+
+def spread(b: Array, covariance: Array) -> float:
+    """Return the RMS [m] over points, of shapes B z with z of this covariance."""
+    return float(np.sqrt(3 * np.einsum("ij,jk,ik->i", b, covariance, b).mean()))
+
+
+def after(b: Array, gained: Array) -> float:
+    """Return the RMS [m] of what a measurement of this information leaves of the shapes' spread."""
+    return spread(b, np.asarray(np.linalg.inv(np.eye(len(gained)) + gained)))
+
+
+def in_turn(b: Array, gained: Mapping[str, Array], count: int) -> dict[str, float]:
+    """Return at most `count` measurements, each the one that tells most beside those before it, and m RMS that they
+    leave together. gained: (n, n), what `information` says of each."""
+    chosen: dict[str, float] = {}
+    known = np.zeros((b.shape[1], b.shape[1]))
+    while len(chosen) < min(count, len(gained)):
+        remaining = {name: after(b, known + information) for name, information in gained.items() if name not in chosen}
+        best = min(remaining, key=lambda name: remaining[name])
+        chosen[best], known = remaining[best], known + gained[best]
+    return chosen
+
+
+def candidates_of(unsewn: Unsewn, rig: RigLimits) -> list[CandidateMeasurement]:
+    """Return the study's measurements; else steps, staircases and ramps on the design that the rig can do."""
+    if unsewn.candidates:
+        return [*unsewn.candidates]
+    named = programs(unsewn.design, rig)
+    return [CandidateMeasurement(name, unsewn.design, program) for name, program in named.items()]

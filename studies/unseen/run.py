@@ -22,11 +22,20 @@ from studies.measured.sensitive_stretches import GRID
 from studies.prediction.forward_model import forward_model
 from studies.prediction.stability import to_either_side
 from studies.unseen.cross_validation import left_out
-from studies.unseen.draws import Draws
-from studies.unseen.measurement import Array, after, candidates_of, in_turn, information, pose_slopes, spread
-from studies.unseen.prediction import corrector_statement, intervals_statement, predicted
-from studies.unseen.report import write_report
-from studies.unseen.result import CandidateResult, Measurement, PoseResult, ProposedProgram, UnseenResult
+from studies.unseen.prediction import (
+    Array,
+    Draws,
+    after,
+    candidates_of,
+    corrector_statement,
+    in_turn,
+    information,
+    intervals_statement,
+    pose_slopes,
+    predicted,
+    spread,
+)
+from studies.unseen.report import CandidateResult, Measurement, PoseResult, ProposedProgram, UnseenResult, write_report
 
 _UNSEWN = 0.5  # of the work, that predictions of a layout that is not sewn take beside measured designs
 _DERIVATIVES = 0.3  # of it, after which measurements are compared

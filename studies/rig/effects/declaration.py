@@ -5,6 +5,9 @@ from dataclasses import dataclass
 
 from studies.rig.scene import Scene
 
+Apply = Callable[[Scene, int, Mapping[str, float]], None]
+EFFECTS: dict[str, "RigEffect"] = {}
+
 
 @dataclass(frozen=True)
 class RigEffect:
@@ -12,4 +15,14 @@ class RigEffect:
 
     site: str
     parameters: Mapping[str, tuple[float, str]]  # name -> default, unit
-    apply: Callable[[Scene, int, Mapping[str, float]], None]
+    apply: Apply
+
+
+def effect(site: str, **parameters: tuple[float, str]) -> Callable[[Apply], Apply]:
+    """Declare a function as the effect of its name."""
+
+    def declared(apply: Apply) -> Apply:
+        EFFECTS[apply.__name__] = RigEffect(site, parameters, apply)
+        return apply
+
+    return declared

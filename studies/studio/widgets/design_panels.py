@@ -1,8 +1,9 @@
-"""Fields of what is designed: pressures, the muscle that is selected, the model. Name, unit, limits and sentence of a
-parameter are those of its declaration."""
+"""Fields of what is designed: pressures, the muscle that is selected, the model, a program under edit. Name, unit,
+limits and sentence of a parameter are those of its declaration."""
 
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 from fabdesign.effects.declaration import EffectParameter
 from fabdesign.effects.registry import EFFECTS
@@ -20,7 +21,9 @@ from studies.studio.layout import (
     set_channel,
     set_type,
 )
-from studies.studio.widgets.declared import KPA, MM, Widget, buttons, choice, entry, folder
+from studies.studio.session import Session
+from studies.studio.widgets.declared import KPA, MM, Widget, Widgets, buttons, choice, entry, folder, html
+from studies.studio.widgets.status import error_over_time
 
 NONE, SHEET, FILE = "none", "data sheet", "model file"
 
@@ -126,3 +129,30 @@ def _parameter(document: Document, effect: str, key: str, declared: EffectParame
 
     shown = min(max(round(document.choice.effect_values[effect][key], 6), low), high)
     return entry("number", f"{key.replace('_', ' ')}{unit}", shown, put, min=low, max=high, hint=declared.what)
+
+
+def program(session: Session, made: Widgets) -> list[Widget]:
+    """Return what stands beside the plot; nothing where no program is edited."""
+    if (edit := session.program) is None:
+        return []
+    regulator = edit.moving.regulator
+    channels = tuple(map(str, range(regulator.channels)))
+    knots = tuple(f"{regulator.cycle * cycle:.2f}" for cycle in edit.knots)
+
+    def save() -> None:
+        path = Path(made.typed("Motion", "Program", "File").strip())
+        made.unless_lost(f"{path} is there" if path.exists() else None, partial(edit.save, path))
+
+    inside = [
+        choice("Channel", channels, channels[edit.channel], lambda name: edit.select(int(name), edit.knot)),
+        choice("Knot, s", knots, knots[edit.knot], lambda name: edit.select(edit.channel, knots.index(name))),
+        entry(
+            "slider", "Pressure, kPa", edit.pressure, edit.put, KPA,
+            min=0.0, max=float(regulator.highest[edit.channel]), step=0.1,
+        ),
+        buttons("Play it over the target", {"coarse": edit.play, "exact": partial(edit.play, exact=True)}),
+        html("error", error_over_time(session)),
+        entry("text", "File", f"{edit.moving.study.name}_pressures.csv"),
+        buttons("Program", {"save": save, "as it was opened": partial(edit.take, edit.moving.pressures)}),
+    ]  # fmt: skip
+    return [folder("Program", *inside)]
