@@ -166,7 +166,7 @@ def robust(truth: Truth, folder: Path, share: float) -> Row:
     study = study_of(truth, [measured(truth, 0, folder)], share * SECONDS)
     nominal, _ = timed(study, folder / "nominal")
     asked = Robust(copies=COPIES, choose="yield")
-    coarse, fine = (forward_model(simulator, None) for simulator in reversed(forward_models(None, None)))
+    coarse, fine = (forward_model(simulator, None) for simulator in reversed(forward_models({})))
     objective = Objective([Target(target.points, target.time) for target in nominal.targets])
     found = robustness_of(
         replace(study, robust=asked),

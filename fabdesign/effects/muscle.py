@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects.bench import MuscleRecord
-from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
+from fabdesign.effects.declaration import Effect, EffectParameter, Values
 from fabdesign.effects.specimen import Specimen
+from fabdesign.nouns.lag import first_order
 from fabdesign.units import from_kpa
 
 
@@ -90,10 +91,7 @@ def _muscle_creep_specimen(specimen: Specimen, values: Values, muscles: NDArray[
 
 def _muscle_creep_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
     limit = values["share"] * np.maximum(record.contraction, 0.0)
-    aged = -np.expm1(-np.diff(record.time) / values["time"])
-    lent: Array = limit.copy()
-    for k, share in enumerate(aged, start=1):
-        lent[k] = lent[k - 1] + share * (limit[k] - lent[k - 1])
+    lent = first_order(limit[1:], np.diff(record.time), values["time"], start=limit[0])
     return replace(record, lent=record.lent + lent - values["on_bench"] * limit)
 
 

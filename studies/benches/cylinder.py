@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError
 from fabdesign.files.bench_law_file import BenchLaw
 from fabdesign.nouns.bench import Bench, BenchRecord
+from fabdesign.nouns.lag import first_order
 from fabdesign.nouns.model import Quantity
 from studies.benches.law import Law, Predict
 
@@ -123,10 +124,8 @@ def area_alone(records: Sequence[BenchRecord], held_out: BenchRecord) -> Array:
 
 def friction_state(displacement: Array, presliding: float) -> Array:
     """(n,) s, from 1 (moving out) at the start: exact for steps of even motion."""
-    state = np.ones(len(displacement))
-    for i, step in enumerate(np.diff(displacement)):
-        state[i + 1] = np.sign(step) + (state[i] - np.sign(step)) * np.exp(-abs(step) / presliding)
-    return state
+    steps = np.diff(displacement)
+    return first_order(np.sign(steps), np.abs(steps), presliding, start=1.0)
 
 
 @lru_cache(maxsize=256)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from fabdesign.errors import InputError
-from fabdesign.nouns.forward import HOLD, RISE, ForwardModel
-from fabdesign.nouns.model import POINTS_PER_SIDE
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.runtime.effort import MUSCLES
 from fabdesign.study_files.study_file import Study
@@ -24,6 +24,7 @@ from optimize.search.starts import Start, catalogue_starts, layout_starts, press
 from optimize.search.variations import variations, with_corners
 from studies.layout_search.target import LoadedTarget
 from studies.prediction.forward_model import without_resistance
+from studies.study import Simulated, simulator
 
 PRESSURE_STARTS = 31  # screened before pressures are searched
 LAYOUT_STARTS = 64  # drawn and screened before layouts are searched; a multiple of what the simulator takes at once
@@ -155,27 +156,20 @@ COARSE = 21  # points a side, of the simulator on which a search begins
 
 
 def forward_models(
-    fine: ForwardModel | None,
-    coarse: ForwardModel | None,
-    *,
-    points_per_side: int = POINTS_PER_SIDE,
-    rise: float = RISE,
-    hold: float = HOLD,
-    coarse_hold: float | None = None,
+    how: Simulated, study: Study | None = None, targets: Sequence[LoadedTarget] = ()
 ) -> tuple[ForwardModel, ForwardModel]:
-    """Return the models given, or the simulator, the fine one with `points_per_side`; a single one given serves for
-    both."""
+    """Return the fine and the coarse model given, or the simulator, for a study with its targets; a single one given
+    serves for both."""
+    fine, coarse = how.get("forward"), how.get("coarse")
     if fine is not None:
         return fine, coarse or fine
-    from sim import Simulator  # here: it loads and starts taichi
-
-    fine = Simulator(points_per_side, rise=rise, hold=hold)
-    return fine, coarse or Simulator(
-        COARSE, tolerance=1e-6, rise=rise, hold=hold if coarse_hold is None else coarse_hold
-    )
+    model = None if study is None else study.model
+    hold = {} if study is None else {"hold": _coarse_hold(study, targets)}
+    fine = simulator((model or Model()).points_per_side, study)
+    return fine, coarse or simulator(COARSE, study, tolerance=1e-6, **hold)
 
 
-def coarse_hold_of(study: Study, targets: Sequence[LoadedTarget]) -> float:
+def _coarse_hold(study: Study, targets: Sequence[LoadedTarget]) -> float:
     """Return the seconds for which pressures hold where shapes at rest stand for frames of the targets
     (optimize.search.objective)."""
     times = [target.time for target in targets if target.time is not None]

@@ -1,4 +1,4 @@
-"""The result of a study, its files, and as its search's history keeps it: the same call answers without a simulation."""
+"""The result of a study, its files, and as its search's history keeps it, so that the same call answers at once."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace

@@ -3,15 +3,14 @@
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import SimulationError
-from fabdesign.nouns.forward import ForwardModel
-from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
-from fabdesign.output import WorkFolder, work_folder, write_text
+from fabdesign.output import WorkFolder, write_text
 from fabdesign.study_files.study_file import Study, read_study, require_searchable
 from fabdesign.units import in_mm
 from optimize.search.design_space import DesignSpace
@@ -23,7 +22,6 @@ from optimize.search.objective import Objective
 from optimize.search.starts import Start
 from optimize.search.thinning import Fewer
 from studies.layout_search.first_layouts import (
-    coarse_hold_of,
     first_starts,
     forward_models,
     further_starts,
@@ -40,6 +38,7 @@ from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult, answer, expected_within, keep, pressures_kpa, study_content, write_best
 from studies.layouts.robustness import robustness_of
 from studies.prediction.forward_model import forward_model, without_resistance
+from studies.study import Simulated, StudyRun
 
 HISTORY = "history.sqlite"
 FILES = "result.json", "design.toml", "pressures.csv", "report.html"  # of every result
@@ -49,49 +48,36 @@ def run_study(
     study: Study | Path | str,
     out: Path | str,
     *,
-    forward: ForwardModel | None = None,
-    coarse: ForwardModel | None = None,
-    seconds: float | None = None,
-    force: bool = False,
     starts: Sequence[Start] | None = None,
     follow: bool = True,
     progress: Callable[[Evaluations], None] = lambda _: None,
+    **how: Unpack[Simulated],
 ) -> StudyResult:
     """Search, and write `result.json`, `design.toml`, `pressures.csv` and `report.html` into `out`.
 
     The search runs on `coarse` and ends on `forward` (by default the simulator with 21 points a side and with the
     study's model's or 41; `forward` alone serves for both). While it runs, `out` always has the best so far; the same
     call on the same folder goes on after an interruption, and does not search again what is finished. Further poses'
-    pressures are `pressures_2.csv` and so on. `seconds` takes the place of the limit of the study. starts: where the
-    search begins, the same in every call on a folder; by default what `first_starts` gives. follow: whether the
-    motion that leads to the result is computed too, after the search. Ctrl-C ends the search with a result.
+    pressures are `pressures_2.csv` and so on. starts: where the search begins, the same in every call on a folder; by
+    default what `first_starts` gives. follow: whether the motion that leads to the result is computed too, after the
+    search. Ctrl-C ends the search with a result; searched anew by `force`, the same call goes on.
 
     A folder of another study (OtherContent) or of other files, and one where another search runs, are refused:
-    InputError, like other bad input before anything is computed. force: search anew in such a folder of another or of
-    the same study; its old content stays until the search has ended, or, interrupted, goes on by the
-    same call.
+    InputError, like other bad input before anything is computed.
     """
-    out, given = Path(out), study
-    study = study if isinstance(study, Study) else read_study(study)
-    if seconds is not None:
-        study = replace(study, limits=replace(study.limits, seconds=seconds))
+    run = StudyRun.of(study, read_study, how)
+    study = run.study
     require_searchable(study, study.name)
     targets = tuple(load_target(target, study.design, seed=study.seed) for target in study.targets)
-    objective = Objective(
-        [t.sought for t in targets],
-        study.objective,
-        study.order,
-        [t.weight for t in targets],
-    )
     begun = first_starts(study) if starts is None else [*starts]
-    inputs = [*([] if isinstance(given, Study) else [given]), *(target.file for target in study.targets)]
-    with work_folder(out, made_by="optimize", force=force, inputs=inputs) as work:
+    with run.folder(out, "optimize", [target.file for target in study.targets]) as work:
         with History.of_work(work, HISTORY, study_content(study, targets)) as history:
             if (kept := answer(history, study, targets, follow=follow)) is not None:
                 if not all((work.folder / name).is_file() for name in FILES):
                     _write(work, kept)
                 return kept
-            result = _search_in(work, study, targets, objective, begun, forward, coarse, follow, progress, history)
+            keeping = _keeping_best(work, targets, study.rise, saying_a_tenth(_floor(study, targets), progress))
+            result = _searched(study, targets, begun, history, keeping, follow=follow, how=how)
             if not result.interrupted:
                 keep(history, result, follow=follow)
         if work.anew and result.interrupted:
@@ -108,28 +94,18 @@ def _write(work: WorkFolder, result: StudyResult) -> None:
         write_text(files / "report.html", render_report(name, [Section(name, result)]))
 
 
-def _search_in(
-    work: WorkFolder,
+def _searched(
     study: Study,
     targets: tuple[LoadedTarget, ...],
-    objective: Objective,
     starts: list[Start],
-    forward: ForwardModel | None,
-    coarse: ForwardModel | None,
-    follow: bool,
-    progress: Callable[[Evaluations], None],
     history: History,
+    progress: Callable[[Evaluations], None],
+    *,
+    follow: bool,
+    how: Simulated,
 ) -> StudyResult:
-    given = forward_models(
-        forward,
-        coarse,
-        points_per_side=(study.model or Model()).points_per_side,
-        rise=study.rise,
-        hold=study.hold,
-        coarse_hold=coarse_hold_of(study, targets),
-    )
-    floor = _floor(study, targets)
-    fine, quick = (forward_model(simulator, study.model) for simulator in given)
+    objective = Objective([t.sought for t in targets], study.objective, study.order, [t.weight for t in targets])
+    fine, quick = (forward_model(engine, study.model) for engine in forward_models(how, study, targets))
     evaluations = Evaluations(
         objective,
         starts,
@@ -137,11 +113,11 @@ def _search_in(
         history,
         seconds=search_seconds(study),
         evaluations=study.limits.evaluations,
-        on_progress=_keeping_best(work, targets, study.rise, saying_a_tenth(floor, progress)),
+        on_progress=progress,
         near=NEAR_ENOUGH if study.robust else NEAR,
         limit=study.limits.seconds,
     )
-    stop_reason, fewer = search(evaluations, further=further_starts(study), floor=floor), None
+    stop_reason, fewer = search(evaluations, further=further_starts(study), floor=_floor(study, targets)), None
     try:
         fewer = None if stop_reason == INTERRUPTED else shrunk(study, evaluations)
     except KeyboardInterrupt:

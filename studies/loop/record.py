@@ -12,7 +12,6 @@ from markupsafe import Markup
 from fabdesign.files.design_file import read_design
 from fabdesign.files.pressure_file import read_pressures
 from fabdesign.formats.json_file import plain
-from fabdesign.output import write_text
 from fabdesign.runtime.fingerprint import content_of, sha256
 from fabdesign.study_files.loop_file import LoopStudy, StopRule, VirtualRig
 from fabdesign.units import in_mm
@@ -20,6 +19,7 @@ from fabdesign.version import SIMULATOR, __version__
 from studies.layout_search.target import LoadedTarget
 from studies.layouts.result import study_content
 from studies.report import charts, page, scene
+from studies.study import write_result
 
 _RAISED = ("stop", "search")  # more turns go further; the search's own content has its own way
 
@@ -144,12 +144,12 @@ PREDICTED, DEVICE = "#92c5de", "#b2182b"
 def write_report(
     outcome: LoopOutcome, study: LoopStudy, targets: Sequence[LoadedTarget], folder: Path, out: Path
 ) -> None:
-    """Write `report.html` into `out`; the turns' folders lie in `folder`."""
+    """Write `result.json` and `report.html` into `out`; the turns' folders lie in `folder`."""
     blocks = [*_head(outcome, targets)]
     for turn in outcome.turns:
         blocks += _turn(turn, study, targets, folder)
     last = page.Text(f"fabdesign {__version__}, seed {outcome.seed}, {outcome.wall_s:.0f} s.")
-    write_text(out / "report.html", page.html_of(f"{outcome.name}: loop", [*blocks, last]))
+    write_result(out, outcome.as_json(), f"{outcome.name}: loop", [*blocks, last])
 
 
 def _head(outcome: LoopOutcome, targets: Sequence[LoadedTarget]) -> Iterator[page.Block]:

@@ -4,7 +4,7 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +12,12 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError, SimulationError, note
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
-from fabdesign.output import work_folder
 from fabdesign.runtime import working_time
 from fabdesign.runtime.cluster import at_once as machines
 from fabdesign.runtime.effort import duration
-from fabdesign.runtime.fingerprint import content_of, sha256
+from fabdesign.runtime.fingerprint import sha256
 from fabdesign.runtime.store import Database
 from fabdesign.study_files.sensitivity_file import Output, SensitivityStudy, read_sensitivity
-from fabdesign.version import SIMULATOR
 from studies.layout_search.target import LoadedTarget, load_target
 from studies.prediction.forward_model import forward_model
 from studies.prediction.laced_motion import WithMuscleStates, knows_muscles
@@ -28,6 +26,7 @@ from studies.sensitivity.inputs import Inputs
 from studies.sensitivity.outputs import Outputs, needs_tension
 from studies.sensitivity.report import write_report
 from studies.sensitivity.result import Computed, SensitivityResult, saltelli_rows, trajectories
+from studies.study import Running, StudyRun, kept_content, simulator
 
 Array = NDArray[np.float64]
 FILE = "samples.sqlite"
@@ -79,8 +78,7 @@ def sweep_content(study: SensitivityStudy, target: Array | None) -> dict[str, st
         more["target.points"] = sha256(target)
     if study.target is not None and study.target.weighting is not None:
         more["target.regions"] = repr(study.target.weighting.regions)
-    content = content_of(study, (*_RAISED, "target", "functions"), more)
-    return {"simulator": str(SIMULATOR), "algorithm": str(ALGORITHM)} | content
+    return kept_content(study, (*_RAISED, "target", "functions"), more, ALGORITHM)
 
 
 def _text_of(function: Output) -> str:
@@ -118,10 +116,9 @@ def run_sensitivity(
     out: Path | str,
     *,
     forward: ForwardModel | None = None,
-    seconds: float | None = None,
-    force: bool = False,
     progress: Callable[[Progress], None] = lambda _: None,
     interruptible: bool = False,
+    **how: Unpack[Running],
 ) -> SensitivityResult:
     """Compute the samples of a study and write `result.json`, `samples.csv` and `report.html` into `out`.
 
@@ -130,12 +127,10 @@ def run_sensitivity(
     interruptible: Ctrl-C ends with what is done, where that is enough for a statement.
     Raises SimulationError where too many samples fail for a statement.
     """
-    inputs = [] if isinstance(study, SensitivityStudy) else [study]
-    study = study if isinstance(study, SensitivityStudy) else read_sensitivity(study)
-    study = study if seconds is None else replace(study, seconds=seconds)
-    inputs += [study.target.file] if study.target else []
+    run = StudyRun.of(study, read_sensitivity, how)
+    study = run.study
     target = load_target(study.target, study.design, seed=study.seed) if study.target else None
-    with work_folder(out, made_by="sensitivity", force=force, inputs=inputs) as work:
+    with run.folder(out, "sensitivity", [study.target.file] if study.target else []) as work:
         content = sweep_content(study, None if target is None else target.points)
         with Samples.of_work(work, FILE, content) as store:
             result = _Sweep(study, target, store, forward, progress, interruptible).run()
@@ -157,9 +152,7 @@ class _Sweep:
         self._interruptible, self._interrupted = interruptible, False
         self.study, self.inputs, self._store, self._progress = study, Inputs(study), store, progress
         if forward is None:
-            from sim import Simulator  # here: it loads and starts taichi
-
-            forward = Simulator(study.points_per_side, rise=study.rise, hold=study.hold)
+            forward = simulator(study.points_per_side, study)
         if needs_tension(study.outputs) and not knows_muscles(forward):
             raise InputError(f"largest_tension: {type(forward).__name__} knows no tensions; expected the simulator")
         self._tensions = WithMuscleStates(forward) if needs_tension(study.outputs) else None

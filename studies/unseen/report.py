@@ -8,13 +8,12 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from fabdesign.formats.json_file import write_json
 from fabdesign.formats.toml_file import file_stem
-from fabdesign.output import write_text
 from fabdesign.units import in_mm
 from fabdesign.version import __version__
 from studies.prediction.evaluate import ERROR_NAMES
 from studies.report import page
+from studies.study import write_result
 
 Percentiles = list[float]  # 5, 50 and 95 % over the drawn models
 
@@ -109,11 +108,10 @@ points of a frame. The set points of the first program are in result.json, <code
 
 def write_report(result: UnseenResult, out: Path, *, pictures: Path) -> None:
     """Write `result.json` and `report.html` into `out`; `pictures` holds the overlays."""
-    write_json(out / "result.json", without_lines(result))
     ended = f"seed {result['seed']}, {result.get('wall_s', 0.0):.0f} s. fabdesign {__version__}"
     last = page.Text(f"{result['points_per_side']} grid points a side, {ended}.", "quiet")
     blocks = [page.Title(result["name"], 1), *_shapes(result), *_left_out(result, pictures), last]
-    write_text(out / "report.html", page.html_of(result["name"], blocks))
+    write_result(out, without_lines(result), result["name"], blocks)
 
 
 def _shapes(result: UnseenResult) -> Iterator[page.Block]:
