@@ -41,8 +41,7 @@ from optimize.fit.parameters import FitVector
 from studies.calibration.calibrate import CalibrationOptions, calibrate
 from studies.measured.fit_data import noise_of
 from studies.measured.sensitive_stretches import GRID, find_used_frames
-from studies.training.data import choose
-from studies.training.train import KEPT_BACK
+from studies.training.data import KEPT_BACK, choose
 from studies.unseen.prediction import Draws, in_turn, information
 
 FIVE = (0, 38, 75)

@@ -59,6 +59,7 @@ def train(
     from fabdesign.output import new_files
     from fabdesign.runtime.effort import CALIBRATION, fit_seconds, in_words, on_cores, training_seconds
     from studies.measured.sensitive_stretches import GRID as COARSE
+    from studies.training.data import TrainingOptions
     from studies.training.train import train as train_on
 
     run, out = Run(**given), Path(out)
@@ -76,19 +77,22 @@ def train(
     estimate = in_words(seconds, f"{len(motion)} trials", on_cores()) if motion and network == "field" else None
     show = run.opened(lambda: estimate)
     with places as unfinished, run.computing():
-        result = train_on(
-            sets,
-            simulator(base.points_per_side),
-            unfinished,
-            goes_to=out,
+        options = TrainingOptions(
             base=base,
             vector=vector,
             slopes=simulator(min(base.points_per_side, COARSE)),
             network=network,
             hold_out=hold_out,
             seed=seed,
-            force=run.force,
             coarse=simulator(COARSE),
+        )
+        result = train_on(
+            sets,
+            simulator(base.points_per_side),
+            unfinished,
+            options,
+            goes_to=out,
+            force=run.force,
             progress=lambda what, done, of: show(f"{what} {done} of {of}", done / of),
         )
     return replace(result, skipped=tuple(skipped))

@@ -175,6 +175,7 @@ def _trained(
 ) -> tuple[str, bool]:
     """Return what a network is worth, in a line, and whether it is used: the model with it takes the place of the one
     without where it brings the trials kept back nearer, of every design."""
+    from studies.training.data import TrainingOptions
     from studies.training.train import train
 
     assert study.learning.train is not None
@@ -187,12 +188,14 @@ def _trained(
                 [measured],
                 simulators(study.points_per_side),
                 files / name / MODEL,
+                TrainingOptions(
+                    base,
+                    network=study.learning.train,
+                    seed=study.search.seed,
+                    coarse=simulators(min(study.points_per_side, GRID)),
+                ),
                 goes_to=work.folder / name / MODEL,
-                base=base,
-                network=study.learning.train,
-                seed=study.search.seed,
                 force=True,
-                coarse=simulators(min(study.points_per_side, GRID)),
                 progress=lambda what, done, total: say(f"training: {what} {done} of {total}"),
             )
         except InputError as error:  # trials that nothing can be learned from
