@@ -479,10 +479,10 @@ def test_every_trial_has_its_errors_in_a_table(folder: Path) -> None:
     settle(session, clock, 4.0)
     assert list(session.trial_errors.by_label) == list(session.document.trials)
     shown = next(iter(session.document.trials))
-    measured = ask_of_trial(session.document.trials[shown], session.document.choice.model)
-    motion = StudioSolver(Bending).answer(measured[2]).points
+    ask = ask_of_trial(session.document.trials[shown], session.document.choice.model)
+    motion = StudioSolver(Bending).answer(ask).points
     assert motion is not None
-    pairs = zip(motion, measured[1].frames, strict=True)
+    pairs = zip(motion, ask.measured, strict=True)
     expected = np.mean([capped_rms(Surface.of_faces(points).distance(cloud)) for points, cloud in pairs])
     assert session.trial_errors.by_label[shown][0].surface_rms == pytest.approx(expected)
     lines = errors_table(session.trial_errors.by_label).splitlines()

@@ -5,7 +5,6 @@ from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fabdesign.clouds.target_file import PlacedTarget, read_target
@@ -18,6 +17,7 @@ from fabdesign.geometry.regions import Weighting
 from fabdesign.geometry.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
 from fabdesign.geometry.sheet import Face
 from fabdesign.geometry.wishes import Landmarks
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.runtime.fingerprint import sha256
@@ -34,7 +34,7 @@ NOISELESS = 1e-4  # m: bends that a quadric does not follow look like less noise
 class LoadedTarget:
     """A cloud and where it comes from. time: s after rest, of a trial's frame; None: a shape at equilibrium."""
 
-    points: NDArray[np.float64]  # (n, 3) m
+    points: Array  # (n, 3) m
     time: float | None
     description: str
     noise: SensorNoise = NOISE_FREE  # what the cloud shows; none on a mesh
@@ -50,7 +50,7 @@ class LoadedTarget:
         """Return the target that a search comes close to."""
         return Target(self.points, self.time, self.markers, self.face, self.landmarks, self.free, self.weighting)
 
-    def beside(self, shape: NDArray[np.float64]) -> "LoadedTarget":
+    def beside(self, shape: Array) -> "LoadedTarget":
         """Return a free one where it lies nearest to a shape (2 n, 3) m, with how it was moved; any other as it is."""
         if not self.free:
             return self
@@ -111,7 +111,7 @@ def load_target(target: TargetFile, design: Design, *, seed: int = 0) -> LoadedT
 
 
 def target_errors(
-    targets: Sequence[LoadedTarget], shapes: NDArray[np.float64], design: Design, *, seed: int = 0, draws: int = DRAWS
+    targets: Sequence[LoadedTarget], shapes: Array, design: Design, *, seed: int = 0, draws: int = DRAWS
 ) -> Errors:
     """Return the mean error over the targets by their weights, of shapes (poses, 2 n, 3) m. The floors take the noise
     that each target shows."""
@@ -120,9 +120,7 @@ def target_errors(
     return Errors(*np.average([astuple(errors) for errors in by_pose], axis=0, weights=weights).tolist())
 
 
-def pose_errors(
-    targets: Sequence[LoadedTarget], shapes: NDArray[np.float64], *, seed: int = 0, draws: int = DRAWS
-) -> list[Errors]:
+def pose_errors(targets: Sequence[LoadedTarget], shapes: Array, *, seed: int = 0, draws: int = DRAWS) -> list[Errors]:
     """Return the errors of each target beside its shape. draws: of each floor."""
     return [
         _errors(target, shape, seed=seed + pose, draws=draws)
@@ -130,7 +128,7 @@ def pose_errors(
     ]
 
 
-def _errors(target: LoadedTarget, shape: NDArray[np.float64], *, seed: int, draws: int) -> Errors:
+def _errors(target: LoadedTarget, shape: Array, *, seed: int, draws: int) -> Errors:
     if target.landmarks is not None:
         return landmark_errors(target.landmarks, shape)
     target = target.beside(shape)
@@ -189,9 +187,6 @@ def _set_description(trial: Path) -> str:
             root = load_toml(folder / "set.toml", "fabdesign.measurement-set/1")
             return f"{folder.name}: {decode_key(str, root, 'description', '')}"
     return ""
-
-
-Array = NDArray[np.float64]
 
 
 def is_wished(targets: Sequence[TargetFile]) -> bool:

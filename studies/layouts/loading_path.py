@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.formats.json_file import plain
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.pressure import PressureProgram, rising_program, sequence_program
@@ -18,8 +18,6 @@ from studies.prediction.stability import OFF, apart, are_one, sides
 RISES = (0.2, 2.0)  # s, of copies
 SETTLE = 3.0  # s after the rise: a swing is over but for a millimetre
 NEARER = 0.8  # of the value: a copy that comes so much nearer shows where the target lies
-
-Pressures = NDArray[np.float64]  # (poses, channels) Pa
 
 
 @dataclass(frozen=True)
@@ -104,7 +102,7 @@ class LoadingPath:
 def loading_paths(
     objective: Objective,
     forward: ForwardModel,
-    results: Sequence[tuple[Design, Pressures]],
+    results: Sequence[tuple[Design, Array]],
     shapes: Sequence[Shape],
     at_rest: Sequence[Shape],
     *,
@@ -114,7 +112,7 @@ def loading_paths(
     without pressure. rise: s, of pressures that lead to a shape at rest."""
     plans = [_plans(objective, design, pressures, rise) for design, pressures in results]
     cases: list[Case] = []
-    times: list[NDArray[np.float64]] = []
+    times: list[Array] = []
     for (design, _), plan in zip(results, plans, strict=True):
         for _, programs in plan:
             cases += [Case(design, program, order=objective.order) for program in programs]
@@ -134,7 +132,7 @@ def loading_paths(
 
 
 def _plans(
-    objective: Objective, design: Design, pressures: Pressures, rise: float
+    objective: Objective, design: Design, pressures: Array, rise: float
 ) -> list[tuple[str, list[PressureProgram]]]:
     """Name of the motion and of each copy, and their programs, one a pose."""
     signs = sides(design)

@@ -6,13 +6,13 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 from scipy.spatial import KDTree
 
 from fabdesign.geometry.metrics import Errors
 from fabdesign.geometry.mid_surface import mid_surface
 from fabdesign.geometry.surface import pierced
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import factor
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import ForwardModel
@@ -72,7 +72,7 @@ class Helps:
         return [{"what": change.what, "gain_mm": in_mm(self.before - change.value)} for change in self.nearer]
 
 
-def missed_at(shape: NDArray[np.float64], target: LoadedTarget, size: tuple[float, float]) -> Missed:
+def missed_at(shape: Array, target: LoadedTarget, size: tuple[float, float]) -> Missed:
     """Return where one pose misses: shape (2 n, 3) m beside its target, both ways, of wishes the one that lies farthest
     off; size: (width, height) m of the cloth."""
     if target.landmarks is not None:
@@ -241,8 +241,8 @@ class Reach:
 def reach_of(
     study: Study,
     design: Design,
-    pressures: NDArray[np.float64],
-    shapes: NDArray[np.float64],
+    pressures: Array,
+    shapes: Array,
     errors: Errors,
     margins: Mapping[str, float],
     lacking: Lacking | None = None,
@@ -263,9 +263,7 @@ def reach_of(
     )
 
 
-def _held_by(
-    study: Study, design: Design, pressures: NDArray[np.float64], margins: Mapping[str, float]
-) -> Sequence[str]:
+def _held_by(study: Study, design: Design, pressures: Array, margins: Mapping[str, float]) -> Sequence[str]:
     low, high = study.limits.pressure
     acting = pressures[:, [muscle.channel for muscle in design.muscles]]
     at_most = (acting > high - AT_LIMIT * (high - low)).any(axis=0).sum()

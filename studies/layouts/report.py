@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
 from fabdesign.geometry.distances import nearest_distances
 from fabdesign.geometry.metrics import MANY_BEYOND, Errors, told_beyond
 from fabdesign.geometry.mid_surface import at_places, two_faces
 from fabdesign.geometry.wishes import Landmarks
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.nouns.pressure import poses_in_words
@@ -51,7 +51,7 @@ def overlay(name: str, result: StudyResult, pose: int) -> Chart:
     return scene(name, traces)
 
 
-def _by_distance(points: NDArray[np.float64], target: NDArray[np.float64]) -> dict[str, Any]:
+def _by_distance(points: Array, target: Array) -> dict[str, Any]:
     """Return how faces are coloured by their distance to a target."""
     far = in_mm(nearest_distances(points, target))
     top = max(float(np.ceil(10 * far.max()) / 10), 0.1)
@@ -67,7 +67,7 @@ def _by_distance(points: NDArray[np.float64], target: NDArray[np.float64]) -> di
     }
 
 
-def _wished(landmarks: Landmarks, points: NDArray[np.float64]) -> list[Any]:
+def _wished(landmarks: Landmarks, points: Array) -> list[Any]:
     """Return the places that wishes name, where each was to come, and a line between."""
     reached, asked = reached_and_asked(landmarks, points)
     between = np.stack([reached, asked, np.full_like(asked, np.nan)], axis=1).reshape(-1, 3)
@@ -106,7 +106,7 @@ def convergence(name: str, result: StudyResult) -> Chart:
     return chart(name, curves, x="evaluation", y=f"{measure_of(result.study)}, mm", yaxis=axis)
 
 
-def _on_cloth(muscle: Muscle, points: NDArray[np.float64], result: StudyResult) -> NDArray[np.float64]:
+def _on_cloth(muscle: Muscle, points: Array, result: StudyResult) -> Array:
     """Return (n, 3) m: the muscle's fixed points on its face of the deformed cloth, by bilinear interpolation."""
     fabric, faces = result.design.fabric, two_faces(points)
     places = muscle.fixed_points() / [fabric.width, fabric.height]

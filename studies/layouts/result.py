@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.files.design_file import write_design
 from fabdesign.files.pressure_file import SINGLE_ROW_DURATION, constant_program, pressure_file_of, write_pressures
 from fabdesign.formats.json_file import write_json
 from fabdesign.geometry.metrics import Errors
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import RISE
 from fabdesign.nouns.predictor import Predictor
@@ -48,10 +48,10 @@ class StudyResult:
 
     study: Study
     design: Design
-    pressures: NDArray[np.float64]  # (poses, channels) Pa
+    pressures: Array  # (poses, channels) Pa
     targets: tuple[LoadedTarget, ...]
-    points: NDArray[np.float64]  # (poses, 2 n, 3) m, the result's shapes: front face, then back face
-    rest: NDArray[np.float64]  # (2 n, 3) m, the same cloth without pressure
+    points: Array  # (poses, 2 n, 3) m, the result's shapes: front face, then back face
+    rest: Array  # (2 n, 3) m, the same cloth without pressure
     errors: Errors  # mean over the poses
     rest_errors: Errors  # its floors from a single draw
     constraints: dict[str, float]  # least margin of every limit, m (Pa for pressure)
@@ -180,7 +180,7 @@ class StudyResult:
         write_best(out, self.design, self.pressures, self.as_json(), [t.time for t in self.targets], self.study.rise)
 
 
-def pressures_kpa(pressures: NDArray[np.float64]) -> list[Any]:
+def pressures_kpa(pressures: Array) -> list[Any]:
     """Return one list of kPa for a single pose, else a list a pose."""
     kpa = in_kpa(pressures).tolist()
     return kpa[0] if len(kpa) == 1 else kpa
@@ -189,7 +189,7 @@ def pressures_kpa(pressures: NDArray[np.float64]) -> list[Any]:
 def write_best(
     out: Path,
     design: Design,
-    pressures: NDArray[np.float64],
+    pressures: Array,
     result: dict[str, Any],
     times: list[float | None],
     rise: float = RISE,

@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import Column, corner_or_still, pressure
 from fabdesign.nouns.jacobian import Jacobians
 from fabdesign.nouns.model import Model
@@ -26,8 +26,6 @@ from optimize.search.step import LinearShape
 from optimize.search.variations import doubled
 from studies.layouts.robustness import normals
 from studies.layouts.scatter import Scatter
-
-Array = NDArray[np.float64]
 
 COPIES = 8  # one block of lanes
 ROUNDS = 5  # the first gains most

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm, qmc
 
 from fabdesign.formats.json_file import plain
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.study_files.search_terms import Robust
@@ -23,8 +23,6 @@ from optimize.search.starts import Start
 from optimize.search.step import LinearShape
 from studies.layouts.scatter import Linear, Scatter, linear
 from studies.prediction.stability import copies_elsewhere
-
-Array = NDArray[np.float64]
 
 LINEAR_COPIES = 128  # of a layout, by derivatives; a power of two
 PROBES = 8  # true copies on the coarse model by which derivatives are checked; so many cost no more than one

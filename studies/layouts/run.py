@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.errors import SimulationError
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.output import WorkFolder, write_text
 from fabdesign.study_files.study_file import Study, read_study, require_searchable
@@ -171,10 +171,10 @@ def _keeping_best(
     return report
 
 
-def _floor(study: Study, targets: tuple[LoadedTarget, ...]) -> Callable[[NDArray[np.float64]], float]:
+def _floor(study: Study, targets: tuple[LoadedTarget, ...]) -> Callable[[Array], float]:
     """Return the floor [m] of a result's shapes (poses, 2 n, 3) m, in the measure that is searched."""
 
-    def floor(shapes: NDArray[np.float64]) -> float:
+    def floor(shapes: Array) -> float:
         errors = target_errors(targets, shapes, study.design, seed=study.seed)
         return errors.chamfer_floor if study.objective == "chamfer" else errors.surface_floor
 

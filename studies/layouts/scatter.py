@@ -9,8 +9,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import Column, corner_or_still
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
@@ -27,7 +27,6 @@ from optimize.search.step import LinearShape
 from studies.layout_search.first_layouts import limits_of
 from studies.prediction.forward_model import unresisted
 
-Array = NDArray[np.float64]
 STANDARD = "standard deviations"  # unit of a column
 Copy = tuple[Design, Array, Model]
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.drawings.sewing import export_design
 from fabdesign.errors import InputError
 from fabdesign.files.design_file import write_design
 from fabdesign.files.measurement_set import NewTrial, read_set, write_set
 from fabdesign.files.pressure_file import constant_program, write_pressures
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import PressureProgram, limits, rising_program
 from fabdesign.nouns.trial import MeasurementSet, Role, Trial
@@ -26,8 +26,6 @@ NEAR = (0.6, 1.3)  # of the design's own pressures, between which programs about
 IDLE = 0.35  # chance that a channel of the others has no pressure
 LEAST_SHARE = 0.3  # of the highest pressure, of a channel that has some
 _STAIRS = np.array([1, 2, 3, 2, 1, 0]) / 3
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

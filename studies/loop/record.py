@@ -4,7 +4,7 @@ turn beside what each search predicted."""
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any, TypedDict, cast
 
 import numpy as np
 from markupsafe import Markup
@@ -12,6 +12,7 @@ from markupsafe import Markup
 from fabdesign.files.design_file import read_design
 from fabdesign.files.pressure_file import read_pressures
 from fabdesign.formats.json_file import plain
+from fabdesign.geometry.metrics import Errors
 from fabdesign.runtime.fingerprint import content_of, sha256
 from fabdesign.study_files.loop_file import LoopStudy, StopRule, VirtualRig
 from fabdesign.units import in_mm
@@ -34,6 +35,11 @@ class ShapeErrors(TypedDict):
     surface_floor: float
     surface_beyond: float
     excess: float
+
+
+def shape_errors(errors: Errors) -> ShapeErrors:
+    """Return the errors as the record has them."""
+    return cast(ShapeErrors, plain(errors) | {"excess": in_mm(errors.excess)})
 
 
 class DeviceErrors(ShapeErrors):

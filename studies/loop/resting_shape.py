@@ -16,9 +16,8 @@ from scipy.interpolate import BSpline
 
 from fabdesign.geometry.mid_surface import mid_surface, normals
 from fabdesign.geometry.surface import Surface, front_triangles
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
-
-Array = NDArray[np.float64]
 
 POINTS = 6_000  # of all frames that are fitted, drawn
 CONTROLS = 11  # a side

@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.files.measurement_set import read_set
-from fabdesign.geometry.metrics import Errors
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.model import POINTS_PER_SIDE, Model
 from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.output import WorkFolder
@@ -25,10 +24,9 @@ from studies.layout_search.target import LoadedTarget, target_errors
 from studies.layouts.run import run_study
 from studies.loop.learning import Simulators, learn, model_of
 from studies.loop.measuring import MEASURED, measured, programs_for
-from studies.loop.record import ChosenDesign, DeviceErrors, Learned, ShapeErrors
+from studies.loop.record import ChosenDesign, DeviceErrors, Learned, shape_errors
 from studies.loop.resting_shape import resting_faces
 
-Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]  # what is done, and about what share of all
 AT_REST = 0.5  # s, the last of a trial in which a cloth counts as at rest
 SEARCH = "search"  # the folder of the turn's search, what `optimize` writes
@@ -98,7 +96,7 @@ class TurnSteps:
                 raise KeyboardInterrupt
             write_arrays(self.folder / SHAPES, {"believed": result.points.astype(np.float32)})
             return {
-                "believed": as_millimetres(result.errors),
+                "believed": shape_errors(result.errors),
                 "stop_reason": result.stop_reason,
                 "evaluations": len(result.history),
                 "reach": result.reach.sentences,
@@ -156,7 +154,7 @@ class TurnSteps:
             loop.work.claim(f"{self.name}/{SHAPES}")
             both = {"believed": believed.astype(np.float32), "device": shapes.astype(np.float32)}
             write_arrays(self.folder / SHAPES, both)
-            return {**as_millimetres(errors), "from_believed": in_mm(float(apart))}
+            return {**shape_errors(errors), "from_believed": in_mm(float(apart))}
 
         self._say("evaluating the shape on the device", 0.6)
         kept: DeviceErrors = self._kept("device", compute)
@@ -202,15 +200,3 @@ def measured_shapes(measured: MeasurementSet, targets: Sequence[LoadedTarget], p
         points = np.concatenate([data.frames[int(k)] for k in frames])
         shapes.append(resting_faces(points, trial.design.fabric, predicted[pose], seed=seed))
     return np.array(shapes)
-
-
-def as_millimetres(errors: Errors) -> ShapeErrors:
-    """Return the errors in mm, `beyond` as a share, with the `excess`."""
-    return {
-        "chamfer": in_mm(float(errors.chamfer)),
-        "chamfer_floor": in_mm(float(errors.chamfer_floor)),
-        "surface_rms": in_mm(float(errors.surface_rms)),
-        "surface_floor": in_mm(float(errors.surface_floor)),
-        "surface_beyond": float(errors.beyond),
-        "excess": in_mm(errors.excess),
-    }

@@ -12,13 +12,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from studies.rig.spline import Patch
 
 if TYPE_CHECKING:
     from studies.rig.scene import Scene
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 LOOP_SIZE = 0.010  # m, about the width of the cloth's tape
 LOOP_GAUSS = 3

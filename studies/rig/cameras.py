@@ -21,13 +21,11 @@ from fabdesign.clouds.recording import write_recording
 from fabdesign.depth.intrinsics import Intrinsics
 from fabdesign.depth.sensor import Sensor
 from fabdesign.formats.json_file import write_json
+from fabdesign.nouns.array import Array
 from studies.rig.ground_truth import Sensing
 from studies.rig.motion import equilibrium
 from studies.rig.scene import Scene
 from studies.rig.specimen import TrialTask, control_points, prepare
-
-Array = NDArray[np.float64]
-
 
 STRAY_REACH = 0.05  # m around the cloth's box
 

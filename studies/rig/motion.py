@@ -11,17 +11,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dpbtrf, dpbtrs
 
 from fabdesign.errors import SimulationError
+from fabdesign.nouns.array import Array
 from studies.rig import cables as cable_kernels
 from studies.rig import shell
 from studies.rig.cables import pressure_at_intervals, settle, tension
 from studies.rig.scene import Scene, StepReport
 from studies.rig.spline import GAUSS
 
-Array = NDArray[np.float64]
 TOLERANCE = 1e-7  # m, largest Newton correction of a control point that ends a step
 HELD = 1e15  # N/m, on the diagonal of a held value
 MAX_ITERATIONS = 60

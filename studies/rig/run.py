@@ -11,13 +11,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, note
 from fabdesign.files.design_file import read_design
 from fabdesign.files.measurement_set import NewTrial, write_set
 from fabdesign.files.pressure_file import read_pressures
 from fabdesign.files.trial_file import TrialData, program_of
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import PressureProgram, require_pressures
 from fabdesign.nouns.trial import Role
@@ -30,7 +30,6 @@ from studies.rig.ground_truth import GroundTruth, read_ground_truth, with_effect
 from studies.rig.scene import DEFAULT, Resolution, control_counts
 from studies.rig.specimen import TrialTask, control_points, prepare
 
-Array = NDArray[np.float64]
 WORKING_STRAIN = 0.02  # up to which a membrane curve's slope is the stiffness of the rig's linear cloth
 THREAD_SETTINGS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 

@@ -12,14 +12,13 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import PARAMETERS
 from fabdesign.nouns.muscle_law import law_of
 from studies.rig.cables import CONTRACTIONS, PRESSURE_STEP, Cables, lace
 from studies.rig.shell import DERIVATIVES
 from studies.rig.spline import Axis, Patch
-
-Array = NDArray[np.float64]
 
 IMPERFECTION = 1e-4  # 1/m, rest curvature by the seed: 2 um over 0.2 m, decides which way a symmetric cloth buckles
 PIN_STIFFNESS = 2e5  # N/m, of a hung point's spring: 0.01 mm under the cloth's weight

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.nouns import muscle_law
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.output import whole_file
@@ -18,7 +18,6 @@ from studies.rig.ground_truth import GroundTruth
 from studies.rig.motion import RigDiverged, run
 from studies.rig.scene import DEFAULT, Resolution, Scene, build_scene
 
-Array = NDArray[np.float64]
 MECHANICS = ("spline", "shell", "cables", "scene", "motion", "specimen")  # what a motion depends on
 
 

@@ -5,10 +5,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case, Term
 from fabdesign.nouns.model import Model
@@ -17,7 +17,6 @@ from fabdesign.study_files.sensitivity_file import SensitivityStudy
 from fabdesign.study_files.varied_inputs import moved_paths
 from fabdesign.units import from_kpa
 
-Array = NDArray[np.float64]
 JOINT = "covariance"  # the group of all that the model's covariance covers
 WITHIN = 0.90  # of a normal distribution, what Morris' levels span
 

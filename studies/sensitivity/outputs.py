@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from fabdesign.geometry.metrics import chamfer_to, distance_to_faces
 from fabdesign.geometry.mid_surface import mid_surface
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.study_files.sensitivity_file import Output
 from fabdesign.study_files.shape_output import ShapeOutput, read_shape_output
 from fabdesign.units import in_mm
 from studies.layout_search.target import LoadedTarget
 
-Array = NDArray[np.float64]
 # by output: columns, their unit, and how little of it is rounding
 COLUMNS = {
     "tip": (("tip_x", "tip_y", "tip_z"), "mm", 1e-2),

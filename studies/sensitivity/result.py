@@ -14,13 +14,11 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest, qmc
 
 from fabdesign.errors import SimulationError
+from fabdesign.nouns.array import Array
 from fabdesign.study_files.sensitivity_file import SensitivityStudy
 from studies.prediction.stability import snaps
 from studies.sensitivity.inputs import Inputs
 from studies.sensitivity.outputs import OutputColumn
-
-Array = NDArray[np.float64]
-
 
 LEVELS = 4  # of Morris' grid
 STEP = LEVELS / (2 * (LEVELS - 1))  # of an elementary effect: 2/3, which makes all levels equally likely

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, SimulationError, note
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
 from fabdesign.runtime import working_time
@@ -28,7 +29,6 @@ from studies.sensitivity.report import write_report
 from studies.sensitivity.result import Computed, SensitivityResult, saltelli_rows, trajectories
 from studies.study import Running, StudyRun, kept_content, simulator
 
-Array = NDArray[np.float64]
 FILE = "samples.sqlite"
 ALGORITHM = 1  # of what samples hold: raised where kept ones are no longer what this code would compute
 _RAISED = ("name", "methods", "samples", "trajectories", "seconds")  # what may grow, or changes no sample

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.nouns.pressure import LARGEST, limits
@@ -164,7 +164,7 @@ def row_distance(design: Design) -> float:
     return max((pitches.most_common(1)[0][0] if pitches else 0.02) / 2, LEAST_SPACING)
 
 
-def rows(length: float, distance: float) -> NDArray[np.float64]:
+def rows(length: float, distance: float) -> Array:
     """Return rows (n,) m from an edge, every `distance`; the edges themselves are none."""
     places = distance * np.arange(1, int(np.ceil(length / distance)))
     return np.asarray(places[places < length - 1e-9], dtype=np.float64)
@@ -177,7 +177,7 @@ def snapped(point: Point, size: Point, distance: float) -> Point:
     return u, v
 
 
-def _nearest(x: float, among: NDArray[np.float64]) -> float:
+def _nearest(x: float, among: Array) -> float:
     return float(round(among[np.argmin(np.abs(among - x))], 9)) if len(among) else x
 
 

@@ -20,6 +20,7 @@ from fabdesign.formats.toml_file import file_stem, parse_toml
 from fabdesign.geometry.distances import nearest_distances
 from fabdesign.geometry.metrics import Errors, told_beyond
 from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.model import Model
@@ -41,7 +42,6 @@ from studies.studio.layout import HIGHEST, Layout
 DRAWS = 5  # of a floor: it stands beside each exact shape, and is good to a few hundredths of a millimetre
 FRAME_RATE = 30.0  # Hz, of a motion that is played
 POINTS = 500  # of each cloud of a target that moves
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class ShownTarget:
         return ShownTarget(file, load_target(file, design))
 
     @property
-    def points(self) -> Floats:
+    def points(self) -> Array:
         """Return its points (n, 3) m."""
         return self.loaded.points
 
@@ -67,8 +67,8 @@ class Comparison:
     """A shape against the target. Distances in m."""
 
     errors: Errors
-    of_target: Floats  # (n,) of each target point to the cloth's surface
-    of_cloth: Floats  # (2 m,) of each point of the cloth to the nearest of the target
+    of_target: Array  # (n,) of each target point to the cloth's surface
+    of_cloth: Array  # (2 m,) of each point of the cloth to the nearest of the target
 
     @property
     def sentences(self) -> list[str]:
@@ -101,7 +101,7 @@ class MovingProgram:
     study: FollowStudy
     wanted: Wanted
     regulator: Regulator
-    pressures: Floats
+    pressures: Array
 
     @staticmethod
     def of(study: FollowStudy) -> "MovingProgram":
@@ -118,7 +118,7 @@ class MovingProgram:
         return replace(self, pressures=self.regulator.kept(self.regulator.rows(program, len(self.pressures))))
 
     @cached_property
-    def times(self) -> Floats:
+    def times(self) -> Array:
         """Return the instants (T,) s that are shown: those that are wanted, and others where they are far apart."""
         wanted = self.wanted.times
         between = frame_times(self.regulator.program(self.pressures), frame_rate=FRAME_RATE)[1:]
@@ -126,7 +126,7 @@ class MovingProgram:
         return np.sort(np.concatenate([wanted, between[apart & (between < wanted[-1])]]))
 
     @cached_property
-    def clouds(self) -> list[Floats]:
+    def clouds(self) -> list[Array]:
         """Return what is wanted at each of these instants, or next (n_t, 3) m."""
         return [self.wanted.targets[k].points for k in np.searchsorted(self.wanted.times, self.times - 1e-9)]
 

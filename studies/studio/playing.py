@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError, needs
 from fabdesign.files.motion_file import MotionData
 from fabdesign.files.pressure_file import read_pressures, write_pressures
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import RISE
 from fabdesign.nouns.pressure import PressureProgram, require_pressures, rising_program
 from fabdesign.output import new_files
@@ -76,7 +77,8 @@ class Playing:
         """Play a trial of the set, measured, and its prediction under the model that is chosen."""
         document = self._document
         with document.refusals():
-            trial, data, ask = ask_of_trial(document.trials[label], document.choice.model)
+            trial = document.trials[label]
+            ask = ask_of_trial(trial, document.choice.model)
             if trial.design != document.layout.design:
                 document.shown = None
                 document.history.do(f"design of {trial.name}", Layout.of(trial.design))
@@ -84,7 +86,7 @@ class Playing:
 
             def motion(answer: Answer) -> TrialMotion:
                 self._errors.add(label, answer)
-                return TrialMotion(label, trial.times, _points(answer), data.frames, answer.correction)
+                return TrialMotion(label, trial.times, _points(answer), ask.measured, answer.correction)
 
             self._ask(ask, motion)
 
@@ -178,7 +180,6 @@ def _export(path: Path, shown: TrialMotion, laced: MotionData) -> None:
         raise InputError(f"{path}: {needs(error)}") from None
 
 
-Array = NDArray[np.float64]
 KNOTS = 0.1  # s between two, or a cycle where that is longer
 
 

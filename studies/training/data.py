@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, SimulationError
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.corrector import with_history
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
@@ -159,7 +160,7 @@ def fitted_base(
     ).model
 
 
-def _all_times(chosen: Chosen) -> NDArray[np.float64]:
+def _all_times(chosen: Chosen) -> Array:
     return chosen.trial.times
 
 
@@ -171,7 +172,7 @@ class KeptMotions:
     forward: ForwardModel
     checkpoint: Checkpoint
     progress: Progress
-    times: Callable[[Chosen], NDArray[np.float64]] = _all_times
+    times: Callable[[Chosen], Array] = _all_times
     history: tuple[float, ...] = ()
 
     def simulate(self, trials: Sequence[Chosen]) -> None:

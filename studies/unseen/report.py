@@ -18,63 +18,33 @@ from studies.study import write_result
 Percentiles = list[float]  # 5, 50 and 95 % over the drawn models
 
 
-class OutputPercentiles(TypedDict):
-    """The percentiles of an output that the study asks for."""
-
-    unit: str
-    percentiles: Percentiles
-
-
 class PoseResult(TypedDict):
     """Shapes at rest under one row of pressures. band: RMS that a drawn model's shape lies from the mean shape; widest:
     where that is most. snaps: near a bifurcation. middle: m, each model's z and y down the middle line, for the picture
-    alone. failed: models that found no shape at rest."""
+    alone. failed: models that found no shape at rest. outputs: by what the study asks for, `unit` and `percentiles`."""
 
     pressures_kpa: list[float]
     band_mm: float
     widest_mm: float
     tip_mm: dict[str, Percentiles]
-    outputs: dict[str, OutputPercentiles]
+    outputs: dict[str, dict[str, Any]]
     mean_curvature: Percentiles
     failed: int
     snaps: bool
     middle: NotRequired[list[list[list[float]]]]
 
 
-class ProposedProgram(TypedDict):
-    """Set points of a pressure program."""
-
-    time_s: list[float]
-    pressure_kpa: list[list[float]]
-    duration_s: float
-
-
-class CandidateResult(TypedDict):
-    """left: spread of the shapes after this measurement."""
-
-    design: str
-    left_mm: float
-
-
 class Measurement(TypedDict):
     """The information of a measurement. due_to: spread by each unknown's own part, in the covariance's order;
-    candidates: the best first, and its program. in_turn: those that tell most together, each beside those before it,
+    candidates: the best first, each `design` and the spread `left_mm` after it, and its program (`time_s`,
+    `pressure_kpa`, `duration_s`). in_turn: those that tell most together, each beside those before it,
     and the spread that they leave."""
 
     spread_mm: float
     due_to_mm: dict[str, float]
-    candidates: dict[str, CandidateResult]
-    program: ProposedProgram | None
+    candidates: dict[str, dict[str, Any]]
+    program: dict[str, Any] | None
     in_turn_mm: dict[str, float]
-
-
-class CorrectorStatement(TypedDict):
-    """applies: None where the model has no corrector."""
-
-    applies: bool | None
-    said: str
-    distance: NotRequired[float]
-    limit: NotRequired[float]
 
 
 class UnseenResult(TypedDict):
@@ -92,7 +62,7 @@ class UnseenResult(TypedDict):
     unknown: NotRequired[list[str]]
     calibrated: NotRequired[bool]
     intervals: NotRequired[str]
-    corrector: NotRequired[CorrectorStatement]
+    corrector: NotRequired[dict[str, Any]]
     measurement: NotRequired[Measurement | None]
     free: NotRequired[list[str]]
     left_out: NotRequired[dict[str, dict[str, Any] | None]]

@@ -15,7 +15,6 @@ from fabdesign.runtime.effort import CALIBRATION, fit_seconds, in_words, on_core
 from fabdesign.runtime.fingerprint import sha256
 from fabdesign.runtime.store import Checkpoint
 from fabdesign.study_files.unseen_file import FREE, UnseenStudy, read_unseen
-from fabdesign.units import in_kpa, in_mm
 from optimize.fit.descent import Progress, parts
 from optimize.fit.free_parameters import fit_vector
 from studies.measured.sensitive_stretches import GRID
@@ -24,23 +23,17 @@ from studies.prediction.stability import to_either_side
 from studies.study import Simulated, StudyRun, kept_content, simulator
 from studies.unseen.cross_validation import left_out
 from studies.unseen.prediction import (
-    Array,
     Draws,
-    after,
     candidates_of,
     corrector_statement,
-    in_turn,
-    information,
     intervals_statement,
-    pose_slopes,
+    measurement,
     predicted,
-    spread,
 )
-from studies.unseen.report import CandidateResult, Measurement, PoseResult, ProposedProgram, UnseenResult, write_report
+from studies.unseen.report import Measurement, UnseenResult, write_report
 
 _UNSEWN = 0.5  # of the work, that predictions of a layout that is not sewn take beside measured designs
 _DERIVATIVES = 0.3  # of it, after which measurements are compared
-IN_TURN = 3  # measurements that are proposed together
 ALGORITHM = 12  # of what a study's folder keeps: raised where it is no longer what this code would compute
 
 
@@ -104,31 +97,12 @@ def _unsewn(
     bare = replace(unsewn.model, parameters={}, effects=())  # a case brings all of it
     forward = replace(forward_model(engine, unsewn.model), model=bare)
     progress(f"shapes of {study.samples} models, {len(unsewn.poses)} poses", 0.0)
-    poses: list[PoseResult] | None = checkpoint.get(
-        "poses", lambda: predicted(unsewn, draws, forward, study.samples, study.seed)
-    )
+    poses = checkpoint.get("poses", lambda: predicted(unsewn, draws, forward, study.samples, study.seed))
 
-    def measurement() -> Measurement:
-        b = pose_slopes(unsewn, draws, forward)
+    def measure() -> Measurement:
         candidates = candidates_of(unsewn, study.rig)
         progress(f"what {len(candidates)} measurements would tell", _DERIVATIVES)
-        left: dict[str, CandidateResult] = {}
-        told: dict[str, Array] = {}
-        for candidate, gained in zip(candidates, information(candidates, draws, forward), strict=True):
-            if np.isfinite(gained).all():
-                left[candidate.name] = {"design": candidate.design.name, "left_mm": in_mm(after(b, gained))}
-                told[candidate.name] = gained
-        ranked = dict(sorted(left.items(), key=lambda item: item[1]["left_mm"]))
-        now = in_mm(spread(b, np.eye(len(draws.names))))
-        best = next((c for c in candidates if ranked and c.name == next(iter(ranked))), None)
-        program: ProposedProgram | None = None if best is None else {
-            "time_s": best.program.time.tolist(),
-            "pressure_kpa": in_kpa(best.program.pressure).round(3).tolist(),
-            "duration_s": best.program.duration,
-        }  # fmt: skip
-        shares = {name: in_mm(spread(b[:, k : k + 1], np.eye(1))) for k, name in enumerate(draws.names)}
-        several = {name: in_mm(value) for name, value in in_turn(b, told, IN_TURN).items()}
-        return {"spread_mm": now, "due_to_mm": shares, "candidates": ranked, "program": program, "in_turn_mm": several}
+        return measurement(unsewn, draws, forward, candidates)
 
     return {
         **result,
@@ -140,7 +114,7 @@ def _unsewn(
         "calibrated": spread_of(unsewn.model) is not None,
         "intervals": intervals_statement(unsewn.model),
         "corrector": corrector_statement(unsewn.model, unsewn),
-        "measurement": checkpoint.get("measurement", measurement),
+        "measurement": checkpoint.get("measurement", measure),
     }
 
 
@@ -166,7 +140,7 @@ def _left_out(
 
 
 def _content(study: UnseenStudy) -> dict[str, str]:
-    """What the pieces depend on, by field."""
+    """Return what the pieces depend on, by field."""
     measured = {}
     if study.measured is not None:
         measured["unjudged"] = f"found with {GRID} points a side"

@@ -4,15 +4,14 @@ from collections.abc import Mapping
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fabdesign.errors import InputError
+from fabdesign.nouns.array import Array
 from fabdesign.units import from_kpa
 from studies.rig.effects.declaration import effect
 from studies.rig.scene import Scene, StepReport
 
-Array = NDArray[np.float64]
 OPEN = 5e3  # Pa, above which a channel draws from the supply
 PATCH_EDGE = 0.004  # m, over which a stiff patch fades out
 SLIP_DAMPING = 6.0  # of the muscle's viscosity over interval length; under 3 a step overshoots

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.mid_surface import at_places, two_faces
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.muscle import Muscle
 from studies.studio.document import Document
 from studies.studio.layout import Point, rows
 from studies.studio.widgets.declared import Node, Post
 
-Array = NDArray[np.float64]
 Colour = tuple[int, int, int]
 LIFT = 0.0015  # m, of muscles above the flat cloth
 # of channels, one after another; distinct also to most who see no red or green

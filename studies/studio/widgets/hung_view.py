@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.surface import face_triangles, front_triangles
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.units import in_kpa
 from studies.studio.drawings import LiveShape
@@ -117,7 +118,7 @@ def _grey(count: int) -> NDArray[np.uint8]:
     return np.tile(np.array(_PLAIN, np.uint8), (count, 1))
 
 
-def _cloud(name: str, points: NDArray[np.float64], colours: NDArray[np.uint8]) -> dict[str, Node]:
+def _cloud(name: str, points: Array, colours: NDArray[np.uint8]) -> dict[str, Node]:
     look = {"point_size": _POINT, "point_shape": "circle", "precision": "float32", "point_shading": "flat"}
     return {f"/hung/{name}": Node("point_cloud", {"points": points.astype(np.float32), "colors": colours, **look})}
 
