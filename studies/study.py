@@ -26,7 +26,7 @@ class Running(TypedDict, total=False):
 
 
 class Simulated(Running, total=False):
-    """The same with what computes. forward: by default the simulator with the study's grid. coarse: a cheaper one
+    """The models that compute, besides. forward: by default the simulator with the study's grid. coarse: a cheaper one
     beside it, by default one of its own, or `forward` where that is given."""
 
     forward: ForwardModel | None

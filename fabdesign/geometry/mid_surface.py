@@ -1,10 +1,12 @@
-"""The mid-surface between the two faces of a cloth: places on it, and how far it is strained."""
+"""The mid-surface between the two faces of a cloth: places on it, how far it is strained, its tip and its curvature."""
 
 from math import isqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from fabdesign.nouns.fabric import Fabric
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.floating[Any]]
@@ -68,3 +70,36 @@ def strains(middle: Floats, size: tuple[float, float]) -> tuple[Array, Array, Ar
     lengths = [np.linalg.norm(way, axis=-1) for way in (across, down)]
     sine = (across * down).sum(axis=-1) / (lengths[0] * lengths[1])
     return lengths[0] - 1, lengths[1] - 1, np.arcsin(np.clip(sine, -1, 1))
+
+
+_FREE = {"top": -1, "bottom": 0, "left": -1, "right": 0}  # row or column of the free edge opposite the hung one
+
+
+def tip(points: NDArray[np.floating], fabric: Fabric) -> Array:
+    """Return (3,) m: mean position of the edge opposite the hung one; of the lower edge where no edge is hung."""
+    middle = mid_surface(points)
+    edge = fabric.hung if isinstance(fabric.hung, str) else "top"
+    along = middle[:, _FREE[edge]] if edge in ("left", "right") else middle[_FREE.get(edge, -1)]
+    return np.asarray(along.mean(axis=0))
+
+
+def mean_curvature(points: NDArray[np.floating]) -> float:
+    """Return the mean curvature [1/m] of the mid-surface, mean over its area; positive where it is hollow to the
+    front."""
+    middle = mid_surface(points)
+    inner = slice(1, -1)
+    u = (middle[inner, 2:] - middle[inner, :-2]) / 2
+    v = (middle[2:, inner] - middle[:-2, inner]) / 2
+    uu = middle[inner, 2:] - 2 * middle[inner, inner] + middle[inner, :-2]
+    vv = middle[2:, inner] - 2 * middle[inner, inner] + middle[:-2, inner]
+    uv = (middle[2:, 2:] - middle[2:, :-2] - middle[:-2, 2:] + middle[:-2, :-2]) / 4
+    normal = np.cross(v, u)  # v runs down, u to the right: to the front
+    area = np.linalg.norm(normal, axis=-1)
+    normal /= area[..., None]
+    e, f, g = _dot(u, u), _dot(u, v), _dot(v, v)
+    h = (_dot(uu, normal) * g - 2 * _dot(uv, normal) * f + _dot(vv, normal) * e) / (2 * (e * g - f**2))
+    return float((h * area).sum() / area.sum())
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray((a * b).sum(axis=-1))

@@ -108,8 +108,8 @@ def loading_paths(
     *,
     rise: float,
 ) -> list[LoadingPath]:
-    """The loading path of each result, to the `shapes` of the search; all motions in one batch. at_rest: its cloth
-    without pressure. rise: s, of pressures that lead to a shape at rest."""
+    """Return the loading path of each result, to the `shapes` of the search; all motions in one batch. at_rest: its
+    cloth without pressure. rise: s, of pressures that lead to a shape at rest."""
     plans = [_plans(objective, design, pressures, rise) for design, pressures in results]
     cases: list[Case] = []
     times: list[Array] = []
@@ -122,10 +122,10 @@ def loading_paths(
     for plan, shape, still in zip(plans, shapes, at_rest, strict=True):
         ended = [np.array([next(ends) for _ in programs]) for _, programs in plan]
         off_rest = apart(shape, still)
-        own = [shape, *(ended[:1] if np.isfinite(ended[0]).all() else [shape]) * (len(plan) - 1)]
+        goals = [shape, *(ended[:1] if np.isfinite(ended[0]).all() else [shape]) * (len(plan) - 1)]
         copies = [
             Copy(name, objective.value(end), not are_one(apart(end, other), off_rest))
-            for (name, _), end, other in zip(plan, ended, own, strict=True)
+            for (name, _), end, other in zip(plan, ended, goals, strict=True)
         ]
         paths.append(LoadingPath(copies[0], tuple(copies[1:]), ended[0]))
     return paths
@@ -152,13 +152,13 @@ def _plans(
         (
             name,
             [
-                rising_program(row * (1 + off), own, own + SETTLE)
+                rising_program(row * (1 + off), within, within + SETTLE)
                 if target.time is None
                 else PressureProgram(np.zeros(1), (row * (1 + off))[None], target.time)
                 for row, target in zip(pressures, objective.targets, strict=True)
             ],
         )
-        for name, off, own in chosen
+        for name, off, within in chosen
     ]
     if len(pressures) > 1 and all(target.time is None for target in objective.targets):
         numbers = range(1, len(pressures) + 1)

@@ -18,7 +18,7 @@ from optimize.search.evaluations import FINALISTS, NEAR, Evaluations
 from optimize.search.history import History
 from optimize.search.margins import constraint_margins
 from optimize.search.multistart import INTERRUPTED, search
-from optimize.search.objective import Objective
+from optimize.search.objective import Objective, Shape
 from optimize.search.starts import Start
 from optimize.search.thinning import Fewer
 from studies.layout_search.first_layouts import (
@@ -28,7 +28,6 @@ from studies.layout_search.first_layouts import (
     limits_of,
     stages_of,
 )
-from studies.layout_search.progress import saying_a_tenth
 from studies.layout_search.target import LoadedTarget, load_target, target_errors
 from studies.layouts.loading_path import loading_paths
 from studies.layouts.reach import helps_of, lacking_of, missed_at, reach_of
@@ -41,6 +40,7 @@ from studies.prediction.forward_model import forward_model, without_resistance
 from studies.study import Simulated, StudyRun
 
 HISTORY = "history.sqlite"
+TENTH = 0.1  # of its limits, after which a search says how far it is
 FILES = "result.json", "design.toml", "pressures.csv", "report.html"  # of every result
 
 
@@ -76,7 +76,7 @@ def run_study(
                 if not all((work.folder / name).is_file() for name in FILES):
                     _write(work, kept)
                 return kept
-            keeping = _keeping_best(work, targets, study.rise, saying_a_tenth(_floor(study, targets), progress))
+            keeping = _keeping_best(work, targets, study.rise, _saying_a_tenth(_floor(study, targets), progress))
             result = _searched(study, targets, begun, history, keeping, follow=follow, how=how)
             if not result.interrupted:
                 keep(history, result, follow=follow)
@@ -166,6 +166,25 @@ def _keeping_best(
             }
             with work.adding() as files:
                 write_best(files, design, pressures, unfinished, [target.time for target in targets], rise)
+        progress(evaluations)
+
+    return report
+
+
+def _saying_a_tenth(
+    floor: Callable[[Shape], float], progress: Callable[[Evaluations], None]
+) -> Callable[[Evaluations], None]:
+    """Return the progress of a search that also tells, after a tenth of its limits, how far it is. floor: m, of a
+    shape."""
+
+    def report(evaluations: Evaluations) -> None:
+        best, shape = evaluations.best, evaluations.best_shape
+        if not evaluations.told and evaluations.share >= TENTH and best is not None and shape is not None:
+            least = floor(shape)
+            over = f", {best.value / least:.2f} times the noise floor" if least > 0 else ""
+            evaluations.told = (
+                f"after a tenth of its time {in_mm(best.value):.2f} mm{over}, in stage {evaluations.stage}"
+            )
         progress(evaluations)
 
     return report

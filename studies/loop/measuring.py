@@ -126,8 +126,7 @@ def measured(
 
 
 def _on_rig(source: VirtualRig, asked: Asked, out: Path, progress: Counter) -> MeasurementSet:
-    from studies.rig import GroundTruth, read_ground_truth, run_rig
-    from studies.rig.scene import DEFAULT
+    from studies.rig import DEFAULT, GroundTruth, read_ground_truth, run_rig
 
     changed = {name: value for name in ("element", "step") if (value := getattr(source, name)) is not None}
     run_rig(

@@ -160,7 +160,7 @@ _NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 
 def look(x: float, z: float) -> Array:
-    """camera_to_world of a camera at (x, POSITION y, z) m that looks at LOOKS_AT; its y axis points down."""
+    """Return camera_to_world of a camera at (x, POSITION y, z) m that looks at LOOKS_AT; its y axis points down."""
     position = np.array([x, POSITION[1], z])
     forward = np.array(LOOKS_AT) - position
     forward /= np.linalg.norm(forward)
@@ -173,7 +173,7 @@ def look(x: float, z: float) -> Array:
 
 
 def disturb(pose: Array, rng: np.random.Generator) -> Array:
-    """A pose up to POSE_SHIFT and POSE_TURN off."""
+    """Return a pose up to POSE_SHIFT and POSE_TURN off."""
     direction, axis = rng.normal(size=(2, 3))
     wrong = pose.copy()
     wrong[:3, 3] += direction / np.linalg.norm(direction) * POSE_SHIFT * rng.random()

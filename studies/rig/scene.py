@@ -87,7 +87,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class StepReport:
-    """What a hook learns of a finished step."""
+    """A finished step, as hooks get it."""
 
     time: float  # s
     step: float  # s
@@ -100,7 +100,7 @@ class StepReport:
 def build_scene(
     design: Design, factors: Mapping[str, float], resolution: Resolution, *, max_pressure: float, seed: int = 0
 ) -> Scene:
-    """The declared design. `factors` by the names of nouns.forward.PARAMETERS; max_pressure [Pa] sizes tables."""
+    """Return the declared design. `factors` by the names of nouns.forward.PARAMETERS; max_pressure [Pa] sizes tables."""
     f = {name: factors.get(name, 1.0) for name in PARAMETERS}
     cloth = design.fabric
     patch = _patch(design, resolution)
@@ -151,7 +151,7 @@ def build_scene(
 
 
 def control_counts(design: Design, resolution: Resolution) -> tuple[int, int, int]:
-    """Of the patch: blocks of control points, control points of a block, and blocks that one reaches."""
+    """Return of the patch: blocks of control points, control points of a block, and blocks that one reaches."""
     fabric, reach = design.fabric, _reach(design)
     sizes = (fabric.width, fabric.height) if reach[0] <= reach[1] else (fabric.height, fabric.width)
     blocks, within = (_elements(length, resolution) + resolution.degree for length in sizes)
@@ -172,14 +172,14 @@ def _elements(length: float, resolution: Resolution) -> int:
 
 
 def _reach(design: Design) -> tuple[float, float]:
-    """m across and down between neighbouring fixed points at most."""
+    """Return m across and down between neighbouring fixed points at most."""
     spans = [np.abs(np.diff(m.fixed_points(), axis=0)).max(axis=0) for m in design.muscles]
     across, down = np.max(spans, axis=0) if spans else (0.0, 0.0)
     return float(across), float(down)
 
 
 def _moduli(design: Design, membrane: float, shear: float, bending: float) -> Array:
-    """Plane-stress plate of docs/files.md: k / (1 - nu12 nu21) and nu12 / k1 = nu21 / k2, the same for B."""
+    """Return the plane-stress plate of docs/files.md: k / (1 - nu12 nu21) and nu12 / k1 = nu21 / k2, the same for B."""
     cloth = design.fabric
     k1, k2 = (membrane * k for k in cloth.membrane_stiffness)
     b1, b2 = (bending * b for b in cloth.bending_stiffness)
@@ -240,7 +240,7 @@ def _support(design: Design, patch: Patch) -> tuple[NDArray[np.bool_], Array]:
 
 
 def _imperfection(uv: Array, width: float, height: float, seed: int) -> Array:
-    """(n, 3) rest curvatures [1/m]: a few long waves with amplitudes by the seed."""
+    """Return (n, 3) rest curvatures [1/m]: a few long waves with amplitudes by the seed."""
     rng = np.random.default_rng([seed, 7])
     s, t = uv[:, 0] / width, uv[:, 1] / height
     waves = np.stack([np.ones_like(s), np.cos(np.pi * s), np.cos(np.pi * t), np.cos(np.pi * s) * np.cos(np.pi * t)])

@@ -199,7 +199,7 @@ class SensitivityResult:
 
     @property
     def sentences(self) -> list[str]:
-        """What must be said beside the indices: warnings first, then what is in order."""
+        """Return what must be said beside the indices: warnings first, then what is in order."""
         return [text for text, _ in sorted(self._statements(), key=lambda statement: not statement[1])]
 
     @property
@@ -245,7 +245,7 @@ class SensitivityResult:
         return {"mean": float(values.mean()), "std": float(values.std()), "low90": float(low), "high90": float(high)}
 
     def as_json(self) -> dict[str, Any]:
-        """What result.json holds."""
+        """Return what result.json holds."""
         return {
             "outputs": {c.name: self._output(k) for k, c in enumerate(self.columns)},
             "inputs": dict(zip(self.inputs.names, self.inputs.units, strict=True)),

@@ -200,7 +200,7 @@ class _Sweep:
         )
 
     def _checked(self, parts: dict[str, Array]) -> Array:
-        """(n, inputs) values of the samples of which it is looked whether they snap: those that begin the rows."""
+        """Return (n, inputs) values of the samples of which it is looked whether they snap: those that begin the rows."""
         if not self.study.design.channels:
             return np.empty((0, len(self.inputs.names)))
         part, cube = [*parts.items()][-1]
@@ -210,7 +210,7 @@ class _Sweep:
     def _all(
         self, part: str, values: Array, compute: Callable[[Array], list[Array]], *, cases: int
     ) -> dict[int, Array]:
-        """What the store has of a part, with what is missing computed, as long as there is time."""
+        """Return what the store has of a part, with what is missing computed, as long as there is time."""
         done = self._store.of(part)
         missing = [k for k in range(len(values)) if k not in done]
         self._done += cases * (len(values) - len(missing))
@@ -253,13 +253,13 @@ class _Sweep:
         return [moves(*last[3 * k : 3 * k + 3]) for k in range(len(values))]
 
     def _shapes(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
-        """(T, 3362, 3) m of each case at the study's times, or at rest."""
+        """Return (T, 3362, 3) m of each case at the study's times, or at rest."""
         if not self.study.at:
             return [shape[None] for shape in self._forward.equilibria(cases)]
         return self._forward.motions(cases, [np.array(self.study.at)] * len(cases))
 
     def _at_rest(self) -> Array:
-        """(3362, 3) m without pressure, in the middle of all ranges."""
+        """Return (3362, 3) m without pressure, in the middle of all ranges."""
         case = self.inputs.case(self.inputs.centre, np.zeros(self.study.design.channels))
         shape = self._forward.equilibria([case])[0]
         if not np.isfinite(shape).all():
@@ -268,7 +268,7 @@ class _Sweep:
 
 
 def _filled(outputs: dict[int, Array], shape: tuple[int, ...], columns: int) -> Array:
-    """(whole rows, samples a row, columns): the rows before the first of which a sample is not there."""
+    """Return (whole rows, samples a row, columns): the rows before the first of which a sample is not there."""
     rows, each = shape
     whole = next((k for k in range(rows * each) if k not in outputs), rows * each) // each
     return np.array([outputs[k] for k in range(whole * each)]).reshape(whole, each, columns)

@@ -33,7 +33,7 @@ Progress = Callable[[str, int, int], None]  # what is done, how many of how many
 
 @dataclass(frozen=True)
 class TrainingOptions:
-    """What is trained, and how. base: whose parameters and effects the motions have. vector: fit these unknowns to the
+    """The options of a training. base: whose parameters and effects the motions have. vector: fit these unknowns to the
     trials that are learned from first, and take that model for the base; slopes: the fit's cheaper engine. plan: of the
     network; by default its own. hold_out: designs, and kept_back: the share of the other trials, that are not learned
     from. coarse: a cheap simulator that finds sensitive stretches, which are left out, and asks drawn models for the
@@ -199,8 +199,8 @@ class KeptMotions:
 
     def _simulated(self, some: Sequence[Chosen]) -> list[Arrays]:
         wanted = [with_history(self.times(chosen), self.history)[0] for chosen in some]
-        found = self.forward.motions([chosen.case for chosen in some], wanted)
-        for chosen, motion in zip(some, found, strict=True):
+        simulated = self.forward.motions([chosen.case for chosen in some], wanted)
+        for chosen, motion in zip(some, simulated, strict=True):
             if not np.isfinite(motion).all():
                 raise SimulationError(f"{chosen.name}: the motion diverged; nothing written")
-        return [{"points": motion} for motion in found]
+        return [{"points": motion} for motion in simulated]

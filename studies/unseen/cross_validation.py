@@ -69,13 +69,13 @@ def left_out(
         said["without_effects"] = evaluated(calibration.model.before, ", factors alone").as_json()["designs"][name][
             "after"
         ]
-    told = calibration.as_json()
+    content = calibration.as_json()
     return said | {
-        "factors": {k: {key: p[key] for key in ("factor", "interval90")} for k, p in told["parameters"].items()},
-        "effects": told["effects"],
+        "factors": {k: {key: p[key] for key in ("factor", "interval90")} for k, p in content["parameters"].items()},
+        "effects": content["effects"],
         "fitted": len(calibration.model.provenance.fitted),
-        "fit_unjudged": told["unjudged"],
-        "doubts": told["doubts"],
+        "fit_unjudged": content["unjudged"],
+        "doubts": content["doubts"],
     }
 
 
@@ -95,8 +95,8 @@ def _overlay(trial: Trial, k: int, model: Model, forward: ForwardModel, path: Pa
     clouds = trial.load().frames
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     axes = figure.subplots(1, 4, sharey=True)
-    for column, (said, own) in enumerate((("before", model.before), ("after", model))):
-        predictor = forward_model(forward, own, sensing=True)
+    for column, (said, shown) in enumerate((("before", model.before), ("after", model))):
+        predictor = forward_model(forward, shown, sensing=True)
         motion = predictor.motions([Case(trial.design, trial.program, order=trial.order)], [trial.times])[0]
         for view, (axis, label) in enumerate(((2, "z"), (0, "x"))):
             panel = axes[2 * column + view]

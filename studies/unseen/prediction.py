@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fabdesign.errors import SimulationError
 from fabdesign.files.pressure_file import constant_program
+from fabdesign.geometry.mid_surface import mean_curvature, tip
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import MUSCLE_TYPES, OF_MUSCLES, Case, ForwardModel
@@ -28,7 +29,6 @@ from fabdesign.units import in_kpa, in_mm
 from optimize.fit.parameters import PRIOR
 from studies.intervals.band import shapes_with_error
 from studies.prediction.stability import moves, snaps, to_either_side
-from studies.sensitivity.outputs import mean_curvature, tip
 from studies.tracing.experiment import programs
 from studies.unseen.report import Measurement, Percentiles, PoseResult
 
