@@ -15,21 +15,7 @@ from optimize.search.evaluations import Evaluations
 from optimize.search.start_rows import as_rows, of_rows
 from optimize.search.starts import Start
 from studies.layout_grid.report import write_report
-from studies.layout_grid.turns import (
-    FIRST,
-    FIRST_FOLLOWED,
-    FOLLOWED,
-    FURTHER,
-    PAGE,
-    WORTH_A_TURN,
-    CellResult,
-    CellTurns,
-    GridResult,
-    best_beneath,
-    next_turn,
-    recent_gain,
-    seeds_of,
-)
+from studies.layout_grid.turns import CellResult, CellTurns, GridResult, best_beneath, next_turn, recent_gain, seeds_of
 from studies.layout_search.first_layouts import first_starts, limits_of
 from studies.layout_search.target import load_target
 from studies.layouts.result import StudyResult
@@ -38,6 +24,12 @@ from studies.study import Simulated, StudyRun
 
 CELLS = "cells"  # the folder of the searches' folders
 TURNS = "turns.json"  # how the time was shared, by which a grid goes on
+FIRST = 0.6  # of the seconds, for the first turns of all cells
+FOLLOWED = 0.12  # of the seconds, at the end, for the motions that lead to the results
+FIRST_FOLLOWED = 16.0  # times what the end of a turn takes: motions of seconds, and what they need is to be compiled
+PAGE = 0.5  # s a cell, for the page
+FURTHER = 0.05  # of the seconds: a further turn
+WORTH_A_TURN = 2.0  # times what an end takes, for a turn to be worth it
 END = 0.25  # of a turn, that its end is thought to take before one was measured
 
 Progress = Callable[[Cell, int, int, Evaluations], None]
@@ -221,9 +213,9 @@ class _Grid:
 
 def _state(file: Path) -> tuple[dict[str, CellTurns], float]:
     """Return the turns of each cell and the s spent; none before the first turn."""
-    return read_kept(file, _read_turns, "how the time was shared") or ({}, 0.0)
 
+    def read(file: Path) -> tuple[dict[str, CellTurns], float]:
+        state = read_json(file)
+        return {name: CellTurns(**row) for name, row in state["cells"].items()}, float(state["spent"])
 
-def _read_turns(file: Path) -> tuple[dict[str, CellTurns], float]:
-    state = read_json(file)
-    return {name: CellTurns(**row) for name, row in state["cells"].items()}, float(state["spent"])
+    return read_kept(file, read, "how the time was shared") or ({}, 0.0)

@@ -133,12 +133,6 @@ class GridResult:
         return entry
 
 
-FIRST = 0.6  # of the seconds, for the first turns of all cells
-FOLLOWED = 0.12  # of the seconds, at the end, for the motions that lead to the results
-FIRST_FOLLOWED = 16.0  # times what the end of a turn takes: motions of seconds, and what they need is to be compiled
-PAGE = 0.5  # s a cell, for the page
-FURTHER = 0.05  # of the seconds: a further turn
-WORTH_A_TURN = 2.0  # times what an end takes, for a turn to be worth it
 GAINS = 0.005  # of the value: less is no gain
 ENDED = ("converged", "at the floor", "ended", "nothing gained", "the limit of", "every design")
 

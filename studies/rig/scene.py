@@ -100,7 +100,8 @@ class StepReport:
 def build_scene(
     design: Design, factors: Mapping[str, float], resolution: Resolution, *, max_pressure: float, seed: int = 0
 ) -> Scene:
-    """Return the declared design. `factors` by the names of nouns.forward.PARAMETERS; max_pressure [Pa] sizes tables."""
+    """Return the declared design. `factors` by the names of nouns.forward.PARAMETERS; max_pressure [Pa] sizes
+    tables."""
     f = {name: factors.get(name, 1.0) for name in PARAMETERS}
     cloth = design.fabric
     patch = _patch(design, resolution)

@@ -200,7 +200,8 @@ class _Sweep:
         )
 
     def _checked(self, parts: dict[str, Array]) -> Array:
-        """Return (n, inputs) values of the samples of which it is looked whether they snap: those that begin the rows."""
+        """Return (n, inputs) values of the samples of which it is looked whether they snap: those that begin the
+        rows."""
         if not self.study.design.channels:
             return np.empty((0, len(self.inputs.names)))
         part, cube = [*parts.items()][-1]

@@ -7,20 +7,8 @@ from pathlib import Path
 
 from fabdesign.effects.declaration import EffectParameter
 from fabdesign.effects.registry import EFFECTS
+from studies.studio import layout as edits
 from studies.studio.document import Document
-from studies.studio.layout import (
-    LEAST_SPACING,
-    add_corner,
-    add_muscle,
-    flip,
-    highest,
-    move_corner,
-    point_name,
-    remove_corner,
-    remove_muscle,
-    set_channel,
-    set_type,
-)
 from studies.studio.session import Session
 from studies.studio.widgets.declared import KPA, MM, Widget, Widgets, buttons, choice, entry, folder, html
 from studies.studio.widgets.status import error_over_time
@@ -31,7 +19,7 @@ NONE, SHEET, FILE = "none", "data sheet", "model file"
 def pressures(document: Document) -> list[Widget]:
     """Return a slider for each channel."""
     layout = document.layout
-    ends = zip(layout.pressures, highest(layout.design), strict=True)
+    ends = zip(layout.pressures, edits.highest(layout.design), strict=True)
     return [
         entry(
             "slider", f"Channel {k}, kPa", min(pressure, end), partial(document.press, k), KPA,
@@ -49,8 +37,8 @@ def muscle(document: Document) -> list[Widget]:
     types, channel = tuple(design.muscle_types) or (NONE,), one.channel if one else 0
     points = [
         entry(
-            "vector2", f"{point_name(one, k).capitalize()} {k}", at,
-            partial(edit, f"point {k} typed", move_corner, k), MM, step=0.1,
+            "vector2", f"{edits.point_name(one, k).capitalize()} {k}", at,
+            partial(edit, f"point {k} typed", edits.move_corner, k), MM, step=0.1,
         )
         for k, at in enumerate(one.path)
     ] if one else []  # fmt: skip
@@ -60,31 +48,31 @@ def muscle(document: Document) -> list[Widget]:
             document.select(names.index(name))
 
     def add() -> None:
-        document.edit("add a muscle", lambda layout: add_muscle(layout, i))
+        document.edit("add a muscle", lambda layout: edits.add_muscle(layout, i))
         document.select(len(document.layout.design.muscles) - 1)
 
     def spread(distance: float) -> None:
-        document.set_option("row_distance", max(distance, LEAST_SPACING))
+        document.set_option("row_distance", max(distance, edits.LEAST_SPACING))
 
     last = max(1, len(one.path) - 2) if one else 0  # of the corners between the ends
-    changes = {"remove": partial(edit, "remove", remove_muscle), "flip": partial(edit, "flip", flip)}
+    changes = {"remove": partial(edit, "remove", edits.remove_muscle), "flip": partial(edit, "flip", edits.flip)}
     corners = {
-        "add corner": partial(edit, "add a corner", add_corner),
-        "remove corner": partial(edit, "remove a corner", remove_corner, last),
+        "add corner": partial(edit, "add a corner", edits.add_corner),
+        "remove corner": partial(edit, "remove a corner", edits.remove_corner, last),
     }
     return [
         buttons("History", {"undo": document.undo, "redo": document.redo}),
         choice("Muscle", names, names[i or 0], select),
         buttons("Layout", {"add": add, **changes}),
         entry("text", "Face", one.side if one else "", disabled=True),
-        choice("Type", types, one.type if one else types[0], lambda name: edit("type", set_type, name)),
-        entry("number", "Channel", channel, lambda to: edit("channel", set_channel, int(to)), min=0, step=1),
+        choice("Type", types, one.type if one else types[0], lambda name: edit("type", edits.set_type, name)),
+        entry("number", "Channel", channel, lambda to: edit("channel", edits.set_channel, int(to)), min=0, step=1),
         buttons("Corners", corners),
         folder("Ends and corners, mm from the upper left", *points),
         folder(
             "Lacing rows",
             entry("checkbox", "Snap to rows", document.snap, partial(document.set_option, "snap")),
-            entry("number", "Rows, mm", document.row_distance, spread, MM, min=LEAST_SPACING, max=0.1, step=0.5),
+            entry("number", "Rows, mm", document.row_distance, spread, MM, min=edits.LEAST_SPACING, max=0.1, step=0.5),
             closed=True,
         ),
     ]  # fmt: skip
