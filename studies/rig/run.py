@@ -233,11 +233,11 @@ _FRAME, _POINT = 48, 120  # bytes of a frame: of each control point, and of each
 
 def trial_bytes(task: TrialTask, resolution: Resolution) -> float:
     """Return the bytes at the peak of a trial."""
-    blocks, within, reach = control_counts(task.design, resolution)
-    controls, frames = blocks * within, len(task.times)
+    controls, pairs = control_counts(task.design, resolution)
+    frames = len(task.times)
     steps = float(task.times[-1]) / resolution.step
     kept = frames * (_FRAME * controls + _POINT * task.truth.sensing.points)
-    return steps * controls * _STEP + controls * within * reach * _CONTROL + kept
+    return steps * controls * _STEP + pairs * _CONTROL + kept
 
 
 def require_room(tasks: Sequence[TrialTask], resolution: Resolution) -> int:

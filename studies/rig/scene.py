@@ -151,12 +151,13 @@ def build_scene(
     )
 
 
-def control_counts(design: Design, resolution: Resolution) -> tuple[int, int, int]:
-    """Return of the patch: blocks of control points, control points of a block, and blocks that one reaches."""
+def control_counts(design: Design, resolution: Resolution) -> tuple[int, int]:
+    """Return of the patch how many control points, and how many pairs of them are in reach of each other at most."""
     fabric, reach = design.fabric, _reach(design)
     sizes = (fabric.width, fabric.height) if reach[0] <= reach[1] else (fabric.height, fabric.width)
     blocks, within = (_elements(length, resolution) + resolution.degree for length in sizes)
-    return blocks, within, min(blocks, int(min(reach) / resolution.element) + resolution.degree + 1)
+    reached = min(blocks, int(min(reach) / resolution.element) + resolution.degree + 1)
+    return blocks * within, blocks * within**2 * reached
 
 
 def _patch(design: Design, resolution: Resolution) -> Patch:

@@ -1,7 +1,7 @@
 """The outputs of a shape that a sweep watches: numbers for people, in mm, 1/m and N."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,13 +16,6 @@ from fabdesign.study_files.shape_output import ShapeOutput, read_shape_output
 from fabdesign.units import in_mm
 from studies.layout_search.target import LoadedTarget
 
-# by output: columns, their unit, and how little of it is rounding
-COLUMNS = {
-    "tip": (("tip_x", "tip_y", "tip_z"), "mm", 1e-2),
-    "mean_curvature": (("mean_curvature",), "1/m", 1e-3),
-    "chamfer": (("chamfer",), "mm", 1e-3),
-    "largest_tension": (("largest_tension",), "N", 1e-3),
-}
 _LEAST_OF_SHAPE = 1e-2  # mm or degrees, of an output that a study says in words
 ROUNDING = 1e-9  # of outputs of unknown unit
 
@@ -32,6 +25,14 @@ class OutputColumn:
     name: str
     unit: str
     least: float  # standard deviation, in the unit, under which it does not vary
+
+
+COLUMNS = {
+    "tip": [OutputColumn(f"tip_{axis}", "mm", 1e-2) for axis in "xyz"],
+    "mean_curvature": [OutputColumn("mean_curvature", "1/m", 1e-3)],
+    "chamfer": [OutputColumn("chamfer", "mm", 1e-3)],
+    "largest_tension": [OutputColumn("largest_tension", "N", 1e-3)],
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,20 +51,16 @@ class Outputs:
     @property
     def columns(self) -> list[OutputColumn]:
         moments = [f" at {t:g} s" for t in self.at] or [""]
-        asked = [
-            OutputColumn(column + moment, unit, least)
-            for moment in moments
-            for columns, unit, least in map(self._columns_of, self.names)
-            for column in columns
-        ]
+        every = [column for name in self.names for column in self._columns_of(name)]
+        asked = [replace(column, name=column.name + moment) for moment in moments for column in every]
         return asked + [OutputColumn(name, "", ROUNDING) for name in self.functions]
 
     @cached_property
     def _in_words(self) -> dict[str, ShapeOutput]:
         return {name: read_shape_output(name, self.fabric, "outputs") for name in self.names if name not in COLUMNS}
 
-    def _columns_of(self, name: str) -> tuple[tuple[str, ...], str, float]:
-        return COLUMNS[name] if name in COLUMNS else ((name,), self._in_words[name].unit, _LEAST_OF_SHAPE)
+    def _columns_of(self, name: str) -> list[OutputColumn]:
+        return COLUMNS.get(name) or [OutputColumn(name, self._in_words[name].unit, _LEAST_OF_SHAPE)]
 
     def of(self, frames: NDArray[np.float32], tension: NDArray[np.float32] | None) -> Array:
         """Return (columns,) of (T, 3362, 3) m, and of the intervals' tensions (T, intervals) N where they are watched;
@@ -73,7 +70,7 @@ class Outputs:
             lost = not np.isfinite(points).all()
             for name in self.names:
                 if lost:
-                    values += [np.nan] * len(self._columns_of(name)[0])
+                    values += [np.nan] * len(self._columns_of(name))
                 elif name in self._in_words:
                     values.append(self._in_words[name].of(points))
                 elif name == "tip":

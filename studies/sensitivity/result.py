@@ -5,7 +5,7 @@ here rows with a failed sample are left out, and a sweep may end early. SALib ha
 and in a group, and it would bring pandas and multiprocess."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, TypeVar
 
@@ -116,6 +116,8 @@ _FIGURES = {  # keys of result.json, and what they hold
     "morris": {"mu_star": "mu_star", "interval90": "mu_star90", "mu": "mean", "sigma": "sigma"},
     "sobol": {"first": "first", "first_interval90": "first90", "total": "total", "total_interval90": "total90"},
 }
+WIDE = 0.4  # of an output's variance: a wider interval of a Sobol index ranks nothing
+ROWS = {"morris": "trajectories", "sobol": "rows"}
 MANY_SNAP = 0.05  # share of samples that snap above which indices depend partly on chance
 
 
@@ -156,8 +158,6 @@ class SensitivityResult:
     wall_s: float
     cpu_s: float
     interrupted: bool = False  # by Ctrl-C
-    screenings: list[Screening | None] = field(init=False)  # by column; None where it does not vary
-    indices: list[Indices | None] = field(init=False)
 
     def __post_init__(self) -> None:
         for method, samples in self.computed.items():
@@ -165,9 +165,16 @@ class SensitivityResult:
                 rows = f"{samples.sound.sum()} of {len(samples.cube)} {ROWS[method]} are whole"
                 why = f"{samples.failed} samples failed" if samples.failed else "the time was too short"
                 raise SimulationError(f"{self.study.name}: {rows}, {why}; expected at least {FEWEST[method]}")
-        seed = self.study.seed
-        object.__setattr__(self, "screenings", self._measured("morris", partial(screening, seed=seed)))
-        object.__setattr__(self, "indices", self._measured("sobol", lambda _, values: indices(values, seed=seed)))
+
+    @cached_property
+    def screenings(self) -> list[Screening | None]:
+        """Return the screening by column; None where it does not vary."""
+        return self._measured("morris", partial(screening, seed=self.study.seed))
+
+    @cached_property
+    def indices(self) -> list[Indices | None]:
+        """Return the indices by column; None where it does not vary."""
+        return self._measured("sobol", lambda _, values: indices(values, seed=self.study.seed))
 
     def _measured(self, method: str, measure: Callable[[Array, Array], Measured]) -> list[Measured | None]:
         """Return a method's measure of each column that varies, of its sound rows: their points and outputs."""
@@ -274,7 +281,3 @@ class SensitivityResult:
                     for i, name in enumerate(names)
                 }
         return entry
-
-
-WIDE = 0.4  # of an output's variance: a wider interval of a Sobol index ranks nothing
-ROWS = {"morris": "trajectories", "sobol": "rows"}

@@ -158,13 +158,13 @@ def size_of_change(a: Layout, b: Layout) -> float:
     return corners / _SIZE[0] + float(np.abs(np.subtract(a.pressures, b.pressures)).max(initial=0.0)) / _SIZE[1]
 
 
-class Shapes:
+class Shapes(Live):
     """Follows the document. shown: the last shape that came. before: (2 n, 3) m, the one before a jump, until the next
     gesture. band: around `shown`, where it is exact and the model's intervals are known."""
 
     def __init__(self, document: Document, solver: Solves) -> None:
+        super().__init__(solver, self._take, lambda reason: document.tell(reason, bad=True))
         self._document = document
-        self._live = Live(solver, self._take, lambda reason: document.tell(reason, bad=True))
         self.shown: LiveShape | None = None
         self.before: NDArray[np.float32] | None = None
         self.band: Band | None = None
@@ -175,7 +175,7 @@ class Shapes:
     @property
     def waiting(self) -> bool:
         """Return whether the simulator computes, or is to."""
-        return not self._live.at_rest
+        return not self.at_rest
 
     @property
     def bands(self) -> bool:
@@ -183,24 +183,16 @@ class Shapes:
         target = self._document.target
         return bool(self._document.choice.around) and (target is None or target.loaded.time is None)
 
-    def turn(self) -> None:
-        """Take what has come, and ask what is due."""
-        self._live.turn()
-
-    def also(self, ask: Ask, then: Callable[[Answer], None]) -> None:
-        """Ask something else of the simulator, once nothing is dragged."""
-        self._live.also(ask, then)
-
     def _follow(self) -> None:
         """Ask for what the document shows now; a shape that is there already is only compared again."""
         document, target = self._document, self._document.target
         self.band = None
         self._asked += 1
-        self._live.drop(self._take_nearby)
+        self.drop(self._take_nearby)
         time = None if target is None else target.loaded.time
-        self._live.want(document.layout, document.choice.model, moving=document.moving, time=time)
-        self._live.turn()
-        if self.shown is not None and self.shown.layout == document.layout and self._live.at_rest:
+        self.want(document.layout, document.choice.model, moving=document.moving, time=time)
+        self.turn()
+        if self.shown is not None and self.shown.layout == document.layout and self.at_rest:
             self._use(self.shown)
 
     def _take(self, shape: LiveShape) -> None:
@@ -223,7 +215,7 @@ class Shapes:
         self._around = []
         for model in document.choice.around if self.bands else ():
             ask = Ask.at_rest(self._asked, "nearby", shape.layout.design, shape.layout.pressures, model)
-            self._live.also(ask, self._take_nearby)
+            self.also(ask, self._take_nearby)
 
     def _take_nearby(self, answer: Answer) -> None:
         """Take one more of the shapes around the one that is shown; with the last there is a band."""

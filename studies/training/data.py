@@ -61,7 +61,7 @@ class Chosen:
     used: NDArray[np.bool_]  # (T,) mask of its frames; sensitive ones are left out
 
 
-class Split(NamedTuple):
+class TrialSplit(NamedTuple):
     """Trials to learn from and trials held out, and which of their frames are used."""
 
     learned: list[Chosen]
@@ -77,7 +77,7 @@ def choose(
     kept_back: float,
     seed: int,
     coarse: ForwardModel | None = None,
-) -> Split:
+) -> TrialSplit:
     """Return trials to learn from and trials held out, of role `fit`: all of the designs `hold_out`, and about the
     share `kept_back` of the others, whole trials, those with the same pressures on one side; and which of their frames
     are used (coarse: as `studies.prediction.evaluate` takes it). A trial without a frame that is used is in neither.
@@ -107,7 +107,7 @@ def choose(
             ]
     if not learned:
         raise InputError("no trial of role fit is left to learn from; expected at least two")
-    return Split(learned, held, used)
+    return TrialSplit(learned, held, used)
 
 
 def case_of(trial: Trial, base: Model) -> Case:
