@@ -7,7 +7,7 @@ and the first step ends at t = 0. Force memory (friction, creep, relaxation) is 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -180,6 +180,17 @@ class RigMotion:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class StepState:
+    """The state at the end of a step: position m and velocity m/s (n, 3), strain (points, 3), contraction
+    (intervals,)."""
+
+    x: Array
+    v: Array
+    strain: Array
+    contraction: Array
+
+
 def equilibrium(scene: Scene, x: Array, pressure: Array) -> Array:
     """Return control points at rest under gravity and `pressure` (channels,) Pa, from x: damped steps of growing
     length.
@@ -222,24 +233,20 @@ def run(scene: Scene, pressures: Array, step: float, *, start: float = 0.0) -> R
     flat, free = s.patch.flat(), s.design.fabric.hung == "none"
     x = flat if free else equilibrium(s, flat, idle)
     fall = np.broadcast_to(s.gravity if free else np.zeros(3), x.shape)  # as if it fell before, and came to rest here
-    before_start = (x + fall * step**2 / 2, -fall * step)
     positions, velocities = np.tile(x, (len(pressures), 1, 1)), np.zeros((len(pressures), *x.shape))
     solver.internal(x, pressure_at_intervals(s, idle), 0.0, np.zeros((len(s.uv), 3)), np.zeros(len(s.cables.rest)))
     settle(s, pressure_at_intervals(s, idle), solver.contraction)
     if s.prony:  # the hanging cloth has relaxed long ago
         solver.memory[:] = solver.strain - s.rest_strain
-    strains = [solver.strain[:, :3].copy()] * 2
-    contractions = [solver.contraction] * 2
+    last = StepState(x, np.zeros_like(x), solver.strain[:, :3].copy(), solver.contraction)
+    before = replace(last, x=x + fall * step**2 / 2, v=-fall * step)
     for k in range(1, len(pressures)):
         p, time = pressure_at_intervals(s, pressures[k]), start + k * step
-        last = (positions[k - 1], velocities[k - 1])
-        before = (positions[k - 2], velocities[k - 2]) if k > 1 else before_start
         try:
-            positions[k], velocities[k] = _step(solver, time, step, p, last, before, strains, contractions)
+            last, before = _step(solver, time, step, p, last, before), last
         except RigDiverged as failure:
             raise RigDiverged(f"{failure} at {time:.4f} s") from None
-        strains = [solver.strain[:, :3].copy(), strains[0]]
-        contractions = [solver.contraction, contractions[0]]
+        positions[k], velocities[k] = last.x, last.v
         settle(s, p, solver.contraction)
         if s.prony:
             solver.memory += (solver.strain - s.rest_strain - solver.memory) * -np.expm1(-step / s.prony_time)
@@ -249,30 +256,20 @@ def run(scene: Scene, pressures: Array, step: float, *, start: float = 0.0) -> R
     return RigMotion(positions, velocities, step, start)
 
 
-def _step(
-    solver: RigSolver,
-    time: float,
-    h: float,
-    p: Array,
-    last: tuple[Array, Array],
-    before: tuple[Array, Array],
-    strains: list[Array],
-    contractions: list[Array],
-) -> tuple[Array, Array]:
-    """Return the position and velocity at `time`, one step h after `last`; p (intervals,) Pa."""
-    s = solver.scene
-    (x1, v1), (x2, v2) = last, before
+def _step(solver: RigSolver, time: float, h: float, p: Array, last: StepState, before: StepState) -> StepState:
+    """Return the state at `time`, one step h after `last`; p (intervals,) Pa."""
+    s, x1, v1 = solver.scene, last.x, last.v
     gain = 1.5 / h
-    rate_history = (strains[1] - 4.0 * strains[0]) / (2 * h)
-    cable_history = (contractions[1] - 4.0 * contractions[0]) / (2 * h)
+    rate_history = (before.strain - 4.0 * last.strain) / (2 * h)
+    cable_history = (before.contraction - 4.0 * last.contraction) / (2 * h)
     weight = s.mass @ np.broadcast_to(s.gravity, x1.shape)
 
     def velocity(x: Array) -> Array:
-        return np.asarray((3.0 * x - 4.0 * x1 + x2) / (2 * h))
+        return np.asarray((3.0 * x - 4.0 * x1 + before.x) / (2 * h))
 
     def residual(x: Array) -> Array:
         v = velocity(x)
-        acceleration = (3.0 * v - 4.0 * v1 + v2) / (2 * h)
+        acceleration = (3.0 * v - 4.0 * v1 + before.v) / (2 * h)
         r = solver.internal(x, p, gain, rate_history, cable_history) - weight + s.mass @ acceleration + s.drag @ v
         for load in s.loads:
             r -= load(time, x, v)
@@ -281,5 +278,5 @@ def _step(
     def refactor(x: Array) -> None:
         solver.refactor(x, gain, rate_history, gain * gain, gain)
 
-    x = solver.newton(x1 + h * v1 + 0.5 * h * (v1 - v2), residual, refactor)
-    return x, velocity(x)
+    x = solver.newton(x1 + h * v1 + 0.5 * h * (v1 - before.v), residual, refactor)
+    return StepState(x, velocity(x), solver.strain[:, :3].copy(), solver.contraction)
