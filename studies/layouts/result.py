@@ -9,7 +9,7 @@ import numpy as np
 
 from fabdesign.files.design_file import write_design
 from fabdesign.files.pressure_file import SINGLE_ROW_DURATION, constant_program, pressure_file_of, write_pressures
-from fabdesign.formats.json_file import write_json
+from fabdesign.formats.json_file import plain, write_json
 from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
@@ -115,10 +115,6 @@ class StudyResult:
             errors.millimetres() | {"weight": target.weight} for errors, target in zip(each, self.targets, strict=True)
         ]
 
-    def _robust(self) -> dict[str, Any] | None:
-        asked = self.study.robust
-        return None if self.robust is None or asked is None else robust_json(self.robust, asked)
-
     def _fewer(self, fewer: Fewer) -> dict[str, Any]:
         return {
             "muscles": len(fewer.start[0].design.muscles),
@@ -153,8 +149,7 @@ class StudyResult:
         `surface_beyond` is a share of the points."""
         return {
             "objective_mm": in_mm(self.objective),
-            **self.errors.millimetres(),
-            "surface_beyond": self.errors.beyond,
+            **plain(self.errors),
             "evaluations": len(self.history),
             "diverged": sum(entry.diverged for entry in self.history),
             "wall_s": self.wall_s,
@@ -169,7 +164,7 @@ class StudyResult:
             "reach": self.reach.as_json(),
             "way": self.loading_path.as_json() if self.loading_path else None,
             "after_a_tenth_mm": self.after_a_tenth and in_mm(self.after_a_tenth),
-            "robust": self._robust(),
+            "robust": self.robust and self.study.robust and robust_json(self.robust, self.study.robust),
             "fewer": self.fewer and self._fewer(self.fewer),
             "seed": self.study.seed,
             "targets": [target.description for target in self.targets],

@@ -18,7 +18,7 @@ from optimize.search.evaluations import FINALISTS, NEAR, Evaluations
 from optimize.search.history import History
 from optimize.search.margins import constraint_margins
 from optimize.search.multistart import INTERRUPTED, search
-from optimize.search.objective import Objective, Shape
+from optimize.search.objective import Objective
 from optimize.search.starts import Start
 from optimize.search.thinning import Fewer
 from studies.layout_search.first_layouts import (
@@ -76,8 +76,8 @@ def run_study(
                 if not all((work.folder / name).is_file() for name in FILES):
                     _write(work, kept)
                 return kept
-            keeping = _keeping_best(work, targets, study.rise, _saying_a_tenth(_floor(study, targets), progress))
-            result = _searched(study, targets, begun, history, keeping, follow=follow, how=how)
+            report = _reporting(work, study, targets, progress)
+            result = _searched(study, targets, begun, history, report, follow=follow, how=how)
             if not result.interrupted:
                 keep(history, result, follow=follow)
         if work.anew and result.interrupted:
@@ -125,60 +125,51 @@ def _searched(
     if follow:
         evaluations.told = "following the motions that lead to the result; this comes after the limit of seconds"
         progress(evaluations)
-    if study.robust is None or not follow:
-        points = [*points_of(fewer), *evaluations.finalists()][: None if follow else 1]
-        result = _result(study, targets, evaluations, fine, stop_reason, points, follow=follow, fewer=fewer)
-        return replace(result, within=expected_within(result, objective, quick)) if follow else result
-    points = [*points_of(fewer), *evaluations.finalists(POOL)]
-    doubled = 0
-    try:
-        points, doubled = made_robust(study, study.robust, evaluations, points, quick)
-    except KeyboardInterrupt:
-        stop_reason = INTERRUPTED
-    result = _result(study, targets, evaluations, fine, stop_reason, points[:FINALISTS], fewer=fewer)
+    robust, doubled = study.robust if follow else None, 0
+    points = [*points_of(fewer), *evaluations.finalists(FINALISTS if robust is None else POOL)]
+    if robust is not None:
+        try:
+            points, doubled = made_robust(study, robust, evaluations, points, quick)
+        except KeyboardInterrupt:
+            stop_reason = INTERRUPTED
+    chosen = points if follow and robust is None else points[: FINALISTS if follow else 1]
+    result = _result(study, targets, evaluations, fine, stop_reason, chosen, follow=follow, fewer=fewer)
+    if not follow:
+        return result
     result = replace(result, within=expected_within(result, objective, quick))
+    if robust is None:
+        return result
     nearest = evaluations.best.value if evaluations.best else result.objective
     layout = (result.design, result.pressures)
-    robust = robustness_of(study, study.robust, layout, objective, quick, fine, nominal=nearest)
+    outcome = robustness_of(study, robust, layout, objective, quick, fine, nominal=nearest)
     same_count = len(result.design.muscles) == len(points[0][0].design.muscles)
-    return replace(result, robust=replace(robust, doubled=doubled if same_count else 0))
+    return replace(result, robust=replace(outcome, doubled=doubled if same_count else 0))
 
 
-def _keeping_best(
-    work: WorkFolder, targets: tuple[LoadedTarget, ...], rise: float, progress: Callable[[Evaluations], None]
+def _reporting(
+    work: WorkFolder, study: Study, targets: tuple[LoadedTarget, ...], progress: Callable[[Evaluations], None]
 ) -> Callable[[Evaluations], None]:
-    """Return progress that also writes the best so far, as often as it changes."""
+    """Return progress that also writes the best so far, as often as it changes, and tells, after a tenth of the
+    search's limits, how far it is."""
     written: list[float] = []
+    floor = _floor(study, targets)
 
     def report(evaluations: Evaluations) -> None:
-        if evaluations.best is not None and written[-1:] != [evaluations.best.value]:
-            written.append(evaluations.best.value)
+        best, shape = evaluations.best, evaluations.best_shape
+        if best is not None and written[-1:] != [best.value]:
+            written.append(best.value)
             space, x = evaluations.best_point()
             design, pressures = space.decode(x)
-            stage = evaluations.stages[evaluations.best.stage]
             unfinished = {
-                "objective_mm": in_mm(evaluations.best.value),
+                "objective_mm": in_mm(best.value),
                 "evaluations": evaluations.history.evaluations,
                 "wall_s": evaluations.elapsed,
                 "muscles": [asdict(muscle) for muscle in design.muscles],
                 "pressures_kpa": pressures_kpa(pressures),
-                "stop_reason": f"unfinished: the best so far, in stage {stage.name}",
+                "stop_reason": f"unfinished: the best so far, in stage {evaluations.stages[best.stage].name}",
             }
             with work.adding() as files:
-                write_best(files, design, pressures, unfinished, [target.time for target in targets], rise)
-        progress(evaluations)
-
-    return report
-
-
-def _saying_a_tenth(
-    floor: Callable[[Shape], float], progress: Callable[[Evaluations], None]
-) -> Callable[[Evaluations], None]:
-    """Return the progress of a search that also tells, after a tenth of its limits, how far it is. floor: m, of a
-    shape."""
-
-    def report(evaluations: Evaluations) -> None:
-        best, shape = evaluations.best, evaluations.best_shape
+                write_best(files, design, pressures, unfinished, [target.time for target in targets], study.rise)
         if not evaluations.told and evaluations.share >= TENTH and best is not None and shape is not None:
             least = floor(shape)
             over = f", {best.value / least:.2f} times the noise floor" if least > 0 else ""
