@@ -45,8 +45,8 @@ def search_result(width: float, height: float, *, wish: bool = False) -> StudyRe
     starts = [(space, space.encode(design, space.start_pressures)) for space in spaces]
     stages = [Stage("full model, positions and pressures", AnalyticCloth(), keep=2, rounds=1)]
     with History(":memory:", {}) as history:
-        loaded = load_target(target, design) if wish else LoadedTarget(cloud, None, "a cloud made for tests")
-        evaluations = Evaluations(Objective([loaded.sought]), starts, stages, history, seconds=100, evaluations=100)
+        loaded = load_target(target, design) if wish else LoadedTarget(cloud, description="a cloud made for tests")
+        evaluations = Evaluations(Objective([loaded]), starts, stages, history, seconds=100, evaluations=100)
         evaluations.evaluate(0, [(k, x) for k, (_, x) in enumerate(starts)])
         model = forward_model(AnalyticCloth(), None)
         return _result(study, (loaded,), evaluations, model, "the limit of 5 evaluations is reached", follow=False)

@@ -114,7 +114,7 @@ def result_of(folder: Path, forward, *pressures):
         evaluations.evaluate(0, [(k, x) for k, (_, x) in enumerate(starts)])
         assert evaluations.best.start == 0 and len(evaluations.finalists()) == len(pressures)
         model = forward_model(forward, None)  # as a study makes it
-        return _result(study, (LoadedTarget(cloud, None, "rolled"),), evaluations, model, "ended")
+        return _result(study, (LoadedTarget(cloud, description="rolled"),), evaluations, model, "ended")
 
 
 def test_of_designs_equally_near_one_with_a_sure_loading_path_wins(tmp_path: Path) -> None:

@@ -13,9 +13,7 @@ from fabdesign.formats.table import load_toml
 from fabdesign.geometry.metrics import DRAWS, Errors, landmark_errors, trial_errors
 from fabdesign.geometry.mid_surface import at_places, mid_surface
 from fabdesign.geometry.placement import placement_of
-from fabdesign.geometry.regions import Weighting
 from fabdesign.geometry.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
-from fabdesign.geometry.sheet import Face
 from fabdesign.geometry.wishes import Landmarks
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
@@ -31,30 +29,18 @@ NOISELESS = 1e-4  # m: bends that a quadric does not follow look like less noise
 
 
 @dataclass(frozen=True, eq=False)
-class LoadedTarget:
-    """A cloud and where it comes from. time: s after rest, of a trial's frame; None: a shape at equilibrium."""
+class LoadedTarget(Target):
+    """A target and where it comes from."""
 
-    points: Array  # (n, 3) m
-    time: float | None
-    description: str
+    description: str = ""
     noise: SensorNoise = NOISE_FREE  # what the cloud shows; none on a mesh
-    markers: bool = False  # so few points, or of a part: only their distances to the cloth count, one way
-    face: Face = "both"  # that the points lie on
     weight: float = 1.0  # among the poses of a study
-    landmarks: Landmarks | None = None  # of wishes, whose goals the points are
-    free: bool = False  # it may stand anywhere
-    weighting: Weighting | None = None  # how much each place of the cloth counts
-
-    @property
-    def sought(self) -> Target:
-        """Return the target that a search comes close to."""
-        return Target(self.points, self.time, self.markers, self.face, self.landmarks, self.free, self.weighting)
 
     def beside(self, shape: Array) -> "LoadedTarget":
         """Return a free one where it lies nearest to a shape (2 n, 3) m, with how it was moved; any other as it is."""
         if not self.free:
             return self
-        motion = self.sought.motion(shape)
+        motion = self.motion(shape)
         placed = placement_of(1.0, Rotation.from_matrix(motion.turn.T), -motion.shift @ motion.turn)
         said = f"{self.description}, moved by {placed} while searching"
         return replace(self, points=motion.back(self.points), description=said, free=False)
@@ -66,7 +52,7 @@ class LoadedTarget:
 
     @property
     def synthetic(self) -> bool:
-        """Measured by a synthetic rig, as its description says."""
+        """Return whether a synthetic rig measured it, as its description says."""
         return "synthetic" in self.description
 
     @property
@@ -94,19 +80,16 @@ def load_target(target: TargetFile, design: Design, *, seed: int = 0) -> LoadedT
         parts.append(f"counts {target.weighting.said}")
     if frame.trial:
         parts.append(_set_description(path))
-    noise = _noise(placed, design.fabric.thickness)
-    said = ", ".join(filter(None, parts))
-    markers = placed.markers or target.distances == "one way"
     return LoadedTarget(
         placed.points,
         frame.time,
-        said,
-        noise,
-        markers,
-        target.face,
-        target.weight,
+        markers=placed.markers or target.distances == "one way",
+        face=target.face,
         free=target.free,
         weighting=target.weighting,
+        description=", ".join(filter(None, parts)),
+        noise=_noise(placed, design.fabric.thickness),
+        weight=target.weight,
     )
 
 
@@ -147,10 +130,8 @@ def _errors(target: LoadedTarget, shape: Array, *, seed: int, draws: int) -> Err
 def _wished(target: TargetFile, design: Design) -> LoadedTarget:
     said = "; ".join(wish.said for wish in target.wishes)
     parts = [target.description, f"wishes ({said}), measured by the mean distance of these places"]
-    landmarks = Landmarks.of(target.wishes, design.fabric)
-    return LoadedTarget(
-        landmarks.goals, None, ", ".join(filter(None, parts)), weight=target.weight, landmarks=landmarks
-    )
+    landmarks, said = Landmarks.of(target.wishes, design.fabric), ", ".join(filter(None, parts))
+    return LoadedTarget(landmarks.goals, landmarks=landmarks, description=said, weight=target.weight)
 
 
 def _placed(target: TargetFile, placed: PlacedTarget) -> list[str]:

@@ -104,7 +104,7 @@ def _searched(
     follow: bool,
     how: Simulated,
 ) -> StudyResult:
-    objective = Objective([t.sought for t in targets], study.objective, study.order, [t.weight for t in targets])
+    objective = Objective(targets, study.objective, study.order, [t.weight for t in targets])
     fine, quick = (forward_model(engine, study.model) for engine in forward_models(how, study, targets))
     evaluations = Evaluations(
         objective,
