@@ -2,9 +2,9 @@
 turn beside what each search predicted."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypedDict, cast
+from typing import Any, TypedDict
 
 import numpy as np
 from markupsafe import Markup
@@ -25,27 +25,14 @@ from studies.study import write_result
 _RAISED = ("stop", "search")  # more turns go further; the search's own content has its own way
 
 
-class ShapeErrors(TypedDict):
-    """The errors of a shape beside the targets, mm; surface_beyond: the share of the points farther off than the
-    cap."""
-
-    chamfer: float
-    chamfer_floor: float
-    surface_rms: float
-    surface_floor: float
-    surface_beyond: float
-    excess: float
+# mm beside the targets: chamfer, surface_rms, their floors, excess; surface_beyond is the share of the points farther
+# off than the cap; on the device also from_believed, the RMS of the measured from the predicted shape
+ShapeErrors = dict[str, float]
 
 
-def shape_errors(errors: Errors) -> ShapeErrors:
+def shape_errors(errors: Errors, **more: float) -> ShapeErrors:
     """Return the errors as the record has them."""
-    return cast(ShapeErrors, plain(errors) | {"excess": in_mm(errors.excess)})
-
-
-class DeviceErrors(ShapeErrors):
-    """from_believed: mm RMS of the measured from the predicted shape."""
-
-    from_believed: float
+    return {**plain(errors), "excess": in_mm(errors.excess), **more}
 
 
 class ChosenDesign(TypedDict):
@@ -86,7 +73,7 @@ class Turn:
     number: int
     name: str
     chosen: ChosenDesign
-    device: DeviceErrors | None = None
+    device: ShapeErrors | None = None
     learned: Learned | None = None
 
 
@@ -102,7 +89,7 @@ class LoopOutcome:
     synthetic: bool = False
     wall_s: float = 0.0
     seed: int = 1
-    source: str = field(default="rig")
+    source: str = "rig"
 
     @property
     def best(self) -> Turn | None:
@@ -118,12 +105,12 @@ class LoopOutcome:
 def loop_content(study: LoopStudy, targets: Sequence[LoadedTarget]) -> dict[str, str]:
     """Return what the pieces depend on, by field; of a rig's ground truth its hash."""
     source = study.source
-    where: dict[str, Any]
+    where: dict[str, Any] = {}
     if isinstance(source, VirtualRig):
-        where = {"rig.element": source.element, "rig.step": source.step}
-        where["rig.key"] = None if source.truth is None else sha256(source.truth)
+        key = None if source.truth is None else sha256(source.truth)
+        where |= {"rig.element": source.element, "rig.step": source.step, "rig.key": key}
     else:
-        where = {"laboratory.folder": source.folder.resolve()}
+        where["laboratory.folder"] = source.folder.resolve()
     content = content_of(study, (*_RAISED, "source"), where)
     return {"simulator": str(SIMULATOR)} | content | study_content(study.search, targets)
 

@@ -24,7 +24,7 @@ from studies.layout_search.target import LoadedTarget, target_errors
 from studies.layouts.run import run_study
 from studies.loop.learning import Simulators, learn, model_of
 from studies.loop.measuring import MEASURED, measured, programs_for
-from studies.loop.record import ChosenDesign, DeviceErrors, Learned, shape_errors
+from studies.loop.record import ChosenDesign, Learned, ShapeErrors, shape_errors
 from studies.loop.resting_shape import resting_faces
 
 Progress = Callable[[str, float], None]  # what is done, and about what share of all
@@ -139,13 +139,13 @@ class TurnSteps:
             return None
         return read_set(place)
 
-    def evaluate(self, measured: MeasurementSet) -> DeviceErrors:
+    def evaluate(self, measured: MeasurementSet) -> ShapeErrors:
         """Return errors of the measured shapes against the targets, mm: the same measures, with the same floors, as of
         the predicted shapes; and how far they are from those. Raises InputError where no shape was found."""
         loop, believed = self.loop, self._believed
         seed = loop.study.search.seed
 
-        def compute() -> DeviceErrors:
+        def compute() -> ShapeErrors:
             shapes = measured_shapes(measured, loop.targets, believed, seed=seed)
             if not np.isfinite(shapes).all():
                 raise InputError(f"{measured.name}: no cloth lies through its points; expected measured clouds of one")
@@ -154,10 +154,10 @@ class TurnSteps:
             loop.work.claim(f"{self.name}/{SHAPES}")
             both = {"believed": believed.astype(np.float32), "device": shapes.astype(np.float32)}
             write_arrays(self.folder / SHAPES, both)
-            return {**shape_errors(errors), "from_believed": in_mm(float(apart))}
+            return shape_errors(errors, from_believed=in_mm(float(apart)))
 
         self._say("evaluating the shape on the device", 0.6)
-        kept: DeviceErrors = self._kept("device", compute)
+        kept: ShapeErrors = self._kept("device", compute)
         return kept
 
     def learn(self, sets: Sequence[MeasurementSet], known: Model | None) -> Learned:
