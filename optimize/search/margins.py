@@ -1,30 +1,19 @@
 """How far a layout is from what may be built: a margin for every limit of every muscle or pair of muscles."""
 
-from dataclasses import dataclass
 from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.nouns.design import Design
+from fabdesign.study_files.study_file import StudyLimits
 from optimize.search.contraction import largest_contraction
 from optimize.search.path_geometry import bend_radius, segment_clearance
 
 Array = NDArray[np.float64]
 
 ATMOSPHERE = 101_325.0  # Pa
-
-
-@dataclass(frozen=True)
-class Limits:
-    """The limits that every proposal respects. Lengths in m, pressures in Pa. None: no limit."""
-
-    pressure: tuple[float, float] = (0.0, 400e3)
-    spacing: float = 0.006  # between muscles on one face
-    edge: float = 0.005  # from a muscle's corner points to the cloth's edge
-    contraction: float | None = None  # 1 - l / l0, of any interval between fixed points
-    channels: int | None = None  # of pressure
-    air: float | None = None  # m^3 at atmospheric pressure that fill all muscles in a pose (`free_air`)
+Limits = StudyLimits  # that every proposal respects; `air`: `free_air`
 
 
 class Margins:

@@ -16,7 +16,7 @@ from optimize.search.start_rows import as_rows, of_rows
 from optimize.search.starts import Start
 from studies.layout_grid.report import write_report
 from studies.layout_grid.turns import CellResult, CellTurns, GridResult, best_beneath, next_turn, recent_gain, seeds_of
-from studies.layout_search.first_layouts import first_starts, limits_of
+from studies.layout_search.first_layouts import first_starts
 from studies.layout_search.target import load_target
 from studies.layouts.result import StudyResult
 from studies.layouts.run import run_study
@@ -196,7 +196,7 @@ class _Grid:
             forward=self._how.get("forward"),
             coarse=self._how.get("coarse"),
             seconds=turns.seconds,
-            starts=[*of_rows(turns.seeds, cell.study.design, limits_of(cell.study)), *(drawn if turns.drawn else [])],
+            starts=[*of_rows(turns.seeds, cell.study.design, cell.study.limits), *(drawn if turns.drawn else [])],
             force=anew,
             follow=follow,
             progress=told,

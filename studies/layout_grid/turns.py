@@ -16,7 +16,7 @@ from optimize.search.additions import pulling, with_idle
 from optimize.search.design_space import DesignSpace
 from optimize.search.start_rows import StartRow
 from optimize.search.starts import Start
-from studies.layout_search.first_layouts import PULL, limits_of
+from studies.layout_search.first_layouts import PULL
 from studies.layouts.result import StudyResult
 
 PULLS = 0.05  # of the pressure range, over its lowest, from which on a muscle does something
@@ -208,7 +208,7 @@ def seeds_of(cell: Cell, results: Sequence[CellResult]) -> list[Start]:
     for k, neighbour in enumerate(_nearest(beneath)):
         result = neighbour.result
         assert result is not None
-        space = DesignSpace(_on_cloth_of(cell, result.design.muscles), limits_of(cell.study), result.pressures)
+        space = DesignSpace(_on_cloth_of(cell, result.design.muscles), cell.study.limits, result.pressures)
         start = replace(space, vary_positions=True)
         best = start, start.encode(space.design, result.pressures)
         more = with_idle(

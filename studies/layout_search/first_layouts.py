@@ -16,7 +16,6 @@ from optimize.search.additions import pulling, with_idle
 from optimize.search.channels import by_muscle, start_of
 from optimize.search.design_space import DesignSpace, Vector
 from optimize.search.evaluations import Stage
-from optimize.search.margins import Limits
 from optimize.search.objective import Objective
 from optimize.search.search_state import FurtherStarts
 from optimize.search.slopes import jacobians_for
@@ -34,21 +33,16 @@ PULL = 0.4  # of the pressure range: past the threshold of a braided muscle, so 
 THINNED_STARTS = 72  # of the design's own muscles, where it has more than the layout may
 
 
-def limits_of(study: Study) -> Limits:
-    limits = study.limits
-    return Limits(limits.pressure, limits.spacing, limits.edge, limits.contraction, limits.channels, limits.air)
-
-
-def own_start(study: Study, limits: Limits) -> tuple[DesignSpace, Vector]:
+def own_start(study: Study) -> tuple[DesignSpace, Vector]:
     """Return the study's own design under its start pressures, by default the middle of the limits."""
     middle = np.mean(study.limits.pressure)
     stated = np.full(study.design.channels, middle) if study.start_pressures is None else study.start_pressures
     pressures = np.tile(stated, (len(study.targets), 1))
-    space = DesignSpace(study.design, limits, pressures, vary_pressures=study.pressures)
+    space = DesignSpace(study.design, study.limits, pressures, vary_pressures=study.pressures)
     return space, space.encode(study.design, pressures)
 
 
-def earlier_starts(study: Study, limits: Limits) -> list[Start]:
+def earlier_starts(study: Study) -> list[Start]:
     """Return the earlier result that the study begins with, if any.
 
     Raises InputError where it is no layout of this study: other muscles where they stay, too many or too few, another
@@ -69,24 +63,24 @@ def earlier_starts(study: Study, limits: Limits) -> list[Start]:
         raise InputError(
             f"{earlier.file}: has {len(design.muscles)} muscles; expected {study.muscles.least} to {study.muscles.most}"
         )
-    if design.channels > (limits.channels or MUSCLES):
-        raise InputError(f"{earlier.file}: has {design.channels} channels; expected at most {limits.channels}")
+    if design.channels > (study.limits.channels or MUSCLES):
+        raise InputError(f"{earlier.file}: has {design.channels} channels; expected at most {study.limits.channels}")
     if unknown := {muscle.type for muscle in design.muscles} - set(design.muscle_types):
         raise InputError(
             f"{earlier.file}: has muscles of type {', '.join(sorted(unknown))}; the study's design has none"
         )
-    space = DesignSpace(design, limits, earlier.pressures, vary_pressures=study.pressures)
+    space = DesignSpace(design, study.limits, earlier.pressures, vary_pressures=study.pressures)
     return [(space, space.encode(design, earlier.pressures))]
 
 
 def first_starts(study: Study) -> list[Start]:
     """Return the study's own design, an earlier result, the catalogue's layouts, and what is drawn by the study's
     seed."""
-    limits, poses = limits_of(study), len(study.targets)
-    space, stated = own_start(study, limits)
+    limits, poses = study.limits, len(study.targets)
+    space, stated = own_start(study)
     if study.muscles is None:
         drawn = pressure_starts(space, PRESSURE_STARTS if study.pressures else 0, study.seed)
-        return [*earlier_starts(study, limits), *drawn]
+        return [*earlier_starts(study), *drawn]
     choice, design = study.muscles, study.design
     drawn = catalogue_starts(design, limits, poses, counts=choice.counts, sides=choice.sides)
     drawn += layout_starts(
@@ -98,7 +92,7 @@ def first_starts(study: Study) -> list[Start]:
     elif len(design.muscles) > choice.most and sides <= set(choice.sides):
         given = space.start_pressures
         drawn += thinned_starts(design, limits, given, choice.most, number=THINNED_STARTS, seed=study.seed)
-    drawn = [*earlier_starts(study, limits), *drawn]
+    drawn = [*earlier_starts(study), *drawn]
     if not drawn:
         raise InputError(f"{study.name}: no layout of {choice.least} muscles keeps the limits; expected wider ones")
     return drawn
@@ -115,7 +109,7 @@ def _on_fewer_channels(start: Start) -> list[Start]:
 
 def further_starts(study: Study) -> FurtherStarts | None:
     """Return starts of further restarts; none where nothing can be drawn anew."""
-    limits, poses, choice = limits_of(study), len(study.targets), study.muscles
+    limits, poses, choice = study.limits, len(study.targets), study.muscles
     if choice is not None:
 
         def added(best: Start, seed: int) -> list[Start]:
@@ -144,7 +138,7 @@ def further_starts(study: Study) -> FurtherStarts | None:
         return layouts
     if not study.pressures:
         return None
-    space, _ = own_start(study, limits)
+    space, _ = own_start(study)
 
     def pressures(restart: int, best: Start) -> tuple[list[Start], bool]:
         return pressure_starts(space, PRESSURE_STARTS, study.seed + 1000 * restart)[1:], True

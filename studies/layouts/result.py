@@ -31,7 +31,6 @@ from optimize.search.start_rows import of_rows
 from optimize.search.thinning import Fewer
 from studies.intervals.draws import drawn_models
 from studies.intervals.regions import region_terms
-from studies.layout_search.first_layouts import limits_of
 from studies.layout_search.target import LoadedTarget, pose_errors
 from studies.layouts.loading_path import LoadingPath
 from studies.layouts.reach import Reach
@@ -210,7 +209,7 @@ def expected_within(result: StudyResult, objective: Objective, coarse: Predictor
     spread = spread_of(coarse.model)
     if spread is None:
         return None
-    space = DesignSpace(result.design, limits_of(result.study), result.pressures, vary_pressures=False)
+    space = DesignSpace(result.design, result.study.limits, result.pressures, vary_pressures=False)
     models = drawn_models(coarse.model) if spread.covariance else []
     others = [objective.shapes(replace(coarse, model=model), [(space, np.empty(0))])[0] for model in models]
     terms = region_terms(result.rest, result.points, others, result.design.fabric)
@@ -276,7 +275,7 @@ def answer(history: History, study: Study, targets: Sequence[LoadedTarget], *, f
         as_far = kept["seconds"] >= limits.seconds and kept["evaluations"] >= limits.evaluations
         if kept["versions"] != VERSIONS or kept["follow"] != follow or not (kept["complete"] or as_far):
             return None
-        [(space, _)] = of_rows([kept["layout"]], study.design, limits_of(study))
+        [(space, _)] = of_rows([kept["layout"]], study.design, study.limits)
         values = {name: of_json(kinds[name], kept[name]) for name in _KEPT}
     except (KeyError, TypeError, ValueError, AttributeError):  # none, or of another version
         return None

@@ -25,7 +25,6 @@ from studies.layout_search.first_layouts import (
     first_starts,
     forward_models,
     further_starts,
-    limits_of,
     stages_of,
 )
 from studies.layout_search.target import LoadedTarget, load_target, target_errors
@@ -209,7 +208,7 @@ def _result(
     points = [*points] or evaluations.finalists()
     layouts = [space.decode(x) for space, x in points]
     still = [
-        (DesignSpace(design, limits_of(study), np.zeros_like(pressures), vary_pressures=False), np.empty(0))
+        (DesignSpace(design, study.limits, np.zeros_like(pressures), vary_pressures=False), np.empty(0))
         for design, pressures in layouts
     ]
     every = objective.shapes(forward, [*points, *still])
@@ -224,7 +223,7 @@ def _result(
         shape = path.shape
     errors = target_errors(targets, shape, design, seed=study.seed)
     targets = tuple(target.beside(one) for target, one in zip(targets, shape, strict=True))
-    margins = constraint_margins(design, pressures, limits_of(study), shape)
+    margins = constraint_margins(design, pressures, study.limits, shape)
     reach = reach_of(study, design, pressures, shape, errors, margins, lacking_of(evaluations))
     if reach.out_of_reach and follow:
         size = design.fabric.width, design.fabric.height

@@ -24,7 +24,6 @@ from optimize.search.design_space import DesignSpace
 from optimize.search.objective import Objective, Shape
 from optimize.search.slopes import by_columns
 from optimize.search.step import LinearShape
-from studies.layout_search.first_layouts import limits_of
 from studies.prediction.forward_model import unresisted
 
 STANDARD = "standard deviations"  # unit of a column
@@ -83,7 +82,7 @@ class Scatter:
         """Return those of any layouts' copies."""
         points, models = [], []
         for design, pressures, model in copies:
-            space = DesignSpace(design, limits_of(self._study), pressures, vary_pressures=False)
+            space = DesignSpace(design, self._study.limits, pressures, vary_pressures=False)
             points.append((space, np.empty(0)))
             models.append(replace(forward, model=model))
         return objective.shapes(replace(forward, model=Model()), points, models)

@@ -34,7 +34,6 @@ from optimize.search.margins import Limits
 from studies.follow.programs import Regulator, regulator_of
 from studies.follow.target import wanted_of
 from studies.follow.wanted import Wanted
-from studies.layout_search.first_layouts import limits_of
 from studies.layout_search.target import LoadedTarget, load_target, target_errors
 from studies.prediction.predict import frame_times
 from studies.studio.layout import HIGHEST, Layout
@@ -260,7 +259,7 @@ def _of_study(file: Path) -> Opened:
     return Opened(
         design_file,
         layout,
-        limits_of(study),
+        study.limits,
         targets=tuple(ShownTarget.read(target, study.design) for target in study.targets),
         model_file=model_file,
         model=study.model,
