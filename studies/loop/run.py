@@ -13,12 +13,13 @@ from fabdesign.runtime.store import Checkpoint
 from fabdesign.study_files.loop_file import Laboratory, LoopStudy, VirtualRig, read_loop
 from fabdesign.study_files.study_file import require_searchable
 from fabdesign.units import from_mm
+from optimize.fit.descent import Progress
 from studies.layout_search.first_layouts import first_starts
 from studies.layout_search.target import LoadedTarget, load_target
 from studies.loop.learning import MODEL, Simulators
 from studies.loop.measuring import ASKED
 from studies.loop.record import LoopOutcome, Turn, loop_content, stop_reason, write_report
-from studies.loop.turn import SEARCH, Loop, Progress, TurnSteps
+from studies.loop.turn import SEARCH, Loop, TurnSteps
 from studies.study import Running, StudyRun, simulator
 
 _FACTORS, _EFFECTS = 7, 45  # unknowns of a calibration, and about of a trace

@@ -18,6 +18,7 @@ from fabdesign.runtime.store import Checkpoint, read_arrays, write_arrays
 from fabdesign.study_files.loop_file import LoopStudy
 from fabdesign.study_files.study_file import EarlierResult, result_in
 from fabdesign.units import in_mm
+from optimize.fit.descent import Progress
 from optimize.search.evaluations import Evaluations
 from studies.layout_search.first_layouts import COARSE
 from studies.layout_search.target import LoadedTarget, target_errors
@@ -27,7 +28,6 @@ from studies.loop.measuring import MEASURED, measured, programs_for
 from studies.loop.record import ChosenDesign, Learned, ShapeErrors, shape_errors
 from studies.loop.resting_shape import resting_faces
 
-Progress = Callable[[str, float], None]  # what is done, and about what share of all
 AT_REST = 0.5  # s, the last of a trial in which a cloth counts as at rest
 SEARCH = "search"  # the folder of the turn's search, what `optimize` writes
 SHAPES = "shapes.npz"  # believed and device, (poses, 2 n, 3) m

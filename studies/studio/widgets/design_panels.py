@@ -97,14 +97,14 @@ def model(document: Document) -> list[Widget]:
         if effect.site == "sensing":
             continue  # of sensors, which see no shape here
         values = chosen.effect_values.get(name, {})
-        on = entry("checkbox", "On", name in chosen.effect_values, partial(_switch, document, name), hint=effect.what)
+
+        def switch(on: bool, name: str = name) -> None:
+            document.choose(document.choice.switched(name, on))
+
+        on = entry("checkbox", "On", name in chosen.effect_values, switch, hint=effect.what)
         fields = [_parameter(document, name, key, effect.parameters[key]) for key in sorted(values)]
         widgets.append(folder(name.replace("_", " "), on, *fields, closed=True))
     return widgets
-
-
-def _switch(document: Document, effect: str, on: bool) -> None:
-    document.choose(document.choice.switched(effect, on))
 
 
 def _parameter(document: Document, effect: str, key: str, declared: EffectParameter) -> Widget:

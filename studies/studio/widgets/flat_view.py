@@ -1,4 +1,5 @@
-"""Where the pieces stand in the one scene, from where one looks at first, and the colours."""
+"""Where the pieces stand in the one scene, from where one looks at first, and the colours; and the flat cloth as on the
+sewing table, front and back: muscles that are clicked and dragged, and lacing rows."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

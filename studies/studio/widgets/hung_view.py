@@ -1,4 +1,5 @@
-"""The cloth as it hangs, with its muscles, and what is shown beside it: target, measured points, other shapes."""
+"""The cloth as it hangs, with its muscles, and what is shown beside it: target, measured points, other shapes; and
+below it the program under edit, a line for each channel, with knots that are dragged."""
 
 from functools import lru_cache, partial
 from typing import Any
@@ -47,7 +48,8 @@ def hung_nodes(session: Session) -> dict[str, Node]:
     if other is not None and other[1].shape is not None:
         nodes |= _beside("other", other[1].shape.points, _OTHER)
     if document.target is not None:
-        nodes |= _cloud("target", document.target.points, _grey(len(document.target.points)))
+        points = document.target.points
+        nodes |= _cloud("target", points, np.tile(np.array(_PLAIN, np.uint8), (len(points), 1)))
     largest = largest_distance(session)
     if largest is not None and shape is not None and document.comparison is not None:
         nodes["/hung/distances"] = _distances(shape, document.comparison, largest)
@@ -112,10 +114,6 @@ def _measured(motion: TrialMotion, frame: int) -> dict[str, Node]:
     if cloud is None or distances is None:
         return {}
     return _cloud("measured", cloud, heat(distances, max(LEAST_SCALE, motion.largest or 0.0)))
-
-
-def _grey(count: int) -> NDArray[np.uint8]:
-    return np.tile(np.array(_PLAIN, np.uint8), (count, 1))
 
 
 def _cloud(name: str, points: Array, colours: NDArray[np.uint8]) -> dict[str, Node]:

@@ -182,7 +182,7 @@ class Panel:
 
         def save() -> None:
             folder = Path(typed("Folder").strip())
-            self._made.unless_lost(files.would_replace(folder), partial(files.save, folder))
+            self._made.unless_lost(files.saving.replaces(folder), partial(files.save, folder))
 
         def export() -> None:
             folder = Path(typed(_TEMPLATE, "Folder").strip())
