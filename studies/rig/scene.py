@@ -97,6 +97,31 @@ class StepReport:
     strain: Array  # (q, 6)
 
 
+Apply = Callable[[Scene, int, Mapping[str, float]], None]
+
+
+@dataclass(frozen=True)
+class RigEffect:
+    """`apply(scene, order, values)` edits the scene; order is the trial's place in the specimen's session."""
+
+    site: str
+    parameters: Mapping[str, tuple[float, str]]  # name -> default, unit
+    apply: Apply
+
+
+EFFECTS: dict[str, RigEffect] = {}
+
+
+def effect(site: str, **parameters: tuple[float, str]) -> Callable[[Apply], Apply]:
+    """Declare a function as the effect of its name."""
+
+    def declared(apply: Apply) -> Apply:
+        EFFECTS[apply.__name__] = RigEffect(site, parameters, apply)
+        return apply
+
+    return declared
+
+
 def build_scene(
     design: Design, factors: Mapping[str, float], resolution: Resolution, *, max_pressure: float, seed: int = 0
 ) -> Scene:

@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 from fabdesign.errors import InputError
 from fabdesign.nouns.array import Array
 from fabdesign.units import from_kpa
-from studies.rig.effects.declaration import effect
-from studies.rig.scene import Scene, StepReport
+from studies.rig.scene import Scene, StepReport, effect
 
 OPEN = 5e3  # Pa, above which a channel draws from the supply
 PATCH_EDGE = 0.004  # m, over which a stiff patch fades out

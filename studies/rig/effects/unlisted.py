@@ -8,9 +8,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from fabdesign.nouns.array import Array
-from studies.rig.effects.declaration import effect
 from studies.rig.effects.listed import normals
-from studies.rig.scene import Scene, StepReport
+from studies.rig.scene import Scene, StepReport, effect
 
 FULL_PRESSURE = 4e5  # Pa, at which a muscle warms at its full rate, and a channel draws its whole share
 # name -> the listed effect whose cause is the same
