@@ -1,12 +1,13 @@
 """A first-order lag, dx/dt = (goal - x) / time, exact for a goal that is constant within each step: of filling, creep,
 the friction of a braid over its displacement. The virtual rig, another engine, has its own."""
 
-from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from fabdesign.nouns.array import Array
+
 SHORTEST = 1e-6  # s, under which there is no lag
 
 
@@ -16,13 +17,16 @@ def after(x: ArrayLike, goal: ArrayLike, step: ArrayLike, time: ArrayLike) -> Ar
 
 
 def first_order(
-    goals: ArrayLike, steps: Iterable[float], time: float, *, start: ArrayLike, falling: float | None = None
+    goals: ArrayLike, steps: ArrayLike, time: float, *, start: ArrayLike, falling: float | None = None
 ) -> Array:
     """Return (n + 1, ...): x at the start and after each of n steps [s], in which it goes to the goals (n, ...).
 
     falling: the time constant [s] where x falls, if it is another one."""
-    falling, path = time if falling is None else falling, [np.asarray(start, np.float64)]
-    for goal, step in zip(np.asarray(goals, np.float64), steps, strict=True):
-        constant = np.maximum(np.where(goal > path[-1], time, falling), SHORTEST)
-        path.append(after(path[-1], goal, step, constant))
-    return np.array(path)
+    goals, lengths = np.asarray(goals, np.float64), np.asarray(steps, np.float64)
+    up, down = (np.exp(-lengths / max(t, SHORTEST)).tolist() for t in (time, time if falling is None else falling))
+    x: Any = start if goals.ndim > 1 else float(np.asarray(start))
+    path = [x]
+    for goal, rising, sinking in zip(goals if goals.ndim > 1 else goals.tolist(), up, down, strict=True):
+        x = goal + (x - goal) * (rising if falling is None else np.where(goal > x, rising, sinking))
+        path.append(x)
+    return np.array(path, np.float64)
