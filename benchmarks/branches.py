@@ -18,7 +18,7 @@ from fabdesign.files.model_file import read_model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.units import in_mm
 from sim import Simulator
-from studies.prediction.branches import FAR, Branches, branches_of, root_mean_square
+from studies.prediction.stability import FAR, Branches, branches_of, root_mean_square
 
 EVERY = 5  # frames
 

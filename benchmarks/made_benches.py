@@ -18,7 +18,7 @@ from benchmarks.machine import ROOT, commit, processor
 from fabdesign.nouns.bench import Bench, BenchRecord, Specimen
 from fabdesign.output import write_text
 from studies.benches.cylinder import friction_state
-from studies.benches.trace_outcome import BenchOutcome
+from studies.benches.trace_report import BenchOutcome
 from studies.benches.tracing import examine
 
 PAGE = ROOT / "docs" / "lab" / "benches.md"

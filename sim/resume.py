@@ -10,13 +10,12 @@ from fabdesign.nouns.forward import Case
 from sim import state as declared
 from sim.chunks import Chunk, chunks_of, laid
 from sim.kernels.fields import LANES, lock
-from sim.kernels.transfer import Values, load, put, take
+from sim.kernels.transfer import Values, put, take
 from sim.motion import SimulatedMotion, motion_of
+from sim.schedule import Batch, of_motions
 from sim.simulator import Simulator
 from sim.step import advance
-from sim.time.batch import Batch
-from sim.time.schedule import of_motions
-from sim.time.steps import Jumps, together
+from sim.time_steps import Jumps, together
 
 Array = NDArray[np.float64]
 
@@ -32,8 +31,7 @@ class State:
 def at_rest(simulator: Simulator, case: Case) -> State:
     """Return where the case's motion starts."""
     with lock:
-        chunk = _alone(case)
-        batch, _ = simulator.started(chunk)
+        batch, _ = simulator.started(Chunk([0], [case], [0] * LANES))
         [state] = _states(batch, 0, 1)
         return state
 
@@ -111,14 +109,9 @@ def with_states(
     ]
 
 
-def _alone(case: Case) -> Chunk:
-    return Chunk([0], [case], [0] * LANES)
-
-
 def _resumed(simulator: Simulator, chunk: Chunk, states: Sequence[State]) -> Batch:
     """The chunk in the fields, each case in its state."""
-    batch, contents = laid(chunk, simulator.points_per_side, simulator.self_contact)
-    load(contents)
+    batch = laid(chunk, simulator.points_per_side, simulator.self_contact)
     lanes = [states[k] for k in chunk.packed]
     values = {}
     for name in _names():

@@ -7,22 +7,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 import sim.effects  # noqa: F401 declares its planes before the first batch
-from fabdesign.effects.acting import acting_pressure, active
-from fabdesign.effects.pressures import ActingPressure
+from fabdesign.effects.acting import acting_pressure, active, specimen_of
+from fabdesign.effects.declaration import ActingPressure
 from fabdesign.errors import InputError, require_number
-from fabdesign.nouns.column import Column, move
+from fabdesign.nouns.column import Column, FacesJacobian, move
 from fabdesign.nouns.forward import HOLD, RISE, Case
-from fabdesign.nouns.jacobian import FacesJacobian
 from fabdesign.nouns.model import POINTS_PER_SIDE
 from fabdesign.nouns.pressure import RISE_STEPS, rising_program
 from fabdesign.runtime.cluster import current
 from fabdesign.runtime.effort import COARSEST, FINEST, LONGEST, require_motion
 from sim.chunks import Chunk, chunks_of, has_added_force, laid
-from sim.design.loading import constants_of
 from sim.equilibrium import (
     FOLLOWING,
     FOLLOWING_STEP,
-    Stages,
     Start,
     damped_motion,
     is_free,
@@ -33,15 +30,14 @@ from sim.equilibrium import (
     to_start,
 )
 from sim.kernels.fields import F, lock
-from sim.kernels.transfer import Contents, load, put
+from sim.kernels.transfer import put
+from sim.loading import constants_of
 from sim.motion import SimulatedMotion, motion_of
 from sim.on_cluster import OnCluster
+from sim.schedule import Batch, by_block, of_motions
 from sim.step import Solve, advance
-from sim.tangent.differences import Jacobian, completed, faces_changes
-from sim.tangent.shapes import Solved, share_out, solve_at_rest, together
-from sim.time.batch import Batch
-from sim.time.schedule import by_block, of_motions
-from sim.time.steps import Jumps, Steps, jumps_of, steps_of
+from sim.tangent.shapes import Jacobian, Solved, completed, faces_changes, share_out, solve_at_rest, together
+from sim.time_steps import Jumps, Steps, jumps_of, steps_of
 
 Array = NDArray[np.float64]
 TIME_STEPS = 1e-6, 1 / 240  # s
@@ -78,7 +74,7 @@ class Simulator:
     """
 
     points_per_side: int = POINTS_PER_SIDE
-    time_step: float = 1 / 1920  # s, right after a jump of pressure; more in one as time goes on (sim/time/steps.py)
+    time_step: float = 1 / 1920  # s, right after a jump of pressure; more in one as time goes on (sim/time_steps.py)
     calm_steps: int | None = None  # time steps in one, later on; 8 by default, on finer grids 4, with self_contact 1
     iterations: int = 16  # at most, in a step
     tolerance: float = 2e-7  # m, RMS over nodes of a step's last update; what it still lacks the next step makes up
@@ -134,21 +130,19 @@ class Simulator:
                         motions[i] = replace(motion, diverged=(0.0, (0, 0))) if lost else motion
         return [motions[i] for i in range(len(cases))]
 
-    sheets = run  # as fabdesign.geometry.sheet asks for them: such a motion is one
+    sheets = run  # as fabdesign.geometry.shape asks for them: such a motion is one
 
     def started(self, chunk: Chunk, *, patient: bool = False) -> tuple[Batch, NDArray[np.bool_] | None]:
         """The chunk in the fields, at rest without pressure; and, where it may not have come there, (lanes,) whether it
         has."""
         start = start_of(chunk.cases[0], patient=patient)
-        batch, contents = laid(
-            chunk.damped() if start is Start.DAMPED else chunk, self.points_per_side, self.self_contact
-        )
-        load(contents)
+        batch = laid(chunk.damped() if start is Start.DAMPED else chunk, self.points_per_side, self.self_contact)
         for stage in to_start(batch, start, self.solve(batch), chunk.channels):
             advance(batch, *stage)
         if start is Start.DAMPED:
-            put(batch.blocks, {"lane": constants_of(chunk.lanes, self.points_per_side)})
-        return batch, rested(batch.positions(F.x0) - batch.positions(F.xp)) if start is Start.CHECKED else None
+            specimens = [specimen_of(case) for case in chunk.lanes]
+            put(batch.blocks, {"lane": constants_of(specimens, self.points_per_side)})
+        return batch, rested(batch) if start is Start.CHECKED else None
 
     def moved(
         self, batch: Batch, chunk: Chunk, steps: Mapping[int, Steps], times: Sequence[Array]
@@ -221,12 +215,9 @@ class Simulator:
         with lock:
             for engine, patient, asked in self._tries(shapes, len(cases)):
                 for chunk in chunks_of(cases, self.points_per_side, dict.fromkeys(asked, ())):
-                    batch, contents, stages = engine._to_rest(chunk, patient=patient)
-                    load(contents)
-                    for stage in stages:
-                        advance(batch, *stage)
+                    batch = engine._at_rest(chunk, patient=patient)
                     middle, states = batch.positions(F.x0), batch.states()
-                    middle[~rested(middle - batch.positions(F.xp))] = np.nan
+                    middle[~rested(batch)] = np.nan
                     for k, (i, case) in enumerate(zip(chunk.places, chunk.cases, strict=True)):
                         lane = chunk.packed.index(k)
                         shapes[i] = motion_of(case, np.zeros(1), middle[lane : lane + 1], states[lane : lane + 1])
@@ -272,27 +263,25 @@ class Simulator:
         results: list[list[Solved]] = [[] for _ in cases]
         with lock:
             for chunk in chunks_of([lane.case for _, lane in lanes], self.points_per_side):
-                batch, contents, stages = self._to_rest(chunk)
-                load(contents)
-                for stage in stages:
-                    advance(batch, *stage)
+                batch = self._at_rest(chunk)
                 riding = [lanes[chunk.places[k]][1] for k in chunk.packed]
                 solved = solve_at_rest(batch, riding, columns, self._at_rest_pressure)
                 for k, i in enumerate(chunk.places):
                     results[lanes[i][0]].append(solved[chunk.packed.index(k)])
         return [together(parts) for parts in results]
 
-    def _to_rest(self, chunk: Chunk, *, patient: bool = False) -> tuple[Batch, Contents, Stages]:
-        """The chunk, what it loads, and the steps to rest under its last pressures."""
-        batch, contents = laid(chunk.damped(), self.points_per_side, self.self_contact)
+    def _at_rest(self, chunk: Chunk, *, patient: bool = False) -> Batch:
+        """Return the chunk in the fields, after a damped motion to rest under its last pressures."""
+        batch = laid(chunk.damped(), self.points_per_side, self.self_contact)
         pressure = np.zeros((chunk.channels, len(chunk.packed)))
         for lane, case in enumerate(chunk.lanes):
             acting = self._at_rest_pressure(case)
             pressure[: len(acting), lane] = acting
-        stages = damped_motion(
+        for stage in damped_motion(
             batch, by_block(pressure), self.solve(batch), rise=self.rise, hold=self.hold, patient=patient
-        )
-        return batch, contents, stages
+        ):
+            advance(batch, *stage)
+        return batch
 
     def follow(self, case: Case, middle: NDArray[np.float32], *, steps: int = FOLLOWING) -> SimulatedMotion:
         """From a shape nearby, `middle` (n, n, 3) m, towards rest under the program's last pressures, as a motion of
@@ -300,8 +289,7 @@ class Simulator:
         moves it. Memory of forces stays at rest."""
         with lock:
             [chunk] = chunks_of([case], self.points_per_side)
-            batch, contents = laid(chunk.damped(), self.points_per_side, self.self_contact)
-            load(contents)
+            batch = laid(chunk.damped(), self.points_per_side, self.self_contact)
             put(batch.blocks, lying_at(batch, middle))
             pressure = by_block(np.repeat(self._at_rest_pressure(case)[:, None], len(chunk.packed), axis=1))
             for stage in long_steps(batch, pressure, self.solve(batch), ((FOLLOWING_STEP, steps),)):

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.benches import straight_line
 from fabdesign.errors import InputError
 from fabdesign.files.bench_file import read_bench
 from fabdesign.files.bench_law_file import TABLES, BenchLaw, read_bench_law, write_bench_law
@@ -19,11 +20,10 @@ from fabdesign.nouns.bench import Bench, BenchRecord
 from studies.benches.actuator import StaticCurve
 from studies.benches.calibrate import calibrate_bench, errors_in_words
 from studies.benches.cylinder import CylinderLaw, friction_state
-from studies.benches.muscle import BenchMuscle
-from studies.benches.predictions import errors_of
+from studies.benches.evaluate import errors_of
+from studies.benches.muscle import BenchMuscle, Rows, only_speed
 from studies.benches.records import LAWS
-from studies.benches.rows import Rows, only_speed
-from studies.benches.strip import StripLaw, straight_line
+from studies.benches.strip import StripLaw
 from studies.benches.tracing import examine
 from studies.benches.write import write_bench_type
 

@@ -11,8 +11,7 @@ from fabdesign.files.model_file import read_model
 from fabdesign.nouns.bench import Bench, BenchRecord, Specimen
 from studies.benches.cylinder import friction_state
 from studies.benches.records import LAWS
-from studies.benches.trace_outcome import BenchOutcome
-from studies.benches.trace_report import as_text
+from studies.benches.trace_report import BenchOutcome, as_text
 from studies.benches.tracing import examine
 from tests.command_line import Run, one_line
 from tests.test_benches import DATA, muscle_force

@@ -6,10 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.declaration import Array, Effect, Values
-from fabdesign.effects.pressures import ActingPressure
+from fabdesign.effects.declaration import ActingPressure, Array, Effect, Specimen, Values
 from fabdesign.effects.registry import check_values, effect_named
-from fabdesign.effects.specimen import Specimen
 from fabdesign.nouns.forward import MUSCLE_TYPES, Case, Term
 
 

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
-from fabdesign.effects.specimen import Specimen
+from fabdesign.effects.declaration import Array, Effect, EffectParameter, Specimen, Values
 from fabdesign.files.curve_file import MembraneCurve
 
 
@@ -79,7 +78,7 @@ LOCAL_STIFFENING = Effect(
         "factor": EffectParameter("1", "on the stiffness", 4.0, (0.05, 20.0), 0.7, off=1.0, transform="log"),
     },
     specimen=_local_stiffening_specimen,
-    force="sim.forces.stress:CLOTH_STRESS",
+    force="sim.forces.added:CLOTH_STRESS",
 )
 
 
@@ -104,7 +103,7 @@ STRESS_RELAXATION = Effect(
         "time": EffectParameter("s", "time constant", 0.7, (0.02, 100.0), 0.8, transform="log"),
     },
     specimen=_stress_relaxation_specimen,
-    force="sim.forces.stress:CLOTH_STRESS",
+    force="sim.forces.added:CLOTH_STRESS",
     remembers=True,
 )
 

@@ -9,12 +9,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
+from fabdesign.effects.declaration import ActingPressure, Array, Effect, EffectParameter, Specimen, Values
 from fabdesign.effects.fabric import ORTHOTROPY
 from fabdesign.effects.muscle import BRAID_HYSTERESIS
 from fabdesign.effects.pneumatics import lagged
-from fabdesign.effects.pressures import ActingPressure
-from fabdesign.effects.specimen import Specimen
 from fabdesign.nouns.pressure import PressureProgram
 
 UNIT = 200e3  # Pa, of which coefficients per pressure are told
@@ -95,7 +93,7 @@ LEARNED = Effect(
     },
     pressure=_pressure,
     specimen=_specimen,
-    force="sim.effects.learned:LEARNED",
+    force="sim.effects:LEARNED",
     remembers=True,
 )
 

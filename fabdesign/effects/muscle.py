@@ -5,9 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.bench import MuscleRecord
-from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
-from fabdesign.effects.specimen import Specimen
+from fabdesign.effects.declaration import Array, Effect, EffectParameter, MuscleRecord, Specimen, Values
 from fabdesign.units import from_kpa
 
 
@@ -34,7 +32,7 @@ THRESHOLD_PRESSURE = Effect(
         "width": EffectParameter("kPa", "of the bend", 10.0, (1.0, 100.0), 0.5, transform="log"),
     },
     specimen=_threshold_pressure_specimen,
-    force="sim.effects.threshold_pressure:THRESHOLD_PRESSURE",
+    force="sim.effects:THRESHOLD_PRESSURE",
 )
 
 
@@ -74,7 +72,7 @@ BRAID_HYSTERESIS = Effect(
         "slip": EffectParameter("1", "contraction until it slides", 0.005, (0.0005, 0.1), 0.5, transform="log"),
     },
     specimen=_braid_hysteresis_specimen,
-    force="sim.effects.braid_hysteresis:BRAID_HYSTERESIS",
+    force="sim.effects:BRAID_HYSTERESIS",
     resists=True,
     bench=_braid_hysteresis_bench,
     remembers=True,
@@ -119,7 +117,7 @@ MUSCLE_CREEP = Effect(
         ),
     },
     specimen=_muscle_creep_specimen,
-    force="sim.effects.muscle_creep:MUSCLE_CREEP",
+    force="sim.effects:MUSCLE_CREEP",
     bench=_muscle_creep_bench,
     remembers=True,
 )
@@ -146,7 +144,7 @@ MUSCLE_VISCOSITY = Effect(
         "lengthening": EffectParameter("N s", "while lengthening", 10.0, (0.0, 500.0), 10.0, off=0.0),
     },
     specimen=_muscle_viscosity_specimen,
-    force="sim.effects.muscle_viscosity:MUSCLE_VISCOSITY",
+    force="sim.effects:MUSCLE_VISCOSITY",
     resists=True,
 )
 

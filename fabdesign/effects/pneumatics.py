@@ -6,10 +6,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.bench import MuscleRecord
-from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
-from fabdesign.effects.pressures import ActingPressure
-from fabdesign.effects.specimen import Specimen
+from fabdesign.effects.declaration import ActingPressure, Array, Effect, EffectParameter, MuscleRecord, Specimen, Values
 from fabdesign.nouns.pressure import PressureProgram
 
 # Filling lag: the pressure in a muscle follows the set point with a time constant, which may differ emptying.

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from fabdesign.effects.declaration import Effect, Values
-from fabdesign.effects.environment import ADDED_MASS, AIR_DRAG, FRAME_TILT
+from fabdesign.effects.environment import ADDED_MASS, AIR_DRAG, FRAME_TILT, REGISTRATION_BIAS, SCALE_ERROR, TIME_OFFSET
 from fabdesign.effects.fabric import LOCAL_STIFFENING, ORTHOTROPY, REST_CURVATURE, STRESS_RELAXATION
 from fabdesign.effects.learned import DISCOVERED, LEARNED
 from fabdesign.effects.muscle import (
@@ -23,10 +23,9 @@ from fabdesign.effects.muscle import (
     THRESHOLD_PRESSURE,
 )
 from fabdesign.effects.pneumatics import DEAD_TIME, FILLING_LAG, LINE_LOSS, SUPPLY_DROOP
-from fabdesign.effects.sensing import REGISTRATION_BIAS, SCALE_ERROR, TIME_OFFSET
 from fabdesign.errors import InputError
 from fabdesign.formats.table import nearest
-from fabdesign.nouns.term import Term
+from fabdesign.nouns.design import Term
 
 GROUP = "fabdesign.effects"  # entry points of installed packages, each an Effect
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fabdesign.geometry.distances import ChamferTo, chamfer
 from fabdesign.geometry.regions import Weighting
 from fabdesign.geometry.sensor_noise import SensorNoise
-from fabdesign.geometry.sheet import Face
+from fabdesign.geometry.shape import Face
 from fabdesign.geometry.surface import CAP, Nearest, Surface, capped_rms, half_of
 from fabdesign.geometry.wishes import Landmarks
 from fabdesign.units import InFile, Millimetres, in_mm

@@ -7,9 +7,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.nouns.design import Design
+from fabdesign.nouns.design import MUSCLE_TYPES, Design, Term
 from fabdesign.nouns.pressure import PressureProgram
-from fabdesign.nouns.term import MUSCLE_TYPES, Term
 
 __all__ = [
     "FACTOR_RANGE",

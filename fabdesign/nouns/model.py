@@ -141,14 +141,16 @@ class Covariance:
 @dataclass(frozen=True)
 class Spread:
     """Half-widths of 90 % intervals of where a predicted motion lies, along its normal, in quadrature
-    (fabdesign/nouns/spread.py): calibrated on trials that the model was not fitted to."""
+    (fabdesign/nouns/model_sampling.py): calibrated on trials that the model was not fitted to."""
 
     constant: Annotated[Metre, FROM_0, "half-width"]
     covariance: Annotated[float, FROM_0, "on the standard deviation that [covariance] gives"]
     motion: Annotated[float, FROM_0, "m for each m moved since rest"]
     trials: Annotated[int, Within(least=1), "calibrated on"]
     held: Annotated[float, SHARE, "share of their residuals inside, each calibrated on the others"]
-    trained_on: Annotated[str, "hash of parameters, effects, covariance and corrector"]  # fabdesign.nouns.spread
+    trained_on: Annotated[
+        str, "hash of parameters, effects, covariance and corrector"
+    ]  # fabdesign.nouns.model_sampling
     designs: Annotated[Mapping[str, Times], "times all of this, of designs by name"] = field(default_factory=dict)
 
 

@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects.acting import is_sensing, observed, seen_at
-from fabdesign.geometry.sheet import Sheet, SheetWithFaces, of_faces, sheets_of
-from fabdesign.nouns.column import Column
+from fabdesign.geometry.shape import Shape, Sheet, SheetWithFaces, sheets_of
+from fabdesign.nouns.column import Column, FacesJacobian, Floats, Jacobians, with_on_top
 from fabdesign.nouns.corrector import Corrector, with_history
 from fabdesign.nouns.forward import Case, ForwardModel
-from fabdesign.nouns.jacobian import FacesJacobian, Floats, Jacobians, with_on_top
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.pressure import PressureProgram
 
@@ -45,9 +44,9 @@ class Predictor:
         return [observed(case, points) for case, points in zip(modelled, motions, strict=True)]
 
     def sheets(self, cases: Sequence[Case], times: Sequence[Array]) -> Sequence[Sheet]:
-        """Return the same motions as mid-surfaces on the simulator's own grid (fabdesign.geometry.sheet)."""
+        """Return the same motions as mid-surfaces on the simulator's own grid (fabdesign.geometry.shape)."""
         if self.corrector is not None:
-            return [of_faces(points) for points in self.motions(cases, times)]
+            return [Shape(points) for points in self.motions(cases, times)]
         modelled = [self.case(case) for case in cases]
         shown = [np.asarray(t, dtype=float) for t in times]
         if not self.sensing:

@@ -13,7 +13,7 @@ from fabdesign.files.design_file import read_design
 from fabdesign.files.trial_file import TrialData, program_of, read_trial, read_trial_pressures
 from fabdesign.formats.schema import ABOVE_0, FROM_0, FileUnit, Key, Second, Within
 from fabdesign.formats.table import Table, nearest
-from fabdesign.geometry.trial_place import require_on_cloth
+from fabdesign.geometry.hung_cloth import require_on_cloth
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import PressureProgram, require_pressures
 from fabdesign.study_files.rig_limits_file import USUAL_LIMITS, RigLimits

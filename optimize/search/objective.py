@@ -11,10 +11,9 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial import KDTree
 
 from fabdesign.geometry.metrics import chamfer_to, distance_to_faces, shares_at, surface_rms
-from fabdesign.geometry.mid_surface import two_faces
 from fabdesign.geometry.regions import Weighting
 from fabdesign.geometry.rigid_placement import RigidMotion, onto
-from fabdesign.geometry.sheet import Face
+from fabdesign.geometry.shape import Face, Shape
 from fabdesign.geometry.surface import CAP, Surface, capped_rms, half_of
 from fabdesign.geometry.wishes import Landmarks
 from fabdesign.nouns.design import Design
@@ -24,7 +23,7 @@ from fabdesign.nouns.pressure import PressureProgram
 from optimize.search.design_space import DesignSpace, Vector
 
 Measure = Literal["chamfer", "surface_rms"]
-Shape = NDArray[np.float64]  # (poses, 2 n, 3) m: one design under each pose's pressures
+Poses = NDArray[np.float64]  # (poses, 2 n, 3) m: one design under each pose's pressures
 # m, of distances and their shares; and its slope by each
 Norm = Callable[[NDArray[np.float64], NDArray[np.float64]], tuple[float, NDArray[np.float64]]]
 LATE = 1.0  # s after rest, from which on a motion's frame is taken to be near the shape at rest
@@ -76,11 +75,11 @@ class Objective:
 
     def shapes(
         self, forward: ForwardModel, points: Sequence[tuple[DesignSpace, Vector]], models: Sequence[Predictor] = ()
-    ) -> list[Shape]:
+    ) -> list[Poses]:
         """The shape of each point; a diverged one holds NaN. models: of which each point's cases carry what its own
         adds."""
         decoded = [space.decode(x) for space, x in points]
-        shapes: list[list[Shape]] = [[] for _ in points]
+        shapes: list[list[Poses]] = [[] for _ in points]
         for pose, target in enumerate(self.targets):
             cases = self.cases(pose, decoded)
             if models:
@@ -93,7 +92,7 @@ class Objective:
                 shape.append(refined(np.asarray(cloud, np.float64)))
         return [np.array(shape) for shape in shapes]
 
-    def cases(self, pose: int, decoded: Sequence[tuple[Design, Shape]]) -> list[Case]:
+    def cases(self, pose: int, decoded: Sequence[tuple[Design, Poses]]) -> list[Case]:
         """Of designs, each with its (poses, channels) pressures [Pa], in one pose."""
         duration = self.targets[pose].time or 0.0
         return [
@@ -101,7 +100,7 @@ class Objective:
             for design, pressures in decoded
         ]
 
-    def value(self, shape: Shape) -> float:
+    def value(self, shape: Poses) -> float:
         """m; NaN where the shape is not finite."""
         if not np.all(np.isfinite(shape)):
             return float("nan")
@@ -124,7 +123,7 @@ class Objective:
         whole = any(t.markers or t.landmarks is not None or t.weighting is not None for t in self.targets)
         return THIN if self.measure == "chamfer" and not whole else 1
 
-    def gradient(self, shape: Shape) -> tuple[float, Shape]:
+    def gradient(self, shape: Poses) -> tuple[float, Poses]:
         """Value [m] against the thinned targets, and its derivative by each coordinate (nearest neighbours held)."""
         gradients = [self._gradient(t, pose) for t, pose in zip(self.targets, shape, strict=True)]
         slopes = np.array([slope for _, slope in gradients])
@@ -203,11 +202,11 @@ def _on_corners(
 
 def refined(cloud: NDArray[np.float64]) -> NDArray[np.float64]:
     """(2 SIDE^2, 3) m, of both faces' points on a coarser grid too."""
-    side = round(np.sqrt(len(cloud) / 2))
-    if side >= SIDE:
+    shape = Shape.of(cloud)
+    if shape.side >= SIDE:
         return cloud
-    weights = _spline_weights(side)
-    faces = np.einsum("ai,bj,fijc->fabc", weights, weights, two_faces(cloud), optimize=True)
+    weights = _spline_weights(shape.side)
+    faces = np.einsum("ai,bj,fijc->fabc", weights, weights, shape.faces, optimize=True)
     return faces.reshape(-1, 3)
 
 

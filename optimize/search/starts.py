@@ -14,8 +14,7 @@ from fabdesign.errors import InputError
 from fabdesign.nouns.catalogue import LAYOUTS, build
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
-from optimize.search.channels import start_of
-from optimize.search.design_space import DesignSpace, Vector
+from optimize.search.design_space import DesignSpace, Vector, start_of
 from optimize.search.margins import Limits
 
 Side = Literal["front", "back"]

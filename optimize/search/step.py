@@ -12,9 +12,9 @@ import nlopt
 import numpy as np
 from numpy.typing import NDArray
 
-from optimize.search.contraction import LinearContraction
 from optimize.search.design_space import DesignSpace, Vector
-from optimize.search.objective import Objective, Shape
+from optimize.search.margins import LinearContraction
+from optimize.search.objective import Objective, Poses
 
 EVALUATIONS = 60  # of the linear model; the objective there is kinked, so that the last digits are not worth more
 LEAST_GAIN = 1e-6  # m
@@ -26,13 +26,13 @@ class LinearShape:
     """shape(x) = shape + slopes (x - centre)."""
 
     centre: Vector  # (n,)
-    shape: Shape  # (poses, 2 n, 3) m
+    shape: Poses  # (poses, 2 n, 3) m
     slopes: NDArray[np.float64]  # (n, poses, 2 n, 3) m
 
-    def at(self, x: Vector) -> Shape:
+    def at(self, x: Vector) -> Poses:
         return self.shape + np.tensordot(x - self.centre, self.slopes, axes=1)
 
-    def through(self, x: Vector, shape: Shape) -> "LinearShape":
+    def through(self, x: Vector, shape: Poses) -> "LinearShape":
         """Return the nearest model that holds at x too (Broyden, A class of methods for solving nonlinear simultaneous
         equations, Math. Comp. 19, 1965)."""
         way = x - self.centre

@@ -13,11 +13,10 @@ from itertools import combinations
 import numpy as np
 
 from fabdesign.study_files.search_terms import Price
-from optimize.search.channels import Layout, by_muscle, start_of, with_shared_channels
-from optimize.search.design_space import DesignSpace
+from optimize.search.design_space import DesignSpace, Layout, by_muscle, start_of, with_shared_channels
 from optimize.search.evaluations import Evaluations, Stop
 from optimize.search.local_search import LocalSearch
-from optimize.search.multistart import run_rounds
+from optimize.search.multistart import run_rounds, searches_from
 from optimize.search.starts import Start
 from optimize.search.variations import straightened
 
@@ -105,13 +104,7 @@ def _searches(evaluations: Evaluations, stage: int, starts: Sequence[Start]) -> 
     """Return searches from starts that the evaluations get to know, valued on the model of a stage."""
     first = len(evaluations.starts)
     evaluations.starts += starts
-    spaces = [evaluations.space(first + k, stage) for k in range(len(starts))]
-    xs = [reduced.encode(*space.decode(x)) for reduced, (space, x) in zip(spaces, starts, strict=True)]
-    results = evaluations.evaluate(stage, [(first + k, x) for k, x in enumerate(xs)])
-    return [
-        LocalSearch(first + k, reduced, x, value, shape=shape)
-        for k, (reduced, x, (value, shape)) in enumerate(zip(spaces, xs, results, strict=True))
-    ]
+    return searches_from(evaluations, stage, first)
 
 
 def _simpler(evaluations: Evaluations, smallest: Fewer, start: Start | None, price: Price) -> Fewer:

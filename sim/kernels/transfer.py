@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sim import state
 from sim.kernels.fields import LANES, WIDE, C, F, Following, Timed, X
 from sim.kernels.vectors import Lanes, Wide
-from sim.time.scheme import H
+from sim.time_steps import H
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int32]
@@ -30,7 +30,7 @@ class Shared:
     basis: Floats  # (entries, 8) both bases (sim.solver.modes.by_four)
     eigen: Floats  # (modes, 3)
     table: Floats  # (types, pressures, contractions) N
-    coarse: Floats  # (entries,) of C.shared (sim/solver/coarse_tables.py)
+    coarse: Floats  # (entries,) of C.shared (sim/solver/modes.py)
     place: Ints  # (entries,) of C.place
     rows: Ints  # (blocks, points, 2) of F.rows
 

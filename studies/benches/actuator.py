@@ -118,8 +118,8 @@ class StaticCurve(Law):
 
 def hold_of(record: BenchRecord) -> Hold:
     """The hold in a record of one step on, and perhaps off. Raises InputError where there is none."""
-    column = next((name for name in PRESSURES if name in record.columns), None)
-    if column is None or "time" not in record.columns:
+    pressure = record.first(PRESSURES)
+    if pressure is None or "time" not in record.columns:
         raise InputError(f"{record.name}: no pressure or no time column; expected both")
     time, displacement = record.columns["time"], record.columns["displacement"]
     on = np.flatnonzero(displacement > displacement.max() / 2)
@@ -132,7 +132,7 @@ def hold_of(record: BenchRecord) -> Hold:
         raise InputError(f"{record.name}: no hold of more than {_SETTLED:g} s; expected a step of pressure")
     slope, _ = np.polyfit(np.log10(time[settled] - time[first]), displacement[settled], 1)
     return Hold(
-        pressure=float(np.max(record.columns[column])),
+        pressure=float(np.max(pressure)),
         level=float(np.median(displacement[(time >= middle) & (time <= end)])),
         onset=float(time[first]),
         release=float(time[last]),

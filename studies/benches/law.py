@@ -19,6 +19,11 @@ Predict = Callable[[BenchRecord], tuple[Array, Array]]  # (n,) at rest, in motio
 FORCES = ("force", "load")
 
 
+def rms(values: Array) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
 def twice(values: Array) -> tuple[Array, Array]:
     """Return a prediction that is the same at rest and in motion."""
     return np.asarray(values), np.asarray(values)
@@ -52,7 +57,9 @@ class Law:
     @staticmethod
     def measured(record: BenchRecord) -> Array:
         """Return what a record measured of what the law predicts."""
-        return record.columns[next(name for name in FORCES if name in record.columns)]
+        force = record.first(FORCES)
+        assert force is not None  # `require_columns`
+        return force
 
     def constants(self) -> Mapping[str, Quantity]:
         """Return what records say beyond the law."""

@@ -20,7 +20,7 @@ from optimize.fit.descent import fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import BenchProblem
-from studies.benches.rows import Rows, motion_columns
+from studies.benches.muscle import Rows, motion_columns
 from studies.calibration.fitted_model import effect_term, quantities_of
 
 Array = NDArray[np.float64]

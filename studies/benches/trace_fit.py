@@ -15,7 +15,8 @@ from optimize.fit.misfit import Array, Indices
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.problem import BenchProblem
 from optimize.fit.significance import NEEDED, conditioned, eliminated
-from studies.benches.trace_candidates import Shape
+from studies.benches.law import rms
+from studies.benches.trace_candidates import ShapedEffect
 from studies.calibration.fitted_model import QUANTILE
 from studies.tracing.judged import Judged
 from studies.tracing.rules import ON_BENCHES, Refits, Selection, follow
@@ -32,7 +33,7 @@ class BenchTask(Refits):
     law. tables: of each shape {parameter: (N,)}, by which a unit of it changes the residual. As rules ask it
     (`rules.Refits`): a fit with fewer effects is one with their shapes searched anew."""
 
-    shapes: Sequence[Shape]
+    shapes: Sequence[ShapedEffect]
     tables: Sequence[Mapping[str, Array]]
     residual: Array
     record: Indices
@@ -67,14 +68,14 @@ class BenchTask(Refits):
         parameters = tuple(self._strength(*strength, any_sign) for strength in strengths)
         vector = FitVector(parameters, (), tuple(Term(self.shapes[k].effect, self.shapes[k].values) for k in places))
         problem = BenchProblem(lambda x: self.residual + columns @ x, self.record, self.record, vector)
-        x, before = vector.start, float(np.sqrt(np.mean(self.residual**2)))
+        x, before = vector.start, rms(self.residual)
         for _ in range(2):
             state = problem.with_jacobian(problem.evaluate([x])[0], columns)
             fitted = concluded(problem, state, None, before, 1, "converged")
             x = fitted.minimum
         return self.judged(fitted)
 
-    def _strength(self, shape: Shape, key: str, column: Array, any_sign: bool) -> FitParameter:
+    def _strength(self, shape: ShapedEffect, key: str, column: Array, any_sign: bool) -> FitParameter:
         size = np.sqrt(np.mean(self.residual**2) / max(float(np.mean(column**2)), 1e-30))
         bounds = -np.inf if any_sign else lowest(f"{shape.effect}.{key}"), np.inf
         return FitParameter(f"{shape.effect}.{key}", _WIDE * float(size), 0.0, "linear", shape.units[key], bounds)

@@ -21,12 +21,12 @@ from optimize.fit.clouds import evenly
 from optimize.fit.cross_validation import Scored
 from optimize.fit.descent import Progress, parts
 from optimize.fit.misfit import Array, Indices
+from studies.benches.law import rms
 from studies.benches.noise import noise_of
 from studies.benches.records import LAWS, output_of, require_columns, unit_of
-from studies.benches.trace_candidates import Shape, Signals, shapes_of, signals_of
+from studies.benches.trace_candidates import ShapedEffect, Signals, shapes_of, signals_of
 from studies.benches.trace_fit import BenchTask, alike, candidates_of, select
-from studies.benches.trace_outcome import BenchOutcome, Curve
-from studies.benches.trace_report import render_bench
+from studies.benches.trace_report import BenchOutcome, Curve, render_bench
 from studies.calibration.fitted_model import quantities_of
 from studies.tracing.black_box import WIDTHS, kernel_of, left_out, standardised
 from studies.tracing.judged import Judged
@@ -62,7 +62,7 @@ def trace_bench(
 
 def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, share: None) -> BenchOutcome:
     """The trace itself; `tolerance` is a share of the largest output."""
-    records = [r for r in bench.records if r.role == "fit"]
+    records = bench.of_role("fit")
     if len(records) < LEAST_RECORDS:
         raise InputError(f"{bench.file}: {len(records)} records of role fit; expected at least {LEAST_RECORDS}")
     require_columns(bench, bench.records)
@@ -103,7 +103,7 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
         found=_effects(task, refitted),
         gains={label: gain for label, (gain, _) in chosen.gains.items()},
         indistinguishable=alike(task, chosen),
-        fit=(_rms(residual), _rms(left)),
+        fit=(rms(residual), rms(left)),
         test=_tested(bench, output, [shapes[k] for k in task.places(chosen.fit)], refitted.fit.x),
         curves=_curves(records, bench, rows, measured, residual, left, record),
     )
@@ -150,7 +150,7 @@ def _with_law(
     columns = [[c for place in places for c in task.shapes[place].columns(s).values()] for s in signals]
     for turn in range(_TURNS if places else 0):
         added = [sum((x * c for x, c in zip(refitted.fit.x, own, strict=True)), np.zeros(1)) for own in columns]
-        laws = laws_of(bench, records, added, told=partial(_turned, told, turn))
+        laws = laws_of(bench, records, added, told=lambda share, turn=turn: told((turn + share) / _TURNS))
         residual = [(p - r.columns[output])[k] for p, r, k in zip(laws, records, rows, strict=True)]
         last, refitted = refitted, replace(task, residual=np.concatenate(residual)).fit(places)
         if refitted.scored.rms() > (1 - _SETTLED) * last.scored.rms():
@@ -158,13 +158,11 @@ def _with_law(
     return refitted
 
 
-def _turned(told: Callable[[float], None], turn: int, share: float) -> None:
-    told((turn + share) / _TURNS)
-
-
-def _tested(bench: Bench, output: str, shapes: Sequence[Shape], coefficients: Array) -> tuple[float, float] | None:
+def _tested(
+    bench: Bench, output: str, shapes: Sequence[ShapedEffect], coefficients: Array
+) -> tuple[float, float] | None:
     """RMS on the records of role test, by the law of those of role fit: before, and with the shapes added."""
-    records, tests = ([r for r in bench.records if r.role == role] for role in ("fit", "test"))
+    records, tests = bench.of_role("fit"), bench.of_role("test")
     if not tests:
         return None
     laws = [LAWS[bench.specimen].still(records, record) for record in tests]
@@ -172,14 +170,10 @@ def _tested(bench: Bench, output: str, shapes: Sequence[Shape], coefficients: Ar
     residual = np.concatenate([way - r.columns[output] for r, way in zip(tests, laws, strict=True)])
     every = [np.arange(len(way)) for way in laws]
     columns = [column for shape in shapes for column in _table(shape, signals, every).values()]
-    return _rms(residual), _rms(residual + sum(c * x for c, x in zip(coefficients, columns, strict=True)))
+    return rms(residual), rms(residual + sum(c * x for c, x in zip(coefficients, columns, strict=True)))
 
 
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
-def _table(shape: Shape, signals: Sequence[Signals], rows: Sequence[Indices]) -> dict[str, Array]:
+def _table(shape: ShapedEffect, signals: Sequence[Signals], rows: Sequence[Indices]) -> dict[str, Array]:
     """(n,) of each of the shape's parameters."""
     parts = [shape.columns(s) for s in signals]
     return {name: np.concatenate([part[name][k] for part, k in zip(parts, rows, strict=True)]) for name in parts[0]}
@@ -229,8 +223,8 @@ def _curves(
     curves: list[Curve] = []
     for k, record in enumerate(records):
         own = trial == k
-        name = next((n for n in ("time", *bench.input) if n in record.columns), None)
-        place = record.columns[name][rows[k]] if name else np.arange(own.sum(), dtype=float)
+        along = record.first(("time", *bench.input))
+        place = np.arange(own.sum(), dtype=float) if along is None else along[rows[k]]
         y = measured[k][rows[k]]
         curves.append((record.name, place, y, y + residual[own], y + after[own]))
     return tuple(curves)
@@ -243,7 +237,7 @@ def _model(outcome: BenchOutcome) -> Model:
         effects=tuple(e for e in outcome.found if _simulated(e)) if outcome.verdict == "effect" else (),
         provenance=Provenance(
             sets=(bench.name,),
-            fitted=tuple(f"{bench.name}/{r.name}" for r in bench.records if r.role == "fit"),
+            fitted=tuple(f"{bench.name}/{r.name}" for r in bench.of_role("fit")),
             versions={"fabdesign": __version__},
             hashes={f"{bench.name}/bench.toml": sha256(bench.file)},
         ),

@@ -15,7 +15,7 @@ from fabdesign.geometry.metrics import DRAWS, Errors, landmark_errors, trial_err
 from fabdesign.geometry.placement import placement_of
 from fabdesign.geometry.regions import Weighting
 from fabdesign.geometry.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
-from fabdesign.geometry.sheet import Face
+from fabdesign.geometry.shape import Face
 from fabdesign.geometry.wishes import Landmarks
 from fabdesign.nouns.design import Design
 from fabdesign.runtime.fingerprint import sha256

@@ -22,7 +22,7 @@ from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.runtime.effort import batches
 from fabdesign.units import in_mm
-from studies.intervals.judge import IntervalJudge, interval_judges
+from studies.intervals.band import IntervalJudge, interval_judges
 from studies.intervals.widths import IntervalScore
 from studies.measured.fit_data import noise_clouds
 from studies.measured.sensitive_stretches import find_used_frames

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from corrector.load import load_corrector, write_weights
+from corrector.field import load_corrector, write_weights
 from fabdesign.files.model_file import write_model
 from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.geometry.distances import chamfer
