@@ -85,7 +85,7 @@ def made(columns: Columns, effect: Callable[[Columns], Array] | None, size: floa
 
 def answer(outcome: BenchOutcome, name: str) -> str:
     """Return the verdict in a cell; what names another effect is marked."""
-    names = [effect.name for effect in outcome.found] if outcome.verdict == "effect" else []
+    names = [effect.name for effect in outcome.effects] if outcome.verdict == "effect" else []
     alike = outcome.indistinguishable if names else ()
     small = f"; {outcome.small.effect} certain, within the tolerance" if outcome.small else ""
     wrong = "**wrong:** " if names and name not in (*names, *alike) else ""

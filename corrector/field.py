@@ -134,7 +134,10 @@ def load_corrector(model: Model) -> Corrector:
         )
     try:
         if about["network"] == "field":
-            return _field(weights, about)
+            if list(about["sources"]) != list(names()):
+                raise ValueError("other basis functions than this version has; train again")
+            seen, unseen = (weights[name].astype(np.float64) for name in ("seen", "unseen"))
+            return FieldCorrector(seen, unseen, list(about["known"]), float(about["trust_limit"]))
         if about["network"] == "paper":
             from corrector.paper import PaperCorrector  # here: it loads PyTorch
 
@@ -142,10 +145,3 @@ def load_corrector(model: Model) -> Corrector:
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise InputError(f"{path}: not weights that this version reads ({type(error).__name__}: {error})") from None
     raise InputError(f"{path}: network {about['network']}; expected field or paper")
-
-
-def _field(weights: dict[str, NDArray[np.float32]], about: Mapping[str, Any]) -> FieldCorrector:
-    if list(about["sources"]) != list(names()):
-        raise ValueError("other basis functions than this version has; train again")
-    seen, unseen = (weights[name].astype(np.float64) for name in ("seen", "unseen"))
-    return FieldCorrector(seen, unseen, list(about["known"]), float(about["trust_limit"]))

@@ -106,7 +106,8 @@ def heights_of(basis: Basis, frames: LocalFrames, fabric: Fabric, ratio: float) 
     size_u, size_v = (np.linalg.norm(x, axis=-1, keepdims=True) for x in (frames.across, frames.down))
     count = len(basis.swings)
     flat = basis.curvature.astype(np.float32).reshape(-1, 3 * NODES**2)
-    by_curvature = (flat @ _coarse_slopes(fabric, ratio)).reshape(count, -1, 2, FINE, FINE)
+    coarse = _coarse(fabric.width, fabric.height, fabric.hung, fabric.support == "clamped", ratio)
+    by_curvature = (flat @ coarse).reshape(count, -1, 2, FINE, FINE)
     straight = np.zeros((*basis.swings.shape, 2, FINE, FINE), dtype=np.float32)
     straight[:, :, 1] = basis.swings[..., None, None]
     twisting = straight * np.linspace(-1, 1, FINE, dtype=np.float32)
@@ -139,10 +140,6 @@ def _put_together(change_u: Floats, change_v: Floats, fabric: Fabric) -> Floats:
     matrix = integration(fabric.width, fabric.height, fabric.hung, FINE).astype(np.float32)
     moved = matrix @ np.moveaxis(steps, 2, 0).reshape(matrix.shape[1], -1)
     return np.moveaxis(moved.reshape(FINE, FINE, *batch, 3), (0, 1), (2, 3))
-
-
-def _coarse_slopes(fabric: Fabric, ratio: float) -> NDArray[np.float32]:
-    return _coarse(fabric.width, fabric.height, fabric.hung, fabric.support == "clamped", ratio)
 
 
 @lru_cache(maxsize=8)

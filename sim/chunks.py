@@ -98,7 +98,9 @@ def laid(chunk: Chunk, n: int, self_contact: bool) -> Batch:
     contents = contents_of(chunk.lanes, n, support=support, blocks=BLOCKS)
     load(contents)
     touching = Touching(chunk.cases, chunk.packed, n) if self_contact else None
-    added = _added_forces() if has_added_force(first) else ()
+    added: tuple[AddedForce, ...] = ()
+    if has_added_force(first):  # those of all effects: one kernel serves them all, and values make them zero
+        added = tuple(dict.fromkeys(force_of(effect) for effect in EFFECTS.values() if effect.force is not None))
     smoothing = _smoothing(first.design.fabric, n)
     return Batch(contents.blocks, n, n, contents.points, support, smoothing, touching, added)
 
@@ -110,8 +112,3 @@ def has_added_force(case: Case) -> bool:
 def _smoothing(fabric: Fabric, n: int) -> int:
     """Return the smoothing in nodes."""
     return max(1, round(SMOOTHING * (n - 1) / fabric.height))
-
-
-def _added_forces() -> tuple[AddedForce, ...]:
-    """Return the added forces of all effects: one kernel serves them all, and values make them zero."""
-    return tuple(dict.fromkeys(force_of(effect) for effect in EFFECTS.values() if effect.force is not None))

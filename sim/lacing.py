@@ -23,15 +23,16 @@ WIDENED = 1 / 8  # with it grids of 10 and 5 mm come nearest to fine ones (docs/
 
 
 def patch_size(nodes: int, spacing: float) -> int:
-    """How many nodes of a line with `spacing` [m] a loop can touch; with spacings under 1.25 mm it is narrower."""
+    """Return how many nodes of a line with `spacing` [m] a loop can touch; with spacings under 1.25 mm it is
+    narrower."""
     return min(4 * max(1, int(np.ceil(LOOP / spacing - 1e-9))), 4 * (nodes // 4), PATCH)
 
 
 def line_weights(
     t: ArrayLike, nodes: int, spacing: float | Array, count: int
 ) -> tuple[NDArray[np.int_], Array, Array, Array]:
-    """Of loops at `t` (...) [m] on a line of nodes: first node (...), weights (..., count), derivatives of these [1/m],
-    first moments [m]. spacing: m, one for all or (..., 1).
+    """Return of loops at `t` (...) [m] on a line of nodes: first node (...), weights (..., count), derivatives of these
+    [1/m], first moments [m]. spacing: m, one for all or (..., 1).
 
     `count`: of weights, patch_size at least. B-spline weights, with knots a spacing apart at least, and Catmull-Rom
     weights, of no variance, are mixed for the loop's. Beyond the ends of the line the quadratic of three nodes goes on.
@@ -58,7 +59,7 @@ def interpolation_weights(t: float, nodes: int) -> tuple[int, Array]:
 
 
 def _around(t: Array, nodes: int, count: int) -> NDArray[np.int_]:
-    """(..., count) nodes around `t` (..., 1) node spacings along a line; some may lie beyond its ends."""
+    """Return (..., count) nodes around `t` (..., 1) node spacings along a line; some may lie beyond its ends."""
     below = np.clip(np.floor(t).astype(int), 0, nodes - 2)
     return np.asarray(below - count // 2 + 1 + np.arange(count))
 
@@ -80,7 +81,7 @@ def _spline(x: Array, scale: Array) -> tuple[Array, Array]:
 
 
 def _catmull_rom(x: Array) -> tuple[Array, Array]:
-    """The same for the interpolation that reproduces quadratics, in node spacings."""
+    """Return the same for the interpolation that reproduces quadratics, in node spacings."""
     r = np.abs(x)
     value = np.where(r < 1, 2 - 5 * r**2 + 3 * r**3, np.clip(2 - r, 0, None) ** 2 * (1 - r)) / 2
     slope = np.where(r < 1, 10 * r - 9 * r**2, np.clip(2 - r, 0, None) * (4 - 3 * r)) * np.sign(x) / 2
@@ -88,8 +89,8 @@ def _catmull_rom(x: Array) -> tuple[Array, Array]:
 
 
 def _fold(around: NDArray[np.int_], nodes: int) -> tuple[NDArray[np.int_], Array]:
-    """The first (...) of as many nodes on the line, and the matrices (..., count, count) that take weights of `around`
-    (..., count) to them."""
+    """Return the first (...) of as many nodes on the line, and the matrices (..., count, count) that take weights of
+    `around` (..., count) to them."""
     first = np.clip(around[..., 0], 0, nodes - around.shape[-1])
     held = first[..., None] + np.arange(around.shape[-1])
     fold = (held[..., :, None] == around[..., None, :]).astype(float)

@@ -23,7 +23,7 @@ from sim.forces.cloth import fabric_force, velocities
 from sim.forces.contact import contact
 from sim.forces.muscles import points_pos, points_rate, pull, sample, spread, tension
 from sim.grid import EDGES
-from sim.kernels.fields import LANES, SPREAD, F, Timed, X
+from sim.kernels.fields import LANES, SPREAD, F, Timed, X, floats, ints
 from sim.kernels.transfer import halt, record
 from sim.kernels.vectors import thrice
 from sim.schedule import FACTORISED, IDLE, Batch, Schedule
@@ -77,14 +77,8 @@ def _advance(added: tuple[AddedForce, ...]) -> Timed:
     @ti.kernel
     def advance_kernel(
         nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, support: ti.i32, smoothing: ti.i32,
-        iterations: ti.i32, frame_updates: ti.i32, tolerance: ti.f32,
-        scheme: ti.types.ndarray(dtype=ti.f32, ndim=4),
-        work: ti.types.ndarray(dtype=ti.i32, ndim=2),
-        pressure: ti.types.ndarray(dtype=ti.f32, ndim=4),
-        first: ti.types.ndarray(dtype=ti.i32, ndim=3),
-        theta: ti.types.ndarray(dtype=ti.f32, ndim=1),
-        shapes: ti.types.ndarray(dtype=ti.f32, ndim=3),
-        states: ti.types.ndarray(dtype=ti.f32, ndim=3),
+        iterations: ti.i32, frame_updates: ti.i32, tolerance: ti.f32, scheme: floats(4), work: ints(2),
+        pressure: floats(4), first: ints(3), theta: floats(1), shapes: floats(3), states: floats(3),
     ):  # fmt: skip
         for task in range(nb * SPREAD):
             if task % SPREAD == 0:

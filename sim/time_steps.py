@@ -99,7 +99,7 @@ class Jumps:
 
 
 def together(several: Sequence[Jumps]) -> Jumps:
-    """All of them."""
+    """Return all of them."""
     return Jumps(
         tuple(sorted({tick for one in several for tick in one.every})),
         tuple(sorted({tick for one in several for tick in one.large})),
@@ -138,8 +138,8 @@ def steps_of(acting: ActingPressure, times: Array, jumps: Jumps, *, calm: int, b
 
 @lru_cache(maxsize=256)
 def step_edges(ticks: int, jumps: Sequence[int], *, tick: float, calm: int, begin: int = 0) -> NDArray[np.int_]:
-    """(steps + 1,) ticks (of `tick` s), from `begin` on, between which steps lie: AFTER_JUMP says how many a step has
-    after each jump, `calm` else."""
+    """Return (steps + 1,) ticks (of `tick` s), from `begin` on, between which steps lie: AFTER_JUMP says how many a
+    step has after each jump, `calm` else."""
     longest = np.full(ticks + calm, calm)
     for jump in jumps:
         for duration, most in AFTER_JUMP:
@@ -156,7 +156,8 @@ def step_edges(ticks: int, jumps: Sequence[int], *, tick: float, calm: int, begi
 
 
 def jumps_of(program: PressureProgram, tick: float, *, released: bool = False) -> Jumps:
-    """released: whether the cloth starts where it is not in equilibrium, as if a pressure jumped."""
+    """Return the jumps of a program. released: whether the cloth starts where it is not in equilibrium, as if a
+    pressure jumped."""
     last = int(np.ceil(program.time[-1] / tick)) + 2
     pressure = program.means(np.linspace(0.0, tick * last, last + 1))
     change = np.abs(np.diff(np.concatenate([np.zeros((1, pressure.shape[1])), pressure]), axis=0)).max(

@@ -385,4 +385,4 @@ def test_a_new_specimen_is_a_law_and_a_line(monkeypatch):
     assert errors_of(law.written(sized=False), plain, plain.records)[0].after == pytest.approx(1e-3, rel=0.1)
     assert examine(plain, 0.02).verdict == "adequate"
     damped = examine(bench(30.0), 0.02)
-    assert damped.verdict == "effect" and [effect.name for effect in damped.found] == ["muscle_viscosity"]
+    assert damped.verdict == "effect" and [effect.name for effect in damped.effects] == ["muscle_viscosity"]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.declaration import ActingPressure, Array, Effect, Specimen, Values
+from fabdesign.effects.declaration import ActingPressure, Array, Effect, Specimen
 from fabdesign.effects.registry import check_values, effect_named
 from fabdesign.nouns.forward import MUSCLE_TYPES, Case, Term
 
@@ -88,16 +88,3 @@ def observed(case: Case, points: NDArray[Any]) -> NDArray[Any]:
         if effect.observed is not None:
             points = effect.observed(points, values).astype(points.dtype)
     return points
-
-
-__all__ = [
-    "Values",
-    "acting_pressure",
-    "active",
-    "is_sensing",
-    "muscles_of",
-    "observed",
-    "seen_at",
-    "specimen_of",
-    "terms_of",
-]

@@ -121,6 +121,11 @@ class ActingPressure:
         total = integral[inside] + (edges - inside)[:, None] * self.smooth[-1]
         return np.asarray(np.diff(total, axis=0) / np.diff(edges)[:, None])
 
+    def at_once(self, change: Callable[[Array], Array]) -> "ActingPressure":
+        """Return what a change that takes no time makes of the set points, and of what has smoothed them."""
+        program = PressureProgram(self.program.time, change(self.program.pressure), self.program.duration)
+        return self.through(program, None if self.smooth is None else change(self.smooth))
+
     def through(self, program: PressureProgram, smooth: Array | None) -> "ActingPressure":
         return replace(self, program=program, smooth=smooth)
 
@@ -128,6 +133,19 @@ class ActingPressure:
 Values = Mapping[str, float]
 Site = Literal["muscle", "pneumatics", "fabric", "interface", "environment", "sensing", "learned"]
 Scope = Literal["muscle type", "rig", "fabric", "sensors"]
+SpecimenChange = Callable[[Specimen, Values, NDArray[np.bool_]], Specimen]
+
+
+def to_muscles(**numbers: str) -> SpecimenChange:
+    """Return what gives the muscles of a specimen an effect's parameters as numbers: plane="parameter"."""
+    return lambda specimen, values, muscles: specimen.with_muscles(
+        muscles, **{plane: values[name] for plane, name in numbers.items()}
+    )
+
+
+def to_constants(**numbers: str) -> SpecimenChange:
+    """Return what gives a specimen an effect's parameters as constants: constant="parameter"."""
+    return lambda specimen, values, _: specimen.with_constants(**{key: values[name] for key, name in numbers.items()})
 
 
 @dataclass(frozen=True)
@@ -179,7 +197,7 @@ class Effect:
     parameters: Mapping[str, EffectParameter]
     looks_like: str = ""  # what is no effect of the list and looks the same in data, and how to tell it apart
     pressure: Callable[[ActingPressure, Values], ActingPressure] | None = None
-    specimen: Callable[[Specimen, Values, NDArray[np.bool_]], Specimen] | None = None
+    specimen: SpecimenChange | None = None
     clock: Callable[[Array, Values], Array] | None = None
     observed: Callable[[NDArray[Any], Values], NDArray[Any]] | None = None
     force: Any = field(default=None, hash=False)

@@ -7,14 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.declaration import Array, Effect, EffectParameter, Specimen, Values
-
+from fabdesign.effects.declaration import Array, Effect, EffectParameter, Specimen, Values, to_constants
 
 # Air drag: quadratic, against the cloth's normal velocity.
-def _air_drag_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
-    return specimen.with_constants(air_drag=values["coefficient"])
-
-
 AIR_DRAG = Effect(
     "air_drag",
     site="environment",
@@ -28,7 +23,7 @@ AIR_DRAG = Effect(
     parameters={
         "coefficient": EffectParameter("N s^2/m^4", "on |v_n| v_n", 3.0, (0.0, 100.0), 3.0, off=0.0),
     },
-    specimen=_air_drag_specimen,
+    specimen=to_constants(air_drag="coefficient"),
     force="sim.effects:AIR_DRAG",
     resists=True,
 )

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.declaration import Array, Effect, EffectParameter, MuscleRecord, Specimen, Values
+from fabdesign.effects.declaration import Array, Effect, EffectParameter, MuscleRecord, Specimen, Values, to_muscles
 from fabdesign.units import from_kpa
 
 
@@ -80,12 +80,6 @@ BRAID_HYSTERESIS = Effect(
 
 
 # Muscle creep: part of a muscle's contraction comes slowly, and goes slowly.
-def _muscle_creep_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
-    return specimen.with_muscles(
-        muscles, creep_share=values["share"], creep_time=values["time"], creep_on_bench=values["on_bench"]
-    )
-
-
 def _muscle_creep_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
     limit = values["share"] * np.maximum(record.contraction, 0.0)
     aged = -np.expm1(-np.diff(record.time) / values["time"])
@@ -116,7 +110,7 @@ MUSCLE_CREEP = Effect(
             tried=(0.5,),
         ),
     },
-    specimen=_muscle_creep_specimen,
+    specimen=to_muscles(creep_share="share", creep_time="time", creep_on_bench="on_bench"),
     force="sim.effects:MUSCLE_CREEP",
     bench=_muscle_creep_bench,
     remembers=True,
@@ -124,12 +118,6 @@ MUSCLE_CREEP = Effect(
 
 
 # Muscle viscosity: tension lost by the rate of contraction, another share while lengthening.
-def _muscle_viscosity_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
-    return specimen.with_muscles(
-        muscles, viscosity_contracting=values["contracting"], viscosity_lengthening=values["lengthening"]
-    )
-
-
 MUSCLE_VISCOSITY = Effect(
     "muscle_viscosity",
     site="muscle",
@@ -143,7 +131,7 @@ MUSCLE_VISCOSITY = Effect(
         "contracting": EffectParameter("N s", "while contracting", 20.0, (0.0, 500.0), 10.0, off=0.0),
         "lengthening": EffectParameter("N s", "while lengthening", 10.0, (0.0, 500.0), 10.0, off=0.0),
     },
-    specimen=_muscle_viscosity_specimen,
+    specimen=to_muscles(viscosity_contracting="contracting", viscosity_lengthening="lengthening"),
     force="sim.effects:MUSCLE_VISCOSITY",
     resists=True,
 )

@@ -80,15 +80,11 @@ class Cells:
         return Cells(corner_and_edges(vertices, triangles))
 
     @cached_property
-    def _centred(self) -> tuple[Array, Array, Array, float]:
-        return centres_of(self.items)
-
-    @cached_property
     def _grid(self) -> tuple[Array, float, float, Ints, Ints, Indices, Array, Array]:
         """Return what `search_cells` takes: least corner, cells' edge, how far items reach from their centres, how many
         cells each way, first place of each cell's items in their order, that order, and `bodies_of` and `boxes_of` in
         it."""
-        centres, low, size, widest = self._centred
+        centres, low, size, widest = centres_of(self.items)
         long = np.sort(size)[::-1]
         suits = np.sqrt(_PER_CELL * long[0] * max(long[1], 1e-3 * long[0]) / len(centres))
         edge = max(float(suits), widest) or 1.0

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 def joint_root(model: Model) -> Array:
-    """(n, n) lower triangle L with L L^T the covariance, which L z has for independent standard normals z.
+    """Return (n, n) lower triangle L with L L^T the covariance, which L z has for independent standard normals z.
 
     Raises InputError for a model without a covariance, or with one of names that it does not have.
     """
@@ -44,7 +44,7 @@ class Ensemble:
 
     @cached_property
     def root(self) -> Array:
-        """As `joint_root`; (0, 0) of a model without a covariance, which stands for itself."""
+        """Return `joint_root`, (0, 0) of a model without a covariance, which stands for itself."""
         return np.empty((0, 0)) if self.model.covariance is None else joint_root(self.model)
 
     @property
@@ -80,10 +80,10 @@ class Ensemble:
 
 
 def covered(model: Model) -> set[str]:
-    """What the covariance covers, as a case calls it: names of factors, and effects.NAME.PARAMETER."""
+    """Return what the covariance covers, as a case calls it: names of factors, and effects.NAME.PARAMETER."""
     names = model.covariance.names if model.covariance is not None else ()
-    own = {n for name in names if name in model.parameters for n in Model({name: model.parameters[name]}).factors}
-    return own | {f"effects.{name}" for name in names if name not in model.parameters}
+    factors = {n for name in names if name in model.parameters for n in Model({name: model.parameters[name]}).factors}
+    return factors | {f"effects.{name}" for name in names if name not in model.parameters}
 
 
 def _centre(model: Model, name: str) -> tuple[float, bool, tuple[float, float]]:

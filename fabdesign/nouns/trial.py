@@ -63,8 +63,8 @@ class Trial:
         return program
 
     def load(self) -> TrialData:
-        """All arrays, checked, the first time also against the design: its channels, its limits, where its cloth can
-        be. The clouds are not kept by the trial."""
+        """Return all arrays, checked, the first time also against the design: its channels, its limits, where its cloth
+        can be. The clouds are not kept by the trial."""
         data = read_trial(self.file, size=max(self.design.fabric.width, self.design.fabric.height))
         if not self._sound:
             require_pressures(data.program, self.design, str(self.file))

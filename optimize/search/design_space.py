@@ -159,7 +159,7 @@ def _with_corners(muscles: tuple[Muscle, ...], corners: NDArray[np.float64]) -> 
     moved, used = [], 0
     for muscle in muscles:
         path = corners[used : used + len(muscle.path)]
-        moved.append(replace(muscle, path=tuple((float(u), float(v)) for u, v in path)))
+        moved.append(muscle.along(path))
         used += len(muscle.path)
     return tuple(moved)
 

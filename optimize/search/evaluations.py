@@ -73,8 +73,8 @@ class Evaluations:
     """Values designs on the stages' forward models within limits, and keeps the best so far in `best`.
 
     starts: (space, vector) each. `seconds` includes the earlier sessions of `history`. on_progress is told after every
-    batch. near: share of the best value within which others are kept besides it. limit: s that are told
-    as the limit, where `seconds` are a part of them.
+    batch. near: share of the best value within which others are kept besides it. limit: s that a message
+    says, where `seconds` are a part of them.
     """
 
     def __init__(
@@ -87,8 +87,6 @@ class Evaluations:
         seconds: float,
         evaluations: int,
         on_progress: Callable[["Evaluations"], None] = lambda _: None,
-        near: float = NEAR,
-        limit: float | None = None,
     ) -> None:
         self.starts, self.stages, self.history = [*starts], stages, history
         self.best: Best | None = None
@@ -99,9 +97,9 @@ class Evaluations:
         self.stage = "start"  # under way
         self.told = ""  # for people, once there is something to tell
         self.objective, self._at_rest = objective, objective.at_rest
-        self._on_progress, self._near = on_progress, near
+        self._on_progress, self.near = on_progress, NEAR
         self.seconds, self._most = seconds, evaluations
-        self.limit = seconds if limit is None else limit
+        self.limit = seconds
         self._began = working_time.seconds() - history.seconds
         self._noting = True
         self._pace: dict[tuple[int, int, bool], float] = {}  # s that a batch of a size took last in a stage
@@ -270,7 +268,7 @@ class Evaluations:
             if known is None or rival.value < known.value:
                 self.rivals[rival.start] = rival
             if self.best is not None:
-                most = (1 + self._near) * self.best.value
+                most = (1 + self.near) * self.best.value
                 self.rivals = {start: rival for start, rival in self.rivals.items() if rival.value <= most}
 
     @property

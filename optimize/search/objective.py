@@ -63,7 +63,7 @@ class Objective:
 
     @property
     def at_rest(self) -> "Objective":
-        """The same of shapes at rest in place of frames that are late: they are near them, and cost a quarter."""
+        """Return the same of shapes at rest in place of late frames: they are near them, and cost a quarter."""
         late = [t if t.time is None or t.time < LATE else replace(t, time=None) for t in self.targets]
         return replace(self, targets=late)
 
@@ -76,8 +76,8 @@ class Objective:
     def shapes(
         self, forward: ForwardModel, points: Sequence[tuple[DesignSpace, Vector]], models: Sequence[Predictor] = ()
     ) -> list[Poses]:
-        """The shape of each point; a diverged one holds NaN. models: of which each point's cases carry what its own
-        adds."""
+        """Return the shape of each point; a diverged one holds NaN. models: of which each point's cases carry what its
+        own adds."""
         decoded = [space.decode(x) for space, x in points]
         shapes: list[list[Poses]] = [[] for _ in points]
         for pose, target in enumerate(self.targets):
@@ -93,7 +93,7 @@ class Objective:
         return [np.array(shape) for shape in shapes]
 
     def cases(self, pose: int, decoded: Sequence[tuple[Design, Poses]]) -> list[Case]:
-        """Of designs, each with its (poses, channels) pressures [Pa], in one pose."""
+        """Return the cases of designs, each with its (poses, channels) pressures [Pa], in one pose."""
         duration = self.targets[pose].time or 0.0
         return [
             Case(design, PressureProgram(np.zeros(1), pressures[pose][None], duration), order=self.order)
@@ -101,7 +101,7 @@ class Objective:
         ]
 
     def value(self, shape: Poses) -> float:
-        """m; NaN where the shape is not finite."""
+        """Return m; NaN where the shape is not finite."""
         if not np.all(np.isfinite(shape)):
             return float("nan")
         return float(self.shares @ [self._distance(t, pose) for t, pose in zip(self.targets, shape, strict=True)])
@@ -158,20 +158,20 @@ def _chamfer_gradient(
     weights = np.ones(len(model)) if weighting is None else half_of(weighting.of_points(len(every)), face)
     to_target, nearest_target = target.query(model)
     to_model, nearest_model = KDTree(model, balanced_tree=False).query(measured)
-    own, at_nearest = weights / weights.sum(), weights[nearest_model] / weights[nearest_model].sum()
-    slope = (model - measured[nearest_target]) * (own / np.maximum(to_target, 1e-12))[:, None]
+    shares, at_nearest = weights / weights.sum(), weights[nearest_model] / weights[nearest_model].sum()
+    slope = (model - measured[nearest_target]) * (shares / np.maximum(to_target, 1e-12))[:, None]
     pull = (model[nearest_model] - measured) * (at_nearest / np.maximum(to_model, 1e-12))[:, None]
     for axis in range(3):
         slope[:, axis] += np.bincount(nearest_model, pull[:, axis], len(model))
     slopes = np.zeros_like(every)
     half_of(slopes, face)[:] = slope
-    return float(own @ to_target + at_nearest @ to_model), slopes
+    return float(shares @ to_target + at_nearest @ to_model), slopes
 
 
 def _faces_gradient(
     measured: NDArray[np.float64], model: NDArray[np.float64], target: Target, norm: Norm
 ) -> tuple[float, NDArray[np.float64]]:
-    """Of a norm of the distances of measured points to the faces."""
+    """Return value and slopes of a norm of the distances of measured points to the faces."""
     surface = Surface.of_faces(model, face=target.face)
     near = surface.nearest(measured)
     value, slope = norm(near.distance, shares_at(surface, near, target.weighting))
@@ -194,14 +194,14 @@ def _mean(distance: NDArray[np.float64], shares: NDArray[np.float64]) -> tuple[f
 def _on_corners(
     corners: NDArray[np.intp], weights: NDArray[np.float64], pull: NDArray[np.float64], count: int
 ) -> NDArray[np.float64]:
-    """(count, 3): pulls (n, 3) at places in triangles, shared out to their corners (n, 3) by weights (n, 3)."""
+    """Return (count, 3): pulls (n, 3) at places in triangles, shared out to their corners (n, 3) by weights (n, 3)."""
     shares = (weights[:, :, None] * pull[:, None, :]).reshape(-1, 3)
     columns = [np.bincount(corners.ravel(), shares[:, axis], count) for axis in range(3)]
     return np.stack(columns, axis=1)
 
 
 def refined(cloud: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(2 SIDE^2, 3) m, of both faces' points on a coarser grid too."""
+    """Return (2 SIDE^2, 3) m, of both faces' points on a coarser grid too."""
     shape = Shape.of(cloud)
     if shape.side >= SIDE:
         return cloud
@@ -212,6 +212,6 @@ def refined(cloud: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @lru_cache(maxsize=8)
 def _spline_weights(side: int) -> NDArray[np.float64]:
-    """(SIDE, side) cubic interpolation from `side` even nodes."""
+    """Return (SIDE, side) cubic interpolation from `side` even nodes."""
     nodes, dense = np.linspace(0, 1, side), np.linspace(0, 1, SIDE)
     return np.asarray(make_interp_spline(nodes, np.eye(side), k=3)(dense))

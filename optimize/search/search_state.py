@@ -128,8 +128,7 @@ def of_rows(rows: Sequence[StartRow], cloth: Design, limits: Limits) -> list[Sta
     """Return what `as_rows` gave, on the cloth and with the muscle types of a design."""
     starts = []
     for row in rows:
-        paths = [tuple((float(u), float(v)) for u, v in muscle["path"]) for muscle in row["muscles"]]
-        muscles = [Muscle(**{**keys, "path": path}) for keys, path in zip(row["muscles"], paths, strict=True)]
+        muscles = [Muscle(**{**keys, "path": ()}).along(keys["path"]) for keys in row["muscles"]]
         design, pressures = replace(cloth, muscles=tuple(muscles)), np.array(row["pressures"], dtype=float)
         space = DesignSpace(design, limits, pressures, vary_positions=True)
         starts.append((space, space.encode(design, pressures)))

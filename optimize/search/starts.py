@@ -120,7 +120,11 @@ def _draw(
     design: Design, limits: Limits, poses: int, count: int, sides: Sequence[Side], rng: Generator
 ) -> Start | None:
     for _ in range(TRIES):
-        lines = _parallel(design, limits, count, rng) if rng.random() < 0.5 else _loose(design, limits, count, rng)
+        lines = (
+            _parallel(design, limits, count, rng)
+            if rng.random() < 0.5
+            else rng.uniform(*_box(design, limits), (count, 2, 2))
+        )
         kinds = [str(rng.choice(list(design.muscle_types))) for _ in range(count)]
         drawn = [sides[int(k)] for k in rng.integers(len(sides), size=count)]
         pressures = rng.uniform(*limits.pressure, (poses, count))
@@ -145,14 +149,8 @@ def _start(
     """Return straight muscles with a channel each; None where they break a limit."""
     pitch = design.muscles[0].fixed_point_pitch if design.muscles else PITCH
     muscles = tuple(
-        Muscle(
-            type=kind,
-            side=side,
-            channel=channel,
-            path=((float(a[0]), float(a[1])), (float(b[0]), float(b[1]))),
-            fixed_point_pitch=pitch,
-        )
-        for channel, (kind, side, (a, b)) in enumerate(zip(kinds, sides, lines, strict=True))
+        Muscle(kind, side, channel, (), pitch).along(line)
+        for channel, (kind, side, line) in enumerate(zip(kinds, sides, lines, strict=True))
     )
     return _start_with(design, limits, muscles, pressures)
 
@@ -186,11 +184,6 @@ def _lines(design: Design, limits: Limits, gaps: NDArray[np.float64], angle: flo
     low, high = _box(design, limits)
     middle, extent = (low + high) / 2, float(np.abs(across) @ (high - low))
     return np.array([_clipped(middle + gap * extent * across, along, low, high) for gap in gaps])
-
-
-def _loose(design: Design, limits: Limits, count: int, rng: Generator) -> NDArray[np.float64]:
-    """Return (count, 2, 2) lines between points drawn evenly over the cloth."""
-    return rng.uniform(*_box(design, limits), (count, 2, 2))
 
 
 def random_line(design: Design, limits: Limits, rng: Generator) -> NDArray[np.float64]:

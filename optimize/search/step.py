@@ -46,7 +46,9 @@ def best_step(model: LinearShape, objective: Objective, space: DesignSpace, radi
     reach = radius * space.reach
     lower, upper = np.maximum(0.0, model.centre - reach), np.minimum(1.0, model.centre + reach)
     thin = LinearShape(model.centre, model.shape[:, :: objective.thin], model.slopes[:, :, :: objective.thin])
-    contraction = _contraction(model, space)
+    most, contraction = space.limits.contraction, None
+    if most is not None:
+        contraction = LinearContraction(space.decode(model.centre)[0], most, model.centre, model.shape, model.slopes)
     best_x, best_value = model.centre, np.inf
     if space.keeps(model.centre, model.shape):
         best_value = objective.gradient(thin.shape)[0]
@@ -86,11 +88,3 @@ def best_step(model: LinearShape, objective: Objective, space: DesignSpace, radi
     with suppress(nlopt.RoundoffLimited, RuntimeError):  # the best point is kept here, whatever ends NLopt
         solver.optimize(np.clip(model.centre, lower, upper))
     return best_x
-
-
-def _contraction(model: LinearShape, space: DesignSpace) -> LinearContraction | None:
-    """Return None where it has no limit."""
-    if space.limits.contraction is None:
-        return None
-    design = space.decode(model.centre)[0]
-    return LinearContraction(design, space.limits.contraction, model.centre, model.shape, model.slopes)

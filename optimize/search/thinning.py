@@ -80,7 +80,9 @@ def _thinned(evaluations: Evaluations, layout: Layout, space: DesignSpace, size:
     """Return the greedy choice of `size` of the layout's muscles, on the coarse model; None where there is none."""
     stage, local = len(evaluations.stages) - 2, None
     while len(layout[0]) > size:
-        choices = [*_drops(layout), *_merges(layout, space)]
+        muscles, pressures = layout
+        drops = [([*muscles[:k], *muscles[k + 1 :]], np.delete(pressures, k, axis=1)) for k in range(len(muscles))]
+        choices = [*drops, *_merges(layout, space)]
         candidates = [(choice, start) for choice in choices if (start := start_of(choice, space))]
         if not candidates:
             return None
@@ -121,11 +123,6 @@ def _simpler(evaluations: Evaluations, smallest: Fewer, start: Start | None, pri
     return smallest
 
 
-def _drops(layout: Layout) -> list[Layout]:
-    muscles, pressures = layout
-    return [([*muscles[:k], *muscles[k + 1 :]], np.delete(pressures, k, axis=1)) for k in range(len(muscles))]
-
-
 def _merges(layout: Layout, space: DesignSpace) -> list[Layout]:
     """Return pairs on one face that lie close become one between them, with the higher pressures."""
     muscles, pressures = layout
@@ -140,9 +137,8 @@ def _merges(layout: Layout, space: DesignSpace) -> list[Layout]:
         other = min(ways, key=lambda way: float(np.linalg.norm(way - one)))
         if np.linalg.norm(one - other, axis=1).mean() > CLOSE * size:
             continue
-        path = tuple((float(u), float(v)) for u, v in (one + other) / 2)
         kept = [*muscles[:j], *muscles[j + 1 :]]
-        kept[i] = replace(a, path=path)
+        kept[i] = a.along((one + other) / 2)
         thinned = np.delete(pressures, j, axis=1)
         thinned[:, i] = np.maximum(pressures[:, i], pressures[:, j])
         merged.append((kept, thinned))

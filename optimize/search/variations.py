@@ -3,6 +3,7 @@ where the search for a larger layout begins, so that it is no worse."""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.random import Generator
@@ -78,13 +79,12 @@ def _moved(
     muscles, pressures = [*layout[0]], layout[1].copy()
     k = int(rng.integers(len(muscles)))
     size = np.array([space.design.fabric.width, space.design.fabric.height])
+    placed = partial(_with_path, limits=space.limits, size=size)
     moves = ["add", "drop", "flip", "draw", "ends", "pressure", "shift", "all"]
     moves += ["bend"] * (corners > 0) + ["straighten"] * (len(muscles[k].path) > 2)
     move = rng.choice(moves)
     if move == "add" and len(muscles) + 1 in counts:
-        muscles.append(
-            _with_path(muscles[k], _path(muscles[k]) + SHIFT * size * rng.standard_normal(2), space.limits, size)
-        )
+        muscles.append(placed(muscles[k], _path(muscles[k]) + SHIFT * size * rng.standard_normal(2)))
         pressures = np.concatenate([pressures, pressures[:, k : k + 1]], axis=1)
     elif move == "drop" and len(muscles) - 1 in counts:
         del muscles[k]
@@ -93,13 +93,13 @@ def _moved(
         muscles[k] = replace(muscles[k], side=sides[int(rng.integers(len(sides)))])
         pressures[:, k] = pressures.max(axis=1)  # what was idle on one face may pull on the other
     elif move == "draw":
-        muscles[k] = _with_path(muscles[k], rng.uniform(0.0, 1.0, (2, 2)) * size, space.limits, size)
+        muscles[k] = placed(muscles[k], rng.uniform(0.0, 1.0, (2, 2)) * size)
     elif move == "ends":
         noise = SHIFT * size * rng.standard_normal((len(muscles[k].path), 2))
-        muscles[k] = _with_path(muscles[k], _path(muscles[k]) + noise, space.limits, size)
+        muscles[k] = placed(muscles[k], _path(muscles[k]) + noise)
     elif move == "bend" and len(muscles[k].path) - 2 < corners:
         bent = _bent(muscles[k], BEND * rng.standard_normal())
-        muscles[k] = _with_path(bent, _path(bent), space.limits, size)
+        muscles[k] = placed(bent, _path(bent))
     elif move == "straighten":
         path = [*muscles[k].path]
         del path[int(rng.integers(1, len(path) - 1))]
@@ -108,12 +108,9 @@ def _moved(
         pressures[:, k] = rng.uniform(*space.limits.pressure, len(pressures))
     elif move == "shift":
         step = SHIFT * size * rng.standard_normal(2)
-        muscles = [_with_path(m, _path(m) + step, space.limits, size) for m in muscles]
+        muscles = [placed(m, _path(m) + step) for m in muscles]
     elif move == "all":
-        muscles = [
-            _with_path(m, _path(m) + SLIGHT * size * rng.standard_normal((len(m.path), 2)), space.limits, size)
-            for m in muscles
-        ]
+        muscles = [placed(m, _path(m) + SLIGHT * size * rng.standard_normal((len(m.path), 2))) for m in muscles]
     return muscles, pressures
 
 
@@ -122,8 +119,9 @@ def _bent(muscle: Muscle, off: float) -> Muscle:
     path = _path(muscle)
     legs = np.diff(path, axis=0)
     k = int(np.argmax(np.linalg.norm(legs, axis=1)))
-    u, v = path[k] + legs[k] / 2 + off * np.array([-legs[k, 1], legs[k, 0]])
-    return replace(muscle, path=(*muscle.path[: k + 1], (float(u), float(v)), *muscle.path[k + 1 :]))
+    return muscle.along(
+        np.insert(path, k + 1, path[k] + legs[k] / 2 + off * np.array([-legs[k, 1], legs[k, 0]]), axis=0)
+    )
 
 
 def _path(muscle: Muscle) -> Vector:
@@ -133,7 +131,7 @@ def _path(muscle: Muscle) -> Vector:
 def _with_path(muscle: Muscle, path: Vector, limits: Limits, size: Vector) -> Muscle:
     """Return the muscle with its path within the cloth less its edge."""
     inside = np.clip(path, limits.edge, size - limits.edge)
-    return replace(muscle, path=tuple((float(u), float(v)) for u, v in inside))
+    return muscle.along(inside)
 
 
 BESIDE = 0.5  # of the further muscles are drawn beside one that is there, the others anywhere
@@ -193,6 +191,5 @@ def _drawn(muscles: Sequence[Muscle], space: DesignSpace, sides: Sequence[Side],
         path = random_line(space.design, space.limits, rng)
         kind = str(rng.choice(list(space.design.muscle_types)))
         pitch = muscles[0].fixed_point_pitch if muscles else PITCH
-    inside = np.clip(path, space.limits.edge, np.array([fabric.width, fabric.height]) - space.limits.edge)
-    corners = tuple((float(u), float(v)) for u, v in inside)
-    return Muscle(type=kind, side=side, channel=0, path=corners, fixed_point_pitch=pitch)
+    drawn = Muscle(type=kind, side=side, channel=0, path=(), fixed_point_pitch=pitch)
+    return _with_path(drawn, path, space.limits, np.array([fabric.width, fabric.height]))

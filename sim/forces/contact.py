@@ -14,7 +14,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from fabdesign.nouns.forward import Case
-from sim.kernels.fields import LANES, F, Timed
+from sim.kernels.fields import LANES, F, Timed, floats, ints
 from sim.kernels.transfer import read
 from sim.state import PAIR
 
@@ -76,10 +76,9 @@ def push(b, k, lane, force):
         F.node3[b, F.f + k][c * LANES + lane] += force[c]
 
 
+@Timed
 @ti.kernel
-def _put_kernel(
-    nb: ti.i32, index: ti.types.ndarray(dtype=ti.i32, ndim=4), value: ti.types.ndarray(dtype=ti.f32, ndim=4)
-):
+def put(nb: ti.i32, index: ints(4), value: floats(4)):
     """index (nb, 2, pairs, LANES): node and first corner of the cell, with padding; value (nb, PAIR, pairs, LANES)."""
     for b in range(nb):
         F.pairs[b] = index.shape[2]
@@ -91,9 +90,6 @@ def _put_kernel(
                 for e in range(PAIR):
                     F.pair[b, PAIR * k + e][lane] = value[b, e, k, lane]
                 k = F.after[k]
-
-
-put = Timed(_put_kernel)
 
 
 Array = NDArray[np.float64]

@@ -137,7 +137,7 @@ class Following:
 
 
 def _make_fields(sizes: state.Sizes, blocks: int) -> None:
-    """What each lane has of its own."""
+    """Make the fields that each lane has of its own."""
 
     def field(size: int, *, vector: bool = False, whole: bool = False) -> Any:
         return ti.Vector.field(WIDE if vector else LANES, ti.i32 if whole else ti.f32, shape=(blocks, size))
@@ -154,7 +154,7 @@ def _make_fields(sizes: state.Sizes, blocks: int) -> None:
 
 
 def _make_shared(sizes: state.Sizes, blocks: int) -> None:
-    """What the lanes of a block, or all of them, have in common."""
+    """Make the fields that the lanes of a block, or all of them, have in common."""
     modes, down = sizes.modes, state.COARSE_DOWN
     F.rows = ti.Vector.field(2, ti.i32, shape=(blocks, sizes.points))  # of a fixed point: first, how many times four
     F.pairs = ti.field(ti.i32, shape=blocks)  # how many there are in contact
@@ -191,13 +191,23 @@ def allocate_tangent() -> None:
 
 
 def _longest() -> int:
-    """Of all loops: one that steps beyond the table of steps need not end."""
+    """Return the longest of all loops: one that steps beyond the table of steps need not end."""
     shapes = [value.shape for space in (F, C) for value in vars(space).values() if hasattr(value, "shape")]
     return max(entries for shape in shapes for entries in shape)
 
 
 def _begins(parts: dict[str, int]) -> dict[str, int]:
     return dict(zip(parts, itertools.accumulate(parts.values(), initial=0), strict=False))
+
+
+def floats(axes: int) -> Any:
+    """Return what a kernel says of an array of numbers with so many axes."""
+    return ti.types.ndarray(dtype=ti.f32, ndim=axes)
+
+
+def ints(axes: int) -> Any:
+    """Return the same of whole numbers."""
+    return ti.types.ndarray(dtype=ti.i32, ndim=axes)
 
 
 class Timed:

@@ -47,7 +47,8 @@ def wanted(device: str) -> bool:
 
 @contextlib.contextmanager
 def brief() -> Iterator[None]:
-    """The short frontend, without the garbage collector, which would look through all that a kernel is made of."""
+    """Return a context of the short frontend, without the garbage collector, which would look through all that a kernel
+    is made of."""
     if not wanted(SHORT_FRONTEND) or taichi.__version__ != TESTED:
         yield
         return
@@ -78,7 +79,7 @@ def _nothing(*_: Any, **__: Any) -> str:
 
 
 def _functions(file: str) -> dict[int, ast.FunctionDef]:
-    """The functions of a file as it is now: a notebook may have loaded it anew."""
+    """Return the functions of a file as it is now: a notebook may have loaded it anew."""
     try:
         changed = Path(file).stat().st_mtime_ns
     except OSError:  # a notebook's cell
@@ -88,7 +89,7 @@ def _functions(file: str) -> dict[int, ast.FunctionDef]:
 
 @functools.cache
 def _parsed(file: str, _: int) -> dict[int, ast.FunctionDef]:
-    """The functions of a file by the line on which they begin, decorators included, which are then dropped."""
+    """Return the functions of a file by the line on which they begin, decorators included, which are then dropped."""
     linecache.checkcache(file)
     functions = {}
     for node in ast.walk(ast.parse("".join(linecache.getlines(file)))):

@@ -8,7 +8,7 @@ import taichi as ti
 
 from sim.forces.cloth import fabric_force
 from sim.grid import EDGES
-from sim.kernels.fields import LANES, SPREAD, F, T, Timed, X
+from sim.kernels.fields import LANES, SPREAD, F, T, Timed, X, floats, ints
 from sim.kernels.vectors import Lanes, Wide, sum3, thrice
 from sim.solver.coarse_space import assemble
 from sim.solver.flat_cloth import factorise
@@ -140,8 +140,9 @@ def forces_at_rest(b, nu, nv, npt, support, pressure: ti.template()):
         muscles_pull(b, nu, npt)
 
 
+@Timed
 @ti.kernel
-def _still_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32):
+def still(nb: ti.i32, nu: ti.i32, nv: ti.i32):
     """The shape that was found becomes the state, without motion or a residual of before; T is zeroed."""
     ti.loop_config(serialize=True)
     for b in range(nb):
@@ -166,8 +167,9 @@ def _still_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32):
             k = F.after[k]
 
 
+@Timed
 @ti.kernel
-def _write_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, forces: ti.types.ndarray(dtype=ti.f32, ndim=5)):
+def write_columns(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, forces: floats(5)):
     """T.columns = forces (slots, nb, LANES, nu nv, 3), 0 where nodes are held and around the grid."""
     for b in range(nb):
         for slot in range(slots):
@@ -186,9 +188,10 @@ def _write_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, forces: ti.
                         i = F.after[i]
 
 
+@Timed
 @ti.kernel
-def _explicit_kernel(
-    nb: ti.i32, nu: ti.i32, nv: ti.i32, support: ti.i32, slot: ti.i32, weight: ti.types.ndarray(dtype=ti.f32, ndim=2),
+def explicit(
+    nb: ti.i32, nu: ti.i32, nv: ti.i32, support: ti.i32, slot: ti.i32, weight: floats(2),
 ):  # fmt: skip
     """T.columns at `slot` += weight of the lane times the forces of the cloth: what moved constants change."""
     for task in range(nb * SPREAD):
@@ -210,7 +213,7 @@ def _explicit_kernel(
 def _solve_kernel(
     nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, support: ti.i32, smoothing: ti.i32,
     settles: ti.i32, turns: ti.i32, iterations: ti.i32, tolerance: ti.f32, stiffened: ti.f32,
-    pressure: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    pressure: floats(3),
 ):  # fmt: skip
     """Linear solves with the tangent at F.q, `turns` one after another; what came of them to T.found.
 
@@ -260,8 +263,9 @@ def precondition(b, nu, nv, npt, support, smoothing, stiffened):
     F.scheme[b, CA] = Lanes(0.0)
 
 
+@Timed
 @ti.kernel
-def _read_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, out: ti.types.ndarray(dtype=ti.f32, ndim=5)):
+def read_columns(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, out: floats(5)):
     """out (nb, slots, LANES, nu nv, 3): columns."""
     for b in range(nb):
         for slot in range(slots):
@@ -275,8 +279,9 @@ def _read_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, out: ti.type
                         i = F.after[i]
 
 
+@Timed
 @ti.kernel
-def _found_kernel(nb: ti.i32, slots: ti.i32, out: ti.types.ndarray(dtype=ti.i32, ndim=3)):
+def read_found(nb: ti.i32, slots: ti.i32, out: ints(3)):
     """out (nb, slots, LANES): what came of the last solves."""
     ti.loop_config(serialize=True)
     for b in range(nb):
@@ -285,11 +290,4 @@ def _found_kernel(nb: ti.i32, slots: ti.i32, out: ti.types.ndarray(dtype=ti.i32,
                 out[b, slot, lane] = T.found[b, slot][lane]
 
 
-still, write_columns, explicit, solve_columns, read_columns, read_found = (
-    Timed(_still_kernel),
-    Timed(_write_kernel),
-    Timed(_explicit_kernel),
-    Timed(_solve_kernel, "derivatives"),
-    Timed(_read_kernel),
-    Timed(_found_kernel),
-)
+solve_columns = Timed(_solve_kernel, "derivatives")

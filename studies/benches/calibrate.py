@@ -1,4 +1,4 @@
-"""What a bench gives: a law of its specimen, and a muscle type or a cloth that a design can include."""
+"""The answer that a bench gives: a law of its specimen, and a muscle type or a cloth that a design can include."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -45,7 +45,7 @@ class BenchCalibration(Tabled):
     files: tuple[str, ...] = ()  # names of those that were written
 
     def as_json(self) -> dict[str, Any]:
-        """What `calibrate BENCH --json` prints."""
+        """Return what `calibrate BENCH --json` prints."""
         return {
             "bench": self.bench.name,
             "unit": self.unit,
@@ -105,9 +105,9 @@ def calibrate_bench(
     first, *later = _steps(progress, [f"fitting {bench.name}, {line}" for line in lines])
     law, effects = _fit(bench, chosen, vector, first)
     left_out = []
-    for i, told in enumerate(later):
+    for i, tell in enumerate(later):
         others = chosen[:i] + chosen[i + 1 :]
-        left_out.append(_error(bench, _fit(bench, others, vector, told, intervals=False)[0], [chosen[i]]))
+        left_out.append(_error(bench, _fit(bench, others, vector, tell, intervals=False)[0], [chosen[i]]))
     return BenchCalibration(
         bench=bench,
         law=law,
@@ -134,8 +134,8 @@ def errors_in_words(calibration: BenchCalibration) -> str:
 
 
 def noise_in_words(calibration: BenchCalibration) -> list[str]:
-    """A line on the noise of a reading, one where what was fitted is better than what a file holds, and one where all
-    records move at one speed."""
+    """Return a line on the noise of a reading, one where what was fitted is better than what a file holds, and one
+    where all records move at one speed."""
     lines = ["  " + calibration.noise.in_words(_shown(calibration.noise.sigma, calibration.unit))]
     if calibration.error_as_fitted < calibration.error_fit - max(calibration.noise.sigma, LEAST_SHOWN) / 2:
         names = [name for name in calibration.constants if name == "hysteresis"]
@@ -152,7 +152,7 @@ def noise_in_words(calibration: BenchCalibration) -> list[str]:
 
 
 def effects_in_words(calibration: BenchCalibration) -> list[str]:
-    """A line for each effect: values with 90 % intervals, and where it goes."""
+    """Return a line for each effect: values with 90 % intervals, and where it goes."""
     lines = []
     for effect in calibration.effects:
         shown = []
@@ -193,13 +193,13 @@ def _fit(
     bench: Bench,
     records: Sequence[BenchRecord],
     vector: FitVector | None,
-    told: Callable[[float], None],
+    tell: Callable[[float], None],
     *,
     intervals: bool = True,
 ) -> tuple[Law, tuple[EffectTerm, ...]]:
-    told(0.0)
+    tell(0.0)
     if bench.specimen == "muscle":
-        fitted = FittedEffects() if vector is None else fit_effects(partial(rows_of, records), vector, told)
+        fitted = FittedEffects() if vector is None else fit_effects(partial(rows_of, records), vector, tell)
         options: dict[str, Any] = {} if intervals else {"refits": 0}
         return BenchMuscle.fit(records, terms=fitted.terms, **options), fitted.effects
     return LAWS[bench.specimen].fit(records), ()

@@ -77,7 +77,7 @@ class CylinderLaw(Law):
 
     @classmethod
     def still(cls, others: Sequence[BenchRecord], record: BenchRecord) -> Array:
-        """(n,) N by preload, spring, area times pressure, and its change over the stroke: without friction."""
+        """Return (n,) N by preload, spring, area times pressure, and its change over the stroke: without friction."""
         tables = [terms_of(one, ("1", "x", "p", "x p"), 1.0) for one in others]
         return terms_of(record, ("1", "x", "p", "x p"), 1.0) @ _solve(tables, others)
 
@@ -116,7 +116,7 @@ def _prediction(terms: Sequence[str], coefficients: Array, presliding: float) ->
 
 
 def friction_state(displacement: Array, presliding: float) -> Array:
-    """(n,) s, from 1 (moving out) at the start: exact for steps of even motion."""
+    """Return (n,) s, from 1 (moving out) at the start: exact for steps of even motion."""
     state = np.ones(len(displacement))
     for i, step in enumerate(np.diff(displacement)):
         state[i + 1] = np.sign(step) + (state[i] - np.sign(step)) * np.exp(-abs(step) / presliding)
@@ -129,7 +129,7 @@ def _state(record: BenchRecord, presliding: float) -> Array:
 
 
 def terms_of(record: BenchRecord, terms: Sequence[str], presliding: float) -> Array:
-    """(rows, terms) that a law's coefficients [N] multiply."""
+    """Return (rows, terms) that a law's coefficients [N] multiply."""
     x, p = record.columns["displacement"] / _STROKE, record.columns["pressure"] / _PRESSURE
     factors = {"1": np.ones(len(x)), "x": x, "p": p}
     if any("s" in term for term in terms):

@@ -93,7 +93,7 @@ class BenchEvaluation(Tabled):
     others: Mapping[str, RecordErrors]
 
     def as_json(self) -> dict[str, Any]:
-        """What `evaluate BENCH --json` prints."""
+        """Return what `evaluate BENCH --json` prints."""
         result: dict[str, Any] = {"designs": {self.bench.name: self._table(self.tests)} if self.tests else {}}
         if self.others:
             result["others"] = {self.bench.name: self._table(self.others)}

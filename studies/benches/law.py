@@ -1,4 +1,4 @@
-"""What every law of a specimen on a bench is: fitted to records, asked for predictions, written to a file.
+"""The law of a specimen on a bench: fitted to records, asked for predictions, written to a file.
 
 A new specimen is a subclass of `Law` in a file of its own, named in `LAWS` of `records.py` and in `nouns/bench.py`.
 """
@@ -47,7 +47,7 @@ class Law:
 
     @classmethod
     def still(cls, others: Sequence[BenchRecord], record: BenchRecord) -> Array:
-        """(n,) what the law, fitted to other records, says at the rows of one: without any memory."""
+        """Return (n,) what the law, fitted to other records, says at the rows of one: without any memory."""
         return cls.fit(others).predict(record)
 
     @abstractmethod

@@ -84,7 +84,7 @@ def only_speed(rows: Rows) -> float | None:
 
 
 def motion_columns(rate: Array, *, friction: bool = True) -> Array:
-    """(n, 2): what viscosity and hysteresis multiply; without friction the latter is zero."""
+    """Return (n, 2): what viscosity and hysteresis multiply; without friction the latter is zero."""
     sign = np.where(np.abs(rate) > _SAME_WAY, np.sign(rate), 0.0)
     return np.stack([rate, sign if friction else np.zeros(len(rate))], axis=1)
 
@@ -118,8 +118,8 @@ class BenchMuscle(Law):
     def fit(
         records: Sequence[BenchRecord], *, terms: tuple[Term, ...] = (), refits: int = _REFITS, seed: int = 0
     ) -> "BenchMuscle":
-        """terms: effects that are held. Raises InputError where a record lacks pressure, contraction or force, or where
-        all have too few rows."""
+        """Return the law and what damps. terms: effects that are held. Raises InputError where a record lacks pressure,
+        contraction or force, or where all have too few rows."""
         rows, rubs = rows_of(records, terms), not _has_friction(terms)
         law, constants, misfit = _fitted(rows, np.zeros(2), _ROUNDS, friction=rubs)
         rng = np.random.default_rng(seed)
@@ -152,7 +152,7 @@ class BenchMuscle(Law):
 
     @classmethod
     def still(cls, others: Sequence[BenchRecord], record: BenchRecord) -> Array:
-        """(n,) N by the law alone."""
+        """Return (n,) N by the law alone."""
         return replace(cls.fit(others, refits=0), viscosity=None, hysteresis=None).predict(record)
 
     def constants(self) -> Mapping[str, Quantity]:
@@ -174,7 +174,7 @@ class BenchMuscle(Law):
         return force - motion_columns(rows.rate) @ damping
 
     def table(self) -> BenchTable:
-        """The law at even pressures and contractions, rest length among them, for a design."""
+        """Return the law at even pressures and contractions, rest length among them, for a design."""
         p = np.linspace(*self.law.pressure_limits, _PRESSURES)
         eps = np.linspace(*self.law.contraction_limits, _CONTRACTIONS)
         if eps[0] < 0 < eps[-1]:
@@ -201,7 +201,8 @@ def _has_friction(terms: Sequence[Term]) -> bool:
 def _fitted(
     rows: Rows, constants: Array, rounds: int, *, friction: bool = True
 ) -> tuple[MuscleLaw, Array | None, float]:
-    """The law, (viscosity, hysteresis) not below 0 where there is motion, and the misfit [N]; from given constants."""
+    """Return the law, (viscosity, hysteresis) not below 0 where there is motion, and the misfit [N]; from given
+    constants."""
     from scipy.optimize import nnls
 
     motion, force = motion_columns(rows.rate, friction=friction), rows.force + rows.friction

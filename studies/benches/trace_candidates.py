@@ -1,4 +1,4 @@
-"""What a bench's record would show of each effect, in one dimension: columns beside the quasi-static law."""
+"""Columns that a bench's record would show of each effect, in one dimension: columns beside the quasi-static law."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -20,8 +20,8 @@ SLOW = 0.7, 2.0, 6.0, 20.0  # s
 
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """Of one record: law (n,) what the quasi-static law says; path (rises as the specimen lengthens), pressure [kPa]
-    and time, where it has them; number: its place among the records."""
+    """The signals of one record: law (n,) what the quasi-static law says; path (rises as the specimen lengthens),
+    pressure [kPa] and time, where it has them; number: its place among the records."""
 
     law: Array
     path: Array | None
@@ -47,7 +47,7 @@ def signals_of(record: BenchRecord, law: Array, number: int) -> Signals:
 
 
 def shapes_of(law: type[Law], signals: list[Signals]) -> list[ShapedEffect]:
-    """Those that make sense on a specimen and that its records can show."""
+    """Return those that make sense on a specimen and that its records can show."""
     has = {name: all(getattr(s, name) is not None for s in signals) for name in ("path", "pressure", "time")}
     shapes: list[ShapedEffect] = []
     along, unit = law.slides_over, law.unit
@@ -91,7 +91,8 @@ def _viscosity(s: Signals) -> Mapping[str, Array]:
 
 
 def _slow(time: float, sign: float = 1.0) -> Callable[[Signals], Mapping[str, Array]]:
-    """What a share of the law lacks that comes with a time constant; less than nothing: has beyond it, and loses."""
+    """Return what a share of the law lacks that comes with a time constant; less than nothing: has beyond it, and
+    loses."""
 
     def columns(s: Signals) -> Mapping[str, Array]:
         assert s.time is not None

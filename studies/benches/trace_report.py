@@ -1,4 +1,4 @@
-"""What a trace of a bench came to, its page and its words."""
+"""The outcome of a trace of a bench, its page and its words."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ Curve = tuple[str, Array, Array, Array, Array]  # a record: its name, the rows' 
 
 @dataclass(frozen=True, eq=False)
 class BenchOutcome(Tabled):
-    """Of a trace of a bench. Errors in the output's SI unit, RMS of records left out."""
+    """The outcome of a trace of a bench. Errors in the output's SI unit, RMS of records left out."""
 
     bench: Bench
     unit: str
@@ -36,7 +36,7 @@ class BenchOutcome(Tabled):
     tolerance: float
     noise: BenchNoise
     candidates: tuple[BenchCandidate, ...]
-    found: tuple[EffectTerm, ...]
+    effects: tuple[EffectTerm, ...]
     gains: Mapping[str, float]  # by effect, of those chosen
     indistinguishable: tuple[str, ...]
     fit: tuple[float, float]  # before, after
@@ -66,7 +66,7 @@ class BenchOutcome(Tabled):
 
     @property
     def shares(self) -> dict[str, float]:
-        """Of the gap, what each effect closes; of several, by what its absence costs."""
+        """The share of the gap that each effect closes; of several, by what its absence costs."""
         return shared_out(self.evidence, self.gains)
 
     def columns(self) -> Columns:
@@ -75,7 +75,7 @@ class BenchOutcome(Tabled):
         return {**names, "gain": [c.gain for c in self.candidates]}
 
     def as_json(self) -> dict[str, Any]:
-        """`trace.json`."""
+        """Return `trace.json`."""
         added = self.verdict == "effect"
         crossed = (self.evidence.before, self.evidence.after)
         held_out = self.test or tuple(float(np.hypot(excess, self.floor)) for excess in crossed)
@@ -88,7 +88,7 @@ class BenchOutcome(Tabled):
         trace = {
             "format": "fabdesign.trace/1",
             "verdict": self.verdict,
-            "effects": [effect_entry(e, self.shares.get(e.name)) for e in self.found if added],
+            "effects": [effect_entry(e, self.shares.get(e.name)) for e in self.effects if added],
             "indistinguishable": self.indistinguishable if added else [],
             "candidates": sorted(rows, key=lambda row: float(str(row["held_out"]))),
             "error": {
@@ -111,20 +111,20 @@ class BenchOutcome(Tabled):
 
 
 def bench_in_words(outcome: BenchOutcome) -> str:
-    """The answer in a sentence."""
+    """Return the answer in a sentence."""
     evidence = outcome.evidence
     before = shown(evidence.before, outcome.unit)
     if outcome.verdict == "adequate":
         return f"On records left out the quasi-static law leaves {before} over the noise. {_what_is_small(outcome)}"
     if outcome.verdict == "unexplained":
-        if not outcome.found:
+        if not outcome.effects:
             return f"On records left out {before} over the noise remain that none of the known effects explains."
-        names = " and ".join(e.name.replace("_", " ") for e in outcome.found)
+        names = " and ".join(e.name.replace("_", " ") for e in outcome.effects)
         return (
             f"On records left out {before} over the noise remain; {names} would take a part, and "
             f"{shown(evidence.after, outcome.unit)} are left that none of the known effects explains."
         )
-    named = " and ".join(effect_in_words(e) for e in outcome.found)
+    named = " and ".join(effect_in_words(e) for e in outcome.effects)
     also = (
         f" These records cannot tell it from {', '.join(outcome.indistinguishable)}: that is one answer."
         if outcome.indistinguishable
@@ -147,7 +147,7 @@ def _what_is_small(outcome: BenchOutcome) -> str:
 
 
 def as_text(outcome: BenchOutcome) -> str:
-    """For the terminal."""
+    """Return the text for the terminal."""
     lines = [f"{outcome.verdict}: {bench_in_words(outcome)}"]
     scale, unit = for_people(outcome.unit)
     for c in outcome.candidates:
@@ -171,7 +171,7 @@ def _blocks(outcome: BenchOutcome) -> Iterator[page.Block]:
     yield from page.texts("quiet", [page.sentence(x) for x in (outcome.bench.description, outcome.bench.source) if x])
     yield error_bars(outcome.as_json()["error"], "noise", unit, "RMS of records left out", scale)
     yield page.Title("Candidates")
-    chosen = {effect.name for effect in outcome.found}
+    chosen = {effect.name for effect in outcome.effects}
     gains = [
         charts.Gain(c.effect + " (wrong sign)" * c.refused, c.gain, c.interval90, c.effect in chosen)
         for c in outcome.candidates

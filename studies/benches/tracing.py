@@ -61,7 +61,7 @@ def trace_bench(
 
 
 def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, share: None) -> BenchOutcome:
-    """The trace itself; `tolerance` is a share of the largest output."""
+    """Return the trace itself; `tolerance` is a share of the largest output."""
     records = bench.of_role("fit")
     if len(records) < LEAST_RECORDS:
         raise InputError(f"{bench.file}: {len(records)} records of role fit; expected at least {LEAST_RECORDS}")
@@ -69,7 +69,7 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
     output = output_of(bench)
     first, second, third = parts(progress, *_ENDS)
     line = f"{len(records)} records, each predicted from the others by the quasi-static law"
-    laws = laws_of(bench, records, told=partial(first, line))
+    laws = laws_of(bench, records, tell=partial(first, line))
     signals = [signals_of(r, predicted, k) for k, (r, predicted) in enumerate(zip(records, laws, strict=True))]
     rows = [evenly(len(r.columns[output]), _ROWS) for r in records]
     measured = [r.columns[output] for r in records]
@@ -83,7 +83,7 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
     task = BenchTask(shapes, tables, residual, record, floor, limit)
     second(f"{len(task.effects)} effects together on {len(records)} records", 0.0)
     none, chosen = task.fit(), select(task)
-    refitted = _with_law(bench, records, task, chosen, signals, rows, told=partial(third, "law and effects in turn"))
+    refitted = _with_law(bench, records, task, chosen, signals, rows, tell=partial(third, "law and effects in turn"))
     left = refitted.fit.state.misfit.residual
     box = _baseline(signals, rows, record, residual)
     beside = _baseline(signals, rows, record, left) if chosen.parts else box
@@ -100,7 +100,7 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
         tolerance=limit,
         noise=noise,
         candidates=candidates_of(task),
-        found=_effects(task, refitted),
+        effects=_effects(task, refitted),
         gains={label: gain for label, (gain, _) in chosen.gains.items()},
         indistinguishable=alike(task, chosen),
         fit=(rms(residual), rms(left)),
@@ -114,7 +114,7 @@ def laws_of(
     records: Sequence[BenchRecord],
     added: Sequence[Array] | None = None,
     *,
-    told: Callable[[float], None] = lambda share: None,
+    tell: Callable[[float], None] = lambda share: None,
 ) -> list[Array]:
     """Return what the law says of each record, fitted to the others. added: what effects add to each, taken off
     before the fit. told: is given the share done."""
@@ -126,7 +126,7 @@ def laws_of(
         ]
     laws = []
     for k, record in enumerate(records):
-        told(k / len(records))
+        tell(k / len(records))
         laws.append(LAWS[bench.specimen].still([*records[:k], *records[k + 1 :]], record))
     return laws
 
@@ -139,7 +139,7 @@ def _with_law(
     signals: Sequence[Signals],
     rows: Sequence[Indices],
     *,
-    told: Callable[[float], None],
+    tell: Callable[[float], None],
 ) -> Judged:
     """Return the effects chosen and the law fitted in turn: a law that was fitted alone has taken a part of them. An
     actuator's law is the level held, which has none."""
@@ -149,8 +149,10 @@ def _with_law(
     places = task.places(chosen.fit)
     columns = [[c for place in places for c in task.shapes[place].columns(s).values()] for s in signals]
     for turn in range(_TURNS if places else 0):
-        added = [sum((x * c for x, c in zip(refitted.fit.x, own, strict=True)), np.zeros(1)) for own in columns]
-        laws = laws_of(bench, records, added, told=lambda share, turn=turn: told((turn + share) / _TURNS))
+        added = [
+            sum((x * c for x, c in zip(refitted.fit.x, rows_of_it, strict=True)), np.zeros(1)) for rows_of_it in columns
+        ]
+        laws = laws_of(bench, records, added, tell=lambda share, turn=turn: tell((turn + share) / _TURNS))
         residual = [(p - r.columns[output])[k] for p, r, k in zip(laws, records, rows, strict=True)]
         last, refitted = refitted, replace(task, residual=np.concatenate(residual)).fit(places)
         if refitted.scored.rms() > (1 - _SETTLED) * last.scored.rms():
@@ -174,7 +176,7 @@ def _tested(
 
 
 def _table(shape: ShapedEffect, signals: Sequence[Signals], rows: Sequence[Indices]) -> dict[str, Array]:
-    """(n,) of each of the shape's parameters."""
+    """Return (n,) of each of the shape's parameters."""
     parts = [shape.columns(s) for s in signals]
     return {name: np.concatenate([part[name][k] for part, k in zip(parts, rows, strict=True)]) for name in parts[0]}
 
@@ -184,14 +186,14 @@ def _effects(task: BenchTask, chosen: Judged) -> tuple[EffectTerm, ...]:
     strengths = quantities_of(vector, chosen.fit.x, task.deviation(chosen.fit))
     terms = []
     for label, shape in zip(vector.labels, (task.shapes[k] for k in task.places(chosen.fit)), strict=True):
-        own = {name.partition(".")[2]: q for name, q in strengths.items() if name.startswith(f"{label}.")}
+        rows_of_it = {name.partition(".")[2]: q for name, q in strengths.items() if name.startswith(f"{label}.")}
         fixed = {name: Quantity(float(v), shape.units[name]) for name, v in shape.values.items()}
-        terms.append(EffectTerm(label, own | fixed))
+        terms.append(EffectTerm(label, rows_of_it | fixed))
     return tuple(terms)
 
 
 def _baseline(signals: Sequence[Signals], rows: Sequence[Indices], trial: Indices, residual: Array) -> Scored:
-    """What a kernel regression leaves of records that it was not trained on."""
+    """Return what a kernel regression leaves of records that it was not trained on."""
     parts, kept, first = [], [], 0
     for s, k in zip(signals, rows, strict=True):
         columns = [s.law, np.gradient(s.law)]
@@ -222,19 +224,19 @@ def _curves(
 ) -> tuple[Curve, ...]:
     curves: list[Curve] = []
     for k, record in enumerate(records):
-        own = trial == k
+        rows_of_it = trial == k
         along = record.first(("time", *bench.input))
-        place = np.arange(own.sum(), dtype=float) if along is None else along[rows[k]]
+        place = np.arange(rows_of_it.sum(), dtype=float) if along is None else along[rows[k]]
         y = measured[k][rows[k]]
-        curves.append((record.name, place, y, y + residual[own], y + after[own]))
+        curves.append((record.name, place, y, y + residual[rows_of_it], y + after[rows_of_it]))
     return tuple(curves)
 
 
 def _model(outcome: BenchOutcome) -> Model:
-    """With those of the effects that the simulator has, where its parameters mean the same."""
+    """Return the model with those of the effects that the simulator has, where its parameters mean the same."""
     bench = outcome.bench
     return Model(
-        effects=tuple(e for e in outcome.found if _simulated(e)) if outcome.verdict == "effect" else (),
+        effects=tuple(e for e in outcome.effects if _simulated(e)) if outcome.verdict == "effect" else (),
         provenance=Provenance(
             sets=(bench.name,),
             fitted=tuple(f"{bench.name}/{r.name}" for r in bench.of_role("fit")),

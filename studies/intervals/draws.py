@@ -90,17 +90,17 @@ def drawn_motions(
     *,
     draws: int = DRAWS,
 ) -> list[list[Motion]]:
-    """Of each case, the motions of the drawn models on a cheap simulator. The corrector stays the one trained at the
-    centre."""
+    """Return of each case the motions of the drawn models on a cheap simulator. The corrector stays the one trained at
+    the centre."""
     models = [replace(predictor, model=model) for model in drawn_models(predictor.model, draws)]
     together = replace(predictor, simulator=coarse, model=Model())  # the cases bring all of it
-    own = [model.case(case) for case in cases for model in models]
-    motions = iter(together.motions(own, [t for t in times for _ in models]) if own else [])
+    some = [model.case(case) for case in cases for model in models]
+    motions = iter(together.motions(some, [t for t in times for _ in models]) if some else [])
     return [[next(motions) for _ in models] for _ in cases]
 
 
 def rests(predictor: Predictor, cases: Sequence[Case]) -> list[Motion]:
-    """(2 n^2, 3) m of each case, where its motion begins."""
+    """Return (2 n^2, 3) m of each case, where its motion begins."""
     return [motion[0] for motion in predictor.motions(cases, [np.zeros(1)] * len(cases))]
 
 
@@ -120,27 +120,28 @@ def residuals(
     draws: int = DRAWS,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[RegionResiduals]:
-    """Of each trial, which has frames that are used; empty where its motion diverged. predictor: with sensing, as data
-    are. progress is told trials done and in all."""
+    """Return the residuals of each trial, which has frames that are used; empty where its motion diverged. predictor:
+    with sensing, as data are. progress is told trials done and in all."""
     cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
     frames = [looked_at(trial, used) for trial in trials]
-    times = [trial.times[own] for trial, own in zip(trials, frames, strict=True)]
-    found: list[RegionResiduals] = []
+    times = [trial.times[some] for trial, some in zip(trials, frames, strict=True)]
+    results: list[RegionResiduals] = []
     for part in batches([draws * len(t) for t in times], _AT_ONCE):
         motions = predictor.motions(cases[part], [np.concatenate([[0.0], t]) for t in times[part]])
         others = drawn_motions(predictor, coarse, cases[part], times[part], draws=draws)
-        for trial, own, motion, drawn_ones in zip(trials[part], frames[part], motions, others, strict=True):
+        for trial, some, motion, drawn_ones in zip(trials[part], frames[part], motions, others, strict=True):
             clouds = trial.load().frames
-            taken = [clouds[k] for k in own.tolist()]
-            found.append(residuals_of(trial, taken, motion[0], motion[1:], drawn_ones))
-        progress(len(found), len(trials))
-    return found
+            taken = [clouds[k] for k in some.tolist()]
+            results.append(residuals_of(trial, taken, motion[0], motion[1:], drawn_ones))
+        progress(len(results), len(trials))
+    return results
 
 
 def residuals_of(
     trial: Trial, clouds: Sequence[Array], rest: Motion, predicted: Motion, others: Sequence[Motion]
 ) -> RegionResiduals:
-    """clouds: T of (n, 3) m; rest: (2 n^2, 3) m; predicted, and of the drawn models others: (T, 2 n^2, 3) m."""
+    """Return the residuals of a trial. clouds: T of (n, 3) m; rest: (2 n^2, 3) m; predicted, and of the drawn models
+    others: (T, 2 n^2, 3) m."""
     if not clouds or not (np.isfinite(predicted).all() and np.isfinite(rest).all()):
         return RegionResiduals(trial.design_name, *np.empty((3, 0)))
     deviation, moved = region_terms(rest, predicted, others, trial.design.fabric)

@@ -36,7 +36,7 @@ BENT = 0.05  # of it, what is not proportional in them, where that is over half 
 
 
 def sides(design: Design) -> Array:
-    """(channels,) 1 of the front's, -1 of the back's, 0 of those of both."""
+    """Return (channels,) 1 of the front's, -1 of the back's, 0 of those of both."""
     signs = np.zeros(design.channels)
     for muscle in design.muscles:
         signs[muscle.channel] += 1 if muscle.side == "front" else -1
@@ -44,23 +44,24 @@ def sides(design: Design) -> Array:
 
 
 def to_either_side(design: Design) -> tuple[Array, Array]:
-    """(channels,) factors on the pressures, OFF up on the front and down on the back, and the other way round."""
+    """Return (channels,) factors on the pressures, OFF up on the front and down on the back, and the other way
+    round."""
     signs = sides(design)
     return 1 + OFF * np.where(signs, signs, 1.0), 1 - OFF * np.where(signs, signs, 1.0)
 
 
 def rms(difference: Points) -> float:
-    """m, over all points."""
+    """Return m, over all points."""
     return float(np.sqrt(np.square(difference).sum(axis=-1).mean()))
 
 
 def rms_of_each(difference: Points) -> Array:
-    """(...,) m, over the points of each shape."""
+    """Return (...,) m, over the points of each shape."""
     return np.asarray(np.sqrt(np.square(difference, dtype=float).sum(axis=-1).mean(axis=-1)))
 
 
 def apart(a: Points, b: Points) -> float:
-    """m RMS, of the pose where it is most; NaN where one diverged."""
+    """Return m RMS, of the pose where it is most; NaN where one diverged."""
     return float(rms_of_each(a - b).max())
 
 
@@ -70,9 +71,10 @@ def are_one(distance: float, off_rest: float) -> bool:
     return distance <= max(LEAST, OF_SHAPE * off_rest)
 
 
-def moves(own: Points, one: Points, other: Points) -> Array:
-    """(2,) m RMS of a shape with changes to either side: the larger move, and the sum of both. NaN where one is."""
-    there, back = one - own, other - own
+def moves(nominal: Points, one: Points, other: Points) -> Array:
+    """Return (2,) m RMS of a shape with changes to either side: the larger move, and the sum of both. NaN where one
+    is."""
+    there, back = one - nominal, other - nominal
     return np.array([max(rms(there), rms(back)), rms(there + back)])
 
 
@@ -93,8 +95,9 @@ def copies_elsewhere(copies: Sequence[Points], predicted: Sequence[Points] | Non
 
 
 def instants_elsewhere(middle: Points, up: Points, down: Points) -> NDArray[np.bool_]:
-    """(T,) whether motions (T, n, 3) m with a small change to either side are on another branch than the middle one; a
-    motion that diverged is. At any scale: by the motion's size, the largest RMS distance from where it begins."""
+    """Return (T,) whether motions (T, n, 3) m with a small change to either side are on another branch than the middle
+    one; a motion that diverged is. At any scale: by the motion's size, the largest RMS distance from where it
+    begins."""
     plus, minus = up - middle, down - middle
     linear, bent = rms_of_each(plus - minus), rms_of_each(plus + minus)
     sound = np.isfinite(linear) & np.isfinite(bent)
@@ -161,10 +164,6 @@ def branches_of(trials: Sequence[Trial], forward: Predictor, *, every: int = 1) 
             yield Branches(trial, float(errors[0]), errors[1:])
 
 
-def root_mean_square(values: Sequence[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
 def _beside(added: tuple[Term, ...], curvature: float) -> tuple[Term, ...]:
     return tuple(
         replace(t, values={k: v + curvature if k == "down" else v for k, v in t.values.items()}) for t in added
@@ -176,4 +175,5 @@ def _error(trial: Trial, motion: NDArray[np.float32], every: int) -> float:
     if not np.isfinite(motion).all():
         return float("nan")
     clouds = trial.load().frames[::every]
-    return root_mean_square([surface_rms(cloud, points) for cloud, points in zip(clouds, motion, strict=True)])
+    each = [surface_rms(cloud, points) for cloud, points in zip(clouds, motion, strict=True)]
+    return float(np.sqrt(np.mean(np.square(each))))

@@ -30,7 +30,7 @@ from optimize.fit.parameters import FitVector
 from studies.intervals.calibrate import spread_json, with_spread
 from studies.measured.fit_data import noise_of
 from studies.measured.used_frames import UsedFrames
-from studies.prediction.evaluate import ERRORS
+from studies.prediction.evaluation_report import ERRORS
 from studies.training.data import Chosen, KeptMotions, Progress, case_of, choose, fitted_base
 
 Network = Literal["field", "paper"]
