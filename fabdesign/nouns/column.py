@@ -59,19 +59,22 @@ def move(case: Case, column: Column, step: float) -> Move:
     return Move((column.moved(case, low), column.moved(case, high)), (low, high))
 
 
-def pressure(channel: int) -> Column:
-    """Return the column [Pa] of all set points of a channel together."""
+def pressure(channel: int, *, far: float = 2e3) -> Column:
+    """Return the column [Pa] of all set points of a channel together. A case without that channel stays."""
 
     def moved(case: Case, by: float) -> Case:
         program = case.program
+        if channel >= program.pressure.shape[1]:
+            return case
         rows = program.pressure.copy()
         rows[:, channel] += by
         return replace(case, program=PressureProgram(program.time, rows, program.duration))
 
     def room(case: Case) -> tuple[float, float]:
-        return -float(case.program.pressure[:, channel].min()), np.inf
+        rows = case.program.pressure
+        return (-float(rows[:, channel].min()) if channel < rows.shape[1] else -np.inf), np.inf
 
-    return Column(f"pressure {channel}", "Pa", 100.0, 2e3, moved, room)
+    return Column(f"pressure {channel}", "Pa", 100.0, far, moved, room)
 
 
 def factor(name: str) -> Column:
@@ -125,10 +128,14 @@ def corner(muscle: int, index: int, along: tuple[float, float]) -> Column:
 
 
 def corner_or_still(muscle: int, index: int, along: tuple[float, float]) -> Column:
-    """Return the same; a path that no pitch leaves its intervals stays, and its derivative is zero."""
+    """Return the same; a case without that corner, and a path that no pitch leaves its intervals, stay: the derivative
+    is zero."""
     moving = corner(muscle, index, along)
 
     def moved(case: Case, by: float) -> Case:
+        muscles = case.design.muscles
+        if muscle >= len(muscles) or index >= len(muscles[muscle].path):
+            return case
         try:
             return moving.moved(case, by)
         except InputError:

@@ -57,7 +57,11 @@ def slopes_of(
     corners = sorted({corner for space, _ in points for corner in _corners(space)})
     channels = max(space.channels * space.vary_pressures for space, _ in points)
     span = max(np.ptp(space.limits.pressure) for space, _ in points)
-    columns = [*map(_of_corner, corners), *(_of_channel(k, PRESSURE_STEP * span) for k in range(channels)), *further]
+    columns = [
+        *map(_of_corner, corners),
+        *(column.pressure(k, far=PRESSURE_STEP * span) for k in range(channels)),
+        *further,
+    ]
     place = {corner: k for k, corner in enumerate(corners)}
     jacobian_of = [jacobians(objective.cases(pose, decoded), columns) for pose in range(len(objective.targets))]
     results = []
@@ -106,17 +110,10 @@ def _corners(space: DesignSpace) -> list[Corner]:
 
 
 def _of_corner(corner: Corner) -> Column:
-    """Return the column [m] of a corner. A case without that corner stays: its derivative is zero."""
+    """Return the column [m] of a corner."""
     muscle, index, axis = corner
     moving = column.corner_or_still(muscle, index, ((1.0, 0.0), (0.0, 1.0))[axis])
-
-    def moved(case: Case, by: float) -> Case:
-        muscles = case.design.muscles
-        if muscle >= len(muscles) or index >= len(muscles[muscle].path):
-            return case
-        return moving.moved(case, by)
-
-    return replace(moving, name=f"{moving.name} along {'uv'[axis]}", moved=moved, room=_inside(corner))
+    return replace(moving, name=f"{moving.name} along {'uv'[axis]}", room=_inside(corner))
 
 
 def _inside(corner: Corner) -> Callable[[Case], tuple[float, float]]:
@@ -131,20 +128,6 @@ def _inside(corner: Corner) -> Callable[[Case], tuple[float, float]]:
         return -at, (fabric.width, fabric.height)[axis] - at
 
     return room
-
-
-def _of_channel(channel: int, far: float) -> Column:
-    """Return the column [Pa] of a channel. A case without that channel stays. far: Pa, for differences, above what a
-    corrector's steps are of."""
-    raised = column.pressure(channel)
-
-    def moved(case: Case, by: float) -> Case:
-        return raised.moved(case, by) if channel < case.program.pressure.shape[1] else case
-
-    def room(case: Case) -> tuple[float, float]:
-        return raised.room(case) if channel < case.program.pressure.shape[1] else (-np.inf, np.inf)
-
-    return replace(raised, far=far, moved=moved, room=room)
 
 
 RADIUS = 0.1  # reaches within which the variables adjust: farther the shape is not linear
