@@ -53,12 +53,12 @@ class Shape:
         return isqrt(self.points.shape[-2] // 2)
 
     @property
-    def faces(self) -> Floats:
+    def faces(self) -> NDArray[Any]:
         """(..., face, row, column, 3) m, the front face first."""
         return self.points.reshape(*self.points.shape[:-2], 2, self.side, self.side, 3)
 
     @cached_property
-    def middle(self) -> Floats:
+    def middle(self) -> NDArray[Any]:
         """(..., row, column, 3) m between the faces."""
         faces = self.faces
         return 0.5 * (faces[..., 0, :, :, :] + faces[..., 1, :, :, :])

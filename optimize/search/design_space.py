@@ -52,6 +52,11 @@ class DesignSpace:
         return 2 * sum(len(m.path) for m in self.design.muscles) * self.vary_positions
 
     @property
+    def size(self) -> Vector:
+        """(2,) m, of the cloth."""
+        return np.array([self.design.fabric.width, self.design.fabric.height])
+
+    @property
     def step(self) -> Vector:
         """(n,) finite-difference steps."""
         return self._by_kind(POSITION_STEP, PRESSURE_STEP)
@@ -96,8 +101,7 @@ class DesignSpace:
         return design, self._pressures(x)
 
     def _position_range(self) -> tuple[Vector, Vector]:
-        fabric, edge = self.design.fabric, self.limits.edge
-        return np.full(2, edge), np.array([fabric.width, fabric.height]) - 2 * edge
+        return np.full(2, self.limits.edge), self.size - 2 * self.limits.edge
 
     def margins(self, x: Vector) -> Vector:
         """Return (..., k) of vectors (..., n), nowhere negative for what may be built: m of all geometry, and shares of

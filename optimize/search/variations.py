@@ -10,7 +10,6 @@ from numpy.random import Generator
 
 from fabdesign.nouns.muscle import Muscle
 from optimize.search.design_space import DesignSpace, Layout, Vector, by_muscle, start_of
-from optimize.search.margins import Limits
 from optimize.search.starts import PITCH, Side, Start, random_line
 
 TRIES = 40  # of a variation before it is left out
@@ -63,11 +62,10 @@ def doubled(start: Start, muscle: int, share: float) -> Start | None:
     """Return the same layout with a muscle, from 0, as two beside each other at that share of its pressures; None where
     that breaks a limit. Errors of the two are independent, so that they average out."""
     (muscles, pressures), space = by_muscle(start), start[0]
-    size = np.array([space.design.fabric.width, space.design.fabric.height])
     path = _path(muscles[muscle])
     along = (path[-1] - path[0]) / np.linalg.norm(path[-1] - path[0])
     off = space.limits.spacing * np.array([-along[1], along[0]])
-    pair = [_with_path(muscles[muscle], path + side * off, space.limits, size) for side in (1, -1)]
+    pair = [_inside(muscles[muscle], path + side * off, space) for side in (1, -1)]
     both = np.insert(pressures, muscle, pressures[:, muscle], axis=1)
     both[:, muscle : muscle + 2] *= share
     return start_of(([*muscles[:muscle], *pair, *muscles[muscle + 1 :]], both), space)
@@ -78,8 +76,7 @@ def _moved(
 ) -> Layout:
     muscles, pressures = [*layout[0]], layout[1].copy()
     k = int(rng.integers(len(muscles)))
-    size = np.array([space.design.fabric.width, space.design.fabric.height])
-    placed = partial(_with_path, limits=space.limits, size=size)
+    size, placed = space.size, partial(_inside, space=space)
     moves = ["add", "drop", "flip", "draw", "ends", "pressure", "shift", "all"]
     moves += ["bend"] * (corners > 0) + ["straighten"] * (len(muscles[k].path) > 2)
     move = rng.choice(moves)
@@ -128,10 +125,9 @@ def _path(muscle: Muscle) -> Vector:
     return np.array(muscle.path)
 
 
-def _with_path(muscle: Muscle, path: Vector, limits: Limits, size: Vector) -> Muscle:
+def _inside(muscle: Muscle, path: Vector, space: DesignSpace) -> Muscle:
     """Return the muscle with its path within the cloth less its edge."""
-    inside = np.clip(path, limits.edge, size - limits.edge)
-    return muscle.along(inside)
+    return muscle.along(np.clip(path, space.limits.edge, space.size - space.limits.edge))
 
 
 BESIDE = 0.5  # of the further muscles are drawn beside one that is there, the others anywhere
@@ -180,16 +176,15 @@ def _with_one_more(layout: Layout, space: DesignSpace, sides: Sequence[Side], rn
 
 
 def _drawn(muscles: Sequence[Muscle], space: DesignSpace, sides: Sequence[Side], rng: Generator) -> Muscle:
-    fabric = space.design.fabric
     side = sides[int(rng.integers(len(sides)))]
     if muscles and rng.random() < BESIDE:
         neighbour = muscles[int(rng.integers(len(muscles)))]
-        shift = SHIFT * np.array([fabric.width, fabric.height]) * rng.standard_normal((len(neighbour.path), 2))
+        shift = SHIFT * space.size * rng.standard_normal((len(neighbour.path), 2))
         path = np.array(neighbour.path) + shift
         kind, pitch = neighbour.type, neighbour.fixed_point_pitch
     else:
-        path = random_line(space.design, space.limits, rng)
+        path = random_line(space, rng)
         kind = str(rng.choice(list(space.design.muscle_types)))
         pitch = muscles[0].fixed_point_pitch if muscles else PITCH
     drawn = Muscle(type=kind, side=side, channel=0, path=(), fixed_point_pitch=pitch)
-    return _with_path(drawn, path, space.limits, np.array([fabric.width, fabric.height]))
+    return _inside(drawn, path, space)

@@ -1,8 +1,8 @@
 """Tracing on a bench: a quasi-static law, and what its left-out records show beside it."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -66,27 +66,21 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
     if len(records) < LEAST_RECORDS:
         raise InputError(f"{bench.file}: {len(records)} records of role fit; expected at least {LEAST_RECORDS}")
     require_columns(bench, bench.records)
-    output = output_of(bench)
     first, second, third = parts(progress, *_ENDS)
     line = f"{len(records)} records, each predicted from the others by the quasi-static law"
-    laws = laws_of(bench, records, tell=partial(first, line))
-    signals = [signals_of(r, predicted, k) for k, (r, predicted) in enumerate(zip(records, laws, strict=True))]
-    rows = [evenly(len(r.columns[output]), _ROWS) for r in records]
-    measured = [r.columns[output] for r in records]
-    residual = np.concatenate([(p - m)[k] for p, m, k in zip(laws, measured, rows, strict=True)])
-    record = np.repeat(np.arange(len(records)), [len(k) for k in rows])
-    limit = tolerance * max(float(np.abs(m).max()) for m in measured)
+    sampled = _Sampled.of(bench, records, laws_of(bench, records, tell=partial(first, line)))
+    residual = sampled.residual(sampled.laws)
+    limit = tolerance * max(float(np.abs(r.columns[output_of(bench)]).max()) for r in records)
     noise = noise_of(bench)
     floor = noise.sigma
-    shapes = shapes_of(LAWS[bench.specimen], signals)
-    tables = [_table(shape, signals, rows) for shape in shapes]
-    task = BenchTask(shapes, tables, residual, record, floor, limit)
+    shapes = shapes_of(LAWS[bench.specimen], sampled.signals)
+    task = BenchTask(shapes, [sampled.table(shape) for shape in shapes], residual, sampled.record, floor, limit)
     second(f"{len(task.effects)} effects together on {len(records)} records", 0.0)
     none, chosen = task.fit(), select(task)
-    refitted = _with_law(bench, records, task, chosen, signals, rows, tell=partial(third, "law and effects in turn"))
+    refitted = _with_law(sampled, task, chosen, partial(third, "law and effects in turn"))
     left = refitted.fit.state.misfit.residual
-    box = _baseline(signals, rows, record, residual)
-    beside = _baseline(signals, rows, record, left) if chosen.parts else box
+    box = sampled.baseline(residual)
+    beside = sampled.baseline(left) if chosen.parts else box
     evidence = Evidence(
         none.excess, refitted.excess, len(chosen.fit.vector.labels), box.excess(floor),
         beside.excess(floor),
@@ -104,8 +98,8 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
         gains={label: gain for label, (gain, _) in chosen.gains.items()},
         indistinguishable=alike(task, chosen),
         fit=(rms(residual), rms(left)),
-        test=_tested(bench, output, [shapes[k] for k in task.places(chosen.fit)], refitted.fit.x),
-        curves=_curves(records, bench, rows, measured, residual, left, record),
+        test=_tested(bench, [shapes[k] for k in task.places(chosen.fit)], refitted.fit.x),
+        curves=sampled.curves(residual, left),
     )
 
 
@@ -117,7 +111,7 @@ def laws_of(
     tell: Callable[[float], None] = lambda share: None,
 ) -> list[Array]:
     """Return what the law says of each record, fitted to the others. added: what effects add to each, taken off
-    before the fit. told: is given the share done."""
+    before the fit. tell: is given the share done."""
     output = output_of(bench)
     if added is not None:
         records = [
@@ -131,54 +125,102 @@ def laws_of(
     return laws
 
 
-def _with_law(
-    bench: Bench,
-    records: Sequence[BenchRecord],
-    task: BenchTask,
-    chosen: Judged,
-    signals: Sequence[Signals],
-    rows: Sequence[Indices],
-    *,
-    tell: Callable[[float], None],
-) -> Judged:
+@dataclass(frozen=True, eq=False)
+class _Sampled:
+    """Records, some rows of each, and what a law that was fitted to others says of them."""
+
+    bench: Bench
+    records: Sequence[BenchRecord]
+    laws: Sequence[Array]
+    signals: list[Signals]
+    rows: Sequence[Indices]
+
+    @staticmethod
+    def of(
+        bench: Bench, records: Sequence[BenchRecord], laws: Sequence[Array], *, first: int = 0, most: int = _ROWS
+    ) -> "_Sampled":
+        """Return at most so many rows of each record. first: the first one's place among the bench's records."""
+        signals = [signals_of(r, law, first + k) for k, (r, law) in enumerate(zip(records, laws, strict=True))]
+        return _Sampled(bench, records, laws, signals, [evenly(len(law), most) for law in laws])
+
+    @cached_property
+    def record(self) -> Indices:
+        """(N,) of which record each row is."""
+        return np.repeat(np.arange(len(self.rows)), [len(k) for k in self.rows])
+
+    def residual(self, laws: Sequence[Array]) -> Array:
+        """Return (N,) law less measured."""
+        measured = (r.columns[output_of(self.bench)] for r in self.records)
+        return np.concatenate([(law - m)[k] for law, m, k in zip(laws, measured, self.rows, strict=True)])
+
+    def table(self, shape: ShapedEffect) -> dict[str, Array]:
+        """Return (N,) of each of the shape's parameters."""
+        parts = [shape.columns(s) for s in self.signals]
+        return {name: np.concatenate([p[name][k] for p, k in zip(parts, self.rows, strict=True)]) for name in parts[0]}
+
+    def baseline(self, residual: Array) -> Scored:
+        """Return what a kernel regression leaves of records that it was not trained on."""
+        parts, kept, first = [], [], 0
+        for s, k in zip(self.signals, self.rows, strict=True):
+            columns = [s.law, np.gradient(s.law)]
+            columns += [c for c in (s.path, s.pressure, s.time) if c is not None]
+            if s.path is not None:
+                columns += [np.sign(np.gradient(s.path)), np.gradient(s.path)]
+            parts.append(np.column_stack(columns)[k])
+            kept.append(first + evenly(len(k), _BOX_ROWS))
+            first += len(k)
+        some = np.concatenate(kept)
+        features, record = standardised(np.concatenate(parts))[some], self.record[some]
+        kernels, wanted = [kernel_of(features, width) for width in WIDTHS], residual[some][:, None]
+        squares = np.zeros(len(self.rows))
+        for out in range(len(squares)):
+            left = wanted[record == out] - left_out(kernels, wanted, [np.array([True])], record, out)
+            squares[out] = float(np.mean(left**2)) * np.sum(self.record == out)
+        return Scored(squares, np.bincount(self.record).astype(np.float64))
+
+    def curves(self, before: Array, after: Array) -> tuple[Curve, ...]:
+        """Return of each record what was measured, and with what is left before and after."""
+        curves: list[Curve] = []
+        for k, (record, rows) in enumerate(zip(self.records, self.rows, strict=True)):
+            along = record.first(("time", *self.bench.input))
+            place = np.arange(len(rows), dtype=float) if along is None else along[rows]
+            y = record.columns[output_of(self.bench)][rows]
+            curves.append((record.name, place, y, y + before[self.record == k], y + after[self.record == k]))
+        return tuple(curves)
+
+
+def _with_law(sampled: _Sampled, task: BenchTask, chosen: Judged, tell: Callable[[float], None]) -> Judged:
     """Return the effects chosen and the law fitted in turn: a law that was fitted alone has taken a part of them. An
     actuator's law is the level held, which has none."""
-    refitted, output = chosen, output_of(bench)
+    bench, refitted = sampled.bench, chosen
     if bench.specimen == "actuator":
         return chosen
     places = task.places(chosen.fit)
-    columns = [[c for place in places for c in task.shapes[place].columns(s).values()] for s in signals]
+    columns = [[c for place in places for c in task.shapes[place].columns(s).values()] for s in sampled.signals]
+
+    def in_turn(turn: int, share: float) -> None:
+        tell((turn + share) / _TURNS)
+
     for turn in range(_TURNS if places else 0):
-        added = [
-            sum((x * c for x, c in zip(refitted.fit.x, rows_of_it, strict=True)), np.zeros(1)) for rows_of_it in columns
-        ]
-        laws = laws_of(bench, records, added, tell=lambda share, turn=turn: tell((turn + share) / _TURNS))
-        residual = [(p - r.columns[output])[k] for p, r, k in zip(laws, records, rows, strict=True)]
-        last, refitted = refitted, replace(task, residual=np.concatenate(residual)).fit(places)
+        added = [sum((x * c for x, c in zip(refitted.fit.x, each, strict=True)), np.zeros(1)) for each in columns]
+        laws = laws_of(bench, sampled.records, added, tell=partial(in_turn, turn))
+        last, refitted = refitted, replace(task, residual=sampled.residual(laws)).fit(places)
         if refitted.scored.rms() > (1 - _SETTLED) * last.scored.rms():
             break
     return refitted
 
 
-def _tested(
-    bench: Bench, output: str, shapes: Sequence[ShapedEffect], coefficients: Array
-) -> tuple[float, float] | None:
-    """RMS on the records of role test, by the law of those of role fit: before, and with the shapes added."""
+def _tested(bench: Bench, shapes: Sequence[ShapedEffect], coefficients: Array) -> tuple[float, float] | None:
+    """Return the RMS on the records of role test, by the law of those of role fit: before, and with the shapes
+    added."""
     records, tests = bench.of_role("fit"), bench.of_role("test")
     if not tests:
         return None
     laws = [LAWS[bench.specimen].still(records, record) for record in tests]
-    signals = [signals_of(r, way, len(records) + k) for k, (r, way) in enumerate(zip(tests, laws, strict=True))]
-    residual = np.concatenate([way - r.columns[output] for r, way in zip(tests, laws, strict=True)])
-    every = [np.arange(len(way)) for way in laws]
-    columns = [column for shape in shapes for column in _table(shape, signals, every).values()]
+    sampled = _Sampled.of(bench, tests, laws, first=len(records), most=max(map(len, laws)))
+    residual = sampled.residual(laws)
+    columns = [column for shape in shapes for column in sampled.table(shape).values()]
     return rms(residual), rms(residual + sum(c * x for c, x in zip(coefficients, columns, strict=True)))
-
-
-def _table(shape: ShapedEffect, signals: Sequence[Signals], rows: Sequence[Indices]) -> dict[str, Array]:
-    """Return (n,) of each of the shape's parameters."""
-    parts = [shape.columns(s) for s in signals]
-    return {name: np.concatenate([part[name][k] for part, k in zip(parts, rows, strict=True)]) for name in parts[0]}
 
 
 def _effects(task: BenchTask, chosen: Judged) -> tuple[EffectTerm, ...]:
@@ -186,50 +228,10 @@ def _effects(task: BenchTask, chosen: Judged) -> tuple[EffectTerm, ...]:
     strengths = quantities_of(vector, chosen.fit.x, task.deviation(chosen.fit))
     terms = []
     for label, shape in zip(vector.labels, (task.shapes[k] for k in task.places(chosen.fit)), strict=True):
-        rows_of_it = {name.partition(".")[2]: q for name, q in strengths.items() if name.startswith(f"{label}.")}
+        strength = {name.partition(".")[2]: q for name, q in strengths.items() if name.startswith(f"{label}.")}
         fixed = {name: Quantity(float(v), shape.units[name]) for name, v in shape.values.items()}
-        terms.append(EffectTerm(label, rows_of_it | fixed))
+        terms.append(EffectTerm(label, strength | fixed))
     return tuple(terms)
-
-
-def _baseline(signals: Sequence[Signals], rows: Sequence[Indices], trial: Indices, residual: Array) -> Scored:
-    """Return what a kernel regression leaves of records that it was not trained on."""
-    parts, kept, first = [], [], 0
-    for s, k in zip(signals, rows, strict=True):
-        columns = [s.law, np.gradient(s.law)]
-        columns += [c for c in (s.path, s.pressure, s.time) if c is not None]
-        if s.path is not None:
-            columns += [np.sign(np.gradient(s.path)), np.gradient(s.path)]
-        parts.append(np.column_stack(columns)[k])
-        kept.append(first + evenly(len(k), _BOX_ROWS))
-        first += len(k)
-    some = np.concatenate(kept)
-    features, record = standardised(np.concatenate(parts))[some], trial[some]
-    kernels, wanted = [kernel_of(features, width) for width in WIDTHS], residual[some][:, None]
-    squares = np.zeros(int(trial.max()) + 1)
-    for out in range(len(squares)):
-        left = wanted[record == out] - left_out(kernels, wanted, [np.array([True])], record, out)
-        squares[out] = float(np.mean(left**2)) * np.sum(trial == out)
-    return Scored(squares, np.bincount(trial).astype(np.float64))
-
-
-def _curves(
-    records: Sequence[BenchRecord],
-    bench: Bench,
-    rows: Sequence[Indices],
-    measured: Sequence[Array],
-    residual: Array,
-    after: Array,
-    trial: Indices,
-) -> tuple[Curve, ...]:
-    curves: list[Curve] = []
-    for k, record in enumerate(records):
-        rows_of_it = trial == k
-        along = record.first(("time", *bench.input))
-        place = np.arange(rows_of_it.sum(), dtype=float) if along is None else along[rows[k]]
-        y = measured[k][rows[k]]
-        curves.append((record.name, place, y, y + residual[rows_of_it], y + after[rows_of_it]))
-    return tuple(curves)
 
 
 def _model(outcome: BenchOutcome) -> Model:

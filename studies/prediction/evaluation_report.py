@@ -83,11 +83,16 @@ class SetEvaluation(Tabled):
             result["unreliable"] = list(self.unreliable)
         return dict(plain(result | self.used.as_json() | {"metric": "chamfer, surface_rms", "unit": "mm"}))
 
+    @property
+    def rows(self) -> list[tuple[str, TrialResult]]:
+        """Return every trial, with the name of its table."""
+        tables = (*self.designs.items(), *self.others.items())
+        return [(name, trial) for name, table in tables for trial in table.trials]
+
     def columns(self) -> Columns:
         """Return a row a trial: design, set, trial, order, role, share of frames used, and errors before and after
         [mm]."""
-        tables = (*self.designs.items(), *self.others.items())
-        rows = [(name, trial) for name, table in tables for trial in table.trials]
+        rows = self.rows
         columns: Columns = {"design": [name for name, _ in rows]}
         for key, field in (("set", "set_name"), ("trial", "trial"), ("order", "order"), ("role", "role")):
             columns[key] = [getattr(trial, field) for _, trial in rows]
@@ -221,14 +226,11 @@ def _write_trials(evaluation: SetEvaluation, path: Path) -> None:
     header += ["surface_beyond_before", "surface_beyond_after", "judged"]
     header += ["interval_inside", "interval_width_mm", "interval_crps_mm"]
     rows = []
-    for table in (evaluation.designs, evaluation.others):
-        for name, design in table.items():
-            for r in design.trials:
-                numbers = [f"{in_mm(getattr(errors, error)):.6g}" for errors in (r.before, r.after) for error in ERRORS]
-                beyond = [f"{errors.beyond:.6g}" for errors in (r.before, r.after)]
-                beyond.append(f"{r.used:.6g}")
-                intervals = [""] * 3 if r.intervals is None else [f"{x:.6g}" for x in r.intervals.shown]
-                rows.append([r.set_name, name, r.trial, r.order, r.role, *numbers, *beyond, *intervals])
+    for name, r in evaluation.rows:
+        numbers = [in_mm(getattr(errors, error)) for errors in (r.before, r.after) for error in ERRORS]
+        shown = [f"{x:.6g}" for x in (*numbers, r.before.beyond, r.after.beyond, r.used)]
+        intervals = [""] * 3 if r.intervals is None else [f"{x:.6g}" for x in r.intervals.shown]
+        rows.append([r.set_name, name, r.trial, r.order, r.role, *shown, *intervals])
     write_rows(path, header, rows)
 
 
