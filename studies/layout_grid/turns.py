@@ -12,10 +12,10 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.study_files.layouts_file import SIDES, Cell, LayoutsStudy
 from fabdesign.units import in_mm
-from optimize.search.additions import pulling, with_idle
 from optimize.search.design_space import DesignSpace
-from optimize.search.start_rows import StartRow
+from optimize.search.search_state import StartRow
 from optimize.search.starts import Start
+from optimize.search.variations import pulling, with_idle
 from studies.layout_search.first_layouts import PULL
 from studies.layouts.result import StudyResult
 

@@ -12,15 +12,13 @@ from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.runtime.effort import MUSCLES
 from fabdesign.study_files.study_file import Study
-from optimize.search.additions import pulling, with_idle
-from optimize.search.channels import by_muscle, start_of
-from optimize.search.design_space import DesignSpace, Vector
+from optimize.search.design_space import DesignSpace, Vector, by_muscle, start_of
 from optimize.search.evaluations import Stage
 from optimize.search.objective import Objective
 from optimize.search.search_state import FurtherStarts
 from optimize.search.slopes import jacobians_for
 from optimize.search.starts import Start, catalogue_starts, layout_starts, pressure_starts, thinned_starts
-from optimize.search.variations import variations, with_corners
+from optimize.search.variations import pulling, variations, with_corners, with_idle
 from studies.layout_search.target import LoadedTarget
 from studies.prediction.forward_model import without_resistance
 from studies.study import Simulated, simulator

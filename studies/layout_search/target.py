@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 from fabdesign.clouds.target_file import PlacedTarget, read_target
 from fabdesign.formats.decoder import decode_key
 from fabdesign.formats.table import load_toml
-from fabdesign.geometry.metrics import DRAWS, Errors, landmark_errors, trial_errors
-from fabdesign.geometry.mid_surface import at_places, mid_surface
+from fabdesign.geometry.metrics import DRAWS, CloudKind, Errors, landmark_errors, trial_errors
 from fabdesign.geometry.placement import placement_of
 from fabdesign.geometry.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
+from fabdesign.geometry.shape import Shape, at_places
 from fabdesign.geometry.wishes import Landmarks
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
@@ -115,16 +115,8 @@ def _errors(target: LoadedTarget, shape: Array, *, seed: int, draws: int) -> Err
     if target.landmarks is not None:
         return landmark_errors(target.landmarks, shape)
     target = target.beside(shape)
-    return trial_errors(
-        [target.points],
-        shape[None],
-        target.noise,
-        seed=seed,
-        draws=draws,
-        markers=target.markers,
-        face=target.face,
-        weighting=target.weighting,
-    )
+    kind = CloudKind(target.markers, target.face, target.weighting)
+    return trial_errors([target.points], shape[None], target.noise, kind, seed=seed, draws=draws)
 
 
 def _wished(target: TargetFile, design: Design) -> LoadedTarget:
@@ -211,5 +203,5 @@ def asked_of(target: TargetFile, shape: Array, fabric: Fabric) -> list[WishOutco
 def reached_and_asked(landmarks: Landmarks, shape: Array) -> tuple[Array, Array]:
     """Return the places of a shape (2 n, 3) m and where they were to come, (k, 3) m each: a coordinate that no wish
     gives is the shape's."""
-    reached = np.asarray(at_places(mid_surface(shape), landmarks.shares))
+    reached = np.asarray(at_places(Shape.of(shape).middle, landmarks.shares))
     return reached, np.where(landmarks.given, landmarks.goals, reached)

@@ -10,7 +10,7 @@ from scipy.ndimage import uniform_filter
 from scipy.spatial import KDTree
 
 from fabdesign.geometry.metrics import Errors
-from fabdesign.geometry.mid_surface import mid_surface
+from fabdesign.geometry.shape import Shape
 from fabdesign.geometry.surface import pierced
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import factor
@@ -24,8 +24,7 @@ from optimize.search.design_space import DesignSpace
 from optimize.search.evaluations import Evaluations
 from optimize.search.multistart import evaluations_to_converge, has_converged
 from optimize.search.objective import Objective
-from optimize.search.relaxations import Change, Nearer, what_helps
-from optimize.search.slopes import jacobians_for
+from optimize.search.slopes import Change, Nearer, jacobians_for, what_helps
 from optimize.search.starts import Start
 from studies.layout_search.target import LoadedTarget, is_wished
 
@@ -80,7 +79,7 @@ def missed_at(shape: Array, target: LoadedTarget, size: tuple[float, float]) -> 
         worst = int(np.argmax(off))
         u, v = (target.landmarks.shares[worst] * size).tolist()
         return Missed((u, v), float(off[worst]))
-    middle = mid_surface(shape)  # (rows, columns, 3)
+    middle = Shape.of(shape).middle  # (rows, columns, 3)
     rows, columns = middle.shape[:2]
     points = middle.reshape(-1, 3)
     to_cloth, nearest = KDTree(points).query(target.points)

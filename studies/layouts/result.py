@@ -14,9 +14,9 @@ from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import RISE
+from fabdesign.nouns.model_sampling import half_widths, spread_of
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import rising_program
-from fabdesign.nouns.spread import half_widths, spread_of
 from fabdesign.runtime.exact_values import as_json, of_json
 from fabdesign.runtime.fingerprint import content_of
 from fabdesign.study_files.study_file import Study
@@ -27,10 +27,9 @@ from optimize.search.evaluations import SLOPES
 from optimize.search.history import Entry, History
 from optimize.search.multistart import INTERRUPTED
 from optimize.search.objective import Objective
-from optimize.search.start_rows import of_rows
+from optimize.search.search_state import of_rows
 from optimize.search.thinning import Fewer
-from studies.intervals.draws import drawn_models
-from studies.intervals.regions import region_terms
+from studies.intervals.draws import drawn_models, region_terms
 from studies.layout_search.target import LoadedTarget, pose_errors
 from studies.layouts.loading_path import LoadingPath
 from studies.layouts.reach import Reach

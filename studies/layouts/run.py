@@ -113,9 +113,8 @@ def _searched(
         seconds=search_seconds(study),
         evaluations=study.limits.evaluations,
         on_progress=progress,
-        near=NEAR_ENOUGH if study.robust else NEAR,
-        limit=study.limits.seconds,
     )
+    evaluations.near, evaluations.limit = NEAR_ENOUGH if study.robust else NEAR, study.limits.seconds
     stop_reason, fewer = search(evaluations, further=further_starts(study), floor=_floor(study, targets)), None
     try:
         fewer = None if stop_reason == INTERRUPTED else shrunk(study, evaluations)

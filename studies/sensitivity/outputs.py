@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.metrics import chamfer_to, distance_to_faces
-from fabdesign.geometry.mid_surface import mean_curvature, tip
+from fabdesign.geometry.shape import mean_curvature, tip
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.study_files.sensitivity_file import Output

@@ -20,8 +20,7 @@ from fabdesign.runtime.fingerprint import sha256
 from fabdesign.runtime.store import Database
 from fabdesign.study_files.sensitivity_file import Output, SensitivityStudy, read_sensitivity
 from studies.layout_search.target import LoadedTarget, load_target
-from studies.prediction.forward_model import forward_model
-from studies.prediction.laced_motion import WithMuscleStates, knows_muscles
+from studies.prediction.forward_model import WithMuscleStates, forward_model, knows_muscles
 from studies.prediction.stability import moves, to_either_side
 from studies.sensitivity.inputs import Inputs
 from studies.sensitivity.outputs import Outputs, needs_tension

@@ -15,14 +15,13 @@ from numpy.typing import NDArray
 
 from fabdesign.errors import SimulationError
 from fabdesign.files.pressure_file import constant_program
-from fabdesign.geometry.mid_surface import mean_curvature, tip
+from fabdesign.geometry.shape import mean_curvature, tip
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import MUSCLE_TYPES, OF_MUSCLES, Case, ForwardModel
 from fabdesign.nouns.model import Model
-from fabdesign.nouns.model_sampling import Ensemble
+from fabdesign.nouns.model_sampling import Ensemble, spread_of
 from fabdesign.nouns.pressure import PressureProgram
-from fabdesign.nouns.spread import spread_of
 from fabdesign.study_files.rig_limits_file import RigLimits
 from fabdesign.study_files.unseen_file import CandidateMeasurement, Unsewn
 from fabdesign.units import in_kpa, in_mm
@@ -155,7 +154,7 @@ def corrector_statement(model: Model, unsewn: Unsewn) -> dict[str, Any]:
     """Return whether the model's corrector applies to the design, and in words."""
     if model.corrector is None:
         return {"applies": None, "said": "no corrector in this model"}
-    from corrector.load import load_corrector  # here: it loads the weights
+    from corrector.field import load_corrector  # here: it loads the weights
 
     trust = load_corrector(model).trust(unsewn.design)
     far = f"{trust.distance:.2f} from the designs that it learned from, its limit is {trust.limit:.2f}"

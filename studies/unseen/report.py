@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from fabdesign.formats.toml_file import file_stem
 from fabdesign.units import in_mm
 from fabdesign.version import __version__
-from studies.prediction.evaluate import ERROR_NAMES
+from studies.prediction.evaluation_report import ERROR_NAMES
 from studies.report import page
 from studies.study import write_result
 
