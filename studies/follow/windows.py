@@ -20,14 +20,14 @@ from studies.follow.programs import UNIT, Regulator, Roughness, best_change
 from studies.follow.wanted import Distances, Wanted, moved
 
 Array = NDArray[np.float64]
-LENGTH = 0.4  # s of a window
-AHEAD = 0.2  # s of it that are kept; the rest is solved again with what comes
+AHEAD = 0.2  # s of a window that are kept; the rest is solved again with what comes
 STEP = 5e3  # Pa, of the differences
 FARTHEST = 1e5  # Pa, by which a set point may move at once
 SHORTER = 0.3  # of that, after a step that gained nothing
 # Levenberg's damping and the share of the step, of the programs that are tried beside one another
 TRIED = (0.0, 1.0), (0.0, 0.5), (1e-3, 1.0), (1e-2, 1.0), (1e-2, 0.5), (0.1, 1.0)
 ENOUGH = 0.03  # of the cost: where a step by fresh columns gains less, a window is solved
+NOISY = 1.06  # of the cost that noise has: so little is not lowered further
 WORTH = 0.3  # of the cost: after a step that gains less, columns are made anew
 
 
@@ -55,6 +55,7 @@ class Effort:
 
     simulator: Simulator
     steps: int  # of Gauss-Newton, of a window, at most
+    length: float = 0.4  # s of a window
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +113,7 @@ def solve(
     keep: gives the set points of a window, which it may have kept from before. progress: hears the share of the windows
     that are done."""
     program, cycles = program.copy(), len(program)
-    length, ahead = (max(1, round(own / task.regulator.cycle)) for own in (LENGTH, AHEAD))
+    length, ahead = (max(1, round(own / task.regulator.cycle)) for own in (effort.length, AHEAD))
     [case] = task.cases([program])
     state, begin = at_rest(effort.simulator, case), 0
     while begin < cycles:
@@ -145,7 +146,7 @@ def _solved(window: _Window, program: Array, steps: int) -> Array:
     [at] = _Place.all_of(window, [program])
     columns, farthest = None, FARTHEST
     for _ in range(steps):
-        if not np.isfinite(at.cost):
+        if at.is_solved:
             break
         fresh = columns is None
         if columns is None:
@@ -188,6 +189,12 @@ class _Place:
         """Weighted squares of all; infinite for a motion that diverged."""
         costs = [np.inf if own is None else own.cost for own in self.distances]
         return float(sum(costs) + self.roughness.value)
+
+    @property
+    def is_solved(self) -> bool:
+        """Whether nothing is to be gained: the distances are noise, or the motion diverged."""
+        costs = [(own.cost, own.of_noise) for own in self.distances if own is not None]
+        return len(costs) < len(self.distances) or sum(c for c, _ in costs) <= NOISY * sum(n for _, n in costs)
 
     def step(self, columns: Sequence[NDArray[np.floating[Any]]], farthest: float, damping: float) -> Array:
         """Return the change (cycles, channels) Pa that Gauss-Newton takes. damping: Levenberg's, of the mean of the
