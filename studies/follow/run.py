@@ -51,10 +51,6 @@ DRAWS = 4  # of a noise floor, at each instant
 SECONDS = 5.0  # of one core, that all takes for a second of motion and a channel at COARSE points
 
 
-class _Used(Exception):
-    """The time limit."""
-
-
 def run_follow(
     study: FollowStudy | Path | str,
     out: Path | str,
@@ -127,7 +123,7 @@ class _Solver:
     ) -> None:
         self._study, self._wanted, self._regulator = study, wanted, regulator
         self._checkpoint, self._progress = checkpoint, progress
-        self._begun = working_time.seconds()
+        self._begun, self._complete = working_time.seconds(), True
         self._model = study.model or Model()
         self._cycles = regulator.cycles(float(wanted.times[-1]))
         self._case = case_of(study, regulator.program(np.zeros((self._cycles, regulator.channels))))
@@ -136,9 +132,9 @@ class _Solver:
         """Return the study's own answer."""
         self._progress("pressures of shapes at rest", 0.0)
         start = self._checkpoint.arrays("start", lambda: {"pressures": self._start()})["pressures"]
-        best, complete = self._improved("pass", start)
+        best = self._improved("pass", start)
         begin = self._driven(start)  # not before: a first answer does not wait for it
-        return self._result(min(best, begin, key=lambda own: own.error), begin.error, complete)
+        return self._result(min(best, begin, key=lambda own: own.error), begin.error)
 
     def corrected(self, run: MeasuredRun, number: int, program: Array) -> FollowResult:
         """Return the answer to a measured motion of `program`, in which the model's own changes are asked of it
@@ -149,66 +145,57 @@ class _Solver:
             raise InputError(f"{run.file}: no frame at a wanted instant; expected the motion of this study")
         begin = self._driven(program, beside)
         off = float(self._wanted.errors(self._wanted.times, begin.motion)[seen].mean())
-        best, complete = self._improved(f"run_{number}_{sha256(run.file)[:12]}", program, begin)
-        return replace(self._result(best, off, complete), run=number, measured_error=off)
+        best = self._improved(f"run_{number}_{sha256(run.file)[:12]}", program, begin)
+        return replace(self._result(best, off), run=number, measured_error=off)
 
     def _start(self) -> Array:
         if self._study.start is not None:
             return self._regulator.kept(self._regulator.rows(self._study.start, self._cycles))
         predictor = forward_model(Simulator(COARSE), self._model)
-        easy = without_resistance(predictor) or predictor
-        case = replace(self._case, effects=())
+        case, easy = replace(self._case, effects=()), without_resistance(predictor) or predictor
         return quasi_static(easy, case, self._wanted, self._regulator, self._cycles)
 
-    def _improved(self, name: str, program: Array, best: "_Driven | None" = None) -> tuple["_Driven", bool]:
-        """Return the best program of some passes, and whether the time was enough for them. Once a pass gains little,
-        those that follow go on the study's own grid. best: how `program` moves the cloth, where that is known."""
+    def _improved(self, name: str, program: Array, best: "_Driven | None" = None) -> "_Driven":
+        """Return the best program of some passes, as far as the time goes. Once a pass gains little, those that follow
+        go on the study's own grid. best: how `program` moves the cloth, where that is known."""
         own = self._study.points_per_side
-        grid, complete, beside = min(COARSE, own), True, 0.0 if best is None else best.beside
+        grid, beside = min(COARSE, own), 0.0 if best is None else best.beside
         for number, (steps, calm, length) in enumerate(PASSES):
-            if best is not None and (not complete or best.error <= NOISY * self._wanted.noise):
+            if best is not None and (not self._complete or best.error <= NOISY * self._wanted.noise):
                 break
             quick = Simulator(grid, time_step=QUICK, calm_steps=calm)
-            program, complete = self._pass(f"{name}_{number}", program, best, Effort(quick, steps, length))
-            trial = self._driven(program, beside)
+            program = program if best is None else best.program
+            trial = self._driven(self._pass(f"{name}_{number}", program, best, Effort(quick, steps, length)), beside)
             gained = 1.0 if best is None else 1 - trial.error / best.error
             best = trial if best is None or gained > 0 else best
-            program = best.program
             if gained < GAINED:
                 if grid == own:
                     break
                 grid = own
         assert best is not None
-        return best, complete
+        return best
 
-    def _pass(self, name: str, program: Array, at: "_Driven | None", effort: Effort) -> tuple[Array, bool]:
-        """Return the program after all windows, and whether the time was enough. at: how it moves the cloth, where that
-        is known; what the quick motion lacks of it is added to all that follow."""
+    def _pass(self, name: str, program: Array, at: "_Driven | None", effort: Effort) -> Array:
+        """Return the program after all windows, as far as the time goes. at: how it moves the cloth, where that is
+        known; what the quick motion lacks of it is added to all that follow."""
         predictor = forward_model(effort.simulator, self._model.without(["corrector"]))
-        lacks, line, so_far = None, f"windows at {effort.simulator.points_per_side} points a side", program.copy()
+        lacks, line = None, f"windows at {effort.simulator.points_per_side} points a side"
         if at is not None:
             [quick] = predictor.motions([self._case_of(program)], [self._wanted.times])
             lacks, line = np.nan_to_num(at.motion - quick), f"{in_mm(at.error):.3f} mm; {line}"
         task = FollowTask(predictor.case(self._case), self._wanted, self._regulator, lacks)
+        until = np.inf if self._study.seconds is None else self._study.seconds
 
-        def keep(window: str, compute: Callable[[], Array]) -> Array:
+        def keep(window: str, compute: Callable[[], Array]) -> Array | None:
             piece = f"{name}_{window}"
-            if not self._checkpoint.has(piece) and self._is_over():
-                raise _Used
+            if not self._checkpoint.has(piece) and working_time.seconds() - self._begun >= until:
+                self._complete = False
+                return None
             rows: Arrays = self._checkpoint.arrays(piece, lambda: {"pressures": compute()})
-            first = int(window)
-            so_far[first : first + len(rows["pressures"])] = rows["pressures"]
             return rows["pressures"]
 
-        complete = True
-        try:
-            solve(task, program, effort, keep=keep, progress=lambda share: self._progress(line, share))
-        except _Used:
-            complete = False
-        return self._regulator.kept(so_far), complete
-
-    def _is_over(self) -> bool:
-        return self._study.seconds is not None and working_time.seconds() - self._begun >= self._study.seconds
+        solved = solve(task, program, effort, keep=keep, progress=lambda share: self._progress(line, share))
+        return self._regulator.kept(solved)
 
     def _case_of(self, program: Array) -> Case:
         return replace(self._case, program=self._regulator.program(program))
@@ -224,7 +211,7 @@ class _Solver:
         motion = self._motion(program) + beside
         return _Driven(program, motion, beside, float(self._wanted.errors(self._wanted.times, motion).mean()))
 
-    def _result(self, best: "_Driven", begun: float, complete: bool) -> FollowResult:
+    def _result(self, best: "_Driven", begun: float) -> FollowResult:
         self._progress("copies with other pressures and models", 1.0)
         study, wanted = self._study, self._wanted
         driven = self._case_of(best.program)
@@ -232,7 +219,7 @@ class _Solver:
         errors = pose_errors(wanted.targets, best.motion, seed=study.seed, draws=DRAWS)
         seconds = working_time.seconds() - self._begun
         return FollowResult(
-            study, wanted, self._regulator, best.program, best.motion, errors, begun, copies, complete, seconds
+            study, wanted, self._regulator, best.program, best.motion, errors, begun, copies, self._complete, seconds
         )
 
 
