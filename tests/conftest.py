@@ -4,6 +4,10 @@ import os
 import sys
 from pathlib import Path
 
+# beside a busy core, waiting threads that spin cost ten times what the work does; read where NumPy is loaded
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -12,10 +16,6 @@ from tests.command_line import folder, hanging, run  # noqa: F401 fixtures
 # how long an example takes says how busy the machine is, not whether the code is right
 settings.register_profile("shared", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("shared")
-
-# beside a busy core, waiting threads that spin cost ten times what the work does
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 ROOT = Path(__file__).parents[1]
 
