@@ -22,19 +22,17 @@ from fabdesign.files.law_tables import MembraneCurve
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.pressure_file import constant_program
 from fabdesign.nouns.catalogue import build
-from fabdesign.nouns.design import Design
+from fabdesign.nouns.design import Design, Term
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.nouns.muscle_law import MuscleLaw
 from fabdesign.nouns.pressure import PressureProgram
-from fabdesign.nouns.term import Term
 from studies.rig import EffectSetting, GroundTruth, Sensing, read_ground_truth, run_rig
 from studies.rig.cameras import faces
 from studies.rig.effects import EFFECTS, LISTED
 from studies.rig.ground_truth import with_effects_of
-from studies.rig.motion import equilibrium, run
+from studies.rig.motion import RigSolver, equilibrium, run
 from studies.rig.run import linear_membrane
 from studies.rig.scene import Resolution, Scene, build_scene
-from studies.rig.solver import RigSolver
 from studies.rig.specimen import TrialTask, control_points, prepare
 
 Array = NDArray[np.float64]

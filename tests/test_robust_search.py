@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fabdesign.files.pressure_file import constant_program
-from fabdesign.geometry.mid_surface import at_places, mid_surface
+from fabdesign.geometry.shape import Shape, at_places
 from fabdesign.geometry.wishes import Landmarks
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
@@ -17,8 +17,7 @@ from fabdesign.study_files.study_file import MuscleChoice
 from fabdesign.study_files.study_targets import Price, TargetFile
 from optimize.search.objective import Objective, Target
 from optimize.search.variations import doubled
-from studies.layouts.robust_descent import COPIES, Copies, descend
-from studies.layouts.robust_search import YIELD_GAIN, MoreRobust, more_robust
+from studies.layouts.robust_search import COPIES, YIELD_GAIN, Copies, MoreRobust, descend, more_robust
 from studies.layouts.run import run_study
 from studies.layouts.scatter import Scatter, linear
 from studies.prediction.forward_model import forward_model
@@ -35,7 +34,7 @@ SHARES = np.stack(np.meshgrid(np.linspace(0, 1, 7), np.linspace(0, 1, 7)), axis=
 def seen(design: Design, kpa: list[float]) -> Objective:
     """49 places of the cloth, where that layout brings them."""
     shape = AnalyticCloth(41).equilibria([Case(design, constant_program([1e3 * p for p in kpa]))])[0].astype(float)
-    goals = at_places(mid_surface(shape), SHARES)
+    goals = at_places(Shape.of(shape).middle, SHARES)
     given, weights = np.ones(goals.shape, dtype=bool), np.full(len(goals), 1 / len(goals))
     return Objective([Target(goals, landmarks=Landmarks(SHARES, goals, given, weights))])
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import click
 
-from fabdesign.cli.console import commands, described, print_result, tell
+from fabdesign.cli.console import LiveLine, commands, described, print_result, tell
 from fabdesign.errors import InputError
 from fabdesign.interface import verb as declared
 from fabdesign.interface.verb import VERBS, WORDS, Verb, Word
@@ -235,11 +235,8 @@ def _call(verb: Verb, by_comma: list[str], *, as_json: bool, **typed: Any) -> No
 
 
 def _progress(verb: Verb, title: str) -> AbstractContextManager[Any]:
-    if not verb.search:
-        return described(verb.title or title, interval=verb.interval)
-    from studies.layout_search.progress import LiveLine
-
-    return LiveLine(verb.title or title)
+    title = verb.title or title
+    return LiveLine(title) if verb.search else described(title, interval=verb.interval)
 
 
 def add_commands() -> None:

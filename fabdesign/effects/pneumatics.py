@@ -4,16 +4,20 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fabdesign.effects.bench import MuscleRecord
-from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
-from fabdesign.effects.pressures import ActingPressure
-from fabdesign.effects.specimen import Specimen
+from fabdesign.effects.declaration import (
+    ActingPressure,
+    Array,
+    Effect,
+    EffectParameter,
+    MuscleRecord,
+    Values,
+    to_muscles,
+)
+from fabdesign.nouns.lag import SHORTEST, after, first_order
 from fabdesign.nouns.pressure import PressureProgram
 
 # Filling lag: the pressure in a muscle follows the set point with a time constant, which may differ emptying.
-SHORTEST = 1e-6  # s, under which there is no lag
 ROUNDED = 3  # decimals of Pa
 
 
@@ -29,7 +33,7 @@ def lagged(wanted: Array, tick: float, fill: float, empty: float) -> Array:
         tau = np.maximum(np.where(goal > p, fill, empty), SHORTEST)
         remaining = np.exp(-tick * np.arange(end - begin + 1)[:, None] / tau)  # of the gap, at the ticks' edges
         out[begin:end] = goal + (p - goal) * (remaining[:-1] - remaining[1:]) * tau / tick
-        p = goal + (p - goal) * remaining[-1]
+        p = after(p, goal, tick * (end - begin), tau)
     return out
 
 
@@ -42,12 +46,9 @@ def _filling_lag_pressure(acting: ActingPressure, values: Values) -> ActingPress
 
 def _filling_lag_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
     """Return a row's pressure is set until the next row."""
-    wanted, steps = record.pressure.tolist(), np.diff(record.time).tolist()
-    p, pressures = wanted[0], [wanted[0]]
-    for goal, step in zip(wanted, steps, strict=False):
-        p = goal + (p - goal) * float(np.exp(-step / max(values["fill" if goal > p else "empty"], SHORTEST)))
-        pressures.append(p)
-    return replace(record, pressure=np.array(pressures))
+    goals, steps = record.pressure[:-1], np.diff(record.time)
+    pressure = first_order(goals, steps, values["fill"], start=record.pressure[0], falling=values["empty"])
+    return replace(record, pressure=pressure)
 
 
 FILLING_LAG = Effect(
@@ -118,9 +119,7 @@ def _supply_droop_drooped(pressure: Array, share: float) -> Array:
 
 
 def _supply_droop_pressure(acting: ActingPressure, values: Values) -> ActingPressure:
-    set_points, share = acting.program, values["share"]
-    program = PressureProgram(set_points.time, _supply_droop_drooped(set_points.pressure, share), set_points.duration)
-    return acting.through(program, None if acting.smooth is None else _supply_droop_drooped(acting.smooth, share))
+    return acting.at_once(lambda pressure: _supply_droop_drooped(pressure, values["share"]))
 
 
 SUPPLY_DROOP = Effect(
@@ -140,10 +139,6 @@ SUPPLY_DROOP = Effect(
 
 
 # Line loss: pressure falls along a muscle.
-def _line_loss_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
-    return specimen.with_muscles(muscles, pressure_loss=values["share"])
-
-
 LINE_LOSS = Effect(
     "line_loss",
     site="pneumatics",
@@ -153,5 +148,5 @@ LINE_LOSS = Effect(
     looks_like="a muscle that is stiffer towards one end, or laced more tightly there; swap inlet and outlet",
     source="laminar flow through a leaking line, to first order; docs/effects.md",
     parameters={"share": EffectParameter("1", "lost at the far end", 0.3, (0.0, 1.0), 0.25, off=0.0)},
-    specimen=_line_loss_specimen,
+    specimen=to_muscles(pressure_loss="share"),
 )

@@ -16,11 +16,10 @@ from fabdesign.formats.decoder import decode, decode_key, decode_part
 from fabdesign.formats.encoder import Encoder, plain
 from fabdesign.formats.table import DESIGN, Table, load_toml
 from fabdesign.formats.toml_file import file_name, parse_toml
-from fabdesign.nouns.design import Design
+from fabdesign.nouns.design import MUSCLE_TYPES, Design, Term
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.model import EffectTerm, Quantity
 from fabdesign.nouns.muscle import Muscle, MuscleType
-from fabdesign.nouns.term import MUSCLE_TYPES, Term
 from fabdesign.output import whole_file
 from fabdesign.runtime.effort import MUSCLES
 

@@ -14,7 +14,7 @@ from fabdesign.clouds.ply import ply_bytes
 from fabdesign.errors import InputError, needs
 from fabdesign.formats.npz_file import NpzArrays, open_npz
 from fabdesign.formats.result_tables import Columns, Summary, Tabled
-from fabdesign.geometry.laced_muscles import LacedMuscles
+from fabdesign.geometry.shape import LacedMuscles
 from fabdesign.geometry.surface import face_triangles
 from fabdesign.runtime.effort import LONGEST
 

@@ -182,7 +182,7 @@ def unseen(
     return Unseen(run.study(run_unseen, study, out, seconds, progress=run.progress))
 
 
-@study_verb("studies.loop.report", interval=0.0)
+@study_verb("studies.loop.record", interval=0.0)
 def loop(study: File, out: Folder, *, seconds: float | None = None, **given: Unpack[Computing]) -> LoopOutcome:
     """Choose a design, measure it, improve the model, repeat.
 

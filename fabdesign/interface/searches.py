@@ -47,7 +47,7 @@ def study_verb(module: str, *options: str, interval: float = _INTERVAL) -> Calla
 def _optimized(result: StudyResult, given: Mapping[str, Any]) -> Shown:
     from fabdesign.geometry.metrics import MANY_BEYOND, told_beyond
     from fabdesign.nouns.pressure import poses_in_words
-    from studies.layout_search.wish_errors import errors_in_words
+    from studies.layout_search.target import errors_in_words
 
     content = result.as_json()
     text = (

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError, note
 from fabdesign.formats.schema import ABOVE_0, FROM_0, SHARE, FileUnit, Key, Metre, Millimetre, Within
 from fabdesign.formats.table import Table
-from fabdesign.geometry.mid_surface import at_places, mid_surface
 from fabdesign.geometry.placement import Unit
 from fabdesign.geometry.regions import Region, Weighting
-from fabdesign.geometry.sheet import Face
+from fabdesign.geometry.shape import Face, Shape, at_places
 from fabdesign.geometry.wishes import TubeKeys, Wish, WishKeys
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.units import in_mm
@@ -166,7 +165,7 @@ class ShapeOutput:
     def of(self, points: NDArray[np.floating[Any]]) -> float:
         """Return the value in its unit, of points (2 n n, 3) m: places on the mid-surface, in the world's frame, y = 0
         at the upper edge of the flat cloth."""
-        at = in_mm(at_places(mid_surface(points), self.places))
+        at = in_mm(at_places(Shape.of(points).middle, self.places))
         if self.kind in ("x", "height", "z"):
             return float(at[0, ("x", "height", "z").index(self.kind)])
         if self.kind == "distance":

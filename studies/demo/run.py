@@ -18,7 +18,7 @@ from fabdesign.drawings.layout_drawing import HALF, HIGH, LOW
 from fabdesign.drawings.oblique import box_of
 from fabdesign.formats.json_file import read_json, write_json
 from fabdesign.geometry.metrics import MANY_BEYOND, told_beyond
-from fabdesign.geometry.mid_surface import mid_surface
+from fabdesign.geometry.shape import Shape
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.output import whole_file, work_folder, write_text
@@ -30,9 +30,8 @@ from fabdesign.units import in_kpa, in_mm
 from optimize.search.evaluations import Evaluations
 from studies.demo.measured import MODEL, SET, ShippedErrors, as_blocks, evaluate_shipped
 from studies.demo.measured import as_text as shipped_as_text
-from studies.layouts.kept_result import VERSIONS
 from studies.layouts.report import Section, render_report
-from studies.layouts.result import StudyResult
+from studies.layouts.result import VERSIONS, StudyResult
 from studies.layouts.run import run_study
 from studies.report.shape_picture import draw_shape
 
@@ -196,7 +195,7 @@ def save_picture(results: Sequence[tuple[str, StudyResult]], path: Path) -> None
 
 def _draw_scene(axes: Axes, title: str, result: StudyResult) -> None:
     points, target = result.points[0], result.targets[0].points
-    draw_shape(axes, mid_surface(points), target[:: max(1, len(target) // SHOWN)], box_of([points, target]))
+    draw_shape(axes, Shape.of(points).middle, target[:: max(1, len(target) // SHOWN)], box_of([points, target]))
     errors = result.errors
     axes.set_title(
         f"{title}\nChamfer {in_mm(errors.chamfer):.2f} mm, floor {in_mm(errors.chamfer_floor):.2f}", fontsize=11

@@ -7,7 +7,7 @@ from math import isqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.geometry.mid_surface import mid_surface
+from fabdesign.geometry.shape import Shape
 from fabdesign.nouns.column import pressure
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.predictor import Predictor
@@ -17,8 +17,8 @@ from studies.follow.wanted import Wanted
 from studies.follow.wanted import moved as moved_distances
 
 Array = NDArray[np.float64]
-APART = 0.15  # s between two instants, at least
-STEPS = 6  # of Gauss-Newton
+APART = 0.3  # s between two instants, at least
+STEPS = 3  # of Gauss-Newton
 BEGIN = 0.2  # of the highest pressures, where the first instant's search begins
 FARTHEST = 0.8  # of UNIT, by which a pressure moves at once
 STIFF = 1.0  # of 1 / UNIT^2: the prior's, about where a pressure is
@@ -43,7 +43,7 @@ def quasi_static(predictor: Predictor, case: Case, wanted: Wanted, regulator: Re
                 pressures[k] = (pressures[k] + nearest[k]) / 2
                 continue
             costs[k], nearest[k] = distances.cost, pressures[k]
-            slopes = np.nan_to_num(UNIT * moved_distances(distances, mid_surface(shape.changes)))
+            slopes = np.nan_to_num(UNIT * moved_distances(distances, Shape.of(shape.changes).middle))
             hessian = slopes.T @ (distances.robust[:, None] * slopes) + STIFF * np.eye(len(columns))
             change = np.linalg.solve(hessian, slopes.T @ (distances.robust * distances.off))
             moved = pressures[k] - UNIT * np.clip(change, -FARTHEST, FARTHEST)

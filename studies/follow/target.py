@@ -10,9 +10,9 @@ from fabdesign.errors import InputError
 from fabdesign.files.motion_file import read_motion
 from fabdesign.files.trial_file import read_trial
 from fabdesign.formats.npz_file import open_npz
+from fabdesign.geometry.hung_cloth import require_on_cloth
 from fabdesign.geometry.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
 from fabdesign.geometry.surface import Surface
-from fabdesign.geometry.trial_place import require_on_cloth
 from fabdesign.nouns.design import Design
 from fabdesign.runtime.effort import LONGEST
 from fabdesign.study_files.follow_file import FollowStudy, Moment, MovingTarget
@@ -80,7 +80,9 @@ def _of_folder(target: MovingTarget, design: Design, seed: int) -> Wanted:
 
 def _wanted(times: Array, frames: list[Array] | tuple[Array, ...], target: MovingTarget, noise: SensorNoise) -> Wanted:
     targets = [
-        LoadedTarget(_few(frame), None, target.file.name, noise, face=target.face, weighting=target.weighting)
+        LoadedTarget(
+            _few(frame), description=target.file.name, noise=noise, face=target.face, weighting=target.weighting
+        )
         for frame in frames
     ]
     return _until(times, targets, target)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.metrics import landmark_errors, surface_rms
-from fabdesign.geometry.mid_surface import at_places, bilinear, mid_surface
+from fabdesign.geometry.shape import Shape, at_places, bilinear
 from fabdesign.geometry.surface import Surface
 from optimize.fit.clouds import Match, Nodes, nodes_of
 from studies.layout_search.target import LoadedTarget
@@ -33,12 +33,18 @@ class Distances:
     nodes: Nodes
     weight: Array  # (N,) 1/m^2
     scale: float  # m
+    noise: float  # m, of the target's points
 
     @cached_property
     def robust(self) -> Array:
         """(N,) 1/m^2: the weights where outlying distances count less (Huber 1981)."""
         scale = max(1.4826 * float(np.median(np.abs(self.off))), self.scale)
         return self.weight / np.maximum(1.0, np.abs(self.off) / (HUBER * scale))
+
+    @property
+    def of_noise(self) -> float:
+        """The cost that noise alone has."""
+        return float(self.weight.sum()) * self.noise**2
 
     @property
     def cost(self) -> float:
@@ -88,6 +94,11 @@ class Wanted:
         each = [self.distances(k, points, side) for k, points in enumerate(motion)]
         return float(np.mean([np.inf if own is None else np.sqrt(np.square(own.off).mean()) for own in each]))
 
+    @property
+    def noise(self) -> float:
+        """Return the mean over instants [m] of the noise."""
+        return float(np.mean([0.0 if own.landmarks is not None else own.noise.sigma for own in self.targets]))
+
     @cached_property
     def _few(self) -> list[Array]:
         return [target.points[:: -(-len(target.points) // POINTS)] for target in self.targets]
@@ -110,7 +121,7 @@ def _of_cloud(target: LoadedTarget, points: Array, shape: Floats, side: int) -> 
     if target.weighting is not None:
         counts = np.einsum("nc,nc->n", place.weights, target.weighting.of_points(len(shape))[corners])
     scale = max(target.noise.sigma, SCALE)
-    return Distances(off, nodes, EACH * target.weight * counts / counts.sum() / scale**2, scale)
+    return Distances(off, nodes, EACH * target.weight * counts / counts.sum() / scale**2, scale, target.noise.sigma)
 
 
 def _of_wishes(target: LoadedTarget, shape: Floats, side: int) -> Distances:
@@ -118,10 +129,10 @@ def _of_wishes(target: LoadedTarget, shape: Floats, side: int) -> Distances:
     assert landmarks is not None
     node, shares = bilinear((side - 1) * landmarks.shares, side, side)
     place, axis = np.nonzero(landmarks.given)
-    off = (at_places(mid_surface(shape), landmarks.shares) - landmarks.goals)[place, axis]
+    off = (at_places(Shape.of(shape).middle, landmarks.shares) - landmarks.goals)[place, axis]
     weighted = shares[place][:, :, None] * np.eye(3)[axis][:, None]
     weight = EACH * target.weight * landmarks.weights[place] / WISHED**2
-    return Distances(off, Nodes(node[place], weighted), weight, WISHED)
+    return Distances(off, Nodes(node[place], weighted), weight, WISHED, 0.0)
 
 
 def moved(distances: Distances, changes: Sequence[Floats] | Floats) -> Array:

@@ -1,0 +1,246 @@
+"""The measurements of a turn: which pressure programs are run on a design, and where they are run: the virtual rig
+measures at once, a laboratory is asked and answers with a set."""
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from fabdesign.drawings.sewing import export_design
+from fabdesign.errors import InputError
+from fabdesign.files.design_file import write_design
+from fabdesign.files.measurement_set import NewTrial, read_set, write_set
+from fabdesign.files.pressure_file import constant_program, write_pressures
+from fabdesign.nouns.array import Array
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.pressure import PressureProgram, limits, rising_program
+from fabdesign.nouns.trial import MeasurementSet, Role, Trial
+from fabdesign.output import WorkFolder, write_text
+from fabdesign.study_files.loop_file import Laboratory, LoopStudy, VirtualRig
+from fabdesign.units import in_kpa
+
+TICK = 0.05  # s, in which a regulator is commanded
+NEAR = (0.6, 1.3)  # of the design's own pressures, between which programs about them lie
+IDLE = 0.35  # chance that a channel of the others has no pressure
+LEAST_SHARE = 0.3  # of the highest pressure, of a channel that has some
+_STAIRS = np.array([1, 2, 3, 2, 1, 0]) / 3
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """Trials of a design in the order in which they are run: first a rise to each pose's own pressures."""
+
+    design: Design
+    programs: tuple[PressureProgram, ...]
+    poses: int  # how many of them are rises
+    held_out: int  # the last so many
+
+    def role(self, order: int) -> Role:
+        return "test" if order >= len(self.programs) - self.held_out else "fit"
+
+
+def programs_for(
+    study: LoopStudy, design: Design, pressures: Array, times: Sequence[float | None], *, seed: int, last: bool = False
+) -> Asked:
+    """Return the programs for pressures (poses, channels) Pa, and the targets' times [s], None of a shape at rest.
+    last: nothing is learned from what is measured, so that only the rises are asked for."""
+    search, rate, trials = study.search, study.rig_limits.rate, study.trials
+    rises = [
+        rising_program(row, search.rise, search.rise + search.hold) if time is None else constant_program(row, time)
+        for row, time in zip(pressures, times, strict=True)
+    ]
+    others = [] if last else _informative(study, design, pressures[0], np.random.default_rng([search.seed, seed]))
+    programs = [*rises, *(within_rate(program, rate) for program in others)]
+    return Asked(design, tuple(programs), len(rises), 0 if last else trials.held_out)
+
+
+def _informative(study: LoopStudy, design: Design, levels: Array, rng: np.random.Generator) -> list[PressureProgram]:
+    """Return by turns a step on and off, a staircase up and down, random levels; of pressures about the design's own
+    and of any others. Channels differ, so that no trial is near a bifurcation."""
+    highest = np.minimum(limits(design), study.highest)
+    seconds = study.trials.seconds
+    chosen = []
+    for number in range(study.trials.number):
+        if number % 2 == 0:
+            most = np.minimum(levels * rng.uniform(*NEAR, len(levels)), highest)
+        else:
+            most = highest * np.where(rng.random(len(levels)) < IDLE, 0.0, rng.uniform(LEAST_SHARE, 1.0, len(levels)))
+        if not most.any():
+            most = LEAST_SHARE * highest
+        if number % 3 == 0:
+            shares: Array = np.outer([1.0, 0.0], np.ones(len(levels)))
+            times = np.array([0.0, 2 * seconds / 3])
+        elif number % 3 == 1:
+            shares = np.outer(_STAIRS, np.ones(len(levels)))
+            times = seconds * np.arange(len(_STAIRS)) / len(_STAIRS)
+        else:
+            shares = rng.uniform(0.0, 1.0, (3, len(levels)))
+            times = seconds * np.arange(3) / 3
+        rows = 100.0 * np.round(shares * most / 100.0)  # of a regulator that resolves 0.1 kPa
+        chosen.append(PressureProgram(times, rows, seconds))
+    return chosen
+
+
+def within_rate(program: PressureProgram, rate: float) -> PressureProgram:
+    """Return the program as a regulator follows it that changes by at most `rate` Pa/s, in ticks."""
+    if not np.isfinite(rate):
+        return program
+    times = np.asarray(TICK * np.arange(max(1, round(program.duration / TICK))), np.float64)
+    wanted, at, rows = program.at(times), np.zeros(program.pressure.shape[1]), []
+    for row in wanted:
+        at = at + np.clip(row - at, -rate * TICK, rate * TICK)
+        rows.append(at)
+    return PressureProgram.of_rows(times, np.array(rows), duration=program.duration)
+
+
+MEASURED = "measured"  # the folder of a turn's set
+ASKED = "to_measure"  # the folder of what a laboratory is asked for
+AGREE = 5e3  # Pa RMS, within which a trial's set points are those asked for
+_INSTANTS = 9  # before a frame, at which they are compared
+
+Counter = Callable[[int, int], None]
+
+
+def measured(
+    study: LoopStudy, name: str, asked: Asked, work: WorkFolder, *, progress: Counter = lambda done, of: None
+) -> MeasurementSet | None:
+    """Return what the source measured of `asked` in the turn of this name, as a set in the turn's folder; None where a
+    laboratory has been asked for it. Its trials and its design are named after the turn, so that sets of several turns
+    go together. Raises InputError for a laboratory's set that is not what was asked for."""
+    folder = work.folder / name / MEASURED
+    if isinstance(study.source, VirtualRig):
+        with tempfile.TemporaryDirectory() as temporary:
+            result = _on_rig(study.source, asked, Path(temporary) / "set", progress)
+            _keep(result, asked, name, folder)
+        return read_set(folder)
+    place = study.source.folder / name
+    if not (place / "set.toml").is_file():
+        ask(study.source, asked, work, name)
+        return None
+    result = read_set(place)
+    _require_asked(result, asked, place)
+    _keep(result, asked, name, folder)
+    return read_set(folder)
+
+
+def _on_rig(source: VirtualRig, asked: Asked, out: Path, progress: Counter) -> MeasurementSet:
+    from studies.rig import DEFAULT, GroundTruth, read_ground_truth, run_rig
+
+    changed = {name: value for name in ("element", "step") if (value := getattr(source, name)) is not None}
+    run_rig(
+        asked.design,
+        asked.programs,
+        out=out,
+        truth=GroundTruth() if source.truth is None else read_ground_truth(source.truth),
+        test_trials=asked.held_out,
+        resolution=replace(DEFAULT, **changed),
+        progress=progress,
+    )
+    return read_set(out)
+
+
+def _keep(measured: MeasurementSet, asked: Asked, name: str, folder: Path) -> None:
+    """The set with its trials' names and roles as the loop has them."""
+    trials = sorted(measured.trials, key=lambda trial: trial.order)
+    write_set(
+        folder,
+        {name: trials[0].design},
+        (
+            NewTrial(
+                f"{name}_{trial.order:03d}",
+                name,
+                trial.order,
+                "test" if trial.role == "test" else asked.role(trial.order),
+                trial.load(),
+            )
+            for trial in trials
+        ),
+        name=name,
+        description=measured.description,
+        frame_rate=measured.frame_rate,
+        made_by="loop",
+        force=True,  # what a killed run left
+    )
+
+
+def ask(source: Laboratory, asked: Asked, work: WorkFolder, name: str) -> None:
+    """Write what to sew and what to run: design, template, cut list, a CSV a trial, and a page that says it."""
+    folder = work.folder / name / ASKED
+    export_design(
+        asked.design,
+        folder / "sew",
+        stem="design",
+        paper=source.paper,
+        tail_length=source.tail_length,
+        force=(folder / "sew").exists(),
+    )
+    with work.adding() as files:
+        at = files / name / ASKED
+        at.mkdir(parents=True)
+        write_design(asked.design, at / "design.toml")
+        for order, program in enumerate(asked.programs):
+            write_pressures(program, at / f"{order:03d}.csv")
+        write_text(at / "README.txt", _request(source, asked, name))
+
+
+def _request(source: Laboratory, asked: Asked, name: str) -> str:
+    lines = [
+        "Sew design.toml (templates and cut list: sew/), a rested specimen, and run on it, in this order:",
+        "",
+        *(
+            f"  order {order}: {order:03d}.csv, {program.duration:g} s, role {asked.role(order)}"
+            for order, program in enumerate(asked.programs)
+        ),
+        "",
+        f"Put the measurement set (set.toml, one design, these orders) into {source.folder / name}",
+        "and run the same command again. Where the specimen's muscles lie elsewhere than drawn, the set's design file",
+        "says where.",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _require_asked(measured: MeasurementSet, asked: Asked, place: Path) -> None:
+    """Raise InputError unless the set has the design and the trials that were asked for."""
+    by_order: dict[int, Trial] = {}
+    for trial in measured.trials:
+        if trial.order in by_order or trial.design_name != measured.trials[0].design_name:
+            raise InputError(f"{place}: several trials of order {trial.order} or several designs; expected one design")
+        by_order[trial.order] = trial
+    if len(measured.designs) != 1:
+        raise InputError(f"{place}: {len(measured.designs)} designs; expected the one that was asked for")
+    _require_same(measured.trials[0].design, asked.design, place)
+    for order, program in enumerate(asked.programs):
+        if order not in by_order:
+            raise InputError(f"{place}: no trial of order {order}; expected {order:03d}.csv as it was asked for")
+        off = _apart(by_order[order], program)
+        if off > AGREE:
+            raise InputError(
+                f"{place}: order {order} ran other pressures than {order:03d}.csv, {in_kpa(off):.0f} kPa RMS off; "
+                "expected what was asked for"
+            )
+    if extra := sorted(set(by_order) - set(range(len(asked.programs)))):
+        raise InputError(f"{place}: a trial of order {extra[0]}; {len(asked.programs)} were asked for")
+
+
+def _require_same(sewn: Design, asked: Design, place: Path) -> None:
+    made, wanted = ([(m.type, m.side, m.channel) for m in design.muscles] for design in (sewn, asked))
+    if made != wanted:
+        raise InputError(
+            f"{place}: design {sewn.name} has {len(made)} muscles of other types, sides or channels than the "
+            f"{len(wanted)} asked for; expected to_measure/design.toml, its paths corrected at most"
+        )
+
+
+def _apart(ran: Trial, asked: PressureProgram) -> float:
+    """Return Pa RMS by which a trial's set points lie outside those asked for within two frames; infinite where it
+    ended before."""
+    times, recorded = ran.times, ran.program.at(ran.times - 1e-6)
+    interval = float(np.median(np.diff(times, prepend=0.0)))
+    if times[-1] < asked.duration - 2 * interval or recorded.shape[1] != asked.pressure.shape[1]:
+        return float("inf")
+    instants = times[:, None] - 2 * interval * np.linspace(0, 1, _INSTANTS) - 1e-6
+    wanted = asked.at(np.maximum(instants, 0.0).ravel()).reshape(len(times), _INSTANTS, -1)
+    outside = recorded - np.clip(recorded, wanted.min(axis=1), wanted.max(axis=1))
+    return float(np.sqrt(np.mean(np.square(outside))))

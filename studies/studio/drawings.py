@@ -1,0 +1,247 @@
+"""The drawings of a sitting: the own one with its history for undo and redo, and results of searches beside it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.units import in_mm
+from studies.studio.layout import Layout
+from studies.studio.opening import Comparison
+from studies.studio.solver import Correction
+
+STEPS = 500  # that can be undone
+
+
+@dataclass(frozen=True)
+class DrawnLayout:
+    """A layout with the pressures of the pose that is shown. others: (channels,) Pa of the poses that were shown
+    before, by their numbers."""
+
+    layout: Layout
+    pose: int = 0
+    others: tuple[tuple[int, tuple[float, ...]], ...] = ()
+
+    def pressures(self, pose: int) -> tuple[float, ...]:
+        """Return the pressures (channels,) Pa of a pose; of one that was never shown those of the one that is."""
+        given = self.layout.pressures if pose == self.pose else dict(self.others).get(pose, self.layout.pressures)
+        return Layout.of(self.layout.design, given).pressures
+
+    def at(self, pose: int) -> "DrawnLayout":
+        """Return the drawing with another pose shown."""
+        others = {**dict(self.others), self.pose: self.layout.pressures}
+        others.pop(pose, None)
+        return DrawnLayout(Layout.of(self.layout.design, self.pressures(pose)), pose, tuple(sorted(others.items())))
+
+    def without(self, pose: int) -> "DrawnLayout":
+        """Return the drawing without a pose: those after it move up, and a neighbour is shown in place of it."""
+        kept = self.at(pose - 1 if pose else 1) if pose == self.pose else self
+        others = tuple((k - (k > pose), p) for k, p in kept.others if k != pose)
+        return replace(kept, pose=kept.pose - (kept.pose > pose), others=others)
+
+    def same_content(self, other: "DrawnLayout") -> bool:
+        """Return whether design and pressures of every pose are the same, whichever pose is shown."""
+        poses = {self.pose, other.pose, *dict(self.others), *dict(other.others)}
+        return self.layout.design == other.layout.design and all(
+            self.pressures(pose) == other.pressures(pose) for pose in poses
+        )
+
+
+class DrawingHistory:
+    """A drawing under edit, with undo and redo. A gesture (a drag, one move of a slider) is one step, however many
+    layouts it passes through."""
+
+    def __init__(self, layout: Layout) -> None:
+        self._past: list[tuple[str, DrawnLayout]] = []  # what was done, and the drawing before it
+        self._future: list[tuple[str, DrawnLayout]] = []
+        self._gesture: tuple[str, DrawnLayout] | None = None  # what is under way, and where it began
+        self.drawing = DrawnLayout(layout)
+        self._kept = self.drawing
+
+    @property
+    def layout(self) -> Layout:
+        return self.drawing.layout
+
+    @property
+    def pose(self) -> int:
+        return self.drawing.pose
+
+    @property
+    def changed(self) -> bool:
+        """Return whether design or pressures are others than those last saved or opened."""
+        return not self.drawing.same_content(self._kept)
+
+    @property
+    def in_gesture(self) -> bool:
+        return self._gesture is not None
+
+    def do(self, what: str, layout: Layout) -> None:
+        """Take one step."""
+        self.end()
+        self._step(what, self.drawing, replace(self.drawing, layout=layout))
+
+    def show_pose(self, pose: int) -> None:
+        """Take one step to another pose of the same design."""
+        self.end()
+        self._step(f"pose {pose}", self.drawing, self.drawing.at(pose))
+
+    def take(self, what: str, layouts: Sequence[Layout]) -> None:
+        """Take one step to the layouts of another drawing, one for each pose."""
+        self.end()
+        others = tuple((k, layout.pressures) for k, layout in enumerate(layouts) if k != self.pose)
+        shown = layouts[min(self.pose, len(layouts) - 1)]
+        self._step(what, self.drawing, DrawnLayout(shown, self.pose, others))
+
+    def remove_pose(self, pose: int) -> None:
+        """Take a pose out of the drawing and of every step."""
+        self.end()
+        self.drawing, self._kept = self.drawing.without(pose), self._kept.without(pose)
+        for steps in (self._past, self._future):
+            steps[:] = [(what, drawing.without(pose)) for what, drawing in steps]
+
+    def shape(self, what: str, layout: Layout) -> None:
+        """Go through a moment of a gesture; another gesture ends where this one begins."""
+        if self._gesture is None or self._gesture[0] != what:
+            self.end()
+            self._gesture = what, self.drawing
+        self.drawing = replace(self.drawing, layout=layout)
+
+    def end(self) -> None:
+        """Make the gesture under way, if any, one step."""
+        if self._gesture is not None:
+            (what, before), self._gesture = self._gesture, None
+            self._step(what, before, self.drawing)
+
+    def _step(self, what: str, before: DrawnLayout, after: DrawnLayout) -> None:
+        self.drawing = after
+        if before != after:
+            self._past = [*self._past[-STEPS + 1 :], (what, before)]
+            self._future = []
+
+    def undo(self) -> str | None:
+        """Undo one step. Return its name, or None where there was none."""
+        self.end()
+        return self._move(self._past, self._future)
+
+    def redo(self) -> str | None:
+        """Redo one step. Return its name, or None where there was none."""
+        self.end()
+        return self._move(self._future, self._past)
+
+    def _move(self, source: list[tuple[str, DrawnLayout]], goal: list[tuple[str, DrawnLayout]]) -> str | None:
+        if not source:
+            return None
+        what, drawing = source.pop()
+        goal.append((what, self.drawing))
+        self.drawing = drawing
+        return what
+
+    @property
+    def next_undo(self) -> str | None:
+        return self._past[-1][0] if self._past else None
+
+    def offer(self, what: str, layout: Layout) -> None:
+        """Put a layout where redo finds it, before all else."""
+        self._future.append((what, replace(self.drawing, layout=layout)))
+
+    def keep(self) -> None:
+        """Take the drawing as it is now for saved."""
+        self.end()
+        self._kept = self.drawing
+
+
+@dataclass(frozen=True, eq=False)
+class LiveShape:
+    """A shape at rest as it is shown. points: (2 n, 3) m. jump: m RMS, where it is another stable shape than the one
+    before it; `before` is then that one."""
+
+    points: NDArray[np.float32]
+    layout: Layout
+    exact: bool
+    points_per_side: int
+    seconds: float  # that it took
+    jump: float | None = None
+    before: NDArray[np.float32] | None = None
+    time: float | None = None  # s after rest, of a motion's frame; None: at rest
+    correction: Correction | None = None
+
+
+@dataclass(eq=False)
+class Seen:
+    """A drawing's last exact shape, and how far it is from the target."""
+
+    shape: LiveShape | None = None
+    comparison: Comparison | None = None
+
+    def forget(self) -> None:
+        """Drop both: they were under another model, or beside another target."""
+        self.shape = self.comparison = None
+
+
+@dataclass(eq=False)
+class Result(Seen):
+    """layouts: the best so far, one for each pose; at first where the search began. objective: m; None: none yet."""
+
+    name: str = ""
+    begun: Layout | None = None
+    layouts: tuple[Layout, ...] = ()
+    objective: float | None = None
+    state: str = ""  # in words
+
+    def layout(self, pose: int) -> Layout:
+        """Return the layout of a pose, or of the last one."""
+        return self.layouts[min(pose, len(self.layouts) - 1)]
+
+    def hold(self, layouts: tuple[Layout, ...], objective: float) -> None:
+        """Take a better result in."""
+        if layouts != self.layouts:
+            self.forget()
+        self.layouts, self.objective = layouts, objective
+
+    @property
+    def muscles(self) -> int:
+        return len(self.layouts[0].design.muscles)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of the table that compares drawings. Distances in m; None: not known yet. highest: Pa."""
+
+    name: str
+    muscles: int
+    chamfer: float | None
+    surface_rms: float | None
+    highest: float
+    shown: bool
+
+    @staticmethod
+    def of(name: str, layout: Layout, seen: Seen, *, shown: bool, objective: float | None = None) -> "Row":
+        """Make the row of a drawing. objective: m, Chamfer as a search has it, until the shape was seen."""
+        errors = None if seen.comparison is None else seen.comparison.errors
+        chamfer = objective if errors is None else errors.chamfer
+        rms = None if errors is None else errors.surface_rms
+        return Row(name, len(layout.design.muscles), chamfer, rms, max(layout.pressures, default=0.0), shown)
+
+
+def one_more_buys(result: Result, others: Sequence[Result], drawn: Row | None) -> str | None:
+    """Return in words what one more muscle buys, against the best with the muscles that the search began with, searched
+    or drawn; None where the result has no more of them, or nothing is there to compare it with. drawn: the own drawing;
+    None where its figure is not the search's, a mean over poses."""
+    count = len(result.begun.design.muscles) if result.begun else 0
+    if result.objective is None or result.begun is None or result.muscles <= count:
+        return None
+    rivals = [(o.objective, o.name) for o in others if o.objective is not None and o.muscles == count]
+    if drawn is not None and drawn.chamfer is not None and drawn.muscles == count:
+        rivals.append((drawn.chamfer, drawn.name))
+    if not rivals:
+        return None
+    before, name = min(rivals)
+    less = in_mm(before - result.objective)
+    change = f"{less:.2f} mm less" if less >= 0 else f"{-less:.2f} mm more"
+    by_hand = drawn is not None and name == drawn.name
+    searched = "; for a fair comparison search from here without one more as well" if by_hand else ""
+    return (
+        f"One more muscle: Chamfer {in_mm(result.objective):.2f} mm with {result.muscles} muscles, {change} than "
+        f"{in_mm(before):.2f} mm with {count} ({name}){searched}."
+    )
