@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from optimize.search.evaluations import Evaluations
     from studies.demo.run import Demo
     from studies.follow.result import FollowResult
-    from studies.layout_grid.result import GridResult
+    from studies.layout_grid.turns import GridResult
     from studies.layouts.result import StudyResult
 
     Target = ArrayLike | File  # (n, 3) m, or a cloud, mesh or trial

@@ -1,5 +1,6 @@
 """`fabdesign loop STUDY`: from a target and a start design to one that was measured, turn by turn."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -13,7 +14,6 @@ from fabdesign.runtime.store import Checkpoint
 from fabdesign.study_files.loop_file import Laboratory, LoopStudy, VirtualRig, read_loop
 from fabdesign.study_files.study_file import require_searchable
 from fabdesign.units import from_mm
-from optimize.fit.descent import Progress
 from studies.layout_search.first_layouts import first_starts
 from studies.layout_search.target import LoadedTarget, load_target
 from studies.loop.learning import MODEL, Simulators
@@ -30,7 +30,7 @@ def run_loop(
     out: Path | str,
     *,
     simulators: Simulators | None = None,
-    progress: Progress = lambda line, share: None,
+    progress: Callable[[str, float | None], None] = lambda line, share: None,
     **how: Unpack[Running],
 ) -> LoopOutcome:
     """Run turn after turn, until the study's rule ends it or a laboratory is waited for; writes `result.json`,
