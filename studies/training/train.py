@@ -35,7 +35,7 @@ from studies.training.data import Chosen, KeptMotions, Progress, case_of, choose
 
 Network = Literal["field", "paper"]
 KEPT_BACK = 0.15  # share of the trials that are not learned from and say what the corrector is worth
-ALGORITHM = 13  # of what an unfinished training keeps: raised where it is no longer what this code would compute
+ALGORITHM = 14  # of what an unfinished training keeps: raised where it is no longer what this code would compute
 
 
 @dataclass(frozen=True)

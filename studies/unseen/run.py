@@ -31,7 +31,7 @@ from studies.unseen.result import CandidateResult, Measurement, PoseResult, Prop
 _UNSEWN = 0.5  # of the work, that predictions of a layout that is not sewn take beside measured designs
 _DERIVATIVES = 0.3  # of it, after which measurements are compared
 IN_TURN = 3  # measurements that are proposed together
-ALGORITHM = 12  # of what a study's folder keeps: raised where it is no longer what this code would compute
+ALGORITHM = 13  # of what a study's folder keeps: raised where it is no longer what this code would compute
 
 
 def run_unseen(
