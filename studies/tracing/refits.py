@@ -55,7 +55,7 @@ class SetRefits(Refits):
         at = [vector.names.index(name) for name in fewer.names]
         jacobian = None if sure else widened(known.state.jacobian[:, index], at, len(vector.names))
         named = named or f"{' '.join(vector.labels)}{' at last' if sure else ''}"
-        content = float(np.hypot(promised(known, to_first_order(known, labels)), self.tolerance))
+        content = float(np.hypot(promised(known, to_first_order(known, labels)), 0.5 * self.tolerance))
         policy = replace(ASKED, hopeless=hopeless, content=content)
         return self.task.fit(named, vector, FitStart(starts, jacobian, known.inputs), policy)
 

@@ -235,12 +235,17 @@ def as_well(refits: Refits, selection: Selection) -> Selection | None:
     more to first order may be wrong. Not asked of an effect that gains more than enough for certain."""
     known, limit, most = selection.chosen, least(refits, selection), selection.reference
     hopeless, asked = float(np.hypot(most.fit.after, MUCH * limit)), selection.asked
+    several = len(selection.gains) > 1
     unsure = [label for label, (_, (low, _)) in selection.gains.items() if low < limit and label not in asked]
     for label in sorted(unsure, key=lambda label: selection.gains[label][0]):
-        several = len(selection.gains) > 1
+        cause = is_cause(known, label)
         fit = refits.without(known, [label], hopeless=hopeless) if several else selection.plain
-        if not loses(refits, most, judged := refits.judged(fit), limit, cause=is_cause(known, label)):
-            return selection.without(judged, [label]) if several else selection.none(judged, [label])
+        judged = refits.judged(fit)
+        if several and not loses(refits, most, judged, limit, cause=cause):
+            judged = refits.judged(refits.sure(fit))
+        if not loses(refits, most, judged, limit, cause=cause):
+            dropped = replace(selection.without(judged, [label]), exact=True)
+            return dropped if several else selection.none(judged, [label])
         asked = (*asked, label)
     return replace(selection, asked=asked) if asked != selection.asked else None
 
