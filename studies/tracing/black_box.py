@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.nouns.lag import first_order
 from fabdesign.nouns.pressure import PressureProgram
 from optimize.fit.clouds import places_on_cloth
 from optimize.fit.cross_validation import Scored
@@ -96,10 +97,7 @@ def _lagged(program: PressureProgram, times: Array, channels: int) -> Array:
 
 def lagged(path: Array, tau: float) -> Array:
     """Return a path (k, channels) of one row each 0.01 s through a first-order lag of `tau` [s]."""
-    slow, keep = np.zeros_like(path), np.exp(-0.01 / tau)
-    for k in range(1, len(path)):
-        slow[k] = keep * slow[k - 1] + (1 - keep) * path[k - 1]
-    return slow
+    return first_order(path[:-1], np.full(len(path) - 1, 0.01), tau, start=np.zeros(path.shape[1]))
 
 
 def _main(table: Array) -> Array:
