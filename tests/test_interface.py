@@ -323,15 +323,13 @@ def test_optimize(run: Run, asked: Callable[[], list[str]], monkeypatch: pytest.
     Path("study.toml").write_text(STUDY)
     seen: list[Any] = []
 
-    def note(work: Any, study: Any, targets: Any, objective: Any, starts: Any, *_: Any) -> None:
+    def note(study: Any, targets: Any, starts: Any, *_: Any, **__: Any) -> None:
         target = targets[0].points.tolist(), targets[0].noise
         content = {f.name: getattr(study, f.name) for f in fields(study) if f.name not in ("name", "targets")}
-        seen.append(
-            ({k: repr(v) for k, v in content.items()}, target, objective.measure, [x.tolist() for _, x in starts])
-        )
+        seen.append(({k: repr(v) for k, v in content.items()}, target, [x.tolist() for _, x in starts]))
         raise InputError("seen")
 
-    monkeypatch.setattr("studies.layouts.run._search_in", note)
+    monkeypatch.setattr("studies.layouts.run._searched", note)
     assert run("optimize", "study.toml", "-o", "out", "--seconds", 50)[2].endswith("fabdesign: seen\n")
     with pytest.raises(InputError, match=r"^seen$"):
         fabdesign.optimize(
@@ -370,7 +368,7 @@ STUDIES = {
         ),
     ),
     "unseen": (
-        "studies.unseen.run._add_unsewn",
+        "studies.unseen.run._unsewn",
         "pressures = [[200.5, 0]]\nsamples = 9\npoints_per_side = 15\n[rig_limits]\nrate = 400\n"
         '[measured]\nset = "pair"\ntrials = 2\nfree = ["air_drag"]\n',
         lambda: fabdesign.unseen(

@@ -322,7 +322,7 @@ def train(
             vector=vector,
             slopes=simulator(min(base.points_per_side, COARSE)),
             network=network,
-            hold_out=hold_out,
+            hold_out=tuple(hold_out),
             seed=seed,
             coarse=simulator(COARSE),
         )
