@@ -52,7 +52,7 @@ def wanted(simulator) -> Wanted:
     rng = np.random.default_rng(3)
     clouds = [Surface.of_faces(points).sample(400, rng)[0] for points in moving(simulator)]
     noise = SensorNoise(NOISE, 0.0, 0.0)
-    return Wanted(TIMES, tuple(LoadedTarget(c + NOISE * rng.normal(size=c.shape), None, "", noise) for c in clouds))
+    return Wanted(TIMES, tuple(LoadedTarget(c + NOISE * rng.normal(size=c.shape), noise=noise) for c in clouds))
 
 
 def rms(wanted: Wanted, motion) -> float:
@@ -158,7 +158,7 @@ def test_what_a_corrector_adds_is_part_of_the_motion(simulator):
     motion = moving(simulator)
     shift = np.zeros_like(motion)
     shift[..., 2] = 2e-3
-    clouds = tuple(LoadedTarget(own, None, "") for own in motion + shift)
+    clouds = tuple(LoadedTarget(own) for own in motion + shift)
     wanted = Wanted(TIMES, clouds)
     case = Case(DESIGN, REGULATOR.program(TRUTH))
     with_it, without = (
