@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from fabdesign.clouds.recording import Recording
 from fabdesign.depth.sensor import Sensor
 from fabdesign.errors import InputError, note
+from fabdesign.files.pressure_log import steps_of
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.nouns.trial import RecordingTiming, SensorTiming
 from studies.fusion.checks import moved_camera
@@ -59,8 +60,9 @@ class StampedFrames:
     def frames(self) -> Iterator[tuple[float, list[SensorView]]]:
         """Yield the time [s] and the views of each frame."""
         within = 0.5 * self.timing.interval
+        steps = [self.offset + step for step, _ in steps_of(self.recording.program)]
         for time, instant in zip(self.times, self.instants, strict=True):
-            yield float(time), self.timed.at(np.array([instant]), within)
+            yield float(time), self.timed.at(np.array([instant]), within, steps)
 
     def number(self, camera: int, time: float) -> int:
         """Return which image of a camera is nearest to a time [s after the pressure's 0]."""
