@@ -14,6 +14,7 @@ from fabdesign.errors import InputError
 from fabdesign.nouns.fabric import Fabric
 from studies.fusion.cleaning import Cleaned
 from studies.fusion.depth_image import FILTERS, ImageFilter, clean_image
+from studies.fusion.ripple import Ripple
 
 Array = NDArray[np.float64]
 MARGIN = 0.03  # m around the box: what nominal poses are off
@@ -30,6 +31,7 @@ class Cutter:
     fabric: Fabric
     predicted: Callable[[int], cKDTree] | None = None  # the simulated cloth's points in the world at an image's time
     filters: ImageFilter = FILTERS
+    ripple: Ripple | None = None  # that is taken off
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(("box", "planes", "colour", "predicted"), 0))
     kept: int = 0
 
@@ -76,7 +78,8 @@ class Cutter:
             near[rows, columns] = np.isfinite(far)
             inside = self._without("predicted", inside, near)
         self.kept += int(inside.sum())
-        return np.where(inside, depth, 0.0)
+        depth = np.where(inside, depth, 0.0)
+        return depth if self.ripple is None else self.ripple.without(depth)
 
     def _without(self, rule: str, inside: NDArray[np.bool_], kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
         self.counts[rule] += int((inside & ~kept).sum())

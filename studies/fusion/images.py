@@ -13,10 +13,12 @@ from studies.fusion.cutting import Cutter
 from studies.fusion.input import REST
 from studies.fusion.joint import SensorView
 from studies.fusion.moving import StampedView, with_speeds
+from studies.fusion.ripple import ripple_of
 from studies.measured.bad_data import Tolerance
 
 Array = NDArray[np.float64]
 REST_IMAGES, LEAST_REST = 12, 3
+RIPPLE_IMAGES = 3  # that show a camera's ripple
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +35,8 @@ def read_images(cutter: Cutter, sensor: Sensor, tolerance: Tolerance) -> SensorI
     """Read and clean all images of one sensor, in the order of their stamps; those that repeat the one before go."""
     stream = cutter.stream
     order = [int(k) for k in np.argsort(stream.stamps, kind="stable")]
+    some = [order[k] for k in np.unique(np.linspace(0, len(order) - 1, RIPPLE_IMAGES).round().astype(int))]
+    cutter.ripple = ripple_of([cutter.depth(k) for k in some], max(stream.camera.focal), cutter.pixel)
     clouds, same, last = {}, [], None
     for number in order:
         depth = cutter.depth(number)
