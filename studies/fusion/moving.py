@@ -79,7 +79,8 @@ def view_at(
         values[1:1] = [last + slope * since, slope]
     moved, speed = np.full((2, len(cloud.points)), np.nan)
     tried = [  # fewer conditions where an image has nothing there
-        np.linalg.inv(np.array(rows)[:count, :count])[:2] @ np.array(values)[:count] for count in range(len(rows), 1, -1)
+        np.linalg.inv(np.array(rows)[:count, :count])[:2] @ np.array(values)[:count]
+        for count in range(len(rows), 1, -1)
     ]
     for there, velocity in tried:
         moved, speed = np.where(np.isnan(moved), [there, velocity], [moved, speed])
@@ -87,9 +88,8 @@ def view_at(
     if known.sum() < LEAST_SHARE * len(known):  # alone
         return cloud, np.zeros_like(cloud.points)
     ray = cloud.points[known] / cloud.points[known, 2:]
-    cells = None if cloud.image_cells is None else cloud.image_cells[known]
-    there = Cleaned(cloud.points[known] + ray * moved[known, None], cloud.normals[known], cloud.dropped, cells)
-    return there, ray * speed[known, None]
+    points = cloud.points[known] + ray * moved[known, None]
+    return Cleaned(points, cloud.normals[known], cloud.dropped, cloud.cells[known]), ray * speed[known, None]
 
 
 def change(here: Cleaned, there: Cleaned) -> Array:

@@ -15,7 +15,7 @@ from scipy.ndimage import uniform_filter
 
 Array = NDArray[np.float64]
 WIDE = 0.036  # m, side of the window of a local plane: more than a period of ripple on a cloth seen obliquely
-BASELINES = np.geomspace(0.03, 0.13, 44)  # m
+BASELINES = np.geomspace(0.03, 0.13, 26)  # m
 NOISE = 0.04  # pixels of disparity
 FOLDS = 0.8 / (2 * np.pi)  # pixels, amplitude beyond which several depths look alike
 TRUST = ((1.0, 0.15), (0.6, 0.1), (0.36, 0.06))  # where it folds: of WIDE, and pixels that the local plane is off
@@ -23,21 +23,28 @@ REACH, TRIED = 0.7, 29  # pixels from the local plane, and depths within that ar
 JUMP = 0.06  # 1/m, of two surfaces
 LEAST_SHARE, LEAST_RATIO = 0.1, 10.0  # of the residuals' square that is ripple, and over that of other baselines
 ROUNDS = 3
+RIPPLE_IMAGES = 3  # that show a camera's ripple
 
 
 @dataclass(frozen=True)
 class Ripple:
-    """What a camera adds to inverse depths; the pixel is that of the cloth, m."""
+    """What a camera adds to inverse depths."""
 
     frequency: float  # k, m
     sine: float  # a, 1/m
     cosine: float  # b, 1/m
-    pixel: float
+    focal: float  # pixels
+    pixel: float  # m on the cloth
 
     @property
     def disparity(self) -> float:
         """Amplitude in pixels of disparity."""
         return float(np.hypot(self.sine, self.cosine)) * self.frequency
+
+    @property
+    def depth(self) -> float:
+        """Amplitude [m] at the cloth's middle."""
+        return float(np.hypot(self.sine, self.cosine)) * (self.focal * self.pixel) ** 2
 
     def without(self, depth: Array) -> Array:
         """Return the depths (rows, columns) m without it; 0 stays 0."""
@@ -58,16 +65,16 @@ def ripple_of(depths: Sequence[Array], focal: float, pixel: float) -> Ripple | N
     focal: pixels. pixel: m on the cloth.
     """
     coarse = [_Residuals(depth[::2, ::2], WIDE / pixel / 2) for depth in depths]
-    shares = np.array([_fit(coarse, focal * baseline)[0] for baseline in BASELINES])
+    shares = np.array([_fit(coarse, focal * baseline, focal)[0] for baseline in BASELINES])
     if shares.max() < LEAST_RATIO * np.median(shares):
         return None
     images, frequency = [_Residuals(depth, WIDE / pixel) for depth in depths], focal * float(BASELINES[shares.argmax()])
     for _ in range(ROUNDS):
-        _, ripple, change = _fit(images, frequency, pixel)
+        _, ripple, change = _fit(images, frequency, focal, pixel)
         frequency += change
         for image in images:
             image.phase_by(ripple)
-    share, ripple, _ = _fit(images, frequency, pixel)
+    share, ripple, _ = _fit(images, frequency, focal, pixel)
     return ripple if share > LEAST_SHARE else None
 
 
@@ -122,7 +129,9 @@ class _Residuals:
         return (values - self.planes.smooth(values))[self.kept]
 
 
-def _fit(images: Sequence[_Residuals], frequency: float, pixel: float = 0.0) -> tuple[float, Ripple, float]:
+def _fit(
+    images: Sequence[_Residuals], frequency: float, focal: float, pixel: float = 0.0
+) -> tuple[float, Ripple, float]:
     """Return the share of the residuals' square that is ripple of a frequency, the ripple, and by how much the
     frequency is better changed, which is not sought without a pixel [m]."""
     waves = [2 * np.pi * frequency * image.phase for image in images]
@@ -141,7 +150,7 @@ def _fit(images: Sequence[_Residuals], frequency: float, pixel: float = 0.0) -> 
         later = [2 * np.pi * x * (sine * np.cos(w) - cosine * np.sin(w)) for x, w in zip(places, waves, strict=True)]
         change = float(np.linalg.lstsq(np.array([*rows, column(later)[sound]]).T, residual, rcond=None)[0][2])
     share = 1.0 - float(residual @ residual) / max(float(seen @ seen), 1e-30)
-    return share, Ripple(frequency, float(sine), float(cosine), pixel), change
+    return share, Ripple(frequency, float(sine), float(cosine), focal, pixel), change
 
 
 @njit(cache=True)

@@ -8,16 +8,26 @@ surfaces; holes. At 0.6 m one pixel of disparity is 2.8 % of the depth: the ripp
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from fabdesign.clouds.recording import write_recording
 from fabdesign.depth.intrinsics import Intrinsics
-from studies.rig.cameras import FLYING_REACH, Ints, at_edge, draw, mesh
+from fabdesign.depth.sensor import Sensor
+from fabdesign.depth.stream import cloud_of
+from fabdesign.formats.json_file import write_json
+from studies.rig.cameras import CAMERAS, FLYING_REACH, POSITION, Ints, at_edge, disturb, draw, look, mesh
+from studies.rig.motion import equilibrium
 from studies.rig.scene import Scene
+from studies.rig.specimen import TrialTask, control_points, prepare
 
 Array = NDArray[np.float64]
+PIXEL, HALF_IMAGE = 0.0045, 70  # of a recording's clouds: ray slope between pixels, and pixels
+NOISE = 0.02  # pixels of disparity, 0.75 mm at 0.65 m
+FRAMES = 10
 
 
 @dataclass(frozen=True)
@@ -80,3 +90,26 @@ def bar(low: Sequence[float], high: Sequence[float]) -> tuple[Array, Ints]:
     corners = np.array([[(low, high)[(k >> axis) & 1][axis] for axis in range(3)] for k in range(8)], dtype=np.float64)
     quads = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
     return corners, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+
+
+def record(task: TrialTask, folder: Path, truth_file: Path) -> None:
+    """Write the task's motion as FRAMES frames seen by the four cameras into `folder`, its name that of the recording,
+    and their true poses to `truth_file`."""
+    scene = prepare(task)
+    rng = np.random.default_rng([task.truth.seed, task.order, 2])
+    nominal = [Sensor(name, look(x * POSITION[0], z * POSITION[2])) for name, (x, z) in CAMERAS.items()]
+    truth = [Sensor(s.name, disturb(s.camera_to_world, rng)) for s in nominal]
+    shown = np.unique(np.linspace(0, len(task.times) - 1, FRAMES).round().astype(int))
+    shapes = control_points(task)[shown]
+    rest = equilibrium(scene, scene.patch.flat(), np.zeros(task.design.channels))
+    optics = Intrinsics(2 * HALF_IMAGE + 1, 2 * HALF_IMAGE + 1, (1 / PIXEL, 1 / PIXEL), (HALF_IMAGE, HALF_IMAGE))
+    camera = StereoCamera(optics, unit=2e-5, noise=NOISE, shared=0.0, ripple=task.truth.sensing.ripple)
+
+    def view(x: Array, sensor: Sensor) -> Array:
+        return cloud_of(camera.image(scene, x, sensor.camera_to_world, rng), camera.unit, optics)
+
+    frames = [{s.name: view(x, s) for s in truth} for x in shapes]
+    reference = {s.name: view(rest, s) for s in truth}
+    write_recording(folder, task.design, task.program, task.times[shown], nominal, frames, reference)
+    poses = {s.name: s.camera_to_world.tolist() for s in truth}
+    write_json(truth_file, {"camera_to_world": poses})

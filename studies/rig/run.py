@@ -98,7 +98,7 @@ def run_rig(
         description = "virtual rig; synthetic"
         write_set(unfinished, designs, measured, name=name, description=description, frame_rate=rate)
         if recorded is not None:
-            from studies.rig.cameras import record
+            from studies.rig.depth_camera import record
 
             record(tasks[0], *recorded)
 
