@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from fabdesign.files.measurement_set import read_set
 from fabdesign.geometry.surface import Surface
 from studies.check.files import inspect
 from studies.fusion.checks import shifted_sensor
-from studies.fusion.cleaning import clean_image
+from studies.fusion.cleaning import Cleaned, clean, clean_image
 from studies.fusion.clocks import losses
 from studies.fusion.cutting import Cutter
 from studies.fusion.fuse import fuse
@@ -249,24 +249,28 @@ def test_a_hand_beside_the_predicted_cloth_is_cut() -> None:
 
 
 def test_a_step_between_two_images_does_not_bend_the_view() -> None:
-    """2 ms after a step the cloth lies where it hung; a polynomial through images of before and after moves it."""
-    camera = cameras()["front_left"]
+    """2 ms after a step a sheet is where it came to; a polynomial through images of before and after moves it."""
+    slopes = np.stack(np.meshgrid(*[np.linspace(-0.1, 0.1, 20)] * 2), axis=-1).reshape(-1, 2)
+    cells = np.indices((20, 20)).reshape(2, -1).T
+    ahead = np.tile([0.0, 0.0, -1.0], (400, 1))
+
+    def depth(time: float) -> float:
+        after = max(time, 0.0) / 0.015
+        return 0.6 + 0.02 * time + 0.03 * (1 - (1 + after) * np.exp(-after))
+
     times = np.array([-0.053, -0.020, 0.013, 0.047, 0.080])
-    optics = Intrinsics(SIZE[1], SIZE[0], PINHOLE[:2], PINHOLE[2:])
-    shown = images(camera.pose, times, np.random.default_rng(5))
-    clouds = [clean_image(image * CAMERA.unit, optics.slopes, 0.003) for image in shown]
-    views = with_speeds(clouds, list(times), range(len(times)))
-
-    def off_the_faces(instant: float, steps: Sequence[float]) -> float:
-        points = view_at(views, times, instant, steps)[0].points @ camera.pose[:3, :3].T + camera.pose[:3, 3]
-        return float(np.sqrt((Surface(*faces(instant)).distance(points) ** 2).mean()))
-
-    assert off_the_faces(0.002, [0.0]) < 4e-4  # m
-    assert off_the_faces(0.002, []) > 6e-4
-    assert off_the_faces(0.030, [0.0]) < 6e-4
+    clouds = [Cleaned(depth(t) * np.column_stack([slopes, np.ones(400)]), ahead, 0, cells) for t in times]
+    views = with_speeds(clouds, list(times), range(5))
+    for instant, steps, least, most in (
+        (0.002, [0.0], 0.0, 4e-4), (0.002, [], 1.5e-3, 1.0), (-0.01, [0.0], 0.0, 1e-6), (-0.01, [], 5e-4, 1.0),
+        (0.03, [0.0], 0.0, 3e-3), (0.07, [0.0], 0.0, 1e-3),
+    ):  # fmt: skip
+        cloud, velocity = view_at(views, times, instant, steps)
+        assert least <= np.abs(cloud.points[:, 2] - depth(instant)).max() <= most, (instant, steps)
+    np.testing.assert_allclose(velocity[:, 2], (depth(0.071) - depth(0.069)) / 2e-3, atol=0.04)
 
 
-@pytest.mark.parametrize(("amplitude", "remains"), [(0.0, 1.0), (0.05, 0.8), (0.53, 0.35)])
+@pytest.mark.parametrize(("amplitude", "remains"), [(0.0, 1.0), (0.05, 0.85), (0.53, 0.35)])
 def test_ripple_is_found_and_taken_off(amplitude: float, remains: float) -> None:
     """A bent sheet, seen obliquely at 0.62 m; 0.53 pixels of disparity are 1.5 % of the depth."""
     camera, rng = StereoCamera(ripple=amplitude, unit=1e-4), np.random.default_rng(1)
@@ -286,6 +290,20 @@ def test_ripple_is_found_and_taken_off(amplitude: float, remains: float) -> None
            for images in (seen, [ripple.without(image) for image in seen])]  # fmt: skip
     before, after = (float(np.sqrt((np.concatenate(each) ** 2).mean())) for each in off)
     assert after < remains * before
+
+
+def test_a_cloud_on_no_raster_is_cleaned() -> None:
+    """Random points of a bent sheet at 0.6 m with noise of 0.5 mm, and 5 % that fly up to 25 mm behind it."""
+    rng = np.random.default_rng(7)
+    x, y = rng.uniform(-0.1, 0.1, (2, 6000))
+    depth = 0.6 + 0.1 * x + 0.02 * np.sin(20 * y)
+    flies = rng.random(len(x)) < 0.05
+    seen = depth + rng.normal(0, 5e-4, len(x)) + flies * rng.uniform(0.005, 0.025, len(x))
+    cleaned = clean(np.stack([x * seen / depth, y * seen / depth, seen], axis=1))
+    assert len(cleaned.points) > 2000
+    off = cleaned.points[:, 2] - 0.6 - 0.1 * cleaned.points[:, 0] - 0.02 * np.sin(20 * cleaned.points[:, 1])
+    assert np.sqrt((off**2).mean()) < 7e-4
+    assert np.abs(off).max() < 4e-3
 
 
 def test_gravity_turns_nominal_poses_upright(tmp_path: Path) -> None:

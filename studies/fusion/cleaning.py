@@ -91,7 +91,7 @@ def raster(cloud: Array) -> tuple[Array, Array, float, float]:
     """Return depths (rows, columns) m and slopes of a cloud's rays by its own raster, the nearer of two points on one
     cell; the width of a cell [m] on the cloth, and the focal length in cells."""
     slope = cloud[:, 1::-1] / cloud[:, 2:]  # row first
-    nearest, _ = cKDTree(slope).query(slope, k=min(2, len(slope)))
+    nearest, _ = cKDTree(slope).query(slope, k=min(5, len(slope)))  # on a raster four lie a pixel away
     low, spread = slope.min(axis=0), np.ptp(slope, axis=0)
     pitch = max(float(np.median(nearest[..., -1])), (float(spread.prod()) / MOST_CELLS) ** 0.5, 1e-6)
     cell = np.round((slope - low) / pitch).astype(np.intp)
