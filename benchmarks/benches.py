@@ -10,6 +10,7 @@ pressure between the smallest and the largest from all others.
 import argparse
 import platform
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,14 +18,24 @@ import numpy as np
 from benchmarks.machine import commit, processor
 from benchmarks.made_benches import BEGIN
 from fabdesign.files.bench_file import read_bench
+from fabdesign.nouns.bench import BenchRecord
 from fabdesign.output import write_text
 from studies.benches.actuator import StaticCurve, hold_of
-from studies.benches.cylinder import CylinderLaw, area_alone
-from studies.benches.strip import StripLaw, straight_line
+from studies.benches.cylinder import CylinderLaw
+from studies.benches.law import Array, rms
+from studies.benches.strip import StripLaw
 
 
-def rms(error: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.square(error))))
+def straight_line(records: Sequence[BenchRecord], held_out: BenchRecord) -> Array:
+    """Return N, what a straight line through the records predicts: the law to beat."""
+    stretch, force = (np.concatenate([r.columns[c] for r in records]) for c in ("stretch", "force"))
+    return np.asarray(np.polyval(np.polyfit(stretch, force, 1), held_out.columns["stretch"]))
+
+
+def area_alone(records: Sequence[BenchRecord], held_out: BenchRecord) -> Array:
+    """Return N, what area times pressure alone predicts: the law to beat."""
+    pressure, force = (np.concatenate([r.columns[c] for r in records]) for c in ("pressure", "force"))
+    return np.asarray(held_out.columns["pressure"] * float(pressure @ force / (pressure @ pressure)))
 
 
 def knits(folder: Path) -> list[str]:

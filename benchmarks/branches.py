@@ -18,7 +18,7 @@ from fabdesign.files.model_file import read_model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.units import in_mm
 from sim import Simulator
-from studies.prediction.branches import FAR, Branches, branches_of, root_mean_square
+from studies.prediction.stability import FAR, Branches, branches_of
 
 EVERY = 5  # frames
 
@@ -33,7 +33,9 @@ def table(found: Sequence[Branches]) -> str:
         own = [b for b in found if b.trial.design.name == name]
         far, elsewhere = [b for b in own if b.unchanged > FAR], [b for b in own if b.on_another_branch]
         nearest = [b.nearest if b.on_another_branch else b.unchanged for b in own]
-        alone, near = (in_mm(root_mean_square(values)) for values in ([b.unchanged for b in own], nearest))
+        alone, near = (
+            in_mm(float(np.sqrt(np.mean(np.square(values))))) for values in ([b.unchanged for b in own], nearest)
+        )
         odds = f"{np.median([b.odds for b in elsewhere]):.2f}" if elsewhere else "-"
         rows.append(f"| {name} | {len(own)} | {alone:.2f} | {near:.2f} | {len(far)} | {len(elsewhere)} | {odds} |")
     return "\n".join(rows)

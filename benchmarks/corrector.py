@@ -22,13 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.machine import commit
-from corrector.examples import offsets
-from corrector.load import load_corrector
-from corrector.shape import FINE, LocalFrames, displaced, middle_of
+from corrector.field import load_corrector
+from corrector.regression import offsets
+from corrector.shape import FINE, LocalFrames, displaced
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.model_file import read_model
 from fabdesign.geometry.metrics import Errors, closed, mean_errors, trial_errors
 from fabdesign.geometry.sensor_noise import SensorNoise
+from fabdesign.geometry.shape import Shape
 from fabdesign.nouns.corrector import central_hash, with_history
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model
@@ -86,7 +87,7 @@ def frames_of(trial: Trial) -> NDArray[np.intp]:
 
 def residuals(trial: Trial, motion: Motion, frames: NDArray[np.intp]) -> NDArray[np.float32]:
     """(F, FINE, FINE) m over the simulated mid-surface."""
-    middle = middle_of(_plain(trial, motion)[frames], 41)
+    middle = Shape(_plain(trial, motion)[frames]).middle
     clouds, thickness = trial.load().frames, trial.design.fabric.thickness
     pairs = [offsets(m, clouds[k], thickness) for m, k in zip(middle, frames, strict=True)]
     return np.array([offset * (count > 0) for offset, count in pairs], dtype=np.float32)
@@ -95,7 +96,7 @@ def residuals(trial: Trial, motion: Motion, frames: NDArray[np.intp]) -> NDArray
 def moved(trial: Trial, motion: Motion, heights: NDArray[np.float32]) -> Motion:
     """The simulated frames with their mid-surface moved by heights (F, FINE, FINE) m along its normal."""
     points, fabric = _judged(trial, motion), trial.design.fabric
-    normal = LocalFrames.of(middle_of(points, 41), fabric.width, fabric.height, FINE).normal
+    normal = LocalFrames.of(Shape(points).middle, fabric.width, fabric.height, FINE).normal
     return displaced(points, heights[..., None] * normal, fabric.thickness)
 
 

@@ -18,7 +18,7 @@ from benchmarks.machine import ROOT, commit, processor
 from fabdesign.nouns.bench import Bench, BenchRecord, Specimen
 from fabdesign.output import write_text
 from studies.benches.cylinder import friction_state
-from studies.benches.trace_outcome import BenchOutcome
+from studies.benches.trace_report import BenchOutcome
 from studies.benches.tracing import examine
 
 PAGE = ROOT / "docs" / "lab" / "benches.md"
@@ -85,7 +85,7 @@ def made(columns: Columns, effect: Callable[[Columns], Array] | None, size: floa
 
 def answer(outcome: BenchOutcome, name: str) -> str:
     """Return the verdict in a cell; what names another effect is marked."""
-    names = [effect.name for effect in outcome.found] if outcome.verdict == "effect" else []
+    names = [effect.name for effect in outcome.effects] if outcome.verdict == "effect" else []
     alike = outcome.indistinguishable if names else ()
     small = f"; {outcome.small.effect} certain, within the tolerance" if outcome.small else ""
     wrong = "**wrong:** " if names and name not in (*names, *alike) else ""

@@ -26,10 +26,10 @@ from fabdesign.interface import calibrate
 from fabdesign.nouns.catalogue import standard
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.model import Model
+from fabdesign.nouns.model_sampling import TWO_SIDED, half_widths
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import PressureProgram
-from fabdesign.nouns.spread import TWO_SIDED, half_widths
 from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.output import write_text
 from fabdesign.units import in_mm

@@ -2,6 +2,6 @@
 the paper needs PyTorch. Belongs here: what is learned and how it predicts; trials and folds are in
 `studies.training`."""
 
-from corrector.load import load_corrector
+from corrector.field import load_corrector
 
 __all__ = ["load_corrector"]

@@ -1,21 +1,29 @@
-"""The field corrector: a displacement of the ordered points, in numpy."""
+"""The field corrector, a displacement of the ordered points, in numpy; and the corrector of a model, loaded from its
+file."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
 
-from corrector.basis import Basis
-from corrector.designs import described, distance
+from corrector.basis import Basis, names
 from corrector.inputs import HISTORY, MuscleFields, fields_of
-from corrector.outputs import displacement_of
-from corrector.response import weight_over_stiffness
-from corrector.shape import FINE, LocalFrames, displaced, middle_of
-from fabdesign.nouns.corrector import Trust, with_history
+from corrector.layout import described, distance
+from corrector.outputs import displacement_of, weight_over_stiffness
+from corrector.shape import FINE, LocalFrames, displaced
+from fabdesign.errors import InputError
+from fabdesign.geometry.shape import Shape
+from fabdesign.nouns.corrector import Corrector, Trust, central_hash, with_history
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
+from fabdesign.nouns.model import Model
+from fabdesign.output import whole_file
 
 Floats = NDArray[np.floating[Any]]
 NEAR = 0.2  # distance over which a design stops being one of those learned from
@@ -62,7 +70,7 @@ class FieldCorrector:
         fabric = case.design.fabric
         layout, trust = self._known(case.design)
         combination = Basis.of(fields_of(case, layout, times, motion)).combined(self.coefficients(trust.distance))
-        middle = middle_of(motion[0], round((motion.shape[2] // 2) ** 0.5)).astype(np.float32)
+        middle = Shape(motion[0]).middle.astype(np.float32)
         frames = LocalFrames.of(middle, fabric.width, fabric.height, FINE)
         return displacement_of(combination, frames, fabric, weight_over_stiffness(case))
 
@@ -79,3 +87,61 @@ class FieldCorrector:
             self._layouts[id(design)] = (design, MuscleFields.of(design), self.trust(design))
         _, layout, trust = self._layouts[id(design)]
         return layout, trust
+
+
+FORMAT = "fabdesign.corrector/1"
+_KEY = "fabdesign"
+
+Weights = Mapping[str, NDArray[np.float32]]
+
+
+def write_weights(path: Path, weights: Weights, about: Mapping[str, Any]) -> None:
+    """Write arrays by name and what is to be known about them (JSON), whole."""
+    content = json.dumps({"format": FORMAT} | dict(about), allow_nan=False)
+    with whole_file(path) as temporary:
+        temporary.write_bytes(save({k: np.ascontiguousarray(v) for k, v in weights.items()}, {_KEY: content}))
+
+
+def read_weights(path: Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
+    """Return the arrays and what is known about them. Raises InputError for a file that is not there or not a
+    corrector's."""
+    try:
+        with safe_open(path, framework="numpy") as stream:
+            about = json.loads((stream.metadata() or {}).get(_KEY, "{}"))
+            weights = {name: stream.get_tensor(name) for name in stream.keys()}  # noqa: SIM118 it is no dict
+    except (OSError, SafetensorError, ValueError) as error:
+        raise InputError(f"{path}: no weights of a corrector can be read ({error})") from None
+    if not isinstance(about, dict) or about.get("format") != FORMAT:
+        given = about.get("format") if isinstance(about, dict) else None
+        raise InputError(f"{path}: format {given}; expected {FORMAT}")
+    for name, array in weights.items():
+        if not np.isfinite(array).all():
+            raise InputError(f"{path}: {name} holds values that are not finite")
+    return weights, about
+
+
+def load_corrector(model: Model) -> Corrector:
+    """Return the corrector that a model names. Raises InputError for a file that is none, and for a model whose
+    parameters or effects are no longer those that it was trained on."""
+    path = model.corrector
+    if path is None:
+        raise ValueError("the model names no corrector")
+    weights, about = read_weights(path)
+    if about.get("trained_on") != central_hash(model):
+        raise InputError(
+            f"{path}: trained on other parameters or effects than the model has; expected those it was trained on "
+            "(train again, or take [corrector] out of the model)"
+        )
+    try:
+        if about["network"] == "field":
+            if list(about["sources"]) != list(names()):
+                raise ValueError("other basis functions than this version has; train again")
+            seen, unseen = (weights[name].astype(np.float64) for name in ("seen", "unseen"))
+            return FieldCorrector(seen, unseen, list(about["known"]), float(about["trust_limit"]))
+        if about["network"] == "paper":
+            from corrector.paper import PaperCorrector  # here: it loads PyTorch
+
+            return PaperCorrector.of(weights, about)
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise InputError(f"{path}: not weights that this version reads ({type(error).__name__}: {error})") from None
+    raise InputError(f"{path}: network {about['network']}; expected field or paper")

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from corrector.layout import NODES, deposits, intervals_of
-from corrector.shape import LocalFrames, middle_of
+from corrector.shape import LocalFrames
+from fabdesign.geometry.shape import Shape
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.forward import MUSCLE_TYPES, Case
@@ -81,8 +82,7 @@ def fields_of(case: Case, layout: MuscleFields, times: Array, motion: NDArray[np
 
     motion: (1 + H, T, 2 side^2, 3) m, simulated at the times themselves, then `HISTORY` seconds before each.
     """
-    side = round((motion.shape[2] // 2) ** 0.5)
-    middle = middle_of(motion, side).astype(np.float32)
+    middle = Shape(motion).middle.astype(np.float32)
     return Fields(
         _muscle_fields(case, layout, times, middle), *_shape_fields(case.design.fabric, middle), *_common(case, times)
     )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor, nn
 
-from corrector.designs import described, distance
+from corrector.layout import described, distance
 from fabdesign.nouns.corrector import Trust, with_history
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import SIDE, Case

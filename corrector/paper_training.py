@@ -86,7 +86,7 @@ def train_paper(
             clouds = [torch.from_numpy(to_unit(x)).to(device) for x in (shown, goal)]
             return _MM2 * chamfer_squared(network(clouds[0]), clouds[1])
 
-        _descend(name, network, loss, learned, checked, plan, 0, folder, progress)
+        _descend(name, network, loss, (learned, checked), plan, folder, progress)
     codes = _codes(trials, parts, plan, device)
     following = NextCode(plan.code).to(device)
     pairs = [_sequences(*one, trial.learned) for one, trial in zip(codes, trials, strict=True)]
@@ -97,7 +97,7 @@ def train_paper(
         before, after = (torch.stack([from_[i][k] for i in rows]) for k in (0, 1))
         return (network(before) - after).norm(dim=1).mean()
 
-    _descend("following", following, apart, seen, looked_at, plan, 1, folder, progress)
+    _descend("following", following, apart, (seen, looked_at), plan, folder, progress)
     whole = {**parts, "following": following}
     return {
         f"{name}.{key}": value.detach().cpu().numpy().astype(np.float32)
@@ -118,14 +118,13 @@ def _descend(
     name: str,
     network: nn.Module,
     loss: Callable[..., Tensor],
-    learned: list[Any],
-    checked: list[Any],
+    rows: tuple[list[Any], list[Any]],
     plan: PaperTraining,
-    stage: int,
     folder: Path,
     progress: Callable[[str, int, int], None],
 ) -> None:
-    """Adam with early stopping; the network ends as it was at its best."""
+    """Adam with early stopping; the network ends as it was at its best. rows: learned from, and looked at for that."""
+    (learned, checked), stage = rows, int(name == "following")  # 0: an autoencoder
     file = folder / f"paper-{name}.pt"
     optimizer = torch.optim.Adam(network.parameters(), lr=plan.rates[stage])
     epochs, every = plan.epochs[stage], plan.every if stage == 0 else 1
@@ -147,9 +146,9 @@ def _descend(
         network.eval()
         look = checked or learned[:32]
         with torch.no_grad():
-            rows = np.array_split(np.arange(len(look)), -(-len(look) // 32))
+            parts = np.array_split(np.arange(len(look)), -(-len(look) // 32))
             fixed = np.random.default_rng(plan.seed)
-            value = float(np.mean([float(loss(network, part, look, fixed)) for part in rows]))
+            value = float(np.mean([float(loss(network, part, look, fixed)) for part in parts]))
         least = plan.min_delta if stage == 0 else 1e-3 * plan.min_delta
         better = value < state["best"] - least
         state["waited"] = 0 if better else state["waited"] + 1

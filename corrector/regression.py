@@ -1,12 +1,134 @@
-"""The coefficients of the basis functions: ridge regression on many trials at once, in closed form."""
+"""Examples that the field corrector learns from, measured heights, their errors, and what each basis function would do;
+and the coefficients: ridge regression on many trials at once, in closed form."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 
-from corrector.examples import Examples
+from corrector.basis import Basis
+from corrector.inputs import HISTORY, MuscleFields, fields_of
+from corrector.outputs import heights_of, weight_over_stiffness
+from corrector.shape import FINE, LocalFrames
+from fabdesign.geometry.shape import Shape
+from fabdesign.geometry.surface import Surface, front_triangles
+from fabdesign.nouns.corrector import with_history
+from fabdesign.nouns.forward import Case
+from fabdesign.units import in_mm
+
+Floats = NDArray[np.floating[Any]]
+
+
+_WIDTHS = (5, 5, 5, 3, 3, 3)  # nodes, of the squares over which a round takes its means: wide as long as faces mix
+_SOFTNESS = (0.7e-3, 0.7e-3, 0.7e-3, 0.5e-3, 0.5e-3, 0.5e-3)  # m: how sharply a point is taken for one face's
+_FAR_OFF = (5e-3, 5e-3, 3e-3, 3e-3, 3e-3, 3e-3)  # m: points farther off are strays
+
+
+def offsets(middle: Floats, cloud: Floats, thickness: float, nodes: int = FINE) -> tuple[Floats, Floats]:
+    """Return (nodes, nodes) m from the mid-surface (side, side, 3) to the measured cloth, along its normal, and on how
+    many points of the cloud (n, 3) each is the mean; 0 where there is none.
+
+    A point does not say on which face it is: two faces 2 mm apart and 2 mm of error look alike, point by point. Around
+    a node they are two layers a thickness apart; expectation-maximisation over the two, from the mean of both, tells
+    them apart, as `geometry.sensor_noise` does without a model. A point beyond a hem counts by its height alone.
+    """
+    height, row, col = _heights(np.asarray(middle, dtype=np.float64), cloud)
+    every = (middle.shape[0] - 1) // (nodes - 1)
+    index = np.rint(row / every).astype(np.intp) * nodes + np.rint(col / every).astype(np.intp)
+    half = thickness / 2
+
+    def mean(value: Floats, weight: Floats, width: int) -> tuple[Floats, Floats]:
+        total, count = (np.bincount(index, x, nodes * nodes).reshape(nodes, nodes) for x in (value * weight, weight))
+        if width > 1:
+            total, count = (uniform_filter(x, width, mode="constant") for x in (total, count))
+        return np.asarray(total / np.maximum(count, 1e-9)), np.asarray(count)
+
+    weight, face = np.ones(len(height)), np.zeros(len(height))
+    offset, _ = mean(height, weight, _WIDTHS[0])
+    for width, softness, far in zip(_WIDTHS, _SOFTNESS, _FAR_OFF, strict=True):
+        off = height - offset.ravel()[index]
+        weight = (np.abs(off) < far).astype(np.float64)
+        face = np.tanh(off * half / softness**2)
+        offset, _ = mean(height - half * face, weight, width)
+    return mean(height - half * face, weight, 1)
+
+
+def _heights(middle: Floats, cloud: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return (n,) height [m] over the nearest triangle's plane, and row and column of the nearest place."""
+    side = middle.shape[0]
+    triangles = front_triangles(side, side)
+    surface = Surface(middle.reshape(-1, 3).astype(np.float64), triangles)
+    nearest = surface.nearest(cloud)
+    corners = triangles[nearest.triangle]
+    place = np.einsum("nc,ncd->nd", nearest.weights, surface.vertices[corners])
+    height = np.einsum("nd,nd->n", cloud - place, surface.normals_of(nearest.triangle))
+    rows, cols = np.divmod(corners, side)
+    return height, (nearest.weights * rows).sum(axis=1), (nearest.weights * cols).sum(axis=1)
+
+
+_MOST = 8.0  # points, more of which do not make a node count more: its error is the model's then
+_FAR = 20.0  # mm, of which a node is off at most: strays do not decide
+_GOOD = 1.0  # mm RMS: a frame that was this near already does not count more
+
+
+@dataclass(frozen=True, eq=False)
+class Examples:
+    """Frames of one trial, FINE x FINE nodes in a row."""
+
+    heights: NDArray[np.float16]  # (T, K, N) mm along the normal of a unit coefficient of each basis function
+    goal: NDArray[np.float32]  # (T, N) mm from the simulated cloth to the measured one
+    weight: NDArray[np.float32]  # (T, N), sum 1 in a frame
+
+    @staticmethod
+    def of(
+        case: Case,
+        layout: MuscleFields,
+        times: NDArray[np.float64],
+        motion: NDArray[np.floating],
+        clouds: Sequence[NDArray[np.floating]],
+    ) -> "Examples":
+        """Return one trial's frames at `times` (T,) s. motion: (U, 2 side^2, 3) m at `with_history(times, HISTORY)`;
+        clouds: T of (n, 3) m."""
+        _, where = with_history(times, HISTORY)
+        fabric = case.design.fabric
+        middle = Shape(motion[where[0]]).middle.astype(np.float32)
+        basis = Basis.of(fields_of(case, layout, times, motion[where]))
+        frames = LocalFrames.of(middle, fabric.width, fabric.height, FINE)
+        heights = in_mm(heights_of(basis, frames, fabric, weight_over_stiffness(case)))
+        pairs = [offsets(frame, cloud, fabric.thickness) for frame, cloud in zip(middle, clouds, strict=True)]
+        goal, count = (np.array(x).reshape(len(times), -1) for x in zip(*pairs, strict=True))
+        weight = np.minimum(count, _MOST)
+        weight /= np.maximum(weight.sum(axis=1, keepdims=True), 1)
+        flat = heights.reshape(*heights.shape[:2], -1)
+        goal = np.clip(in_mm(goal), -_FAR, _FAR)
+        return Examples(flat.astype(np.float16), goal.astype(np.float32), weight.astype(np.float32))
+
+    def errors(self, coefficients: Floats | None = None) -> NDArray[np.float64]:
+        """Return (T,) mm RMS that is left with these coefficients (K,); by default without any."""
+        remainder = self.goal
+        if coefficients is not None:
+            remainder = remainder - np.einsum(
+                "tkn,k->tn", self.heights.astype(np.float32), coefficients.astype(np.float32)
+            )
+        return np.asarray(np.sqrt((remainder**2 * self.weight).sum(axis=1)), dtype=np.float64)
+
+    @cached_property
+    def equations(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(K, K) and (K,): normal equations of all frames, each by its error before."""
+        matrix, right = 0.0, 0.0
+        for heights, goal, weight, error in zip(self.heights, self.goal, self.weight, self.errors(), strict=True):
+            single = heights.astype(np.float32)
+            by = single * weight / max(error, _GOOD) ** 2
+            matrix, right = matrix + by @ single.T, right + by @ goal
+        return np.asarray(matrix, dtype=np.float64), np.asarray(right, dtype=np.float64)
+
+    def __len__(self) -> int:
+        return len(self.goal)
+
 
 Array = NDArray[np.float64]
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from corrector.layout import NODES
+from fabdesign.geometry.shape import Shape
 from fabdesign.nouns.fabric import Fabric
 
 Floats = NDArray[np.floating[Any]]
@@ -48,12 +49,6 @@ def _slope(x: Floats, axis: int) -> Floats:
     slope[0] = -1.5 * x[0] + 2 * x[1] - 0.5 * x[2]
     slope[-1] = 1.5 * x[-1] - 2 * x[-2] + 0.5 * x[-3]
     return np.moveaxis(slope, 0, axis)
-
-
-def middle_of(points: Floats, side: int) -> Floats:
-    """Return the (..., side, side, 3) m mid-surface of two faces (..., 2 side^2, 3)."""
-    count = side * side
-    return ((points[..., :count, :] + points[..., count:, :]) / 2).reshape(*points.shape[:-2], side, side, 3)
 
 
 def tangent_changes(tilts: Floats, strains: Floats, frames: LocalFrames) -> tuple[Floats, Floats]:
@@ -143,13 +138,12 @@ def refine(field: Floats, fine: int) -> Floats:
 def displaced(points: Floats, displacement: Floats, thickness: float) -> NDArray[np.float32]:
     """Return (..., 2 side^2, 3) m: both faces of `points` moved by a displacement of the mid-surface (..., n, n, 3),
     and turned with it."""
-    count = points.shape[-2] // 2
-    side = round(count**0.5)
-    middle = middle_of(points, side)
-    moved = middle + refine(displacement, side)
+    shape = Shape(points)
+    middle = shape.middle
+    moved = middle + refine(displacement, shape.side)
     turn = (_normals(moved) - _normals(middle)) * (thickness / 2)
     shift = moved - middle
-    front, back = (x.reshape(*points.shape[:-2], count, 3) for x in (shift + turn, shift - turn))
+    front, back = (x.reshape(*points.shape[:-2], -1, 3) for x in (shift + turn, shift - turn))
     return (points + np.concatenate([front, back], axis=-2)).astype(np.float32)
 
 

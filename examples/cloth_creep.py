@@ -17,7 +17,7 @@ from sim.kernels.fields import F
 from sim.kernels.vectors import thrice
 from sim.materials import Constant, M
 from sim.state import REMEMBERED, Plane
-from sim.time.scheme import AGES
+from sim.time_steps import AGES
 
 TIMES = 0.1, 0.5  # s
 

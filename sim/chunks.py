@@ -1,21 +1,47 @@
-"""Which cases lie in the fields together, and what they put there."""
+"""Which cases lie in the fields together, in which lanes, and what they put there."""
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
+
+import numpy as np
 
 from fabdesign.effects.acting import active, specimen_of, terms_of
+from fabdesign.effects.declaration import Specimen
 from fabdesign.effects.registry import EFFECTS, force_of
-from fabdesign.effects.specimen import Specimen
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.forward import Case
-from sim.design.loading import contents_of
-from sim.design.support import Support
 from sim.equilibrium import damped, is_free, swings_to_rest
 from sim.forces.added import AddedForce
-from sim.forces.contact_pairs import Touching
-from sim.kernels.transfer import Contents
-from sim.time.batch import Batch
-from sim.time.packing import BLOCKS, pack
+from sim.forces.contact import Touching
+from sim.grid import Support
+from sim.kernels.fields import LANES
+from sim.kernels.transfer import load
+from sim.loading import contents_of
+from sim.schedule import Batch
+
+BLOCKS = 8  # of LANES designs in the fields at once
+
+
+def pack(patterns: Sequence[tuple]) -> list[list[int]]:
+    """Return blocks of LANES indices each, of cases whose steps are of the `patterns` (sortable): those alike together,
+    for a block takes as many steps as the lane with the most, and factors whenever one of them changes; spare lanes
+    repeat the last case. Unlike cases ride beside their neighbours in order, in so many blocks that all threads have
+    work."""
+    order = sorted(range(len(patterns)), key=lambda i: (patterns[i], i))
+    groups = [list(group) for _, group in groupby(order, key=lambda i: patterns[i])]
+    blocks = [group[k : k + LANES] for group in groups for k in range(0, len(group) - LANES + 1, LANES)]
+    remainders = [group[len(group) // LANES * LANES :] for group in groups]
+    rest = [i for group in remainders for i in group]
+    if rest:
+        count = -(-len(rest) // LANES)
+        if sum(map(bool, remainders)) > 1:
+            threads = os.cpu_count() or 1
+            count = min(count + -(len(blocks) + count) % threads, len(rest))
+        blocks += [part.tolist() for part in np.array_split(rest, count)]
+    return [block + block[-1:] * (LANES - len(block)) for block in blocks]
+
 
 SMOOTHING = 0.020  # m, half width over which the preconditioner's frames are averaged
 
@@ -65,15 +91,18 @@ def chunks_of(cases: Sequence[Case], n: int, patterns: Mapping[int, tuple] | Non
     return chunks
 
 
-def laid(chunk: Chunk, n: int, self_contact: bool) -> tuple[Batch, Contents]:
-    """Return the chunk on n x n grids."""
+def laid(chunk: Chunk, n: int, self_contact: bool) -> Batch:
+    """Return the chunk in the fields, on n x n grids."""
     first = chunk.cases[0]
     support = Support.of(first.design.fabric)
     contents = contents_of(chunk.lanes, n, support=support, blocks=BLOCKS)
+    load(contents)
     touching = Touching(chunk.cases, chunk.packed, n) if self_contact else None
-    added = _added_forces() if has_added_force(first) else ()
+    added: tuple[AddedForce, ...] = ()
+    if has_added_force(first):  # those of all effects: one kernel serves them all, and values make them zero
+        added = tuple(dict.fromkeys(force_of(effect) for effect in EFFECTS.values() if effect.force is not None))
     smoothing = _smoothing(first.design.fabric, n)
-    return Batch(contents.blocks, n, n, contents.points, support, smoothing, touching, added), contents
+    return Batch(contents.blocks, n, n, contents.points, support, smoothing, touching, added)
 
 
 def has_added_force(case: Case) -> bool:
@@ -83,8 +112,3 @@ def has_added_force(case: Case) -> bool:
 def _smoothing(fabric: Fabric, n: int) -> int:
     """Return the smoothing in nodes."""
     return max(1, round(SMOOTHING * (n - 1) / fabric.height))
-
-
-def _added_forces() -> tuple[AddedForce, ...]:
-    """Return the added forces of all effects: one kernel serves them all, and values make them zero."""
-    return tuple(dict.fromkeys(force_of(effect) for effect in EFFECTS.values() if effect.force is not None))

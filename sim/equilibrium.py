@@ -8,17 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects.acting import specimen_of
-from fabdesign.effects.specimen import Specimen
+from fabdesign.effects.declaration import Specimen
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.forward import RISE, Case
-from sim.design.support import Support
-from sim.kernels.fields import LANES
+from sim.grid import Support
+from sim.kernels.fields import LANES, F
 from sim.kernels.transfer import Values
 from sim.materials import REST_CURVATURES
+from sim.schedule import Batch, Schedule, alike
 from sim.step import Solve
-from sim.time.batch import Batch
-from sim.time.schedule import Schedule, alike
-from sim.time.scheme import Integrator, Scheme
+from sim.time_steps import Integrator, Scheme
 
 Stages = Iterator[tuple[Schedule, Solve]]  # what `advance` takes one after another
 RESTED = 3e-5  # m, RMS over nodes of what the last of the steps to rest may still move
@@ -103,8 +102,9 @@ def damped_motion(
         yield schedule, replace(solve, iterations=iterations, tolerance=loose * solve.tolerance)
 
 
-def rested(moved: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Return (lanes,) whether the last step (lanes, n, n, 3) m moved them by less than RESTED."""
+def rested(batch: Batch) -> NDArray[np.bool_]:
+    """Return (lanes,) whether the last step moved them by less than RESTED."""
+    moved = batch.positions(F.x0) - batch.positions(F.xp)
     return np.asarray(np.sqrt(np.square(moved).sum(axis=-1).mean(axis=(1, 2))) < RESTED)  # NaN compares false
 
 

@@ -7,15 +7,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.specimen import Specimen
+from fabdesign.effects.declaration import Specimen
 from fabdesign.geometry.curves import non_negative
 from fabdesign.nouns.fabric import Fabric
-from sim.design.support import Support
+from sim.grid import Support
 
 Array = NDArray[np.float64]
 
@@ -153,7 +153,17 @@ CONSTANTS: dict[str, Constant] = {
     "BOTTOM_HELD": Constant("1", "1 where the bottom edge is held", lambda c: float(c.support == Support.BOTTOM)),
     "CLAMPED": Constant("1", "1 where the held edge is clamped", lambda c: float(c.fabric.support == "clamped")),
 }
-M: Any = SimpleNamespace(**{name: index for index, name in enumerate(CONSTANTS)})
+
+
+class Numbers(SimpleNamespace):
+    """The number of each constant, by name."""
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> int: ...
+
+
+M = Numbers(**{name: index for index, name in enumerate(CONSTANTS)})
 
 
 def declare(name: str, constant: Constant) -> None:

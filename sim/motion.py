@@ -6,32 +6,22 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.geometry.shape import area_normals
 from fabdesign.nouns.forward import SIDE, Case
-from sim.design.loops import interpolation_weights
-from sim.design.support import Support
+from sim.grid import Support
+from sim.lacing import interpolation_weights
 
 
 def faces(middle: NDArray[np.float32], thickness: float) -> NDArray[np.float32]:
     """Return (T, 2 * 41 * 41, 3) m from mid-surfaces (T, n, n, 3): half the thickness along the normal, front then
     back.
 
-    Another grid than 41 x 41 is interpolated (cubic, sim.design.loops).
+    Another grid than 41 x 41 is interpolated (cubic, sim.lacing).
     """
     rows = _resample(middle.shape[1]).astype(middle.dtype)
     if middle.shape[1] != SIDE:
         middle = np.einsum("ai,tijc,bj->tabc", rows, middle, rows, optimize=True)
-    down, across = np.empty_like(middle), np.empty_like(middle)
-    down[:, 1:-1], down[:, 0], down[:, -1] = (
-        middle[:, 2:] - middle[:, :-2],
-        middle[:, 1] - middle[:, 0],
-        middle[:, -1] - middle[:, -2],
-    )
-    across[:, :, 1:-1], across[:, :, 0], across[:, :, -1] = (
-        middle[:, :, 2:] - middle[:, :, :-2],
-        middle[:, :, 1] - middle[:, :, 0],
-        middle[:, :, -1] - middle[:, :, -2],
-    )
-    normal = np.cross(down, across)
+    normal = area_normals(middle)
     normal *= thickness / 2 / np.linalg.norm(normal, axis=-1, keepdims=True)
     sides = [side.reshape(len(middle), SIDE * SIDE, 3) for side in (middle + normal, middle - normal)]
     return np.concatenate(sides, axis=1)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from fabdesign.nouns.column import Column
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.runtime.cluster import TASKS, Cluster
+from sim.chunks import BLOCKS
 from sim.kernels.fields import LANES
-from sim.time.packing import BLOCKS
 
 Array = NDArray[np.float64]
 Model = TypeVar("Model")

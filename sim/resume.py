@@ -10,13 +10,12 @@ from fabdesign.nouns.forward import Case
 from sim import state as declared
 from sim.chunks import Chunk, chunks_of, laid
 from sim.kernels.fields import LANES, lock
-from sim.kernels.transfer import Values, load, put, take
+from sim.kernels.transfer import Values, put, take
 from sim.motion import SimulatedMotion, motion_of
+from sim.schedule import Batch, of_motions
 from sim.simulator import Simulator
 from sim.step import advance
-from sim.time.batch import Batch
-from sim.time.schedule import of_motions
-from sim.time.steps import Jumps, together
+from sim.time_steps import Jumps, together
 
 Array = NDArray[np.float64]
 
@@ -32,8 +31,7 @@ class State:
 def at_rest(simulator: Simulator, case: Case) -> State:
     """Return where the case's motion starts."""
     with lock:
-        chunk = _alone(case)
-        batch, _ = simulator.started(chunk)
+        batch, _ = simulator.started(Chunk([0], [case], [0] * LANES))
         [state] = _states(batch, 0, 1)
         return state
 
@@ -53,7 +51,7 @@ def go_on(
     motions = dict[int, SimulatedMotion]()
     steps = {i: simulator.steps(case, times[i], begin=states[i].tick, jumps=jumps) for i, case in enumerate(cases)}
     with lock:
-        for chunk in chunks_of(cases, simulator.points_per_side, {i: own.pattern for i, own in steps.items()}):
+        for chunk in chunks_of(cases, simulator.points_per_side, {i: one.pattern for i, one in steps.items()}):
             batch = _resumed(simulator, chunk, [states[i] for i in chunk.places])
             motions |= simulator.moved(batch, chunk, steps, times)
     return [motions[i] for i in range(len(cases))]
@@ -96,7 +94,7 @@ def with_states(
             until = tick * simulator.time_step
             frames = times[(times > before * simulator.time_step + 1e-9) & (times <= until + 1e-9)]
             asked = np.append(frames, until)
-            steps = [simulator.steps_under(own, asked, jumps, begin=before) for own in acting]
+            steps = [simulator.steps_under(one, asked, jumps, begin=before) for one in acting]
             schedule, begins = of_motions(batch, lanes, steps, tick=simulator.time_step, rho=simulator.rho)
             each, state_of_muscles = advance(batch, schedule, simulator.solve(batch), frames=int(begins[-1]))
             shapes.append(each.reshape(len(cases), len(asked), n, n, 3)[:, :-1])
@@ -106,19 +104,14 @@ def with_states(
             before = tick
     middles, muscles = np.concatenate(shapes, axis=1), np.concatenate(tensions, axis=1)
     return [
-        KeptMotion(motion_of(case, times, middle, muscle), own, jumps)
-        for case, middle, muscle, own in zip(cases, middles, muscles, states, strict=True)
+        KeptMotion(motion_of(case, times, middle, muscle), one, jumps)
+        for case, middle, muscle, one in zip(cases, middles, muscles, states, strict=True)
     ]
 
 
-def _alone(case: Case) -> Chunk:
-    return Chunk([0], [case], [0] * LANES)
-
-
 def _resumed(simulator: Simulator, chunk: Chunk, states: Sequence[State]) -> Batch:
-    """The chunk in the fields, each case in its state."""
-    batch, contents = laid(chunk, simulator.points_per_side, simulator.self_contact)
-    load(contents)
+    """Return the chunk in the fields, each case in its state."""
+    batch = laid(chunk, simulator.points_per_side, simulator.self_contact)
     lanes = [states[k] for k in chunk.packed]
     values = {}
     for name in _names():
@@ -129,11 +122,11 @@ def _resumed(simulator: Simulator, chunk: Chunk, states: Sequence[State]) -> Bat
 
 
 def _states(batch: Batch, tick: int, count: int) -> list[State]:
-    """Of the first `count` lanes of a batch of one block."""
+    """Return the states of the first `count` lanes of a batch of one block."""
     values = take(batch.blocks, _names())
     return [State(tick, {name: value[0, ..., k].copy() for name, value in values.items()}) for k in range(count)]
 
 
 def _names() -> list[str]:
     carried = [plane.name for plane in declared.PLANES if plane.life in (declared.CARRIED, declared.REMEMBERED)]
-    return ["x0", *carried, *(own.name for own in declared.ARRAYS if own.life == declared.CARRIED)]
+    return ["x0", *carried, *(one.name for one in declared.ARRAYS if one.life == declared.CARRIED)]

@@ -7,41 +7,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 import sim.effects  # noqa: F401 declares its planes before the first batch
-from fabdesign.effects.acting import acting_pressure, active
-from fabdesign.effects.pressures import ActingPressure
+from fabdesign.effects.acting import acting_pressure, active, specimen_of
+from fabdesign.effects.declaration import ActingPressure
 from fabdesign.errors import InputError, require_number
-from fabdesign.nouns.column import Column, move
+from fabdesign.nouns.column import Column, FacesJacobian, move
 from fabdesign.nouns.forward import HOLD, RISE, Case
-from fabdesign.nouns.jacobian import FacesJacobian
 from fabdesign.nouns.model import POINTS_PER_SIDE
 from fabdesign.nouns.pressure import RISE_STEPS, rising_program
 from fabdesign.runtime.cluster import current
 from fabdesign.runtime.effort import COARSEST, FINEST, LONGEST, require_motion
+from sim import equilibrium
 from sim.chunks import Chunk, chunks_of, has_added_force, laid
-from sim.design.loading import constants_of
-from sim.equilibrium import (
-    FOLLOWING,
-    FOLLOWING_STEP,
-    Stages,
-    Start,
-    damped_motion,
-    is_free,
-    long_steps,
-    lying_at,
-    rested,
-    start_of,
-    to_start,
-)
 from sim.kernels.fields import F, lock
-from sim.kernels.transfer import Contents, load, put
+from sim.kernels.transfer import put
+from sim.loading import constants_of
 from sim.motion import SimulatedMotion, motion_of
 from sim.on_cluster import OnCluster
+from sim.schedule import Batch, by_block, of_motions
 from sim.step import Solve, advance
-from sim.tangent.differences import Jacobian, completed, faces_changes
-from sim.tangent.shapes import Solved, share_out, solve_at_rest, together
-from sim.time.batch import Batch
-from sim.time.schedule import by_block, of_motions
-from sim.time.steps import Jumps, Steps, jumps_of, steps_of
+from sim.tangent.shapes import Jacobian, Solved, completed, faces_changes, share_out, solve_at_rest, together
+from sim.time_steps import Jumps, Steps, jumps_of, steps_of
 
 Array = NDArray[np.float64]
 TIME_STEPS = 1e-6, 1 / 240  # s
@@ -78,7 +63,7 @@ class Simulator:
     """
 
     points_per_side: int = POINTS_PER_SIDE
-    time_step: float = 1 / 1920  # s, right after a jump of pressure; more in one as time goes on (sim/time/steps.py)
+    time_step: float = 1 / 1920  # s, right after a jump of pressure; more in one as time goes on (sim/time_steps.py)
     calm_steps: int | None = None  # time steps in one, later on; 8 by default, on finer grids 4, with self_contact 1
     iterations: int = 16  # at most, in a step
     tolerance: float = 2e-7  # m, RMS over nodes of a step's last update; what it still lacks the next step makes up
@@ -109,7 +94,7 @@ class Simulator:
         return Solve(more * self.iterations, self.tolerance, batch.added)
 
     def motions(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
-        """(T, 3362, 3) points [m] of each case at its `times` [s after rest, rising]."""
+        """Return (T, 3362, 3) points [m] of each case at its `times` [s after rest, rising]."""
         if (cluster := current()) is not None:  # whose workers make the points too
             return OnCluster(self, cluster).motions(cases, times)
         return [motion.points for motion in self.run(cases, times)]
@@ -126,7 +111,7 @@ class Simulator:
         with lock:
             for engine, patient, asked in self._tries(motions, len(cases)):
                 steps = {i: engine.steps(cases[i], wanted[i]) for i in asked}
-                for chunk in chunks_of(cases, self.points_per_side, {i: own.pattern for i, own in steps.items()}):
+                for chunk in chunks_of(cases, self.points_per_side, {i: one.pattern for i, one in steps.items()}):
                     batch, still = engine.started(chunk, patient=patient)
                     moved = engine.moved(batch, chunk, steps, wanted)
                     for k, (i, motion) in enumerate(moved.items()):
@@ -134,28 +119,29 @@ class Simulator:
                         motions[i] = replace(motion, diverged=(0.0, (0, 0))) if lost else motion
         return [motions[i] for i in range(len(cases))]
 
-    sheets = run  # as fabdesign.geometry.sheet asks for them: such a motion is one
+    sheets = run  # as fabdesign.geometry.shape asks for them: such a motion is one
 
     def started(self, chunk: Chunk, *, patient: bool = False) -> tuple[Batch, NDArray[np.bool_] | None]:
-        """The chunk in the fields, at rest without pressure; and, where it may not have come there, (lanes,) whether it
-        has."""
-        start = start_of(chunk.cases[0], patient=patient)
-        batch, contents = laid(
-            chunk.damped() if start is Start.DAMPED else chunk, self.points_per_side, self.self_contact
+        """Return the chunk in the fields, at rest without pressure; and, where it may not have come there, (lanes,)
+        whether it has."""
+        start = equilibrium.start_of(chunk.cases[0], patient=patient)
+        batch = laid(
+            chunk.damped() if start is equilibrium.Start.DAMPED else chunk, self.points_per_side, self.self_contact
         )
-        load(contents)
-        for stage in to_start(batch, start, self.solve(batch), chunk.channels):
+        for stage in equilibrium.to_start(batch, start, self.solve(batch), chunk.channels):
             advance(batch, *stage)
-        if start is Start.DAMPED:
-            put(batch.blocks, {"lane": constants_of(chunk.lanes, self.points_per_side)})
-        return batch, rested(batch.positions(F.x0) - batch.positions(F.xp)) if start is Start.CHECKED else None
+        if start is equilibrium.Start.DAMPED:
+            specimens = [specimen_of(case) for case in chunk.lanes]
+            put(batch.blocks, {"lane": constants_of(specimens, self.points_per_side)})
+        return batch, equilibrium.rested(batch) if start is equilibrium.Start.CHECKED else None
 
     def moved(
         self, batch: Batch, chunk: Chunk, steps: Mapping[int, Steps], times: Sequence[Array]
     ) -> dict[int, SimulatedMotion]:
-        """The motions of a chunk that lies in the fields, by the places of its cases. steps, times: of all cases."""
-        n, own = self.points_per_side, [steps[i] for i in chunk.places]
-        schedule, begins = of_motions(batch, chunk.packed, own, tick=self.time_step, rho=self.rho)
+        """Return the motions of a chunk that lies in the fields, by the places of its cases. steps, times: of all
+        cases."""
+        n, wanted = self.points_per_side, [steps[i] for i in chunk.places]
+        schedule, begins = of_motions(batch, chunk.packed, wanted, tick=self.time_step, rho=self.rho)
         shapes, states = advance(batch, schedule, self.solve(batch), frames=int(begins[-1]))
         motions = {}
         for k, (i, case) in enumerate(zip(chunk.places, chunk.cases, strict=True)):
@@ -166,27 +152,27 @@ class Simulator:
     def _tries(
         self, results: Mapping[int, SimulatedMotion], count: int
     ) -> Iterator[tuple["Simulator", bool, list[int]]]:
-        """All of the cases; then, finer and with patience, those whose result by then is lost."""
+        """Yield all of the cases; then, finer and with patience, those whose result by then is lost."""
         yield self, False, [*range(count)]
         if lost := [i for i in range(count) if results[i].diverged]:
             yield self._finer(), True, lost
 
     def steps(self, case: Case, times: Array, *, begin: int = 0, jumps: Jumps | None = None) -> Steps:
-        """Of a motion with frames at `times` [s], from tick `begin` on. jumps: after which steps are short, by default
-        those of the case's own pressures."""
+        """Return the steps of a motion with frames at `times` [s], from tick `begin` on. jumps: after which steps are
+        short, by default those of the case's own pressures."""
         acting = self.acting(case, times)
         return self.steps_under(acting, times, jumps or self.jumps(case, acting), begin=begin)
 
     def acting(self, case: Case, times: Array) -> ActingPressure:
-        """The pressures that act until the last of `times` [s]."""
+        """Return the pressures that act until the last of `times` [s]."""
         return acting_pressure(case, _ticks(times, self.time_step), self.time_step)
 
     def jumps(self, case: Case, acting: ActingPressure) -> Jumps:
-        """Of the pressures that act in a case."""
-        return jumps_of(acting.program, self.time_step, released=is_free(case.design.fabric))
+        """Return the jumps of the pressures that act in a case."""
+        return jumps_of(acting.program, self.time_step, released=equilibrium.is_free(case.design.fabric))
 
     def steps_under(self, acting: ActingPressure, times: Array, jumps: Jumps, *, begin: int = 0) -> Steps:
-        """Of a motion under pressures that act at least until the last of `times` [s]."""
+        """Return the steps of a motion under pressures that act at least until the last of `times` [s]."""
         until = replace(acting, ticks=_ticks(times, self.time_step))
         return steps_of(until, times, jumps, calm=self._calm, begin=begin)
 
@@ -206,7 +192,7 @@ class Simulator:
         )
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
-        """(3362, 3) points [m] of each case at rest, as `rest` gives them."""
+        """Return (3362, 3) points [m] of each case at rest, as `rest` gives them."""
         if (cluster := current()) is not None:
             return OnCluster(self, cluster).equilibria(cases)
         return [shape.points[0] for shape in self.rest(cases)]
@@ -221,12 +207,9 @@ class Simulator:
         with lock:
             for engine, patient, asked in self._tries(shapes, len(cases)):
                 for chunk in chunks_of(cases, self.points_per_side, dict.fromkeys(asked, ())):
-                    batch, contents, stages = engine._to_rest(chunk, patient=patient)
-                    load(contents)
-                    for stage in stages:
-                        advance(batch, *stage)
+                    batch = engine._at_rest(chunk, patient=patient)
                     middle, states = batch.positions(F.x0), batch.states()
-                    middle[~rested(middle - batch.positions(F.xp))] = np.nan
+                    middle[~equilibrium.rested(batch)] = np.nan
                     for k, (i, case) in enumerate(zip(chunk.places, chunk.cases, strict=True)):
                         lane = chunk.packed.index(k)
                         shapes[i] = motion_of(case, np.zeros(1), middle[lane : lane + 1], states[lane : lane + 1])
@@ -246,7 +229,7 @@ class Simulator:
         return completed(shapes, cases, columns, dict(zip(solvable, solved, strict=True)))
 
     def faces_jacobian(self, cases: Sequence[Case], columns: Sequence[Column]) -> list[FacesJacobian]:
-        """The same of both faces' points, as `equilibria` gives them."""
+        """Return the same of both faces' points, as `equilibria` gives them."""
         if (cluster := current()) is not None:
             return OnCluster(self, cluster).ask("faces_jacobian", cases, columns=columns)
         jacobians = self.shape_jacobian(cases, columns)
@@ -257,59 +240,58 @@ class Simulator:
     ) -> list[Jacobian]:
         """Motions at their `times` and how they change with each column, by differences of motions: two a column."""
 
-        def frames(own: Sequence[int], moved: Sequence[Case]) -> list[NDArray[np.float32]]:
-            return [motion.middle for motion in self.run(moved, [times[i] for i in own])]
+        def frames(places: Sequence[int], moved: Sequence[Case]) -> list[NDArray[np.float32]]:
+            return [motion.middle for motion in self.run(moved, [times[i] for i in places])]
 
         return completed(frames, cases, columns, {})
 
     def _solve_shapes(self, cases: Sequence[Case], columns: Sequence[Column]) -> list[Solved]:
-        """Each case's shape with those columns that the tangent gave."""
-        own = [
+        """Return each case's shape with those columns that the tangent gave."""
+        solvable = [
             [c for c, column in enumerate(columns) if all(map(_has_tangent, move(case, column, column.step).sides))]
             for case in cases
         ]
-        lanes = share_out(cases, own)
+        lanes = share_out(cases, solvable)
         results: list[list[Solved]] = [[] for _ in cases]
         with lock:
             for chunk in chunks_of([lane.case for _, lane in lanes], self.points_per_side):
-                batch, contents, stages = self._to_rest(chunk)
-                load(contents)
-                for stage in stages:
-                    advance(batch, *stage)
+                batch = self._at_rest(chunk)
                 riding = [lanes[chunk.places[k]][1] for k in chunk.packed]
                 solved = solve_at_rest(batch, riding, columns, self._at_rest_pressure)
                 for k, i in enumerate(chunk.places):
                     results[lanes[i][0]].append(solved[chunk.packed.index(k)])
         return [together(parts) for parts in results]
 
-    def _to_rest(self, chunk: Chunk, *, patient: bool = False) -> tuple[Batch, Contents, Stages]:
-        """The chunk, what it loads, and the steps to rest under its last pressures."""
-        batch, contents = laid(chunk.damped(), self.points_per_side, self.self_contact)
+    def _at_rest(self, chunk: Chunk, *, patient: bool = False) -> Batch:
+        """Return the chunk in the fields, after a damped motion to rest under its last pressures."""
+        batch = laid(chunk.damped(), self.points_per_side, self.self_contact)
         pressure = np.zeros((chunk.channels, len(chunk.packed)))
         for lane, case in enumerate(chunk.lanes):
             acting = self._at_rest_pressure(case)
             pressure[: len(acting), lane] = acting
-        stages = damped_motion(
+        for stage in equilibrium.damped_motion(
             batch, by_block(pressure), self.solve(batch), rise=self.rise, hold=self.hold, patient=patient
-        )
-        return batch, contents, stages
+        ):
+            advance(batch, *stage)
+        return batch
 
-    def follow(self, case: Case, middle: NDArray[np.float32], *, steps: int = FOLLOWING) -> SimulatedMotion:
-        """From a shape nearby, `middle` (n, n, 3) m, towards rest under the program's last pressures, as a motion of
+    def follow(self, case: Case, middle: NDArray[np.float32], *, steps: int = equilibrium.FOLLOWING) -> SimulatedMotion:
+        """Go from a shape nearby, `middle` (n, n, 3) m, towards rest under the program's last pressures, as a motion of
         one frame: quick, and on the branch where `middle` is. Whether it has come to rest shows in how far another call
         moves it. Memory of forces stays at rest."""
         with lock:
             [chunk] = chunks_of([case], self.points_per_side)
-            batch, contents = laid(chunk.damped(), self.points_per_side, self.self_contact)
-            load(contents)
-            put(batch.blocks, lying_at(batch, middle))
+            batch = laid(chunk.damped(), self.points_per_side, self.self_contact)
+            put(batch.blocks, equilibrium.lying_at(batch, middle))
             pressure = by_block(np.repeat(self._at_rest_pressure(case)[:, None], len(chunk.packed), axis=1))
-            for stage in long_steps(batch, pressure, self.solve(batch), ((FOLLOWING_STEP, steps),)):
+            for stage in equilibrium.long_steps(
+                batch, pressure, self.solve(batch), ((equilibrium.FOLLOWING_STEP, steps),)
+            ):
                 advance(batch, *stage)
             return motion_of(case, np.zeros(1), batch.positions(F.x0)[:1], batch.states()[:1])
 
     def _at_rest_pressure(self, case: Case) -> Array:
-        """(channels,) Pa that act at rest, once the program's last pressures have risen and were held."""
+        """Return (channels,) Pa that act at rest, once the program's last pressures have risen and were held."""
         last = case.program.pressure[-1]
         if not any(effect.pressure for effect, _, _ in active(case)):
             return last
@@ -325,5 +307,5 @@ def _ticks(times: Array, tick: float) -> int:
 
 
 def _has_tangent(case: Case) -> bool:
-    """Whether its shape at rest is where forces of positions alone balance."""
-    return not is_free(case.design.fabric) and not has_added_force(case)
+    """Return whether its shape at rest is where forces of positions alone balance."""
+    return not equilibrium.is_free(case.design.fabric) and not has_added_force(case)

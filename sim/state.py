@@ -4,7 +4,7 @@ A plane holds a number (or a vector of three) for every place of one sort: nodes
 u and v and cells, by the node at which they begin), fixed points and the intervals that begin there. An array holds
 what has another shape. All of these are there for each lane; sim/kernels/fields.py makes room for them, and loading
 (sim/kernels/transfer.py) takes them by name and zeroes by their `life`. Constants of a lane are the table of
-sim/materials.py, those of its step that of sim/time/scheme.py.
+sim/materials.py, those of its step that of sim/time_steps.py.
 """
 
 from collections.abc import Callable
@@ -137,7 +137,7 @@ PLANES: list[Plane] = [
     Plane("dir", "interval", "1", WORK, "unit vector along it", vector=True),
     Plane("grad_u", "fixed point", "N m", WORK, "couple of the force, by the tangent along u", vector=True),
     Plane("grad_v", "fixed point", "N m", WORK, "couple of the force, by the tangent along v", vector=True),
-    # of the loop that holds the cloth (sim/design/loops.py), for each node across and down
+    # of the loop that holds the cloth (sim/lacing.py), for each node across and down
     Plane("wu", "fixed point", "1", LOADED, "weights across", entries=PATCH),
     Plane("wv", "fixed point", "1", LOADED, "weights down", entries=PATCH),
     Plane("du", "fixed point", "1/m", LOADED, "derivatives of the weights across", entries=PATCH),

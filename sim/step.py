@@ -18,24 +18,22 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from sim.design.support import EDGES
-from sim.forces.added import AddedForce, remember
+from sim.forces.added import AddedForce, age_stress, relaxes, remember
 from sim.forces.cloth import fabric_force, velocities
 from sim.forces.contact import contact
 from sim.forces.muscles import points_pos, points_rate, pull, sample, spread, tension
-from sim.forces.stress import age_stress, relaxes
-from sim.kernels.fields import LANES, SPREAD, F, Timed, X
+from sim.grid import EDGES
+from sim.kernels.fields import LANES, SPREAD, F, Timed, X, floats, ints
 from sim.kernels.transfer import halt, record
 from sim.kernels.vectors import thrice
+from sim.schedule import FACTORISED, IDLE, Batch, Schedule
 from sim.solver.coarse_space import assemble
 from sim.solver.conjugate_gradients import UNCONVERGED, direction, first_residual, step_length
 from sim.solver.flat_cloth import factorise
 from sim.solver.frames import frames
 from sim.solver.muscle_modes import green
 from sim.solver.muscles import woodbury
-from sim.time.batch import Batch
-from sim.time.schedule import FACTORISED, IDLE, Schedule
-from sim.time.scheme import AF, AM, BA, CARRIED, GAMMA, IA, KNOWN, RY, H
+from sim.time_steps import AF, AM, BA, CARRIED, GAMMA, IA, KNOWN, RY, H
 
 AT_ONCE = 64  # steps in one call of the kernel: an interrupt waits for its end
 
@@ -79,14 +77,8 @@ def _advance(added: tuple[AddedForce, ...]) -> Timed:
     @ti.kernel
     def advance_kernel(
         nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, support: ti.i32, smoothing: ti.i32,
-        iterations: ti.i32, frame_updates: ti.i32, tolerance: ti.f32,
-        scheme: ti.types.ndarray(dtype=ti.f32, ndim=4),
-        work: ti.types.ndarray(dtype=ti.i32, ndim=2),
-        pressure: ti.types.ndarray(dtype=ti.f32, ndim=4),
-        first: ti.types.ndarray(dtype=ti.i32, ndim=3),
-        theta: ti.types.ndarray(dtype=ti.f32, ndim=1),
-        shapes: ti.types.ndarray(dtype=ti.f32, ndim=3),
-        states: ti.types.ndarray(dtype=ti.f32, ndim=3),
+        iterations: ti.i32, frame_updates: ti.i32, tolerance: ti.f32, scheme: floats(4), work: ints(2),
+        pressure: floats(4), first: ints(3), theta: floats(1), shapes: floats(3), states: floats(3),
     ):  # fmt: skip
         for task in range(nb * SPREAD):
             if task % SPREAD == 0:
@@ -226,7 +218,7 @@ def predict(b, nu, nv):
 @ti.func
 def muscles(b, nu, npt, added: ti.template()):
     """Contraction and tension of the muscles at q, with what effects add to them."""
-    sample(b, nu, npt, F.q, F.v, X.pos)
+    sample(b, nu, npt, F.q, F.v, 2, X.pos)
     points_pos(b, npt)
     points_rate(b, npt)
     tension(b, npt, added)

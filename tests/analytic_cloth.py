@@ -11,9 +11,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.nouns.column import Column, move
+from fabdesign.nouns.column import Column, FacesJacobian, move
 from fabdesign.nouns.forward import Case
-from fabdesign.nouns.jacobian import FacesJacobian
 
 SPREAD = 0.02  # m, of a muscle's curvature across its path
 CURVATURE = 12.0  # 1/m, of a full-length muscle at full pressure

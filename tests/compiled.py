@@ -7,12 +7,12 @@ import taichi as ti
 
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.pressure import PressureProgram
-from sim.design.loading import contents_of
-from sim.design.support import Support
 from sim.forces.cloth import fabric_force
+from sim.grid import Support
 from sim.kernels.fields import LANES, F, Timed
 from sim.kernels.transfer import load
-from sim.time.scheme import Integrator, Scheme
+from sim.loading import contents_of
+from sim.time_steps import Integrator, Scheme
 from tests.sim_designs import cloth
 
 N = 11  # nodes a side

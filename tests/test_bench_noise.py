@@ -81,6 +81,6 @@ def test_friction_is_named_and_not_taken_for_noise() -> None:
     assert within.verdict == "adequate" and within.small is not None and within.small.effect == "braid_hysteresis"
     assert within.floor == pytest.approx(SIGMA, rel=0.15) and "not added" in as_text(within)
     outcome = examine(made, 0.005)
-    assert outcome.verdict == "effect" and [effect.name for effect in outcome.found] == ["braid_hysteresis"]
-    assert outcome.found[0].parameters["friction"].value == pytest.approx(1.2e-3, rel=0.2)  # N/kPa
+    assert outcome.verdict == "effect" and [effect.name for effect in outcome.effects] == ["braid_hysteresis"]
+    assert outcome.effects[0].parameters["friction"].value == pytest.approx(1.2e-3, rel=0.2)  # N/kPa
     assert outcome.evidence.after < 0.2 * outcome.evidence.before

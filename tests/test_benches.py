@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.benches import straight_line
 from fabdesign.errors import InputError
 from fabdesign.files.bench_file import read_bench
 from fabdesign.files.bench_law_file import TABLES, BenchLaw, read_bench_law, write_bench_law
@@ -19,11 +20,10 @@ from fabdesign.nouns.bench import Bench, BenchRecord
 from studies.benches.actuator import StaticCurve
 from studies.benches.calibrate import calibrate_bench, errors_in_words
 from studies.benches.cylinder import CylinderLaw, friction_state
-from studies.benches.muscle import BenchMuscle
-from studies.benches.predictions import errors_of
+from studies.benches.evaluate import errors_of
+from studies.benches.muscle import BenchMuscle, Rows, only_speed
 from studies.benches.records import LAWS
-from studies.benches.rows import Rows, only_speed
-from studies.benches.strip import StripLaw, straight_line
+from studies.benches.strip import StripLaw
 from studies.benches.tracing import examine
 from studies.benches.write import write_bench_type
 
@@ -385,4 +385,4 @@ def test_a_new_specimen_is_a_law_and_a_line(monkeypatch):
     assert errors_of(law.written(sized=False), plain, plain.records)[0].after == pytest.approx(1e-3, rel=0.1)
     assert examine(plain, 0.02).verdict == "adequate"
     damped = examine(bench(30.0), 0.02)
-    assert damped.verdict == "effect" and [effect.name for effect in damped.found] == ["muscle_viscosity"]
+    assert damped.verdict == "effect" and [effect.name for effect in damped.effects] == ["muscle_viscosity"]

@@ -15,7 +15,7 @@ from fabdesign.nouns.forward import Case
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import Trial
 from studies.demo.measured import branch_in_words
-from studies.prediction.branches import FAR, branches_of, starts
+from studies.prediction.stability import FAR, branches_of, starts
 
 DESIGN = build("cross")
 TIMES = np.arange(1, 7) * 0.1

@@ -11,7 +11,7 @@ from fabdesign.files.measurement_set import NewTrial, TrialData, read_set, write
 from fabdesign.files.model_file import read_model, write_model
 from fabdesign.files.trial_file import write_trial
 from fabdesign.geometry.sensor_noise import SensorNoise
-from fabdesign.geometry.sheet import of_faces
+from fabdesign.geometry.shape import Shape
 from fabdesign.geometry.surface import Surface, capped_rms
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import PARAMETERS, Term
@@ -125,7 +125,7 @@ def test_derivatives_are_those_of_moved_surfaces():
     """Residuals of the faces of a mid-surface moved by a small known field, against the first-order change: the faces
     turn with the mid-surface, which the residuals do not see."""
     rng = np.random.default_rng(1)
-    base = of_faces(rolled_sheet(5.0, n=41)[None]).middle.astype(float)
+    base = Shape(rolled_sheet(5.0, n=41)[None]).middle.astype(float)
     field = np.stack([0.3 * base[..., 1], 0.2 * base[..., 0], np.sin(20 * base[..., 1])], axis=-1)
     points = faces(base, 0.002)
     cloud = NOISE.draw(Surface.of_faces(points[0]), 300, rng)

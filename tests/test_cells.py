@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 from sheets import rolled_sheet
 
-from fabdesign.geometry.cells import Cells
+from fabdesign.geometry.distances import Cells
 from fabdesign.geometry.metrics import DRAWS, trial_errors
 from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.geometry.surface import CAP, Surface

@@ -17,8 +17,9 @@ from fabdesign.files.design_file import read_design
 from fabdesign.files.model_file import read_model
 from fabdesign.files.pressure_file import constant_program
 from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import PARTS
-from studies.prediction.predict import moved
+from studies.prediction.predict import require_motions
 from tests.command_line import Diverging, Hanging, Run, one_line
 from tests.conftest import ROOT
 
@@ -254,7 +255,8 @@ def test_a_motion_that_diverges_on_a_coarse_grid_names_the_grid(folder: Path) ->
     coarse = Diverging(9)
     coarse.points_per_side = 9  # type: ignore[attr-defined]
     with pytest.raises(SimulationError) as told:
-        moved(coarse, build("basic"), constant_program(np.full(build("basic").channels, 3e5)), np.array([0.0, 0.2]))
+        program = constant_program(np.full(build("basic").channels, 3e5))
+        require_motions(coarse, [Case(build("basic"), program)], [np.array([0.0, 0.2])])
     assert str(told.value) == (
         "basic: the motion diverged at 0.200 s on a grid of 9 points a side, 25 mm apart, wider than the fixed points' "
         "20 mm; expected --grid 11 or more; nothing written"

@@ -9,19 +9,16 @@ import numpy as np
 import pytest
 
 from corrector.basis import Basis, anywhere, names
-from corrector.designs import FAR, described, distance
-from corrector.examples import Examples, offsets
-from corrector.field import FieldCorrector
+from corrector.field import FieldCorrector, load_corrector
 from corrector.inputs import HISTORY, MuscleFields, fields_of, lagged
-from corrector.layout import deposits
-from corrector.load import load_corrector
-from corrector.outputs import displacement_of, heights_of
-from corrector.regression import Regression, coefficients_of
-from corrector.response import weight_over_stiffness
-from corrector.shape import FINE, LocalFrames, displaced, middle_of, put_together, refine, tangent_changes
+from corrector.layout import FAR, deposits, described, distance
+from corrector.outputs import displacement_of, heights_of, weight_over_stiffness
+from corrector.regression import Examples, Regression, coefficients_of, offsets
+from corrector.shape import FINE, LocalFrames, displaced, put_together, refine, tangent_changes
 from fabdesign.errors import InputError
 from fabdesign.files.measurement_set import NewTrial, TrialData, read_set, write_set
 from fabdesign.files.model_file import read_model, write_model
+from fabdesign.geometry.shape import Shape
 from fabdesign.geometry.surface import Surface
 from fabdesign.nouns.catalogue import build, standard
 from fabdesign.nouns.corrector import with_history
@@ -188,7 +185,7 @@ def test_a_little_of_a_source_does_what_was_learned_from(trained) -> None:
     motion = Bending().motions([case], [wanted])[0]
     basis = Basis.of(fields_of(case, layout, TIMES, motion[where]))
     fabric, ratio = UNSEEN.fabric, weight_over_stiffness(case)
-    frames = LocalFrames.of(middle_of(motion[where[0]], SIDE), fabric.width, fabric.height, FINE)
+    frames = LocalFrames.of(Shape(motion[where[0]]).middle, fabric.width, fabric.height, FINE)
     heights = heights_of(basis, frames, fabric, ratio)
     assert heights.shape[1] == len(names()) == len(set(names()))
     for k in (0, names().index("strain: tension"), names().index("swing"), len(names()) - 1):
@@ -381,7 +378,7 @@ def test_measured_offsets_tell_the_faces_apart() -> None:
     design = UNSEEN
     rng = np.random.default_rng(0)
     points = cloth(np.full((SIDE, SIDE), 5.0), design)
-    middle = middle_of(points, SIDE)
+    middle = Shape(points).middle
     normal = LocalFrames.of(middle, 0.2, 0.2, SIDE).normal
     for shift in (-2e-3, 0.0, 2e-3):  # as much as the cloth is thick: a front then lies where a back was
         moved = np.concatenate([(half + shift * normal.reshape(-1, 3)) for half in np.split(points, 2)])
@@ -394,7 +391,7 @@ def test_measured_offsets_tell_the_faces_apart() -> None:
 def test_tilts_bend_the_cloth_and_keep_its_length() -> None:
     fabric = UNSEEN.fabric
     points = cloth(np.zeros((SIDE, SIDE)), UNSEEN)
-    frames = LocalFrames.of(middle_of(points, SIDE), fabric.width, fabric.height, FINE)
+    frames = LocalFrames.of(Shape(points).middle, fabric.width, fabric.height, FINE)
     tilts = np.zeros((FINE, FINE, 2))
     tilts[..., 1] = np.linspace(0, 0.5, FINE)[:, None]  # of the v tangent: an arc
     changes = tangent_changes(tilts, np.zeros((FINE, FINE, 3)), frames)
@@ -402,7 +399,7 @@ def test_tilts_bend_the_cloth_and_keep_its_length() -> None:
     expected = cloth(np.full((SIDE, SIDE), 0.5 / fabric.height), UNSEEN)
     assert np.abs(moved - expected).max() < 1e-3
     assert np.abs(moved[:SIDE, 1] - points[:SIDE, 1]).max() < 2e-5  # the hung edge stays, turned
-    down = np.diff(middle_of(moved, SIDE), axis=0)
+    down = np.diff(Shape(moved).middle, axis=0)
     assert np.abs(np.linalg.norm(down, axis=-1).sum(axis=0) - fabric.height).max() < 1e-3
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from corrector.load import load_corrector
+from corrector.field import load_corrector
 from fabdesign.errors import InputError
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.model_file import read_model

@@ -19,8 +19,8 @@ from fabdesign.nouns.model import EffectTerm, Model, Quantity
 from studies.demo import measured
 from studies.demo.measured import as_blocks
 from studies.measured.used_frames import UsedFrames
-from studies.prediction.branches import Branches
 from studies.prediction.evaluate import evaluate_sets
+from studies.prediction.stability import Branches
 from studies.report.page import html_of
 
 DATA = Path(measured.__file__).parents[2] / "fabdesign" / "data"

@@ -11,8 +11,7 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
 from optimize.search.design_space import DesignSpace
-from optimize.search.margins import Limits, constraint_margins
-from optimize.search.path_geometry import bend_radius, clearance
+from optimize.search.margins import Limits, bend_radius, clearance, constraint_margins
 from optimize.search.starts import layout_starts, pressure_starts, thinned_starts
 
 BASIC = build("basic")

@@ -20,7 +20,7 @@ from fabdesign.nouns.muscle import Muscle
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import PressureProgram
 from sim import Simulator
-from sim.design.nodes import node_means
+from sim.grid import node_means
 from tests.sim_designs import cloth, held, laced, linear_muscle, middle
 
 SIMULATOR = Simulator(points_per_side=11)

@@ -17,9 +17,7 @@ from fabdesign.nouns.muscle import Muscle
 from fabdesign.study_files.search_terms import Price
 from fabdesign.study_files.study_file import MuscleChoice, Study, read_study
 from fabdesign.study_files.study_targets import TargetFile
-from optimize.search.additions import pulling, with_idle
-from optimize.search.channels import with_shared_channels
-from optimize.search.design_space import DesignSpace, Limits
+from optimize.search.design_space import DesignSpace, Limits, with_shared_channels
 from optimize.search.evaluations import Evaluations, Stage
 from optimize.search.history import History
 from optimize.search.multistart import search
@@ -27,6 +25,7 @@ from optimize.search.objective import Objective, Target
 from optimize.search.search_state import load_state, save_state
 from optimize.search.starts import Start
 from optimize.search.thinning import Fewer, fewer_muscles
+from optimize.search.variations import pulling, with_idle
 from studies.layouts.refinement import fewer_said, shrunk
 from studies.layouts.run import run_study
 from tests.analytic_cloth import AnalyticCloth

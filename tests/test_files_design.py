@@ -12,10 +12,9 @@ from fabdesign.errors import InputError
 from fabdesign.files.curve_file import MembraneCurve
 from fabdesign.files.design_file import read_design, read_part, write_design
 from fabdesign.nouns.catalogue import LAYOUTS, build, standard
-from fabdesign.nouns.design import Design
+from fabdesign.nouns.design import Design, Term
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.muscle import BenchTable, Muscle, MuscleType
-from fabdesign.nouns.term import Term
 
 floats = partial(st.floats, allow_subnormal=False)  # the simulator's kernels flush those to zero
 ROUND_TRIPS = settings(

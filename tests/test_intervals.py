@@ -19,7 +19,7 @@ from fabdesign.geometry.surface import Surface
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Covariance, Model, Parameter
-from fabdesign.nouns.spread import spread_hash, spread_of
+from fabdesign.nouns.model_sampling import spread_hash, spread_of
 from studies.calibration import calibrate as calibration
 from studies.intervals.band import over_nodes, width_in_words
 from studies.intervals.calibrate import with_spread

@@ -16,7 +16,7 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.study_files.layouts_file import read_layouts
 from optimize.search.evaluations import Evaluations
-from optimize.search.start_rows import as_rows, of_rows
+from optimize.search.search_state import as_rows, of_rows
 from studies.layout_grid.result import CellResult, GridResult
 from studies.layout_grid.run import run_layouts
 from studies.layout_grid.turns import CellTurns, next_turn, seeds_of

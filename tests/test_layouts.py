@@ -18,7 +18,7 @@ from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model, Spread
-from fabdesign.nouns.spread import spread_hash
+from fabdesign.nouns.model_sampling import spread_hash
 from fabdesign.study_files.study_file import MuscleChoice, Study, StudyLimits
 from fabdesign.study_files.study_targets import TargetFile
 from studies.demo import measured

@@ -15,10 +15,8 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
 from fabdesign.study_files.study_file import MuscleChoice, Study, StudyLimits, read_study
 from fabdesign.study_files.study_targets import TargetFile
-from optimize.search.channels import by_muscle, start_of
-from optimize.search.contraction import Intervals, LinearContraction, largest_contraction
-from optimize.search.design_space import DesignSpace
-from optimize.search.margins import Limits, constraint_margins
+from optimize.search.design_space import DesignSpace, by_muscle, start_of
+from optimize.search.margins import Intervals, Limits, LinearContraction, constraint_margins, largest_contraction
 from optimize.search.starts import layout_starts
 from studies.layouts.kept_result import study_content
 from studies.layouts.run import run_study

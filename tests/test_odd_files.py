@@ -23,7 +23,7 @@ from fabdesign.errors import InputError
 from fabdesign.files.pressure_file import read_csv
 from fabdesign.files.trial_file import read_trial
 from fabdesign.formats.toml_file import parse_toml
-from fabdesign.geometry.trial_place import require_on_cloth
+from fabdesign.geometry.hung_cloth import require_on_cloth
 from fabdesign.nouns.catalogue import build
 from studies.check.files import inspect
 from studies.fusion.input import read_views

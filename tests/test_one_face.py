@@ -12,7 +12,7 @@ from fabdesign.clouds.target_file import read_target
 from fabdesign.errors import InputError
 from fabdesign.files.pressure_file import constant_program
 from fabdesign.geometry.distances import chamfer
-from fabdesign.geometry.metrics import distance_to_faces, trial_errors
+from fabdesign.geometry.metrics import CloudKind, distance_to_faces, trial_errors
 from fabdesign.geometry.sensor_noise import NOISE_FREE
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
@@ -45,7 +45,7 @@ def test_a_face_is_compared_with_that_face(face: int) -> None:
     assert far == pytest.approx(chamfer(other, own))
     flat = shape(np.zeros(3))
     assert distance_to_faces(halves(flat)[1 - face], flat, name) == pytest.approx(DESIGN.fabric.thickness, rel=0.01)
-    [found] = [trial_errors([own], points[None], NOISE_FREE, draws=2, face=name)]
+    [found] = [trial_errors([own], points[None], NOISE_FREE, CloudKind(face=name), draws=2)]
     assert found.chamfer == 0.0 and found.surface_rms < 1e-9
     both = trial_errors([own], points[None], NOISE_FREE, draws=2)
     assert both.chamfer_floor < found.chamfer_floor  # the other face's points are near as well

@@ -19,7 +19,7 @@ from fabdesign.study_files.study_file import Study, StudyLimits
 from fabdesign.study_files.study_targets import TargetFile
 from optimize.search.design_space import DesignSpace, Limits
 from optimize.search.objective import Objective, Target
-from optimize.search.relaxations import Change, what_helps
+from optimize.search.slopes import Change, what_helps
 from studies.layout_search.target import LoadedTarget
 from studies.layouts.out_of_reach import _of_types, missed_at
 from studies.layouts.run import run_study

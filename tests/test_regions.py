@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError
 from fabdesign.files.design_file import write_design
 from fabdesign.files.pressure_file import constant_program
-from fabdesign.geometry.metrics import distance_to_faces, trial_errors
+from fabdesign.geometry.metrics import CloudKind, distance_to_faces, trial_errors
 from fabdesign.geometry.regions import Region, Weighting
 from fabdesign.geometry.sensor_noise import NOISE_FREE
 from fabdesign.nouns.catalogue import build
@@ -51,7 +51,7 @@ def test_distances_are_means_by_the_weights_of_the_cloth() -> None:
     own = weights[apart.argmin(axis=1)]
     expected = np.average(apart.min(axis=1), weights=own) + np.average(apart.min(axis=0), weights=weights)
     assert Objective([Target(cloud, weighting=LOWER)]).value(model[None]) == pytest.approx(expected, rel=1e-12)
-    found = trial_errors([cloud], model[None], NOISE_FREE, draws=4, weighting=LOWER)
+    found = trial_errors([cloud], model[None], NOISE_FREE, CloudKind(weighting=LOWER), draws=4)
     assert found.chamfer == pytest.approx(expected, rel=1e-12)
     bare = trial_errors([cloud], model[None], NOISE_FREE, draws=4)
     assert found.chamfer_floor == pytest.approx(bare.chamfer_floor, rel=0.1)  # of an even cloth it is the same

@@ -22,11 +22,10 @@ from fabdesign.files.design_file import write_design
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.pressure_file import constant_program
 from fabdesign.nouns.catalogue import build
-from fabdesign.nouns.design import Design
+from fabdesign.nouns.design import Design, Term
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.nouns.muscle_law import MuscleLaw
 from fabdesign.nouns.pressure import PressureProgram
-from fabdesign.nouns.term import Term
 from studies.rig import EffectSetting, GroundTruth, Sensing, read_ground_truth, run_rig
 from studies.rig.cameras import faces
 from studies.rig.effects import EFFECTS, LISTED

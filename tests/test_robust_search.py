@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fabdesign.files.pressure_file import constant_program
-from fabdesign.geometry.mid_surface import at_places, mid_surface
+from fabdesign.geometry.shape import Shape, at_places
 from fabdesign.geometry.wishes import Landmarks
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
@@ -36,7 +36,7 @@ SHARES = np.stack(np.meshgrid(np.linspace(0, 1, 7), np.linspace(0, 1, 7)), axis=
 def seen(design: Design, kpa: list[float]) -> Objective:
     """49 places of the cloth, where that layout brings them."""
     shape = AnalyticCloth(41).equilibria([Case(design, constant_program([1e3 * p for p in kpa]))])[0].astype(float)
-    goals = at_places(mid_surface(shape), SHARES)
+    goals = at_places(Shape.of(shape).middle, SHARES)
     given, weights = np.ones(goals.shape, dtype=bool), np.full(len(goals), 1 / len(goals))
     return Objective([Target(goals, landmarks=Landmarks(SHARES, goals, given, weights))])
 

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from fabdesign.files.pressure_file import constant_program
 from fabdesign.nouns.catalogue import build
-from fabdesign.nouns.column import Column
+from fabdesign.nouns.column import Column, FacesJacobian
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
-from fabdesign.nouns.jacobian import FacesJacobian
 from fabdesign.nouns.model import Covariance, Model, Parameter
 from fabdesign.study_files.search_terms import Robust
 from fabdesign.study_files.study_file import Study

@@ -21,8 +21,7 @@ from studies.benches.write import _origin
 from studies.check.design import design_findings
 from studies.layouts.result import write_best
 from studies.measured.used_frames import UsedFrames
-from studies.prediction.evaluate import SetEvaluation
-from studies.prediction.evaluation_report import _draw_distribution, tables_markdown
+from studies.prediction.evaluation_report import SetEvaluation, _draw_distribution, tables_markdown
 from tests.report_pages import search_result
 
 

@@ -6,16 +6,14 @@ import scipy.linalg
 import taichi as ti
 
 from sim import Simulator
-from sim.design.support import Support
+from sim.grid import Support
 from sim.kernels.fields import LANES, SPREAD, C, F
-from sim.solver.coarse_bent import bent
-from sim.solver.coarse_flat import flat, pull
 from sim.solver.coarse_solve import factorise
-from sim.solver.coarse_space import copy
+from sim.solver.coarse_space import bent, copy, flat, pull
 from sim.solver.modes import modes_across, modes_down
 from sim.solver.muscles import solve
 from sim.state import COARSE, COARSE_ACROSS, COARSE_DOWN
-from sim.time.scheme import Integrator, Scheme
+from sim.time_steps import Integrator, Scheme
 from tests.sim_designs import held, laced
 from tests.sim_reference import ReferenceSheet
 

@@ -11,12 +11,11 @@ from fabdesign.effects import ActingPressure
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.pressure import PressureProgram
 from sim import Simulator
-from sim.design.support import Support
+from sim.chunks import pack
+from sim.grid import Support
 from sim.kernels.fields import LANES
-from sim.time.batch import Batch
-from sim.time.packing import pack
-from sim.time.schedule import FACTORISED, IDLE, of_motions
-from sim.time.steps import LARGE, Steps, jumps_of, steps_of
+from sim.schedule import FACTORISED, IDLE, Batch, of_motions
+from sim.time_steps import LARGE, Steps, jumps_of, steps_of
 from tests.sim_designs import laced
 
 TICK, CALM = 1 / 1920, 8

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.design.loops import LOOP, WIDENED, interpolation_weights, line_weights, patch_size
+from sim.lacing import LOOP, WIDENED, interpolation_weights, line_weights, patch_size
 
 places = st.floats(0.0, 0.2)
 grids = st.integers(9, 200)

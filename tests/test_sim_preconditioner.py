@@ -5,8 +5,8 @@ import pytest
 import taichi as ti
 
 from sim import Simulator
-from sim.design.lacing import lace, touched
 from sim.kernels.fields import LANES, SPREAD, F, X
+from sim.lacing import lace, touched
 from sim.solver.muscles import solve
 from sim.state import GREEN
 from tests.sim_designs import held, laced

@@ -12,9 +12,9 @@ from benchmarks.spread_layouts import LAYOUTS, layout, programs, table
 from fabdesign.files.design_file import read_design, write_design
 from fabdesign.files.model_file import read_model, write_model
 from fabdesign.nouns.model import Model
-from fabdesign.nouns.spread import TWO_SIDED, half_widths
+from fabdesign.nouns.model_sampling import TWO_SIDED, half_widths
 from studies.intervals.calibrate import spread_from
-from studies.intervals.regions import by_region
+from studies.intervals.draws import by_region
 from studies.intervals.widths import RegionResiduals, crps
 
 

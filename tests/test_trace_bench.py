@@ -11,8 +11,7 @@ from fabdesign.files.model_file import read_model
 from fabdesign.nouns.bench import Bench, BenchRecord, Specimen
 from studies.benches.cylinder import friction_state
 from studies.benches.records import LAWS
-from studies.benches.trace_outcome import BenchOutcome
-from studies.benches.trace_report import as_text
+from studies.benches.trace_report import BenchOutcome, as_text
 from studies.benches.tracing import examine
 from tests.command_line import Run, one_line
 from tests.test_benches import DATA, muscle_force
@@ -83,7 +82,7 @@ PRESSURES = 1e5, 3e5, 5e5, 7e5
 
 def test_friction_that_grows_with_pressure_is_found_on_a_cylinder() -> None:
     outcome = traced("cylinder", cylinder, *((p, 4e-3, 2.0) for p in PRESSURES))
-    (effect,) = outcome.found
+    (effect,) = outcome.effects
     assert outcome.verdict == "effect" and effect.name == "braid_hysteresis"
     assert effect.parameters["friction"].value == pytest.approx(4e-3, rel=0.1)  # N/kPa
     assert effect.parameters["friction_at_zero"].value == pytest.approx(2.0, rel=0.1)
@@ -93,21 +92,21 @@ def test_friction_that_grows_with_pressure_is_found_on_a_cylinder() -> None:
 
 def test_on_a_cylinder_without_any_the_law_is_adequate() -> None:
     outcome = traced("cylinder", cylinder, *((p, 0.0, 0.0) for p in PRESSURES))
-    assert outcome.verdict == "adequate" and not outcome.found
+    assert outcome.verdict == "adequate" and not outcome.effects
 
 
 @pytest.mark.parametrize(("creep", "found"), [(0.2, True), (-0.2, False)])
 def test_what_has_the_wrong_sign_is_no_effect(creep: float, found: bool) -> None:
     """The force of a cylinder that loses some of it with time is no creep: that only ever adds."""
     outcome = traced("cylinder", cylinder, *((p, 0.0, 0.0, creep) for p in PRESSURES))
-    assert ("muscle_creep" in {effect.name for effect in outcome.found}) == found
+    assert ("muscle_creep" in {effect.name for effect in outcome.effects}) == found
     assert ("muscle_creep" in outcome.refused) != found
     assert ("only with a sign that it cannot have" in as_text(outcome)) != found
 
 
 def test_viscosity_is_found_on_a_muscle() -> None:
     outcome = traced("muscle", muscle, *[(30.0,)] * 3)
-    (effect,) = outcome.found
+    (effect,) = outcome.effects
     assert outcome.verdict == "effect" and effect.name == "muscle_viscosity"
     assert [q.value for q in effect.parameters.values()] == pytest.approx([30, 30], rel=0.05)
 
@@ -125,7 +124,7 @@ def test_a_muscles_law_takes_the_pressure_commanded_where_none_was_measured() ->
 
 def test_a_lag_is_found_on_an_actuator() -> None:
     outcome = traced("actuator", actuator, *((p, 0.1) for p in (1e4, 2e4, 3e4, 4e4)))
-    (effect,) = outcome.found
+    (effect,) = outcome.effects
     assert effect.name == "filling_lag" and effect.parameters["time"].value == 0.1
     assert effect.parameters["share"].value == pytest.approx(1.0, abs=0.05)
     assert outcome.evidence.after < 0.1 * outcome.evidence.before
@@ -134,12 +133,12 @@ def test_a_lag_is_found_on_an_actuator() -> None:
     ]
     # what the records left out do not share is beyond the tight tolerance: no effect, and not adequate either
     assert [one.verdict for one in without] == ["unexplained", "adequate"]
-    assert not any(one.found for one in without)
+    assert not any(one.effects for one in without)
 
 
 def test_relaxation_is_found_on_a_strip() -> None:
     outcome = traced("strip", strip, *[(0.3,)] * 4)
-    assert [effect.name for effect in outcome.found] == ["stress_relaxation"]
+    assert [effect.name for effect in outcome.effects] == ["stress_relaxation"]
     assert traced("strip", strip, *[(0.0,)] * 4).verdict == "adequate"
 
 

@@ -20,7 +20,7 @@ from fabdesign.geometry.surface import Surface
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import MUSCLE_TYPES, Case, Term
 from fabdesign.nouns.model import Covariance, Model, Parameter, Spread
-from fabdesign.nouns.spread import TWO_SIDED, spread_hash
+from fabdesign.nouns.model_sampling import TWO_SIDED, spread_hash
 from fabdesign.study_files.unseen_file import read_unseen
 from studies.check.study import study_findings
 from studies.tracing.experiment import fastest

@@ -72,7 +72,7 @@ def test_a_corrector_has_a_panel_of_its_own(
     files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from fabdesign.files.design_file import write_design
-    from studies.prediction.laced_motion import laced_motions
+    from studies.prediction.forward_model import laced_motions
 
     asked: list[Model] = []
 

@@ -17,8 +17,7 @@ from fabdesign.errors import InputError
 from fabdesign.files.motion_file import read_motion, square_triangles, write_mesh, write_motion
 from fabdesign.files.pressure_file import constant_program
 from fabdesign.files.trial_file import TrialData, write_trial
-from fabdesign.geometry.laced_muscles import laced_muscles
-from fabdesign.geometry.mid_surface import mid_surface, strains
+from fabdesign.geometry.shape import Shape, laced_muscles, strains
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
@@ -176,7 +175,7 @@ def test_a_vtk_series_opens_with_all_that_is_known(files: dict[str, Path], tmp_p
         cloth, lines = (meshio.read(tmp_path / names[k]) for names in (cloths, muscles))
         np.testing.assert_array_equal(cloth.points, points)
         assert len(cloth.cells_dict["triangle"]) == 4 * (SIDE - 1) ** 2
-        expected = strains(mid_surface(points), SIZE)[1].ravel()
+        expected = strains(Shape.of(points).middle, SIZE)[1].ravel()
         np.testing.assert_allclose(cloth.point_data["strain_down"], np.tile(expected, 2), atol=1e-6)
         np.testing.assert_array_equal(lines.points, laced.points[k])
         np.testing.assert_array_equal(lines.cells_dict["line"], laced.intervals)
@@ -190,7 +189,7 @@ def test_markers_are_places_on_the_mid_surface(files: dict[str, Path], tmp_path:
     header, *rows = [line.split(",") for line in out.read_text().splitlines()]
     assert header[:5] == ["panel", "time_s", "tip_x_m", "tip_y_m", "tip_z_m"]
     assert [float(row[1]) for row in rows] == TIMES.tolist()
-    middle = mid_surface(motion())
+    middle = Shape.of(motion()).middle
     np.testing.assert_allclose([[float(x) for x in row[2:5]] for row in rows], middle[:, -1, -1], atol=1e-6)
     np.testing.assert_allclose([float(row[5]) for row in rows], middle[:, 0, :2, 0].mean(axis=1), atol=1e-6)
     with pytest.raises(InputError, match=r"marker far at 9, 0 m: expected a place on the cloth"):

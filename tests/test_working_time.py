@@ -12,8 +12,8 @@ from fabdesign.runtime import working_time
 from fabdesign.runtime.working_time import Stopwatch
 from fabdesign.study_files.study_file import Study, StudyLimits
 from fabdesign.study_files.study_targets import TargetFile
-from sim.design.loading import SIZES
-from sim.kernels.first_calls import _in_words
+from sim.kernels.frontend import _in_words
+from sim.loading import SIZES
 from studies.layouts.run import run_study
 from tests.analytic_cloth import AnalyticCloth
 

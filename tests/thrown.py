@@ -7,10 +7,10 @@ from fabdesign.effects import ActingPressure
 from sim.chunks import Chunk
 from sim.kernels import fields
 from sim.kernels.fields import LANES, F
+from sim.schedule import of_motions
 from sim.simulator import Simulator
 from sim.step import advance
-from sim.time.schedule import of_motions
-from sim.time.steps import Jumps, steps_of
+from sim.time_steps import Jumps, steps_of
 from tests.sim_designs import held
 
 

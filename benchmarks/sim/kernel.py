@@ -15,17 +15,17 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from benchmarks.sim.cases import reference
-from sim.design.loading import contents_of
-from sim.design.support import Support
+from sim.chunks import BLOCKS
 from sim.forces.cloth import fabric_force
+from sim.grid import Support
 from sim.kernels import fields
 from sim.kernels.fields import SPREAD, F, Timed
 from sim.kernels.transfer import load
+from sim.loading import contents_of
 from sim.materials import M
 from sim.solver.flat_cloth import factorise
 from sim.solver.muscles import solve
-from sim.time.packing import BLOCKS
-from sim.time.scheme import Integrator, Scheme
+from sim.time_steps import Integrator, Scheme
 
 Array = NDArray[np.float32]
 SCHEME = Scheme(1 / 480, Integrator.GENERALISED_ALPHA)

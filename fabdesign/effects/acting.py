@@ -6,10 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.declaration import Array, Effect, Values
-from fabdesign.effects.pressures import ActingPressure
+from fabdesign.effects.declaration import ActingPressure, Array, Effect, Specimen
 from fabdesign.effects.registry import check_values, effect_named
-from fabdesign.effects.specimen import Specimen
 from fabdesign.nouns.forward import MUSCLE_TYPES, Case, Term
 
 
@@ -90,16 +88,3 @@ def observed(case: Case, points: NDArray[Any]) -> NDArray[Any]:
         if effect.observed is not None:
             points = effect.observed(points, values).astype(points.dtype)
     return points
-
-
-__all__ = [
-    "Values",
-    "acting_pressure",
-    "active",
-    "is_sensing",
-    "muscles_of",
-    "observed",
-    "seen_at",
-    "specimen_of",
-    "terms_of",
-]

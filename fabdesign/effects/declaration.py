@@ -6,21 +6,146 @@ is the one without it, and the derivative by the strength exists there.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import product
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.bench import MuscleRecord
-from fabdesign.effects.pressures import ActingPressure
-from fabdesign.effects.specimen import Specimen
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.fabric import Fabric
+from fabdesign.nouns.pressure import PressureProgram
 
 Array = NDArray[np.float64]
+_RATE_WINDOW = 3  # rows on either side of the one whose rate is taken
+
+
+@dataclass(frozen=True, eq=False)
+class MuscleRecord:
+    """Rows of one record: the measured tension is law(pressure, contraction - lent) - friction - what damps."""
+
+    time: Array  # (n,) s, rising
+    pressure: Array  # (n,) Pa that acts
+    contraction: Array  # (n,) as measured
+    lent: Array  # (n,) contraction that the law does not see
+    friction: Array  # (n,) N, against contraction
+
+    @cached_property
+    def rate(self) -> Array:
+        """(n,) 1/s, of contraction: slope of the line through the rows around each one, for noise makes neighbours'
+        differences useless."""
+        half = min(_RATE_WINDOW, (len(self.time) - 1) // 2)
+        kernel = np.arange(half, -half - 1, -1.0)
+        inner = np.convolve(self.contraction, kernel, "valid") / np.convolve(self.time, kernel, "valid")
+        return np.pad(inner, half, mode="edge")
+
+    @staticmethod
+    def measured(time: Array, pressure: Array, contraction: Array) -> "MuscleRecord":
+        """Return the record as measured, without effects."""
+        return MuscleRecord(time, pressure, contraction, np.zeros(len(time)), np.zeros(len(time)))
+
+
+OfPlace = Callable[[Array, Array], Array]  # of places (u, v) [m] on the flat cloth
+
+
+@dataclass(frozen=True, eq=False)
+class Specimen:
+    """The constants and places that a simulation of one case is made of.
+
+    muscles: (m,) numbers of every muscle by name: `gain` (on what pressure adds to the tension), `lever` (on the axis'
+    offset), `pressure_loss` (share of the pressure lost from a muscle's first end to its last), and those that an
+    effect's force asks for by its planes' names (zero where none says otherwise). constants: numbers of the whole
+    specimen that a force asks for, by name; places: those that differ over the cloth, of which a node gets the mean
+    over its area. masses: (u [m], v [m], kg) each, fixed to the cloth.
+    """
+
+    design: Design
+    factors: Mapping[str, float]
+    order: int = 0
+    muscles: Mapping[str, Array] = field(default_factory=dict)
+    constants: Mapping[str, float] = field(default_factory=dict)
+    places: Mapping[str, OfPlace] = field(default_factory=dict)
+    masses: tuple[tuple[float, float, float], ...] = ()
+
+    def with_fabric(self, fabric: Fabric) -> "Specimen":
+        return replace(self, design=replace(self.design, fabric=fabric))
+
+    def with_muscles(self, where: NDArray[np.bool_], **values: float | Array) -> "Specimen":
+        """Return the specimen whose muscles' numbers by name are these where `where` (m,) holds, one for all or
+        (m,)."""
+        count = len(self.design.muscles)
+        changed = {
+            name: np.where(where, value, self.muscles.get(name, np.zeros(count))) for name, value in values.items()
+        }
+        return replace(self, muscles={**self.muscles, **changed})
+
+    def with_constants(self, **values: float) -> "Specimen":
+        return replace(self, constants={**self.constants, **values})
+
+    def with_place(self, name: str, value: OfPlace) -> "Specimen":
+        return replace(self, places={**self.places, name: value})
+
+    def with_mass(self, u: float, v: float, mass: float) -> "Specimen":
+        return replace(self, masses=(*self.masses, (u, v, mass)))
+
+
+@dataclass(frozen=True, eq=False)
+class ActingPressure:
+    """Piecewise constant pressures, and where something has smoothed them, means over ticks.
+
+    program: steps of pressure, whose jumps a simulator follows with short steps. smooth: (ticks, channels) Pa, means
+    over ticks of `tick` s each from t = 0 on, the last holding for ever; None where the program itself acts.
+    """
+
+    program: PressureProgram
+    ticks: int
+    tick: float  # s
+    smooth: Array | None = None
+
+    @cached_property
+    def means(self) -> Array:
+        """(ticks, channels) Pa, over every tick."""
+        if self.smooth is not None:
+            return self.smooth
+        return self.between(np.arange(self.ticks + 1))
+
+    def between(self, edges: NDArray[np.int_]) -> Array:
+        """Return (n - 1, channels) Pa, means between ticks `edges` (n,), rising; the last tick's holds beyond the
+        ticks."""
+        if self.smooth is None:
+            return self.program.means(np.asarray(self.tick * edges, dtype=np.float64))
+        integral = np.concatenate([np.zeros((1, self.smooth.shape[1])), np.cumsum(self.smooth, axis=0)])
+        inside = np.minimum(edges, self.ticks)
+        total = integral[inside] + (edges - inside)[:, None] * self.smooth[-1]
+        return np.asarray(np.diff(total, axis=0) / np.diff(edges)[:, None])
+
+    def at_once(self, change: Callable[[Array], Array]) -> "ActingPressure":
+        """Return what a change that takes no time makes of the set points, and of what has smoothed them."""
+        program = PressureProgram(self.program.time, change(self.program.pressure), self.program.duration)
+        return self.through(program, None if self.smooth is None else change(self.smooth))
+
+    def through(self, program: PressureProgram, smooth: Array | None) -> "ActingPressure":
+        return replace(self, program=program, smooth=smooth)
+
+
 Values = Mapping[str, float]
 Site = Literal["muscle", "pneumatics", "fabric", "interface", "environment", "sensing", "learned"]
 Scope = Literal["muscle type", "rig", "fabric", "sensors"]
+SpecimenChange = Callable[[Specimen, Values, NDArray[np.bool_]], Specimen]
+
+
+def to_muscles(**numbers: str) -> SpecimenChange:
+    """Return what gives the muscles of a specimen an effect's parameters as numbers: plane="parameter"."""
+    return lambda specimen, values, muscles: specimen.with_muscles(
+        muscles, **{plane: values[name] for plane, name in numbers.items()}
+    )
+
+
+def to_constants(**numbers: str) -> SpecimenChange:
+    """Return what gives a specimen an effect's parameters as constants: constant="parameter"."""
+    return lambda specimen, values, _: specimen.with_constants(**{key: values[name] for key, name in numbers.items()})
 
 
 @dataclass(frozen=True)
@@ -72,7 +197,7 @@ class Effect:
     parameters: Mapping[str, EffectParameter]
     looks_like: str = ""  # what is no effect of the list and looks the same in data, and how to tell it apart
     pressure: Callable[[ActingPressure, Values], ActingPressure] | None = None
-    specimen: Callable[[Specimen, Values, NDArray[np.bool_]], Specimen] | None = None
+    specimen: SpecimenChange | None = None
     clock: Callable[[Array, Values], Array] | None = None
     observed: Callable[[NDArray[Any], Values], NDArray[Any]] | None = None
     force: Any = field(default=None, hash=False)

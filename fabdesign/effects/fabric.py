@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
-from fabdesign.effects.specimen import Specimen
+from fabdesign.effects.declaration import Array, Effect, EffectParameter, Specimen, Values, to_constants
 from fabdesign.files.curve_file import MembraneCurve
 
 
@@ -79,15 +78,11 @@ LOCAL_STIFFENING = Effect(
         "factor": EffectParameter("1", "on the stiffness", 4.0, (0.05, 20.0), 0.7, off=1.0, transform="log"),
     },
     specimen=_local_stiffening_specimen,
-    force="sim.forces.stress:CLOTH_STRESS",
+    force="sim.forces.added:CLOTH_STRESS",
 )
 
 
 # Stress relaxation: part of the cloth's stress goes with time at constant strain.
-def _stress_relaxation_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
-    return specimen.with_constants(relaxed_share=values["share"], relaxed_time=values["time"])
-
-
 STRESS_RELAXATION = Effect(
     "stress_relaxation",
     site="fabric",
@@ -103,17 +98,13 @@ STRESS_RELAXATION = Effect(
         "share": EffectParameter("1", "of the stress, in the end", 0.3, (0.0, 0.9), 0.15, off=0.0),
         "time": EffectParameter("s", "time constant", 0.7, (0.02, 100.0), 0.8, transform="log"),
     },
-    specimen=_stress_relaxation_specimen,
-    force="sim.forces.stress:CLOTH_STRESS",
+    specimen=to_constants(relaxed_share="share", relaxed_time="time"),
+    force="sim.forces.added:CLOTH_STRESS",
     remembers=True,
 )
 
 
 # Rest curvature: the free cloth is curled, as off the loom or a roll.
-def _rest_curvature_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
-    return specimen.with_constants(**{f"rest_curvature_{name}": value for name, value in values.items()})
-
-
 REST_CURVATURE = Effect(
     "rest_curvature",
     site="fabric",
@@ -128,5 +119,5 @@ REST_CURVATURE = Effect(
         "down": EffectParameter("1/m", "along v", 1.5, (-20.0, 20.0), 1.0, off=0.0),
         "twist": EffectParameter("1/m", "x,uv . n", 0.0, (-20.0, 20.0), 1.0, off=0.0),
     },
-    specimen=_rest_curvature_specimen,
+    specimen=to_constants(**{f"rest_curvature_{name}": name for name in ("across", "down", "twist")}),
 )

@@ -9,13 +9,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
+from fabdesign.effects.declaration import ActingPressure, Array, Effect, EffectParameter, Specimen, Values
 from fabdesign.effects.fabric import ORTHOTROPY
 from fabdesign.effects.muscle import BRAID_HYSTERESIS
 from fabdesign.effects.pneumatics import lagged
-from fabdesign.effects.pressures import ActingPressure
-from fabdesign.effects.specimen import Specimen
-from fabdesign.nouns.pressure import PressureProgram
 
 UNIT = 200e3  # Pa, of which coefficients per pressure are told
 QUICK, SLOW = 0.1, 0.5  # s, of the two lags
@@ -32,14 +29,13 @@ def _of_set_point(pressure: Array, values: Values) -> Array:
 
 
 def _pressure(acting: ActingPressure, values: Values) -> ActingPressure:
-    set_points = acting.program
-    program = PressureProgram(set_points.time, _of_set_point(set_points.pressure, values), set_points.duration)
+    changed = acting.at_once(lambda pressure: _of_set_point(pressure, values))
     quick, slow = values["quick"], values["slow"]
     if quick == 0 and slow == 0:
-        return acting.through(program, None if acting.smooth is None else _of_set_point(acting.smooth, values))
+        return changed
     wanted = _of_set_point(acting.means, values)
     late = [share * (lagged(wanted, acting.tick, tau, tau) - wanted) for share, tau in ((quick, QUICK), (slow, SLOW))]
-    return acting.through(program, np.maximum(wanted + late[0] + late[1], 0.0))
+    return acting.through(changed.program, np.maximum(wanted + late[0] + late[1], 0.0))
 
 
 def _specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
@@ -95,7 +91,7 @@ LEARNED = Effect(
     },
     pressure=_pressure,
     specimen=_specimen,
-    force="sim.effects.learned:LEARNED",
+    force="sim.effects:LEARNED",
     remembers=True,
 )
 

@@ -5,9 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.bench import MuscleRecord
-from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
-from fabdesign.effects.specimen import Specimen
+from fabdesign.effects.declaration import Array, Effect, EffectParameter, MuscleRecord, Specimen, Values, to_muscles
 from fabdesign.units import from_kpa
 
 
@@ -34,7 +32,7 @@ THRESHOLD_PRESSURE = Effect(
         "width": EffectParameter("kPa", "of the bend", 10.0, (1.0, 100.0), 0.5, transform="log"),
     },
     specimen=_threshold_pressure_specimen,
-    force="sim.effects.threshold_pressure:THRESHOLD_PRESSURE",
+    force="sim.effects:THRESHOLD_PRESSURE",
 )
 
 
@@ -74,7 +72,7 @@ BRAID_HYSTERESIS = Effect(
         "slip": EffectParameter("1", "contraction until it slides", 0.005, (0.0005, 0.1), 0.5, transform="log"),
     },
     specimen=_braid_hysteresis_specimen,
-    force="sim.effects.braid_hysteresis:BRAID_HYSTERESIS",
+    force="sim.effects:BRAID_HYSTERESIS",
     resists=True,
     bench=_braid_hysteresis_bench,
     remembers=True,
@@ -82,12 +80,6 @@ BRAID_HYSTERESIS = Effect(
 
 
 # Muscle creep: part of a muscle's contraction comes slowly, and goes slowly.
-def _muscle_creep_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
-    return specimen.with_muscles(
-        muscles, creep_share=values["share"], creep_time=values["time"], creep_on_bench=values["on_bench"]
-    )
-
-
 def _muscle_creep_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
     limit = values["share"] * np.maximum(record.contraction, 0.0)
     aged = -np.expm1(-np.diff(record.time) / values["time"])
@@ -118,20 +110,14 @@ MUSCLE_CREEP = Effect(
             tried=(0.5,),
         ),
     },
-    specimen=_muscle_creep_specimen,
-    force="sim.effects.muscle_creep:MUSCLE_CREEP",
+    specimen=to_muscles(creep_share="share", creep_time="time", creep_on_bench="on_bench"),
+    force="sim.effects:MUSCLE_CREEP",
     bench=_muscle_creep_bench,
     remembers=True,
 )
 
 
 # Muscle viscosity: tension lost by the rate of contraction, another share while lengthening.
-def _muscle_viscosity_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
-    return specimen.with_muscles(
-        muscles, viscosity_contracting=values["contracting"], viscosity_lengthening=values["lengthening"]
-    )
-
-
 MUSCLE_VISCOSITY = Effect(
     "muscle_viscosity",
     site="muscle",
@@ -145,8 +131,8 @@ MUSCLE_VISCOSITY = Effect(
         "contracting": EffectParameter("N s", "while contracting", 20.0, (0.0, 500.0), 10.0, off=0.0),
         "lengthening": EffectParameter("N s", "while lengthening", 10.0, (0.0, 500.0), 10.0, off=0.0),
     },
-    specimen=_muscle_viscosity_specimen,
-    force="sim.effects.muscle_viscosity:MUSCLE_VISCOSITY",
+    specimen=to_muscles(viscosity_contracting="contracting", viscosity_lengthening="lengthening"),
+    force="sim.effects:MUSCLE_VISCOSITY",
     resists=True,
 )
 

@@ -4,12 +4,16 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fabdesign.effects.bench import MuscleRecord
-from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
-from fabdesign.effects.pressures import ActingPressure
-from fabdesign.effects.specimen import Specimen
+from fabdesign.effects.declaration import (
+    ActingPressure,
+    Array,
+    Effect,
+    EffectParameter,
+    MuscleRecord,
+    Values,
+    to_muscles,
+)
 from fabdesign.nouns.pressure import PressureProgram
 
 # Filling lag: the pressure in a muscle follows the set point with a time constant, which may differ emptying.
@@ -118,9 +122,7 @@ def _supply_droop_drooped(pressure: Array, share: float) -> Array:
 
 
 def _supply_droop_pressure(acting: ActingPressure, values: Values) -> ActingPressure:
-    set_points, share = acting.program, values["share"]
-    program = PressureProgram(set_points.time, _supply_droop_drooped(set_points.pressure, share), set_points.duration)
-    return acting.through(program, None if acting.smooth is None else _supply_droop_drooped(acting.smooth, share))
+    return acting.at_once(lambda pressure: _supply_droop_drooped(pressure, values["share"]))
 
 
 SUPPLY_DROOP = Effect(
@@ -140,10 +142,6 @@ SUPPLY_DROOP = Effect(
 
 
 # Line loss: pressure falls along a muscle.
-def _line_loss_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
-    return specimen.with_muscles(muscles, pressure_loss=values["share"])
-
-
 LINE_LOSS = Effect(
     "line_loss",
     site="pneumatics",
@@ -153,5 +151,5 @@ LINE_LOSS = Effect(
     looks_like="a muscle that is stiffer towards one end, or laced more tightly there; swap inlet and outlet",
     source="laminar flow through a leaking line, to first order; docs/effects.md",
     parameters={"share": EffectParameter("1", "lost at the far end", 0.3, (0.0, 1.0), 0.25, off=0.0)},
-    specimen=_line_loss_specimen,
+    specimen=to_muscles(pressure_loss="share"),
 )

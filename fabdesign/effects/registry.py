@@ -10,37 +10,17 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from fabdesign.effects import environment, fabric, learned, muscle, pneumatics
 from fabdesign.effects.declaration import Effect, Values
-from fabdesign.effects.environment import ADDED_MASS, AIR_DRAG, FRAME_TILT
-from fabdesign.effects.fabric import LOCAL_STIFFENING, ORTHOTROPY, REST_CURVATURE, STRESS_RELAXATION
-from fabdesign.effects.learned import DISCOVERED, LEARNED
-from fabdesign.effects.muscle import (
-    BRAID_HYSTERESIS,
-    MUSCLE_CREEP,
-    MUSCLE_VISCOSITY,
-    ODD_MUSCLE,
-    STROKE_SOFTENING,
-    THRESHOLD_PRESSURE,
-)
-from fabdesign.effects.pneumatics import DEAD_TIME, FILLING_LAG, LINE_LOSS, SUPPLY_DROOP
-from fabdesign.effects.sensing import REGISTRATION_BIAS, SCALE_ERROR, TIME_OFFSET
 from fabdesign.errors import InputError
 from fabdesign.formats.table import nearest
-from fabdesign.nouns.term import Term
+from fabdesign.nouns.design import Term
 
 GROUP = "fabdesign.effects"  # entry points of installed packages, each an Effect
 
-EFFECTS: dict[str, Effect] = {
-    effect.name: effect
-    for effect in (
-        THRESHOLD_PRESSURE, BRAID_HYSTERESIS, MUSCLE_CREEP, MUSCLE_VISCOSITY, STROKE_SOFTENING, ODD_MUSCLE,
-        FILLING_LAG, DEAD_TIME, SUPPLY_DROOP, LINE_LOSS,
-        ORTHOTROPY, LOCAL_STIFFENING, STRESS_RELAXATION, REST_CURVATURE,
-        AIR_DRAG, FRAME_TILT, ADDED_MASS,
-        REGISTRATION_BIAS, TIME_OFFSET, SCALE_ERROR,
-        LEARNED, DISCOVERED,
-    )
-}  # fmt: skip
+# one file a site: all effects that it declares, in their order
+_SITES = muscle, pneumatics, fabric, environment, learned
+EFFECTS: dict[str, Effect] = {e.name: e for site in _SITES for e in vars(site).values() if isinstance(e, Effect)}
 BUILT_IN = tuple(EFFECTS)
 _files: dict[str, str] = {}  # text of the files that were registered, by stem
 

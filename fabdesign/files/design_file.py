@@ -14,11 +14,10 @@ from fabdesign.files.design_writer import write_design
 from fabdesign.formats.decoder import decode, decode_key, decode_part
 from fabdesign.formats.table import DESIGN, Table, load_toml
 from fabdesign.formats.toml_file import file_name, parse_toml
-from fabdesign.nouns.design import Design
+from fabdesign.nouns.design import MUSCLE_TYPES, Design, Term
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.model import EffectTerm
 from fabdesign.nouns.muscle import Muscle, MuscleType
-from fabdesign.nouns.term import MUSCLE_TYPES, Term
 from fabdesign.runtime.effort import MUSCLES
 
 __all__ = ["DesignPart", "is_part", "read_design", "read_part", "write_design"]

@@ -10,9 +10,8 @@ from fabdesign.errors import InputError
 from fabdesign.files.bench_table_file import BenchTable, read_bench_table, write_bench_table
 from fabdesign.files.curve_file import MembraneCurve, write_membrane_curve
 from fabdesign.formats.encoder import Encoder, plain
-from fabdesign.nouns.design import Design
+from fabdesign.nouns.design import Design, Term
 from fabdesign.nouns.model import EffectTerm, Quantity
-from fabdesign.nouns.term import Term
 from fabdesign.output import whole_file
 
 

@@ -12,7 +12,7 @@ from fabdesign.formats.encoder import Encoder
 from fabdesign.formats.table import load_toml, nearest
 from fabdesign.nouns.corrector import central_hash
 from fabdesign.nouns.model import PARTS, Model
-from fabdesign.nouns.spread import spread_of
+from fabdesign.nouns.model_sampling import spread_of
 from fabdesign.output import write_text
 
 FORMAT = "fabdesign.model/1"

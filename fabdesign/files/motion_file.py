@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fabdesign.clouds.ply import ply_bytes
 from fabdesign.errors import InputError
 from fabdesign.formats.npz_file import NpzArrays, open_npz
-from fabdesign.geometry.laced_muscles import LacedMuscles
+from fabdesign.geometry.shape import LacedMuscles
 from fabdesign.geometry.surface import face_triangles
 from fabdesign.runtime.effort import LONGEST
 

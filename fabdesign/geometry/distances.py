@@ -1,15 +1,113 @@
-"""Distances between two clouds.
+"""Distances between two clouds, or of a cloud to a surface, by cell lists (Hockney and Eastwood 1981): points or
+triangles sorted into cubes; a search looks into those near by.
 
 Chamfer here is always: mean nearest distance from each cloud to the other, both ways, *summed*. Two samples of one
 surface are not at distance zero (`metrics.chamfer_floor`), and the measure is nearly blind in the plane.
-"""
 
-from typing import Any
+Compiled; the kernels do not hold the interpreter's lock, so that threads search on all cores. Their first use on a
+machine compiles for some seconds. SciPy's k-d trees in their place made an evaluation of clouds 1.2 times as dear for
+points alone, and 2.6 times with triangles by their centres."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.geometry.cells import Cells
+from fabdesign.geometry.cell_items import (
+    Array,
+    Indices,
+    Ints,
+    bodies_of,
+    boxes_of,
+    centres_of,
+    corner_and_edges,
+    sorted_into_cells,
+)
+from fabdesign.geometry.cell_search import edge_weights, search_cells
+
+_PER_CELL = 12.0  # items in an occupied cell, were they all on one flat sheet
+_CELLS = 8  # at most, for each item
+_TOGETHER = 1.4  # cells' edges: in cells so long lie points that are asked together about triangles
+_COARSER = 3.0  # times as long are the cells that points are looked for in that are far from everything
+
+
+class NearestItem(NamedTuple):
+    """The nearest item of each of n points."""
+
+    squared: Array  # (n,) m^2, distance to the nearest item
+    item: Indices  # (n,)
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Points (m, 3), or triangles (m, 9), each a corner and the two edges from it; m. At least one.
+
+    A triangle lies in the cell of its centre, and reaches from there as far as its farthest corner.
+    """
+
+    items: Array
+    coarser: float = 1.0  # the cells' edge over the one that suits the items
+
+    @staticmethod
+    def of_points(points: NDArray[Any]) -> "Cells":
+        """Return the cells of a cloud (m, 3) m."""
+        return Cells(np.ascontiguousarray(points, dtype=np.float64))
+
+    def nearest(self, points: NDArray[Any], *, within: float = np.inf) -> NearestItem:
+        """Return exact nearest items of points (n, 3) m. A tie goes to any of them.
+
+        within [m]: what is farther is not looked for; where nothing is nearer, the distance is infinite, the item -1.
+        """
+        at = np.ascontiguousarray(points, dtype=np.float64)
+        squared, item = np.full(len(at), within**2), np.full(len(at), -1, dtype=np.intp)
+        pending, cells = np.arange(len(at)), self
+        while len(pending):
+            first, asked = cells._asked(at, pending)
+            pending = search_cells(at, first, asked, *cells._grid, squared, item)
+            cells = cells._next
+        squared[item < 0] = np.inf
+        return NearestItem(squared, item)
+
+    def weights(self, points: NDArray[Any], item: Indices) -> Array:
+        """Return (n, 2) of the two edges of each point's triangle at its place nearest to the point (n, 3) m."""
+        return edge_weights(np.ascontiguousarray(points, dtype=np.float64), item, self.items)
+
+    @staticmethod
+    def of_triangles(vertices: Array, triangles: Indices) -> "Cells":
+        """Return the cells of a mesh: vertices (m, 3) m, and the corners of each triangle (t, 3)."""
+        return Cells(corner_and_edges(vertices, triangles))
+
+    @cached_property
+    def _grid(self) -> tuple[Array, float, float, Ints, Ints, Indices, Array, Array]:
+        """Return what `search_cells` takes: least corner, cells' edge, how far items reach from their centres, how many
+        cells each way, first place of each cell's items in their order, that order, and `bodies_of` and `boxes_of` in
+        it."""
+        centres, low, size, widest = centres_of(self.items)
+        long = np.sort(size)[::-1]
+        suits = np.sqrt(_PER_CELL * long[0] * max(long[1], 1e-3 * long[0]) / len(centres))
+        edge = max(float(suits), widest) or 1.0
+        while np.prod(np.floor(size / edge) + 1) > _CELLS * len(centres) + 1:
+            edge *= 1.25
+        edge *= self.coarser
+        shape = (np.floor(size / edge) + 1).astype(np.int32)
+        start, order = sorted_into_cells(centres, np.arange(len(centres)), low, edge, shape)
+        bodies, boxes = bodies_of(self.items, order), boxes_of(self.items, order)
+        return low, edge, widest, shape, start, order, bodies, boxes
+
+    def _asked(self, points: Array, pending: Indices) -> tuple[Ints, Indices]:
+        """Return the pending points in cells of their own: those of one cell are asked together."""
+        low, edge, widest, shape, *_ = self._grid
+        long = edge * _TOGETHER if widest > 0 else edge
+        wide = (shape * edge / long).astype(np.int32) + np.int32(1)
+        first, asked = sorted_into_cells(points, pending, low, long, wide)
+        return first, asked
+
+    @cached_property
+    def _next(self) -> "Cells":
+        return Cells(self.items, self.coarser * _COARSER)
+
 
 Floats = NDArray[np.floating[Any]]
 

@@ -1,18 +1,21 @@
-"""Where a cloud can be a cloth that hangs: what cannot be is named.
+"""Where clouds can lie: on a cloth that is held at its hung edge and hangs from it; what cannot be is named.
 
 A sheet keeps its size within a few percent, so that no point lies farther from the held places than on the flat cloth.
-A pinned edge bears no moment: at rest the cloth's centre lies straight below it, whatever the muscles do.
+A pinned edge bears no moment: at rest the cloth's centre lies straight below it, whatever the muscles do. Of a trial
+axes exchanged, an axis turned round, another unit or another origin are refused, with the likely cause.
 """
 
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from fabdesign.errors import InputError
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.forward import SIDE
-from fabdesign.units import in_mm
+from fabdesign.units import from_mm, in_mm
 
 Array = NDArray[np.float64]
 
@@ -96,3 +99,105 @@ def degrees_between(a: Array, b: Array) -> float:
 
 def _length(metres: float) -> str:
     return f"{metres:.4g} m" if metres >= 1 else f"{in_mm(metres):.3g} mm"
+
+
+_FRAMES = 6  # looked at, evenly over the trial
+_EARLY = 0.2  # s after rest, before which a cloth has hardly moved
+# degrees between gravity and the way from the hung edge to the middle of the cloth. A pinned cloth's centre hangs below
+# its edge: 13 at most over all frames of the synthetic rigs; exchanged axes make it about 90, a turned one 180.
+_ALONG = 30.0  # degrees, within which the flat cloth itself must hang for that to be asked
+_MIDDLE = 0.15  # of the cloth's height: a tight roll's centre is too near the edge to have a direction
+_HELD = 0.25  # of the cloth's shorter side: three quarters of the hung edge have a point nearer than that
+_ABOVE = 0.25  # of the shorter side above the hung edge, where ...
+_FEW = 0.2  # ... no more than this share of the points may be
+_SPANNED = 0.5  # of the hung edge, that the points span at least: it is held straight
+_ACROSS = 1.3  # of the cloth's diagonal: elastic cloth that muscles shorten
+_REACH = 1.5  # of the farthest place of the flat cloth from the hung edge
+
+# what may have been done to the points -> what takes it back
+_CAUSES: Mapping[str, Callable[[Array], Array]] = {
+    "is y turned round?": lambda p: p * [1, -1, 1],
+    "are y and z exchanged?": lambda p: p[:, [0, 2, 1]],
+    "are y and z exchanged, with z down?": lambda p: p[:, [0, 2, 1]] * [1, -1, 1],
+    "are x and y exchanged?": lambda p: p[:, [1, 0, 2]],
+    "are x and y exchanged, with x to the left?": lambda p: p[:, [1, 0, 2]] * [1, -1, 1],
+    "are x and z exchanged?": lambda p: p[:, [2, 1, 0]],
+    "are they in millimetres?": from_mm,
+    "are they in inches?": lambda p: p * 0.0254,
+    "are they in centimetres?": lambda p: p * 1e-2,
+    "were millimetres taken to metres twice?": in_mm,
+}
+
+
+def require_on_cloth(frames: Sequence[Array], time: Array, fabric: Fabric, where: str) -> None:
+    """Raise InputError unless clouds (n_t, 3) m, at `time` (T,) s after rest, can be those of a cloth hung as `fabric`.
+
+    A cloth that nothing holds (`hung = "none"`) is not checked.
+    """
+    hung = held_places(fabric)
+    if len(hung) == 0:
+        return
+    chosen = np.unique(np.linspace(0, len(frames) - 1, _FRAMES).round().astype(int))
+    clouds = [frames[i] for i in chosen]
+    early = bool(time[0] <= _EARLY)
+    middle = np.mean([np.median(cloud, axis=0) for cloud in (clouds[:1] if early else clouds)], axis=0)
+    leaning = _LEANING["pinned" if early else fabric.support]
+    points = np.concatenate(clouds)
+    fault = _fault(points, middle, hung, fabric, leaning)
+    if fault is None:
+        return
+    for cause, undone in _CAUSES.items():
+        if _hangs_well(undone(points), undone(middle[None])[0], hung, fabric):
+            raise InputError(f"{where}: {fault} ({cause})")
+    moved = at_rest(fabric, 5, 5).mean(axis=0) - middle
+    if _hangs_well(points + moved, middle + moved, hung, fabric):
+        raise InputError(f"{where}: {fault} (does its frame start elsewhere? the middle is {_mm(moved)} mm off)")
+    raise InputError(f"{where}: {fault}")
+
+
+def _fault(points: Array, middle: Array, hung: Array, fabric: Fabric, leaning: float) -> str | None:
+    """Return what points (n, 3) m with the given middle cannot be, and what was expected; None where all is well."""
+    from scipy.spatial import cKDTree
+
+    flat, short = at_rest(fabric, 5, 5), min(fabric.width, fabric.height)
+    spans = np.ptp(np.quantile(points, [0.02, 0.98], axis=0), axis=0)
+    span, across, diagonal = float(spans.max()), float(np.linalg.norm(spans)), np.hypot(fabric.width, fabric.height)
+    held = float(np.linalg.norm(np.ptp(hung, axis=0)))
+    if span < _SPANNED * held:
+        return f"the points span {in_mm(span):.3g} mm; expected a cloth held along {in_mm(held):.0f} mm"
+    to_edge = cKDTree(hung)
+    farthest = float(to_edge.query(flat)[0].max())
+    reached = float(np.quantile(to_edge.query(points)[0], 0.9))
+    if reached > _REACH * farthest:
+        return (
+            f"points lie {in_mm(reached):.0f} mm from where the cloth is held; expected {in_mm(farthest):.0f} at most"
+        )
+    if across > _ACROSS * diagonal:
+        return f"the points are {in_mm(across):.0f} mm across; expected the cloth's diagonal, {in_mm(diagonal):.0f} mm"
+    sparse = 2 * np.sqrt(fabric.width * fabric.height / len(points))  # of points drawn by chance, the widest gaps
+    tree = cKDTree(points, balanced_tree=False, compact_nodes=False)  # built twice as fast, for few questions
+    gap = float(np.quantile(tree.query(hung)[0], 0.75))
+    if gap > max(_HELD * short, sparse):
+        return f"no point within {in_mm(gap):.0f} mm of where the cloth is held; expected some along all of it"
+    gravity = np.array(fabric.gravity)
+    hangs, lies = middle - hung.mean(axis=0), flat.mean(axis=0) - hung.mean(axis=0)
+    if degrees_between(lies, gravity) > _ALONG:
+        return None
+    angle, far = degrees_between(hangs, gravity), np.linalg.norm(hangs) >= _MIDDLE * short
+    if far and angle > leaning:
+        return f"the cloth lies {angle:.0f} degrees off gravity, seen from where it is held; expected it to hang"
+    height = (hung.mean(axis=0) - points) @ gravity / np.linalg.norm(gravity)
+    if np.mean(height > _ABOVE * short) > _FEW:
+        return f"{100 * np.mean(height > 0):.0f} % of the points lie above where the cloth is held; expected it to hang"
+    return None
+
+
+def _hangs_well(points: Array, middle: Array, hung: Array, fabric: Fabric) -> bool:
+    """Return whether points are what a cloth hung as `fabric` gives most often: a likely reading, not just a possible
+    one."""
+    below = float(np.linalg.norm(middle - hung.mean(axis=0))) >= _MIDDLE * min(fabric.width, fabric.height)
+    return below and _fault(points, middle, hung, fabric, _ALONG) is None
+
+
+def _mm(vector: Array) -> str:
+    return f"{in_mm(float(np.linalg.norm(vector))):.0f}"

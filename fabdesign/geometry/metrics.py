@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fabdesign.geometry.distances import ChamferTo, chamfer
 from fabdesign.geometry.regions import Weighting
 from fabdesign.geometry.sensor_noise import SensorNoise
-from fabdesign.geometry.sheet import Face
+from fabdesign.geometry.shape import Face
 from fabdesign.geometry.surface import CAP, Nearest, Surface, capped_rms, half_of
 from fabdesign.geometry.wishes import Landmarks
 from fabdesign.units import InFile, Millimetres, in_mm
@@ -43,17 +43,17 @@ class Errors:
         return over(self.surface_rms, self.surface_floor)
 
     def millimetres(self) -> dict[str, float]:
-        """The four errors by name, mm."""
+        """Return the four errors by name, mm."""
         return {name: in_mm(value) for name, value in asdict(self).items() if name != "beyond"}
 
 
 def over(rms: float, floor: float) -> float:
-    """What an RMS has over its floor, in quadrature; 0 within it."""
+    """Return what an RMS has over its floor, in quadrature; 0 within it."""
     return float(np.sqrt(max(rms**2 - floor**2, 0.0)))
 
 
 def mean_errors(each: Sequence[Errors]) -> Errors:
-    """m, the mean of every error."""
+    """Return m, the mean of every error."""
     return Errors(*np.mean([astuple(errors) for errors in each], axis=0).tolist())
 
 
@@ -76,7 +76,7 @@ def distance_to_faces(markers: Floats, model: Floats, face: Face = "both", weigh
 
 
 def chamfer_to(model: Floats, face: Face = "both", weighting: Weighting | None = None) -> ChamferTo:
-    """Of clouds to the points of a model frame (2 rows cols, 3) m, or of one of its faces."""
+    """Return what measures clouds against the points of a model frame (2 rows cols, 3) m, or of one of its faces."""
     weights = None if weighting is None else half_of(weighting.of_points(len(model)), face)
     return ChamferTo(half_of(model, face), weights)
 
@@ -84,7 +84,8 @@ def chamfer_to(model: Floats, face: Face = "both", weighting: Weighting | None =
 def _distances(
     surface: Surface, points: Floats, weighting: Weighting | None, *, within: float = np.inf
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(n,) m to a surface of a cloth, and the shares (n,) of the points in a mean; infinite beyond `within` at most."""
+    """Return (n,) m to a surface of a cloth, and the shares (n,) of the points in a mean; infinite beyond `within` at
+    most."""
     if weighting is None:
         return surface.distance(points, within=within), np.full(len(points), 1 / len(points))
     near = surface.nearest(points)
@@ -98,17 +99,17 @@ def _rms(surface: Surface, points: Floats, weighting: Weighting | None) -> float
 
 
 def _mean(surface: Surface, weighting: Weighting | None, points: Floats) -> float:
-    """m, uncapped."""
+    """Return m, uncapped."""
     off, shares = _distances(surface, points, weighting)
     return float(off @ shares)
 
 
 def shares_at(surface: Surface, near: Nearest, weighting: Weighting | None) -> NDArray[np.float64]:
-    """(n,) of the places nearest to points on a surface of a cloth, in a mean over the points; they sum to 1."""
+    """Return (n,) of the places nearest to points on a surface of a cloth, in a mean over the points; they sum to 1."""
     if weighting is None:
         return np.full(len(near.distance), 1 / len(near.distance))
-    own = weighting.of_points(len(surface.vertices))[surface.triangles[near.triangle]]
-    weights = np.einsum("nk,nk->n", near.weights, own)
+    at_corners = weighting.of_points(len(surface.vertices))[surface.triangles[near.triangle]]
+    weights = np.einsum("nk,nk->n", near.weights, at_corners)
     return np.asarray(weights / weights.sum())
 
 
@@ -129,8 +130,9 @@ def _draws(model: Floats, count: int, noise: SensorNoise, seed: int) -> Iterator
 
 
 def landmark_errors(landmarks: Landmarks, model: Floats) -> Errors:
-    """Of one frame (2 rows cols, 3) m beside wishes: their mean distance in place of Chamfer, root mean square in place
-    of surface RMS. Nothing is sampled and nothing measured: the floors are 0, and no distance is capped."""
+    """Return the errors of one frame (2 rows cols, 3) m beside wishes: their mean distance in place of Chamfer, root
+    mean square in place of surface RMS. Nothing is sampled and nothing measured: the floors are 0, and no distance is
+    capped."""
     if not np.isfinite(model).all():
         return Errors(*[np.nan] * 5)
     off = landmarks.distances(model)
@@ -138,28 +140,33 @@ def landmark_errors(landmarks: Landmarks, model: Floats) -> Errors:
     return Errors(landmarks.mean(model), 0.0, rms, 0.0, 0.0)
 
 
+@dataclass(frozen=True)
+class CloudKind:
+    """A kind of cloud: what it shows of a cloth. markers: `distance_to_faces` in place of Chamfer. face: the one that
+    they show. weighting: how much each place of the cloth counts, in the floors too."""
+
+    markers: bool = False
+    face: Face = "both"
+    weighting: Weighting | None = None
+
+
+BOTH_FACES = CloudKind()
+
+
 def trial_errors(
     measured: Sequence[Floats],
     predicted: Floats,
     noise: SensorNoise,
+    kind: CloudKind = BOTH_FACES,
     *,
     seed: int = 0,
     draws: int = DRAWS,
-    markers: bool = False,
-    face: Face = "both",
-    weighting: Weighting | None = None,
 ) -> Errors:
-    """Means over the frames of a trial: T measured clouds (n_t, 3) m against a motion (T, 2 rows cols, 3) m.
-
-    markers: `distance_to_faces` in place of Chamfer. face: the one that the clouds show. weighting: how much each place
-    of the cloth counts, in the floors too. The floors' draws are spread evenly over the frames. A motion that diverged
-    (NaN) has NaN errors.
-    """
+    """Return means over the frames of a trial: T measured clouds (n_t, 3) m against a motion (T, 2 rows cols, 3) m. The
+    floors' draws are spread evenly over the frames. A motion that diverged (NaN) has NaN errors."""
     if not np.isfinite(predicted).all():
         return Errors(*[np.nan] * 5)
-    distances, floors = _by_frame(
-        measured, predicted, noise, seed, draws, markers=markers, face=face, weighting=weighting
-    )
+    distances, floors = _by_frame(measured, predicted, noise, kind, seed, draws)
     (c, s, beyond), (c_floor, s_floor) = np.mean(distances, axis=0), np.mean(floors, axis=0)
     return Errors(float(c), float(c_floor), float(s), float(s_floor), float(beyond))
 
@@ -167,22 +174,14 @@ def trial_errors(
 def frame_errors(
     measured: Sequence[Floats], predicted: Floats, noise: SensorNoise, *, seed: int = 0, draws: int = DRAWS
 ) -> list[Errors]:
-    """Of every frame what `trial_errors` takes the means of; all with the floors of the whole trial."""
-    distances, floors = _by_frame(measured, predicted, noise, seed, draws)
+    """Return of every frame what `trial_errors` takes the means of; all with the floors of the whole trial."""
+    distances, floors = _by_frame(measured, predicted, noise, BOTH_FACES, seed, draws)
     c_floor, s_floor = np.mean(floors, axis=0).tolist()
     return [Errors(c, c_floor, s, s_floor, beyond) for c, s, beyond in distances]
 
 
 def _by_frame(
-    measured: Sequence[Floats],
-    predicted: Floats,
-    noise: SensorNoise,
-    seed: int,
-    draws: int,
-    *,
-    markers: bool = False,
-    face: Face = "both",
-    weighting: Weighting | None = None,
+    measured: Sequence[Floats], predicted: Floats, noise: SensorNoise, kind: CloudKind, seed: int, draws: int
 ) -> tuple[list[tuple[float, float, float]], list[tuple[float, float]]]:
     """Chamfer, surface RMS and share beyond the cap of every frame; Chamfer and surface RMS of every draw."""
     if len(measured) != len(predicted):
@@ -193,8 +192,8 @@ def _by_frame(
     offsets = iter(noise.stray_offsets(counts, rng))
     distances, floors = [], []
     for cloud, model, repeats in zip(measured, predicted, per_frame, strict=True):
-        surface = Surface.of_faces(model, face=face)
-        to_model = partial(_mean, surface, weighting) if markers else chamfer_to(model, face, weighting).of
+        surface, weighting = Surface.of_faces(model, face=kind.face), kind.weighting
+        to_model = partial(_mean, surface, weighting) if kind.markers else chamfer_to(model, kind.face, weighting).of
         off, shares = _distances(surface, cloud, weighting, within=CAP)
         distances.append((to_model(cloud), capped_rms(off, shares=shares), float(shares @ (off > CAP))))
         for strays in islice(offsets, repeats):
@@ -207,14 +206,14 @@ MANY_BEYOND = 0.05  # share of the points from which on a capped figure hides ho
 
 
 def told_beyond(share: float) -> str:
-    """In words: how many points lie beyond the cap, and what that means where they are many."""
+    """Say how many points lie beyond the cap, and what that means where they are many."""
     said = f"{share:.1%} of the points lie more than {in_mm(CAP):g} mm off"
     return said + ("; the surface RMS is capped there, so the real error is larger" if share >= MANY_BEYOND else "")
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """Of one error over trials, m (of `beyond` a share). std: that of the trials themselves (ddof 0)."""
+    """The statistics of one error over trials, m (of `beyond` a share). std: that of the trials themselves (ddof 0)."""
 
     mean: float
     max: float
@@ -223,12 +222,12 @@ class Statistics:
 
     @staticmethod
     def of(values: NDArray[np.floating[Any]]) -> "Statistics":
-        """Of (n,) values, one or more."""
+        """Return the statistics of (n,) values, one or more."""
         return Statistics(float(values.mean()), float(values.max()), float(values.min()), float(values.std()))
 
 
 def statistics(trials: Sequence[Errors]) -> dict[str, Statistics]:
-    """Each error's statistics over trials; those that diverged are left out. At least one must be left."""
+    """Return each error's statistics over trials; those that diverged are left out. At least one must be left."""
     table = np.array([astuple(errors) for errors in trials])
     table = table[np.isfinite(table).all(axis=1)]
     names = [field.name for field in fields(Errors)]
@@ -250,8 +249,8 @@ class Closed:
 
 
 def closed(before: Errors, after: Errors) -> Closed:
-    """1 - e_after / e_before, with the excess e = sqrt(surface_rms^2 - surface_floor^2); of Chamfer, (before - after) /
-    (before - floor).
+    """Return 1 - e_after / e_before, with the excess e = sqrt(surface_rms^2 - surface_floor^2); of Chamfer, (before -
+    after) / (before - floor).
 
     The floors are those of `after`, the surface closer to the truth.
     """

@@ -12,9 +12,8 @@ from scipy.spatial import cKDTree
 
 from fabdesign.errors import InputError
 from fabdesign.formats.bounded_file import require_few
-from fabdesign.geometry.cells import Cells
-from fabdesign.geometry.mid_surface import mid_surface
-from fabdesign.geometry.sheet import Face
+from fabdesign.geometry.distances import Cells
+from fabdesign.geometry.shape import Face, Shape
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.floating[Any]]
@@ -186,8 +185,8 @@ def pierced(points: NDArray[np.floating[Any]]) -> Array | None:
 
     points (2 n n, 3) m: front face, then back face, as `ForwardModel` gives them.
     """
-    n = isqrt(len(points) // 2)
-    middle = mid_surface(points).reshape(-1, 3)
+    shape = Shape.of(points)
+    n, middle = shape.side, shape.middle.reshape(-1, 3)
     corners = front_triangles(n, n)
     ends = _edges(n)
     triangles, segments = middle[corners], middle[ends]

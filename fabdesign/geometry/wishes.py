@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import isqrt
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -13,7 +12,7 @@ from fabdesign.errors import InputError
 from fabdesign.formats.schema import ABOVE_0, FileUnit, Key, Metre, Within
 from fabdesign.formats.table import Table
 from fabdesign.geometry.hung_cloth import held_places, on_flat_cloth
-from fabdesign.geometry.mid_surface import at_places, bilinear, mid_surface
+from fabdesign.geometry.shape import Shape, at_places, bilinear
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.units import in_mm
 
@@ -174,7 +173,7 @@ class Landmarks:
 
     def off(self, points: Floats) -> Array:
         """Return (k, 3) m from the goals to the places of a cloth (2 n n, 3) m, 0 where a coordinate does not count."""
-        return np.where(self.given, at_places(mid_surface(points), self.shares) - self.goals, 0.0)
+        return np.where(self.given, at_places(Shape.of(points).middle, self.shares) - self.goals, 0.0)
 
     def distances(self, points: Floats) -> Array:
         """Return (k,) m."""
@@ -190,11 +189,10 @@ class Landmarks:
         sizes = np.linalg.norm(off, axis=1)
         pull = (self.weights / np.maximum(sizes, 1e-12))[:, None] * off
         slope = np.zeros(points.shape)
-        half = len(points) // 2
-        side = isqrt(half)
+        side = Shape(points).side
         nodes, weights = bilinear((side - 1) * self.shares, side, side)
         for node, weight in zip(nodes.T, weights.T, strict=True):
-            for face in (0, half):
+            for face in (0, side * side):
                 np.add.at(slope, node + face, 0.5 * weight[:, None] * pull)
         return float(self.weights @ sizes), slope
 

@@ -212,7 +212,7 @@ def sweep(
     from fabdesign.interface.results import Sweep
     from fabdesign.nouns.forward import HOLD, RISE, Case
     from fabdesign.units import in_kpa
-    from studies.prediction.laced_motion import laced_motions, laced_rests
+    from studies.prediction.forward_model import laced_motions, laced_rests
 
     run, functions = Run(**given), functions_of(outputs)
     asked, _ = pairs(designs, pressures)

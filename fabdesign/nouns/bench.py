@@ -1,6 +1,6 @@
 """Benches: one specimen under test, measured row by row."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -23,6 +23,10 @@ class BenchRecord:
     labels: Mapping[str, float]  # what the record says of itself: repeat, supply_bar, ...
     role: Literal["fit", "test"] = "fit"  # nothing may be fitted or chosen on "test"
 
+    def first(self, names: Sequence[str]) -> Array | None:
+        """Return the first of these columns that it has; None where it has none."""
+        return next((self.columns[name] for name in names if name in self.columns), None)
+
 
 @dataclass(frozen=True, eq=False)
 class Bench:
@@ -37,6 +41,10 @@ class Bench:
     description: str = ""
     source: str = ""
     file: Path = Path("bench.toml")
+
+    def of_role(self, role: str) -> list[BenchRecord]:
+        """Return the records of a role."""
+        return [record for record in self.records if record.role == role]
 
     def constant(self, name: str) -> float:
         """Return a constant. Raises InputError where the bench does not state it."""

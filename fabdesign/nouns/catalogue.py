@@ -14,10 +14,9 @@ from fabdesign.errors import InputError, note
 from fabdesign.files.bench_table_file import read_bench_table
 from fabdesign.files.design_file import read_design, read_part
 from fabdesign.formats.table import nearest
-from fabdesign.nouns.design import Design
+from fabdesign.nouns.design import Design, Term
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.muscle import Muscle, MuscleType, diameter_slip
-from fabdesign.nouns.term import Term
 from fabdesign.runtime.effort import CLOSEST, MUSCLES
 from fabdesign.units import in_kpa, in_mm
 

@@ -1,10 +1,13 @@
-"""A column of a Jacobian: a direction in the parameters of a case, as the case moved along it."""
+"""A column of a Jacobian: a direction in the parameters of a case, as the case moved along it; and how the points of a
+shape at rest change with columns, and with what a model puts on top of it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fabdesign.effects.acting import terms_of
 from fabdesign.effects.registry import effect_named
@@ -56,19 +59,22 @@ def move(case: Case, column: Column, step: float) -> Move:
     return Move((column.moved(case, low), column.moved(case, high)), (low, high))
 
 
-def pressure(channel: int) -> Column:
-    """Return the column [Pa] of all set points of a channel together."""
+def pressure(channel: int, *, far: float = 2e3) -> Column:
+    """Return the column [Pa] of all set points of a channel together. A case without that channel stays."""
 
     def moved(case: Case, by: float) -> Case:
         program = case.program
+        if channel >= program.pressure.shape[1]:
+            return case
         rows = program.pressure.copy()
         rows[:, channel] += by
         return replace(case, program=PressureProgram(program.time, rows, program.duration))
 
     def room(case: Case) -> tuple[float, float]:
-        return -float(case.program.pressure[:, channel].min()), np.inf
+        rows = case.program.pressure
+        return (-float(rows[:, channel].min()) if channel < rows.shape[1] else -np.inf), np.inf
 
-    return Column(f"pressure {channel}", "Pa", 100.0, 2e3, moved, room)
+    return Column(f"pressure {channel}", "Pa", 100.0, far, moved, room)
 
 
 def factor(name: str) -> Column:
@@ -122,10 +128,14 @@ def corner(muscle: int, index: int, along: tuple[float, float]) -> Column:
 
 
 def corner_or_still(muscle: int, index: int, along: tuple[float, float]) -> Column:
-    """Return the same; a path that no pitch leaves its intervals stays, and its derivative is zero."""
+    """Return the same; a case without that corner, and a path that no pitch leaves its intervals, stay: the derivative
+    is zero."""
     moving = corner(muscle, index, along)
 
     def moved(case: Case, by: float) -> Case:
+        muscles = case.design.muscles
+        if muscle >= len(muscles) or index >= len(muscles[muscle].path):
+            return case
         try:
             return moving.moved(case, by)
         except InputError:
@@ -149,3 +159,36 @@ def _with_path(muscle: Muscle, path: tuple[tuple[float, float], ...]) -> Muscle:
 
 def _lengths(path: tuple[tuple[float, float], ...]) -> np.ndarray:
     return np.array([np.hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(path)])
+
+
+Floats = NDArray[np.floating[Any]]
+OnTop = Callable[[Sequence[Case], Sequence[Floats]], list[NDArray[np.float32]]]  # of cases and their (2 n, 3) m
+
+
+class FacesJacobian(NamedTuple):
+    """The changes of one case at rest. exact: which columns are the tangent's, not differences of shapes."""
+
+    points: Floats  # (2 n, 3) m: front face, then back face
+    changes: Floats  # (p, 2 n, 3) m per unit of the column; NaN where a moved case diverged
+    exact: NDArray[np.bool_]  # (p,)
+
+
+Jacobians = Callable[[Sequence[Case], Sequence[Column]], list[FacesJacobian]]
+
+
+def with_on_top(
+    cases: Sequence[Case], columns: Sequence[Column], jacobians: Sequence[FacesJacobian], on_top: OnTop
+) -> list[FacesJacobian]:
+    """Return the Jacobians of what `on_top` makes of shapes, which depends on the case too: central differences of it
+    alone, between shapes that move as `found` says, as far as a column's `far`."""
+    results = []
+    for case, one in zip(cases, jacobians, strict=True):
+        moves = [move(case, column, column.far) for column in columns]
+        shifts = np.array([steps.by for steps in moves]).reshape(-1, 2)  # (p, 2) units, down and up
+        sides = [one.points + by * change for steps, change in zip(shifts, one.changes, strict=True) for by in steps]
+        points, *moved = on_top([case, *(side for steps in moves for side in steps.sides)], [one.points, *sides])
+        widths = np.ptp(shifts, axis=1)[:, None, None]
+        pairs = np.array(moved, dtype=float).reshape(len(columns), 2, *points.shape)
+        with np.errstate(invalid="ignore"):  # of columns that are NaN
+            results.append(FacesJacobian(points, (pairs[:, 1] - pairs[:, 0]) / widths, one.exact))
+    return results

@@ -1,14 +1,28 @@
-"""A design: one cloth with its muscles."""
+"""A design: one cloth with its muscles, and the effects that its benches found."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated
 
 from fabdesign.formats.schema import Key
 from fabdesign.formats.summary import design_summary
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.muscle import Muscle, MuscleType
-from fabdesign.nouns.term import Term
+
+MUSCLE_TYPES = "muscle_types."  # begins a scope, or the name of a factor, that is one muscle type's
+
+
+@dataclass(frozen=True)
+class Term:
+    """An effect that acts: its name in fabdesign.effects.EFFECTS and its parameters' values, in their declared units.
+
+    scope: what it belongs to, such as "muscle_types.em20": then it acts on the muscles of that type alone.
+    """
+
+    name: str
+    values: Mapping[str, float] = field(default_factory=dict)  # what is absent has the declaration's typical value
+    scope: str | None = None
+
 
 _MAY_LACK = Key(absent=lambda table: ())  # in a file: others that it includes may have it
 

@@ -7,22 +7,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.nouns.design import MUSCLE_TYPES as MUSCLE_TYPES
 from fabdesign.nouns.design import Design
+from fabdesign.nouns.design import Term as Term
 from fabdesign.nouns.pressure import PressureProgram
-from fabdesign.nouns.term import MUSCLE_TYPES, Term
-
-__all__ = [
-    "FACTOR_RANGE",
-    "HOLD",
-    "MUSCLE_TYPES",
-    "OF_MUSCLES",
-    "PARAMETERS",
-    "RISE",
-    "SIDE",
-    "Case",
-    "ForwardModel",
-    "Term",
-]
 
 SIDE = 41  # points a side of each face
 PARAMETERS = ("membrane", "shear", "bending", "areal_density", "damping", "muscle_gain", "axis_offset")

@@ -141,14 +141,16 @@ class Covariance:
 @dataclass(frozen=True)
 class Spread:
     """Half-widths of 90 % intervals of where a predicted motion lies, along its normal, in quadrature
-    (fabdesign/nouns/spread.py): calibrated on trials that the model was not fitted to."""
+    (fabdesign/nouns/model_sampling.py): calibrated on trials that the model was not fitted to."""
 
     constant: Annotated[Metre, FROM_0, "half-width"]
     covariance: Annotated[float, FROM_0, "on the standard deviation that [covariance] gives"]
     motion: Annotated[float, FROM_0, "m for each m moved since rest"]
     trials: Annotated[int, Within(least=1), "calibrated on"]
     held: Annotated[float, SHARE, "share of their residuals inside, each calibrated on the others"]
-    trained_on: Annotated[str, "hash of parameters, effects, covariance and corrector"]  # fabdesign.nouns.spread
+    trained_on: Annotated[
+        str, "hash of parameters, effects, covariance and corrector"
+    ]  # fabdesign.nouns.model_sampling
     designs: Annotated[Mapping[str, Times], "times all of this, of designs by name"] = field(default_factory=dict)
 
 
@@ -210,7 +212,11 @@ class Model:
     @property
     def factors(self) -> dict[str, float]:
         """The factors that `forward.Case` takes: a muscle type's own by that type's name."""
-        return {_own_name(name, parameter): parameter.factor for name, parameter in self.parameters.items()}
+        factors = {}
+        for name, parameter in self.parameters.items():
+            of_a_type = name in OF_MUSCLES and (parameter.scope or "").startswith(MUSCLE_TYPES)
+            factors[f"{parameter.scope}.{name}" if of_a_type else name] = parameter.factor
+        return factors
 
     @property
     def unreliable(self) -> tuple[str, ...]:
@@ -229,17 +235,7 @@ class Model:
         if not self.effects and self.corrector is None:
             return Model(points_per_side=self.points_per_side)
         plain = self.parameters if self.without_effects is None else self.without_effects
-        return replace(
-            self,
-            parameters=plain,
-            effects=(),
-            corrector=None,
-            corrector_hash=None,
-            without_effects=None,
-            covariance=None,
-            spread=None,
-            learned_range=None,
-        )
+        return Model(plain, points_per_side=self.points_per_side, provenance=self.provenance)
 
     def without(self, parts: Collection[str]) -> "Model":
         """Return the model less what belongs to `parts`, of PARTS. A spread is the whole model's: it goes with any of
@@ -260,8 +256,3 @@ class Model:
         if not self.provenance.versions or made == SIMULATOR:
             return None
         return f"the model was made by version {made or 1} of the simulator, this one is {SIMULATOR}; calibrate again"
-
-
-def _own_name(name: str, parameter: Parameter) -> str:
-    scope = parameter.scope or ""
-    return f"{scope}.{name}" if name in OF_MUSCLES and scope.startswith(MUSCLE_TYPES) else name

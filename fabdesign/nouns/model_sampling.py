@@ -1,22 +1,26 @@
-"""Models drawn from a model's joint covariance: whoever samples a model samples jointly."""
+"""Models drawn from a model's joint covariance: whoever samples a model samples jointly. And 90 % intervals of a
+predicted motion: how wide a model's `Spread` says they are, and for which model it holds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects.registry import effect_named, labels_of
 from fabdesign.errors import InputError
+from fabdesign.nouns.corrector import central_hash
 from fabdesign.nouns.forward import FACTOR_RANGE
-from fabdesign.nouns.model import Model
+from fabdesign.nouns.model import Model, Spread
+from fabdesign.runtime.fingerprint import sha256
 
 Array = NDArray[np.float64]
 
 
 def joint_root(model: Model) -> Array:
-    """(n, n) lower triangle L with L L^T the covariance, which L z has for independent standard normals z.
+    """Return (n, n) lower triangle L with L L^T the covariance, which L z has for independent standard normals z.
 
     Raises InputError for a model without a covariance, or with one of names that it does not have.
     """
@@ -40,7 +44,7 @@ class Ensemble:
 
     @cached_property
     def root(self) -> Array:
-        """As `joint_root`; (0, 0) of a model without a covariance, which stands for itself."""
+        """Return `joint_root`, (0, 0) of a model without a covariance, which stands for itself."""
         return np.empty((0, 0)) if self.model.covariance is None else joint_root(self.model)
 
     @property
@@ -76,10 +80,10 @@ class Ensemble:
 
 
 def covered(model: Model) -> set[str]:
-    """What the covariance covers, as a case calls it: names of factors, and effects.NAME.PARAMETER."""
+    """Return what the covariance covers, as a case calls it: names of factors, and effects.NAME.PARAMETER."""
     names = model.covariance.names if model.covariance is not None else ()
-    own = {n for name in names if name in model.parameters for n in Model({name: model.parameters[name]}).factors}
-    return own | {f"effects.{name}" for name in names if name not in model.parameters}
+    factors = {n for name in names if name in model.parameters for n in Model({name: model.parameters[name]}).factors}
+    return factors | {f"effects.{name}" for name in names if name not in model.parameters}
 
 
 def _centre(model: Model, name: str) -> tuple[float, bool, tuple[float, float]]:
@@ -92,3 +96,28 @@ def _centre(model: Model, name: str) -> tuple[float, bool, tuple[float, float]]:
             declared = effect_named(term.name, "covariance").parameters[key]
             return term.parameters[key].value, declared.transform == "log", declared.bounds
     raise InputError(f"the model's [covariance] names {name}; expected parameters that the model has")
+
+
+INSIDE = 0.9
+TWO_SIDED = NormalDist().inv_cdf(0.5 + INSIDE / 2)  # half-width of an interval, in standard deviations
+
+
+def half_widths(spread: Spread, deviation: Array, moved: Array, design: str = "") -> Array:
+    """Return half-widths [m], of any shape. deviation: m, standard deviation over models drawn from the joint
+    covariance. moved: m since rest. design: its name; one that the spread does not know has the width of all
+    together."""
+    squares = spread.constant**2 + (spread.covariance * deviation) ** 2 + (spread.motion * moved) ** 2
+    return np.asarray(spread.designs.get(design, 1.0) * np.sqrt(squares))
+
+
+def spread_hash(model: Model) -> str:
+    """Return the SHA-256 of all that a predicted motion and its covariance depend on: central values, covariance,
+    corrector."""
+    covariance = model.covariance
+    joint = "" if covariance is None else repr((covariance.names, covariance.matrix.tolist()))
+    return sha256(central_hash(model), joint, "" if model.corrector is None else sha256(model.corrector))
+
+
+def spread_of(model: Model) -> Spread | None:
+    """Return the model's; None also where the model was changed since it was calibrated."""
+    return model.spread if model.spread is not None and model.spread.trained_on == spread_hash(model) else None

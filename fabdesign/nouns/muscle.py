@@ -1,6 +1,6 @@
 """Muscles: a type with its bench table, and one laced through the cloth along a path."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated, Literal
 
@@ -80,6 +80,10 @@ class Muscle:
         if self.fixed_point_pitch > LARGEST:
             raise table.bad("fixed_point_pitch", "metres (is it in millimetres?)")
         return self
+
+    def along(self, path: NDArray[np.float64]) -> "Muscle":
+        """Return the muscle laced along another path (corners, 2) m."""
+        return replace(self, path=tuple((float(u), float(v)) for u, v in path))
 
     @property
     def length(self) -> float:

@@ -2,17 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects.acting import is_sensing, observed, seen_at
-from fabdesign.geometry.sheet import Sheet, SheetWithFaces, of_faces, sheets_of
-from fabdesign.nouns.column import Column
+from fabdesign.geometry.shape import Shape, Sheet, sheets_of
+from fabdesign.nouns.column import Column, FacesJacobian, Floats, Jacobians, with_on_top
 from fabdesign.nouns.corrector import Corrector, with_history
 from fabdesign.nouns.forward import Case, ForwardModel
-from fabdesign.nouns.jacobian import FacesJacobian, Floats, Jacobians, with_on_top
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.pressure import PressureProgram
 
@@ -45,18 +45,20 @@ class Predictor:
         return [observed(case, points) for case, points in zip(modelled, motions, strict=True)]
 
     def sheets(self, cases: Sequence[Case], times: Sequence[Array]) -> Sequence[Sheet]:
-        """Return the same motions as mid-surfaces on the simulator's own grid (fabdesign.geometry.sheet)."""
+        """Return the same motions as mid-surfaces on the simulator's own grid (fabdesign.geometry.shape)."""
         if self.corrector is not None:
-            return [of_faces(points) for points in self.motions(cases, times)]
+            return [Shape(points) for points in self.motions(cases, times)]
         modelled = [self.case(case) for case in cases]
         shown = [np.asarray(t, dtype=float) for t in times]
         if not self.sensing:
             return sheets_of(self.simulator)(modelled, shown)
         shown = [seen_at(case, t) for case, t in zip(modelled, shown, strict=True)]
-        once = _once(modelled, shown)
+        once: dict[tuple[Any, ...], int] = {}  # cases that differ in what sensors add alone are one motion
+        for i, (case, t) in enumerate(zip(modelled, shown, strict=True)):
+            once.setdefault(_key(case, t), i)
         moved = sheets_of(self.simulator)([modelled[i] for i in once.values()], [shown[i] for i in once.values()])
         by_key = dict(zip(once, moved, strict=True))
-        return [_seen(case, by_key[_key(case, t)]) for case, t in zip(modelled, shown, strict=True)]
+        return [_Seen(case, by_key[_key(case, t)]) for case, t in zip(modelled, shown, strict=True)]
 
     def _corrected(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
         if self.corrector is None:
@@ -101,7 +103,8 @@ class Predictor:
         """Return the corrected last shapes of motions that have stood still for as long as the corrector looks back."""
         late = np.array([1.0 + max(corrector.history(), default=0.0)])
         instants = len(with_history(late, corrector.history())[0])
-        held = [replace(case, program=_held(case.program, float(late[0]))) for case in cases]
+        programs = [PressureProgram(np.zeros(1), case.program.pressure[-1:], float(late[0])) for case in cases]
+        held = [replace(case, program=program) for case, program in zip(cases, programs, strict=True)]
         still = [np.repeat(shape[None], instants, axis=0) for shape in shapes]
         return [points[-1] for points in corrector.correct(held, [late] * len(held), still)]
 
@@ -111,24 +114,23 @@ class Predictor:
         return replace(case, factors=factors, effects=(*self.model.terms, *case.effects))
 
 
-def _held(program: PressureProgram, duration: float) -> PressureProgram:
-    """Return the program's last pressures, from the first instant on."""
-    return PressureProgram(np.zeros(1), program.pressure[-1:], duration)
-
-
-def _once(cases: Sequence[Case], times: Sequence[Array]) -> dict[tuple[Any, ...], int]:
-    """Return the first of the cases that differ in what sensors add alone: they are one motion."""
-    first: dict[tuple[Any, ...], int] = {}
-    for i, (case, t) in enumerate(zip(cases, times, strict=True)):
-        first.setdefault(_key(case, t), i)
-    return first
-
-
 def _key(case: Case, times: Array) -> tuple[Any, ...]:
     terms = tuple((t.name, t.scope, *sorted(t.values.items())) for t in case.effects if not is_sensing(t.name))
     factors = tuple(sorted(case.factors.items()))
     return id(case.design), id(case.program), factors, terms, case.order, times.tobytes()
 
 
-def _seen(case: Case, sheet: Sheet) -> Sheet:
-    return SheetWithFaces(observed(case, sheet.middle), lambda: observed(case, sheet.points))
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """A sheet as sensors give it; faces only where they are asked for."""
+
+    case: Case
+    sheet: Sheet
+
+    @cached_property
+    def middle(self) -> Floats:
+        return observed(self.case, self.sheet.middle)
+
+    @cached_property
+    def points(self) -> Floats:
+        return observed(self.case, self.sheet.points)

@@ -13,7 +13,7 @@ from fabdesign.files.design_file import read_design
 from fabdesign.files.trial_file import TrialData, program_of, read_trial, read_trial_pressures
 from fabdesign.formats.schema import ABOVE_0, FROM_0, FileUnit, Key, Second, Within
 from fabdesign.formats.table import Table, nearest
-from fabdesign.geometry.trial_place import require_on_cloth
+from fabdesign.geometry.hung_cloth import require_on_cloth
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import PressureProgram, require_pressures
 from fabdesign.study_files.rig_limits_file import USUAL_LIMITS, RigLimits
@@ -63,8 +63,8 @@ class Trial:
         return program
 
     def load(self) -> TrialData:
-        """All arrays, checked, the first time also against the design: its channels, its limits, where its cloth can
-        be. The clouds are not kept by the trial."""
+        """Return all arrays, checked, the first time also against the design: its channels, its limits, where its cloth
+        can be. The clouds are not kept by the trial."""
         data = read_trial(self.file, size=max(self.design.fabric.width, self.design.fabric.height))
         if not self._sound:
             require_pressures(data.program, self.design, str(self.file))

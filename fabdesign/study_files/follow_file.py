@@ -10,7 +10,7 @@ from fabdesign.files.design_file import read_design
 from fabdesign.formats.schema import ABOVE_0, GRIDS, FileUnit, Key, Metre, Second, Within
 from fabdesign.formats.table import Table
 from fabdesign.geometry.placement import Unit
-from fabdesign.geometry.sheet import Face
+from fabdesign.geometry.shape import Face
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.model import POINTS_PER_SIDE, Model
 from fabdesign.nouns.pressure import PressureProgram

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.formats.table import Table
-from fabdesign.geometry.mid_surface import at_places, mid_surface
+from fabdesign.geometry.shape import Shape, at_places
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.units import in_mm
 
@@ -42,7 +42,7 @@ class ShapeOutput:
     def of(self, points: NDArray[np.floating[Any]]) -> float:
         """Return the value in its unit, of points (2 n n, 3) m: places on the mid-surface, in the world's frame, y = 0
         at the upper edge of the flat cloth."""
-        at = in_mm(at_places(mid_surface(points), self.places))
+        at = in_mm(at_places(Shape.of(points).middle, self.places))
         if self.kind in ("x", "height", "z"):
             return float(at[0, ("x", "height", "z").index(self.kind)])
         if self.kind == "distance":

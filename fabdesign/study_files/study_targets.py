@@ -11,7 +11,7 @@ from fabdesign.formats.schema import ABOVE_0, FileUnit, Key
 from fabdesign.formats.table import Table
 from fabdesign.geometry.placement import Unit
 from fabdesign.geometry.regions import Region, Weighting
-from fabdesign.geometry.sheet import Face
+from fabdesign.geometry.shape import Face
 from fabdesign.geometry.wishes import TubeKeys, Wish, WishKeys
 
 _NEAR_RADIANS = 0.002  # of a quarter turn: 1.57 and 3.1416 degrees are no angles that anybody turns by

@@ -7,10 +7,9 @@ from typing import ClassVar
 import numpy as np
 
 from fabdesign.effects.registry import EFFECTS
-from fabdesign.geometry.sheet import of_faces
-from fabdesign.nouns.column import Column, of_effect
+from fabdesign.geometry.shape import Shape
+from fabdesign.nouns.column import Column, Floats, Jacobians, of_effect
 from fabdesign.nouns.forward import Case
-from fabdesign.nouns.jacobian import Floats, Jacobians
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.nouns.trial import Accuracy
 from optimize.fit.clouds import Match, Sample, match
@@ -79,12 +78,12 @@ class RestProblem(Problem):
         at_rest = self.jacobians(self._cases(x), moved)
         there = self._evaluation(x, [one.points for one in at_rest])
         # the mid-surface is linear in the faces, so their changes are those of a sheet of one frame
-        return there, columns(there, [of_faces(_solved(one.changes)).middle[:, None] for one in at_rest])
+        return there, columns(there, [Shape(_solved(one.changes)).middle[:, None] for one in at_rest])
 
     def _evaluation(self, x: Array, shapes: Sequence[Floats]) -> Evaluation:
         motions = [np.asarray(points)[None] for points in shapes]
         misfit = _without_other_branches(match(self.samples, motions))
-        return Evaluation(x, misfit, [of_faces(points) for points in motions])
+        return Evaluation(x, misfit, [Shape(points) for points in motions])
 
 
 def _without_other_branches(misfit: Match) -> Match:

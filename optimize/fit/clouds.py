@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.files.trial_file import TrialData
-from fabdesign.geometry.mid_surface import bilinear
+from fabdesign.geometry.shape import bilinear
 from fabdesign.geometry.surface import Surface
 from fabdesign.nouns.forward import SIDE
 from fabdesign.nouns.trial import Trial

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from fabdesign.geometry.sheet import Sheet, sheets_of
+from fabdesign.geometry.shape import Sheet, sheets_of
 from fabdesign.nouns.forward import Case, ForwardModel, Term
 from fabdesign.nouns.trial import Accuracy, Trial
 from optimize.fit.clouds import BLOCK, Match, Motion, Sample, cut, derivatives, match, nodes_of

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from fabdesign.files.trial_file import TrialData
-from fabdesign.nouns.jacobian import Floats
+from fabdesign.nouns.column import Floats
 from fabdesign.nouns.trial import Trial
 from optimize.fit.at_rest import Standing
 from optimize.fit.clouds import Sample

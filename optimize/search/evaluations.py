@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from fabdesign.nouns.column import Jacobians
 from fabdesign.nouns.forward import ForwardModel
-from fabdesign.nouns.jacobian import Jacobians
 from fabdesign.runtime import working_time
 from optimize.search.design_space import DesignSpace, Vector
 from optimize.search.history import Entry, History
-from optimize.search.objective import Objective, Shape
+from optimize.search.objective import Objective, Poses
 from optimize.search.slopes import Slopes, jacobians_for, slopes_of
 
 Point = tuple[int, Vector]  # the number of the start, for its space, and the vector
@@ -73,8 +73,8 @@ class Evaluations:
     """Values designs on the stages' forward models within limits, and keeps the best so far in `best`.
 
     starts: (space, vector) each. `seconds` includes the earlier sessions of `history`. on_progress is told after every
-    batch. near: share of the best value within which others are kept besides it. limit: s that are told
-    as the limit, where `seconds` are a part of them.
+    batch. near: share of the best value within which others are kept besides it. limit: s that a message
+    says, where `seconds` are a part of them.
     """
 
     def __init__(
@@ -87,21 +87,19 @@ class Evaluations:
         seconds: float,
         evaluations: int,
         on_progress: Callable[["Evaluations"], None] = lambda _: None,
-        near: float = NEAR,
-        limit: float | None = None,
     ) -> None:
         self.starts, self.stages, self.history = [*starts], stages, history
         self.best: Best | None = None
-        self.best_shape: Shape | None = None  # of the best, where it was evaluated in this session
+        self.best_shape: Poses | None = None  # of the best, where it was evaluated in this session
         self.by_count: dict[int, float] = {}  # m, the nearest of each number of muscles on the last stage's model
         self.rivals: dict[int, Best] = {}  # of each start, the nearest on the last stage's model, while that near
         self.restart_began = 0.0  # s of search, when the restart under way began
         self.stage = "start"  # under way
         self.told = ""  # for people, once there is something to tell
         self.objective, self._at_rest = objective, objective.at_rest
-        self._on_progress, self._near = on_progress, near
+        self._on_progress, self.near = on_progress, NEAR
         self.seconds, self._most = seconds, evaluations
-        self.limit = seconds if limit is None else limit
+        self.limit = seconds
         self._began = working_time.seconds() - history.seconds
         self._noting = True
         self._pace: dict[tuple[int, int, bool], float] = {}  # s that a batch of a size took last in a stage
@@ -145,10 +143,10 @@ class Evaluations:
 
     def evaluate(
         self, number: int, points: Sequence[Point], cheap: ForwardModel | None = None
-    ) -> list[tuple[float, Shape]]:
+    ) -> list[tuple[float, Poses]]:
         """Return value [m] and shape of every point on the model of the stage of this number, or on `cheap`; each is
         recorded, and becomes `best` where it is, unless on `cheap`. Raises Stop."""
-        results: list[tuple[float, Shape]] = []
+        results: list[tuple[float, Poses]] = []
         while len(results) < len(points):
             batch = points[len(results) : len(results) + self._room()]
             self.require_time(self._expected(number, len(batch), cheap is None))
@@ -231,7 +229,7 @@ class Evaluations:
 
     def _evaluate_batch(
         self, number: int, batch: Sequence[Point], cheap: ForwardModel | None
-    ) -> list[tuple[float, Shape]]:
+    ) -> list[tuple[float, Poses]]:
         stage = self.stages[number]
         self.stage = stage.name
         spaces = [self.space(start, number) for start, _ in batch]
@@ -261,7 +259,7 @@ class Evaluations:
         )
         return values
 
-    def _note(self, rival: Best, shape: Shape) -> None:
+    def _note(self, rival: Best, shape: Poses) -> None:
         """Keep it as the best, and among those that are as near."""
         if self._better(rival.stage, rival.value):
             self.best, self.best_shape = rival, shape
@@ -270,7 +268,7 @@ class Evaluations:
             if known is None or rival.value < known.value:
                 self.rivals[rival.start] = rival
             if self.best is not None:
-                most = (1 + self._near) * self.best.value
+                most = (1 + self.near) * self.best.value
                 self.rivals = {start: rival for start, rival in self.rivals.items() if rival.value <= most}
 
     @property

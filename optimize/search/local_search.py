@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optimize.search.design_space import DesignSpace, Vector
-from optimize.search.objective import Objective, Shape
+from optimize.search.objective import Objective, Poses
 from optimize.search.slopes import Slopes
 from optimize.search.step import LinearShape, best_step
 
@@ -35,12 +35,12 @@ class LocalSearch:
     radius: float = FIRST_RADIUS  # reaches
     rounds: int = 0
     done: bool = False
-    shape: Shape | None = None  # at x; None after a checkpoint, which holds no shapes
+    shape: Poses | None = None  # at x; None after a checkpoint, which holds no shapes
     model: LinearShape | None = field(default=None, repr=False)
     slopes_at: Vector | None = None  # where the model's slopes are taken: at x (None), or at a trial nearby
     learned: list[Vector] = field(default_factory=list)  # trials since x was taken, that the model goes through too
 
-    def enter(self, space: DesignSpace, x: Vector, value: float, shape: Shape) -> "LocalSearch":
+    def enter(self, space: DesignSpace, x: Vector, value: float, shape: Poses) -> "LocalSearch":
         """Return the search that goes on from here in another space or on another forward model."""
         if space.keeps(x, shape):
             return LocalSearch(self.start, space, x, value, max(self.radius, ENTRY_RADIUS), shape=shape)
@@ -64,7 +64,7 @@ class LocalSearch:
         place = self.x if self.slopes_at is None else self.slopes_at
         return [*([] if known and self.slopes_at is None else [place]), *self.differences(place)]
 
-    def linearise(self, shapes: list[Shape]) -> None:
+    def linearise(self, shapes: list[Poses]) -> None:
         """Take the shapes at what it lacked."""
         place, around = self.x if self.slopes_at is None else self.slopes_at, self.shape
         if len(shapes) > len(place):
@@ -72,7 +72,7 @@ class LocalSearch:
         assert self.shape is not None and around is not None
         self.model = LinearShape(self.x, self.shape, self._slopes(place, around, shapes))
 
-    def _slopes(self, x: Vector, shape: Shape, ahead: list[Shape]) -> NDArray[np.float64]:
+    def _slopes(self, x: Vector, shape: Poses, ahead: list[Poses]) -> NDArray[np.float64]:
         """Return slopes by the shapes ahead of x. A diverged one says nothing: its variable stays for a round."""
         slopes = np.array([(other - shape) / h for other, h in zip(ahead, self._steps(x), strict=True)])
         slopes[~np.isfinite(slopes).all(axis=(1, 2, 3))] = 0.0
@@ -88,7 +88,7 @@ class LocalSearch:
         return [xs[0], *(x for x in xs[1:] if self.space.feasible(x))]
 
     def accept(
-        self, objective: Objective, xs: list[Vector], results: list[tuple[float, Shape]], ahead: list[Shape]
+        self, objective: Objective, xs: list[Vector], results: list[tuple[float, Poses]], ahead: list[Poses]
     ) -> None:
         """Move to the best trial if it gains, and widen or narrow the trust region by what the model promised; else the
         model learns the shortest trial.
@@ -123,11 +123,11 @@ class LocalSearch:
             self.radius = min(self.radius, self._length(xs[0])) / 2
             self.done = promised < LEAST_GAIN or self.radius < LEAST_RADIUS
 
-    def _kept(self, x: Vector, shape: Shape) -> bool:
+    def _kept(self, x: Vector, shape: Poses) -> bool:
         """Return whether the shape keeps a limit that it has too, which the model does not foresee for sure."""
         return self.space.limits.contraction is None or self.space.keeps(x, shape)
 
-    def learn(self, shapes: list[Shape]) -> None:
+    def learn(self, shapes: list[Poses]) -> None:
         """Let the model go through the shapes at the last that were learned, unless they diverged."""
         for x, shape in zip(self.learned[-len(shapes) :], shapes, strict=True):
             if self.model is not None and np.any(x != self.x) and np.all(np.isfinite(shape)):

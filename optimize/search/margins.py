@@ -1,4 +1,5 @@
-"""How far a layout is from what may be built: a margin for every limit of every muscle or pair of muscles."""
+"""How far a layout is from what may be built: a margin for every limit of every muscle or pair of muscles, plane
+geometry of their paths, and how far muscles contract in a shape."""
 
 from dataclasses import dataclass
 from itertools import pairwise, product
@@ -6,11 +7,140 @@ from itertools import pairwise, product
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.geometry.shape import Shape, at_places
 from fabdesign.nouns.design import Design
-from optimize.search.contraction import largest_contraction
-from optimize.search.path_geometry import bend_radius, segment_clearance
+
+Path = NDArray[np.float64]  # (corners, 2) m
+Points = NDArray[np.float64]  # (..., 2) m
+
+
+def clearance(a: Path, b: Path) -> float:
+    """Return the least distance [m] between two polylines; where they cross, minus the least shift of an end that parts
+    them."""
+    i, j = np.array(list(product(range(len(a) - 1), range(len(b) - 1)))).T
+    return float(segment_clearance(a[i], a[i + 1], b[j], b[j + 1]).min())
+
+
+def segment_clearance(p: Points, q: Points, r: Points, s: Points) -> NDArray[np.float64]:
+    """Return (...,) m: the clearance of the segments from p to q and from r to s."""
+    ends = np.minimum(
+        np.minimum(_to_segment(p, r, s), _to_segment(q, r, s)), np.minimum(_to_segment(r, p, q), _to_segment(s, p, q))
+    )
+    crossing = (_turn(p, q, r) * _turn(p, q, s) < 0) & (_turn(r, s, p) * _turn(r, s, q) < 0)
+    return np.where(crossing, -ends, ends)
+
+
+def bend_radius(path: Points) -> NDArray[np.float64]:
+    """Return (...,) m, of paths (..., corners, 2): the largest radius that rounds every corner, tangent to both its
+    legs; neighbours share a leg half and half."""
+    legs = np.diff(path, axis=-2)
+    lengths = np.linalg.norm(legs, axis=-1)
+    reach = lengths / 2
+    reach[..., 0], reach[..., -1] = lengths[..., 0], lengths[..., -1]
+    if legs.shape[-2] == 2:
+        reach = lengths
+    along = np.einsum("...ij,...ij->...i", legs[..., :-1, :], legs[..., 1:, :])
+    cosine = along / np.maximum(lengths[..., :-1] * lengths[..., 1:], 1e-12)
+    half_turn = np.arccos(np.clip(cosine, -1.0, 1.0)) / 2
+    radii = np.minimum(reach[..., :-1], reach[..., 1:]) / np.maximum(np.tan(half_turn), 1e-9)
+    return np.asarray(radii.min(axis=-1))
+
+
+def _to_segment(point: Points, a: Points, b: Points) -> NDArray[np.float64]:
+    along, to = b - a, point - a
+    t = np.clip(_dot(to, along) / np.maximum(_dot(along, along), 1e-18), 0.0, 1.0)[..., None]
+    off = to - t * along
+    return np.sqrt(_dot(off, off))
+
+
+def _dot(a: Points, b: Points) -> NDArray[np.float64]:
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
+
+
+def _turn(a: Points, b: Points, c: Points) -> NDArray[np.float64]:
+    ab, ac = b - a, c - a
+    return ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0]
+
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Intervals:
+    """The intervals of all muscles of a design, one after another. lengths (k,) m on the flat cloth; muscle (k,): whose
+    they are; ends (k, 2): numbers of their fixed points."""
+
+    places: Array  # (m, 2) of the fixed points, shares of width and height
+    offsets: Array  # (m,) of the axis there from the mid-surface, towards the front, in thicknesses
+    ends: NDArray[np.intp]
+    lengths: Array
+    muscle: NDArray[np.intp]
+
+    @staticmethod
+    def of(design: Design) -> "Intervals":
+        fabric = design.fabric
+        points = [muscle.fixed_points() for muscle in design.muscles]
+        counts = [len(chain) for chain in points]
+        first = np.cumsum([0, *counts[:-1]])
+        begins = np.concatenate([k + np.arange(n - 1) for k, n in zip(first, counts, strict=True)])
+        every = np.concatenate(points)
+        signs = [1.0 if muscle.side == "front" else -1.0 for muscle in design.muscles]
+        offsets = [design.muscle_types[muscle.type].axis_offset for muscle in design.muscles]
+        return Intervals(
+            places=every / [fabric.width, fabric.height],
+            offsets=np.repeat(np.multiply(signs, offsets) / fabric.thickness, counts),
+            ends=np.stack([begins, begins + 1], axis=1),
+            lengths=np.linalg.norm(every[begins + 1] - every[begins], axis=1),
+            muscle=np.repeat(np.arange(len(counts)), np.array(counts) - 1),
+        )
+
+    def chords(self, shape: Array) -> Array:
+        """Return (..., k, 3) m of a shape (..., 2 n n, 3) m, and linear in it."""
+        faces = Shape.of(shape).faces
+        front, back = (at_places(faces[..., face, :, :, :], self.places) for face in (0, 1))
+        axis = (front + back) / 2 + self.offsets[:, None] * (front - back)
+        return np.asarray(axis[..., self.ends[:, 1], :] - axis[..., self.ends[:, 0], :])
+
+    def contraction(self, chords: Array) -> Array:
+        """Return (..., k), negative where stretched."""
+        return np.asarray(1 - np.linalg.norm(chords, axis=-1) / self.lengths)
+
+
+def largest_contraction(design: Design, shape: Array) -> float:
+    """Return the largest contraction of any interval of any muscle, in any pose of a shape (poses, 2 n n, 3) m."""
+    intervals = Intervals.of(design)
+    return float(intervals.contraction(intervals.chords(shape)).max())
+
+
+class LinearContraction:
+    """Margins of the largest contraction that is allowed, a muscle and pose each, where the shape is linear in x. The
+    muscles' fixed points stay where they are at the centre."""
+
+    def __init__(self, design: Design, allowed: float, centre: Array, shape: Array, slopes: Array) -> None:
+        """shape (poses, 2 n n, 3) m at the centre (n,), slopes (n, poses, 2 n n, 3) m."""
+        self._intervals, self._allowed, self._centre = Intervals.of(design), allowed, centre
+        self._chords, self._slopes = self._intervals.chords(shape), self._intervals.chords(slopes)
+        self._muscles = range(len(design.muscles))
+
+    @property
+    def count(self) -> int:
+        return len(self._chords) * len(self._muscles)
+
+    def at(self, x: Array) -> tuple[Array, Array]:
+        """Return (count,) margins, negative where violated, and their slopes (count, n)."""
+        chords = self._chords + np.tensordot(x - self._centre, self._slopes, axes=1)
+        contracted = self._intervals.contraction(chords)  # (poses, k)
+        lengths = np.maximum(np.linalg.norm(chords, axis=-1), 1e-12)
+        margins, slopes = [], []
+        for pose, row in enumerate(contracted):
+            for muscle in self._muscles:
+                members = np.flatnonzero(self._intervals.muscle == muscle)
+                k = int(members[np.argmax(row[members])])
+                margins.append(self._allowed - row[k])
+                along = chords[pose, k] / (lengths[pose, k] * self._intervals.lengths[k])
+                slopes.append(self._slopes[:, pose, k] @ along)
+        return np.array(margins), np.array(slopes)
+
 
 ATMOSPHERE = 101_325.0  # Pa
 

@@ -16,7 +16,7 @@ from fabdesign.nouns.forward import ForwardModel
 from optimize.search.design_space import Vector
 from optimize.search.evaluations import Evaluations, Stop
 from optimize.search.local_search import LocalSearch
-from optimize.search.objective import Shape
+from optimize.search.objective import Poses
 from optimize.search.search_state import FurtherStarts, SearchState, add_starts, load_state, save_state
 
 INTERRUPTED = "interrupted; the same command goes on from here"
@@ -29,7 +29,7 @@ AT_ONCE = 8  # designs that take a simulator no longer than one: so many trials 
 
 
 def search(
-    evaluations: Evaluations, *, further: FurtherStarts | None = None, floor: Callable[[Shape], float] | None = None
+    evaluations: Evaluations, *, further: FurtherStarts | None = None, floor: Callable[[Poses], float] | None = None
 ) -> str:
     """Run restarts over the stages of `evaluations`, whose `best` is the result whatever ends it; why it ended, as a
     sentence.
@@ -75,7 +75,7 @@ def evaluations_to_converge(evaluations: Evaluations) -> int | None:
     return round(max(AGREE * done / restarts - done, done / restarts)) if restarts else None
 
 
-def _reason_to_end(evaluations: Evaluations, at: SearchState, floor: Callable[[Shape], float] | None) -> str:
+def _reason_to_end(evaluations: Evaluations, at: SearchState, floor: Callable[[Poses], float] | None) -> str:
     """Return why the search ends after a restart; empty where it does not."""
     best = evaluations.best
     if best is None:
@@ -89,7 +89,7 @@ def _reason_to_end(evaluations: Evaluations, at: SearchState, floor: Callable[[S
     return ""
 
 
-def _at_floor(evaluations: Evaluations, at: SearchState, floor: Callable[[Shape], float] | None) -> bool:
+def _at_floor(evaluations: Evaluations, at: SearchState, floor: Callable[[Poses], float] | None) -> bool:
     """Return whether the nearest of the searches under way is as near as its own points would be."""
     if floor is None:
         return False
@@ -99,12 +99,12 @@ def _at_floor(evaluations: Evaluations, at: SearchState, floor: Callable[[Shape]
     return nearest.value <= (1 + ALIKE) * floor(nearest.shape)
 
 
-def _run_restart(evaluations: Evaluations, at: SearchState, floor: Callable[[Shape], float] | None) -> None:
+def _run_restart(evaluations: Evaluations, at: SearchState, floor: Callable[[Poses], float] | None) -> None:
     """Run a restart from where it stands through all stages; no round follows one that has come to the floor on the
     last."""
     for number in range(at.stage, len(evaluations.stages)):
         if number > at.stage or not at.searches:
-            at.searches = _enter(evaluations, number, at.searches or _screen(evaluations, at))
+            at.searches = _enter(evaluations, number, at.searches or searches_from(evaluations, 0, at.first))
             at.stage = number
             save_state(evaluations, at)
         while (going := [s for s in at.searches if not s.done]) and evaluations.may_begin(number):
@@ -128,16 +128,27 @@ def _begin(evaluations: Evaluations, at: SearchState, further: FurtherStarts | N
     return len(evaluations.starts) > at.first
 
 
-def _screen(evaluations: Evaluations, at: SearchState) -> list[LocalSearch]:
-    numbers = range(at.first, len(evaluations.starts))
-    spaces = [evaluations.space(i, 0) for i in numbers]
-    xs = [
-        mine.encode(*space.decode(x)) for mine, (space, x) in zip(spaces, evaluations.starts[at.first :], strict=True)
-    ]
-    values = evaluations.evaluate(0, list(zip(numbers, xs, strict=True)))
+def searches_from(evaluations: Evaluations, number: int, first: int) -> list[LocalSearch]:
+    """Return a search from every start from number `first` on, valued on the model of a stage."""
+    numbers = range(first, len(evaluations.starts))
+    spaces = [evaluations.space(i, number) for i in numbers]
+    xs = [mine.encode(*space.decode(x)) for mine, (space, x) in zip(spaces, evaluations.starts[first:], strict=True)]
+    values = evaluations.evaluate(number, list(zip(numbers, xs, strict=True)))
     return [
         LocalSearch(i, space, x, value, shape=shape)
         for i, space, x, (value, shape) in zip(numbers, spaces, xs, values, strict=True)
+    ]
+
+
+def _moved(evaluations: Evaluations, number: int, searches: Sequence[LocalSearch]) -> list[LocalSearch]:
+    """Return searches that go on from where they stand on the model of a stage, but for those that diverge there."""
+    spaces = [evaluations.space(s.start, number) for s in searches]
+    xs = [space.encode(*s.space.decode(s.x)) for space, s in zip(spaces, searches, strict=True)]
+    values = evaluations.evaluate(number, [(s.start, x) for s, x in zip(searches, xs, strict=True)])
+    return [
+        local.enter(space, x, value, shape)
+        for local, space, x, (value, shape) in zip(searches, spaces, xs, values, strict=True)
+        if np.all(np.isfinite(shape))
     ]
 
 
@@ -155,14 +166,7 @@ def _enter(evaluations: Evaluations, number: int, searches: list[LocalSearch]) -
         alike = sum(len(k.space.design.muscles) == len(local.space.design.muscles) for k in kept)
         if len(kept) < stage.keep and alike < most and all(local.distinct(other) for other in kept):
             kept.append(local)
-    spaces = [evaluations.space(s.start, number) for s in kept]
-    xs = [space.encode(*s.space.decode(s.x)) for space, s in zip(spaces, kept, strict=True)]
-    values = evaluations.evaluate(number, [(s.start, x) for s, x in zip(kept, xs, strict=True)])
-    moved = [
-        local.enter(space, x, value, shape)
-        for local, space, x, (value, shape) in zip(kept, spaces, xs, values, strict=True)
-        if np.all(np.isfinite(shape))
-    ]
+    moved = _moved(evaluations, number, kept)
     if not moved:
         raise Stop("every design diverged")
     for local in moved:
@@ -192,14 +196,7 @@ def run_rounds(
 ) -> list[LocalSearch]:
     """Return searches that go on from where they stand on the model of a stage, side by side, for up to so many rounds
     each or until they come to `until` m. What diverges there is left out."""
-    spaces = [evaluations.space(s.start, number) for s in searches]
-    xs = [space.encode(*s.space.decode(s.x)) for space, s in zip(spaces, searches, strict=True)]
-    values = evaluations.evaluate(number, [(s.start, x) for s, x in zip(searches, xs, strict=True)])
-    moved = [
-        local.enter(space, x, value, shape)
-        for local, space, x, (value, shape) in zip(searches, spaces, xs, values, strict=True)
-        if np.all(np.isfinite(shape))
-    ]
+    moved = _moved(evaluations, number, searches)
     for _ in range(rounds):
         if not (going := [s for s in moved if not s.done and s.value > until]):
             break
@@ -233,7 +230,7 @@ def _evaluate_all(
     searches: list[LocalSearch],
     xs: list[list[Vector]],
     cheap: ForwardModel | None = None,
-) -> list[list[tuple[float, Shape]]]:
+) -> list[list[tuple[float, Poses]]]:
     """Return each search's own vectors, all in common batches; on the stage's model, or on `cheap`."""
     flat = [(local.start, x) for local, vectors in zip(searches, xs, strict=True) for x in vectors]
     results = iter(evaluations.evaluate(number, flat, cheap))

@@ -11,10 +11,9 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial import KDTree
 
 from fabdesign.geometry.metrics import chamfer_to, distance_to_faces, shares_at, surface_rms
-from fabdesign.geometry.mid_surface import two_faces
 from fabdesign.geometry.regions import Weighting
 from fabdesign.geometry.rigid_placement import RigidMotion, onto
-from fabdesign.geometry.sheet import Face
+from fabdesign.geometry.shape import Face, Shape
 from fabdesign.geometry.surface import CAP, Surface, capped_rms, half_of
 from fabdesign.geometry.wishes import Landmarks
 from fabdesign.nouns.design import Design
@@ -24,7 +23,7 @@ from fabdesign.nouns.pressure import PressureProgram
 from optimize.search.design_space import DesignSpace, Vector
 
 Measure = Literal["chamfer", "surface_rms"]
-Shape = NDArray[np.float64]  # (poses, 2 n, 3) m: one design under each pose's pressures
+Poses = NDArray[np.float64]  # (poses, 2 n, 3) m: one design under each pose's pressures
 # m, of distances and their shares; and its slope by each
 Norm = Callable[[NDArray[np.float64], NDArray[np.float64]], tuple[float, NDArray[np.float64]]]
 LATE = 1.0  # s after rest, from which on a motion's frame is taken to be near the shape at rest
@@ -64,7 +63,7 @@ class Objective:
 
     @property
     def at_rest(self) -> "Objective":
-        """The same of shapes at rest in place of frames that are late: they are near them, and cost a quarter."""
+        """Return the same of shapes at rest in place of late frames: they are near them, and cost a quarter."""
         late = [t if t.time is None or t.time < LATE else replace(t, time=None) for t in self.targets]
         return replace(self, targets=late)
 
@@ -76,11 +75,11 @@ class Objective:
 
     def shapes(
         self, forward: ForwardModel, points: Sequence[tuple[DesignSpace, Vector]], models: Sequence[Predictor] = ()
-    ) -> list[Shape]:
-        """The shape of each point; a diverged one holds NaN. models: of which each point's cases carry what its own
-        adds."""
+    ) -> list[Poses]:
+        """Return the shape of each point; a diverged one holds NaN. models: of which each point's cases carry what its
+        own adds."""
         decoded = [space.decode(x) for space, x in points]
-        shapes: list[list[Shape]] = [[] for _ in points]
+        shapes: list[list[Poses]] = [[] for _ in points]
         for pose, target in enumerate(self.targets):
             cases = self.cases(pose, decoded)
             if models:
@@ -93,16 +92,16 @@ class Objective:
                 shape.append(refined(np.asarray(cloud, np.float64)))
         return [np.array(shape) for shape in shapes]
 
-    def cases(self, pose: int, decoded: Sequence[tuple[Design, Shape]]) -> list[Case]:
-        """Of designs, each with its (poses, channels) pressures [Pa], in one pose."""
+    def cases(self, pose: int, decoded: Sequence[tuple[Design, Poses]]) -> list[Case]:
+        """Return the cases of designs, each with its (poses, channels) pressures [Pa], in one pose."""
         duration = self.targets[pose].time or 0.0
         return [
             Case(design, PressureProgram(np.zeros(1), pressures[pose][None], duration), order=self.order)
             for design, pressures in decoded
         ]
 
-    def value(self, shape: Shape) -> float:
-        """m; NaN where the shape is not finite."""
+    def value(self, shape: Poses) -> float:
+        """Return m; NaN where the shape is not finite."""
         if not np.all(np.isfinite(shape)):
             return float("nan")
         return float(self.shares @ [self._distance(t, pose) for t, pose in zip(self.targets, shape, strict=True)])
@@ -124,7 +123,7 @@ class Objective:
         whole = any(t.markers or t.landmarks is not None or t.weighting is not None for t in self.targets)
         return THIN if self.measure == "chamfer" and not whole else 1
 
-    def gradient(self, shape: Shape) -> tuple[float, Shape]:
+    def gradient(self, shape: Poses) -> tuple[float, Poses]:
         """Value [m] against the thinned targets, and its derivative by each coordinate (nearest neighbours held)."""
         gradients = [self._gradient(t, pose) for t, pose in zip(self.targets, shape, strict=True)]
         slopes = np.array([slope for _, slope in gradients])
@@ -159,20 +158,20 @@ def _chamfer_gradient(
     weights = np.ones(len(model)) if weighting is None else half_of(weighting.of_points(len(every)), face)
     to_target, nearest_target = target.query(model)
     to_model, nearest_model = KDTree(model, balanced_tree=False).query(measured)
-    own, at_nearest = weights / weights.sum(), weights[nearest_model] / weights[nearest_model].sum()
-    slope = (model - measured[nearest_target]) * (own / np.maximum(to_target, 1e-12))[:, None]
+    shares, at_nearest = weights / weights.sum(), weights[nearest_model] / weights[nearest_model].sum()
+    slope = (model - measured[nearest_target]) * (shares / np.maximum(to_target, 1e-12))[:, None]
     pull = (model[nearest_model] - measured) * (at_nearest / np.maximum(to_model, 1e-12))[:, None]
     for axis in range(3):
         slope[:, axis] += np.bincount(nearest_model, pull[:, axis], len(model))
     slopes = np.zeros_like(every)
     half_of(slopes, face)[:] = slope
-    return float(own @ to_target + at_nearest @ to_model), slopes
+    return float(shares @ to_target + at_nearest @ to_model), slopes
 
 
 def _faces_gradient(
     measured: NDArray[np.float64], model: NDArray[np.float64], target: Target, norm: Norm
 ) -> tuple[float, NDArray[np.float64]]:
-    """Of a norm of the distances of measured points to the faces."""
+    """Return value and slopes of a norm of the distances of measured points to the faces."""
     surface = Surface.of_faces(model, face=target.face)
     near = surface.nearest(measured)
     value, slope = norm(near.distance, shares_at(surface, near, target.weighting))
@@ -195,24 +194,24 @@ def _mean(distance: NDArray[np.float64], shares: NDArray[np.float64]) -> tuple[f
 def _on_corners(
     corners: NDArray[np.intp], weights: NDArray[np.float64], pull: NDArray[np.float64], count: int
 ) -> NDArray[np.float64]:
-    """(count, 3): pulls (n, 3) at places in triangles, shared out to their corners (n, 3) by weights (n, 3)."""
+    """Return (count, 3): pulls (n, 3) at places in triangles, shared out to their corners (n, 3) by weights (n, 3)."""
     shares = (weights[:, :, None] * pull[:, None, :]).reshape(-1, 3)
     columns = [np.bincount(corners.ravel(), shares[:, axis], count) for axis in range(3)]
     return np.stack(columns, axis=1)
 
 
 def refined(cloud: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(2 SIDE^2, 3) m, of both faces' points on a coarser grid too."""
-    side = round(np.sqrt(len(cloud) / 2))
-    if side >= SIDE:
+    """Return (2 SIDE^2, 3) m, of both faces' points on a coarser grid too."""
+    shape = Shape.of(cloud)
+    if shape.side >= SIDE:
         return cloud
-    weights = _spline_weights(side)
-    faces = np.einsum("ai,bj,fijc->fabc", weights, weights, two_faces(cloud), optimize=True)
+    weights = _spline_weights(shape.side)
+    faces = np.einsum("ai,bj,fijc->fabc", weights, weights, shape.faces, optimize=True)
     return faces.reshape(-1, 3)
 
 
 @lru_cache(maxsize=8)
 def _spline_weights(side: int) -> NDArray[np.float64]:
-    """(SIDE, side) cubic interpolation from `side` even nodes."""
+    """Return (SIDE, side) cubic interpolation from `side` even nodes."""
     nodes, dense = np.linspace(0, 1, side), np.linspace(0, 1, SIDE)
     return np.asarray(make_interp_spline(nodes, np.eye(side), k=3)(dense))

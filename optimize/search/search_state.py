@@ -1,13 +1,17 @@
 """Where a search stands, and how that is kept: the same search goes on after its last round."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, TypedDict
 
 import numpy as np
 
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.muscle import Muscle
+from optimize.search.design_space import DesignSpace
 from optimize.search.evaluations import Best, Evaluations
 from optimize.search.local_search import LocalSearch
+from optimize.search.margins import Limits
 from optimize.search.starts import Start
 
 # of restart k = 1, 2, ... and the best so far: starts, and whether they owe nothing to the best
@@ -102,3 +106,30 @@ def load_state(evaluations: Evaluations, further: FurtherStarts | None) -> Searc
         for start, x, value, radius, rounds, done, slopes_at, *learned in state["searches"]
     ]
     return at
+
+
+class StartRow(TypedDict):
+    """A layout and its pressures."""
+
+    muscles: list[dict[str, Any]]  # what a Muscle is made of
+    pressures: list[list[float]]  # Pa, of each pose
+
+
+def as_rows(starts: Sequence[Start]) -> list[StartRow]:
+    """Return muscles, and (poses, channels) pressures in Pa."""
+    rows: list[StartRow] = []
+    for space, x in starts:
+        design, pressures = space.decode(x)
+        rows.append({"muscles": [asdict(muscle) for muscle in design.muscles], "pressures": pressures.tolist()})
+    return rows
+
+
+def of_rows(rows: Sequence[StartRow], cloth: Design, limits: Limits) -> list[Start]:
+    """Return what `as_rows` gave, on the cloth and with the muscle types of a design."""
+    starts = []
+    for row in rows:
+        muscles = [Muscle(**{**keys, "path": ()}).along(keys["path"]) for keys in row["muscles"]]
+        design, pressures = replace(cloth, muscles=tuple(muscles)), np.array(row["pressures"], dtype=float)
+        space = DesignSpace(design, limits, pressures, vary_positions=True)
+        starts.append((space, space.encode(design, pressures)))
+    return starts

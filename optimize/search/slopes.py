@@ -3,21 +3,27 @@
 They are those of shapes at rest. Of a target that is a motion's frame, a second and more after the pressures rose,
 they are nearly the frame's own, and cost a fraction of differences of motions; what they lack a search learns from the
 steps that it tries (optimize/search/local_search.py).
+
+Changes that would bring a result nearer: the objective to first order, where a limit were wider or a constant
+another one, with the design's own variables adjusted to it.
+
+The shape is linear in the change and in the variables; NLopt takes the best step of it (`step.py`), so that no
+simulation but one Jacobian is needed. To first order only: good for saying what matters, not for how much.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.nouns import column
-from fabdesign.nouns.column import Column
+from fabdesign.nouns.column import Column, Jacobians
 from fabdesign.nouns.forward import Case, ForwardModel
-from fabdesign.nouns.jacobian import Jacobians
 from optimize.search.design_space import PRESSURE_STEP, DesignSpace, Vector
-from optimize.search.objective import LATE, Objective, Shape, refined
+from optimize.search.objective import LATE, Objective, Poses, refined
+from optimize.search.step import LinearShape, best_step
 
 Corner = tuple[int, int, int]  # muscle, corner of its path, axis
 
@@ -25,7 +31,7 @@ Corner = tuple[int, int, int]  # muscle, corner of its path, axis
 class Slopes(NamedTuple):
     """The slopes at one point of a space."""
 
-    shape: Shape  # (poses, 2 n, 3) m, at rest
+    shape: Poses  # (poses, 2 n, 3) m, at rest
     by_variable: NDArray[np.float64]  # (n, poses, 2 n, 3) m; 0 where a derivative is not there
     by_further: NDArray[np.float64]  # (columns, poses, 2 n, 3) m per unit of further columns; NaN where that diverged
 
@@ -51,7 +57,11 @@ def slopes_of(
     corners = sorted({corner for space, _ in points for corner in _corners(space)})
     channels = max(space.channels * space.vary_pressures for space, _ in points)
     span = max(np.ptp(space.limits.pressure) for space, _ in points)
-    columns = [*map(_of_corner, corners), *(_of_channel(k, PRESSURE_STEP * span) for k in range(channels)), *further]
+    columns = [
+        *map(_of_corner, corners),
+        *(column.pressure(k, far=PRESSURE_STEP * span) for k in range(channels)),
+        *further,
+    ]
     place = {corner: k for k, corner in enumerate(corners)}
     jacobian_of = [jacobians(objective.cases(pose, decoded), columns) for pose in range(len(objective.targets))]
     results = []
@@ -79,7 +89,7 @@ def slopes_of(
 class ByColumns(NamedTuple):
     """The slopes of one design, a case a pose. exact: whether every column is a definite tangent's in every pose."""
 
-    shape: Shape  # (poses, 2 n, 3) m, at rest
+    shape: Poses  # (poses, 2 n, 3) m, at rest
     changes: NDArray[np.float64]  # (columns, poses, 2 n, 3) m per unit; NaN where that diverged
     exact: bool
 
@@ -100,17 +110,10 @@ def _corners(space: DesignSpace) -> list[Corner]:
 
 
 def _of_corner(corner: Corner) -> Column:
-    """Return the column [m] of a corner. A case without that corner stays: its derivative is zero."""
+    """Return the column [m] of a corner."""
     muscle, index, axis = corner
     moving = column.corner_or_still(muscle, index, ((1.0, 0.0), (0.0, 1.0))[axis])
-
-    def moved(case: Case, by: float) -> Case:
-        muscles = case.design.muscles
-        if muscle >= len(muscles) or index >= len(muscles[muscle].path):
-            return case
-        return moving.moved(case, by)
-
-    return replace(moving, name=f"{moving.name} along {'uv'[axis]}", moved=moved, room=_inside(corner))
+    return replace(moving, name=f"{moving.name} along {'uv'[axis]}", room=_inside(corner))
 
 
 def _inside(corner: Corner) -> Callable[[Case], tuple[float, float]]:
@@ -127,15 +130,60 @@ def _inside(corner: Corner) -> Callable[[Case], tuple[float, float]]:
     return room
 
 
-def _of_channel(channel: int, far: float) -> Column:
-    """Return the column [Pa] of a channel. A case without that channel stays. far: Pa, for differences, above what a
-    corrector's steps are of."""
-    raised = column.pressure(channel)
+RADIUS = 0.1  # reaches within which the variables adjust: farther the shape is not linear
 
-    def moved(case: Case, by: float) -> Case:
-        return raised.moved(case, by) if channel < case.program.pressure.shape[1] else case
 
-    def room(case: Case) -> tuple[float, float]:
-        return raised.room(case) if channel < case.program.pressure.shape[1] else (-np.inf, np.inf)
+@dataclass(frozen=True)
+class Change:
+    """`by` units of a column."""
 
-    return replace(raised, far=far, moved=moved, room=room)
+    what: str  # for people, as in "20 % less bending stiffness"
+    column: Column
+    by: float
+
+
+@dataclass(frozen=True)
+class Nearer:
+    """value: m of the objective to first order."""
+
+    what: str
+    value: float
+
+
+def what_helps(
+    jacobians: Jacobians,
+    objective: Objective,
+    point: tuple[DesignSpace, Vector],
+    changes: Sequence[Change],
+    wider: Mapping[str, DesignSpace],
+    others: Mapping[str, DesignSpace] | None = None,
+) -> tuple[float, list[Nearer]]:
+    """Return the value [m] that the same step comes to without any change, and what each change, each wider space of
+    the same design and each other design of as many muscles and corners, by their names, would; the nearest first."""
+    space, x = point
+    layout = space.decode(x)
+    columns = {relaxed.column.name: relaxed.column for relaxed in changes}
+    others = others or {}
+    places = [(relaxed, relaxed.encode(*layout)) for relaxed in others.values()]
+    slopes, *of_others = slopes_of(jacobians, objective, [point, *places], [*columns.values()])
+    of_column = dict(zip(columns, slopes.by_further, strict=True))
+
+    def stepped(relaxed: DesignSpace, model: LinearShape) -> float:
+        if not np.isfinite(model.shape).all():
+            return float("nan")
+        return objective.value(model.at(best_step(model, objective, relaxed, RADIUS)))
+
+    def reached(shape: Poses, relaxed: DesignSpace) -> float:
+        by_variable = slopes.by_variable * (relaxed.units / space.units)[:, None, None, None]
+        return stepped(relaxed, LinearShape(relaxed.encode(*layout), shape, by_variable))
+
+    shifted = [slopes.shape + relaxed.by * of_column[relaxed.column.name] for relaxed in changes]
+    nearer = [Nearer(relaxed.what, reached(shape, space)) for relaxed, shape in zip(changes, shifted, strict=True)]
+    nearer += [Nearer(what, reached(slopes.shape, relaxed)) for what, relaxed in wider.items()]
+    nearer += [
+        Nearer(what, stepped(relaxed, LinearShape(there, of_other.shape, of_other.by_variable)))
+        for what, (relaxed, there), of_other in zip(others, places, of_others, strict=True)
+    ]
+    return reached(slopes.shape, space), sorted(
+        (relaxed for relaxed in nearer if np.isfinite(relaxed.value)), key=lambda relaxed: relaxed.value
+    )

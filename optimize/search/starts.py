@@ -1,7 +1,6 @@
 """Where searches begin: pressures that fill their space, and layouts as a designer would draw them."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import combinations
 from typing import Literal
 
@@ -14,12 +13,12 @@ from fabdesign.errors import InputError
 from fabdesign.nouns.catalogue import LAYOUTS, build
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
-from optimize.search.channels import start_of
-from optimize.search.design_space import DesignSpace, Vector
+from optimize.search.design_space import DesignSpace, Vector, start_of
 from optimize.search.margins import Limits
 
 Side = Literal["front", "back"]
 Start = tuple[DesignSpace, Vector]
+Array = NDArray[np.float64]
 
 TRIES = 60  # draws of a layout before a muscle count counts as too many for the cloth
 ONE_WAY = 0.6  # of the drawn layouts have all muscles on one face, and as many one pressure for all
@@ -44,22 +43,29 @@ def catalogue_starts(
     """Return the catalogue's layouts and even lines on each side, through the whole cloth and through two thirds of it
     from either end, of the most and of about half as many muscles, all at the highest pressure and at the middle; those
     that keep the limits."""
+    space = DesignSpace(design, limits, np.zeros((poses, 0)))
     kind = next(iter(design.muscle_types.values()))
-    pitch = design.muscles[0].fixed_point_pitch if design.muscles else PITCH
-    starts: list[Start] = []
+    starts: list[Start | None] = []
     for count in sorted({max(counts), max(counts[0], (max(counts) + 1) // 2)}, reverse=True):
         levels = [np.full((poses, count), level) for level in (limits.pressure[1], np.mean(limits.pressure))]
-        starts += _even(design, limits, poses, count, sides)
+        gaps = (np.arange(count) + 0.5) / count - 0.5
+        starts += [
+            _start(space, _part(lines, *part), [next(iter(design.muscle_types))] * count, [side] * count, pressures)
+            for side in sides
+            for lines in (_lines(space, gaps, angle) for angle in (0.0, np.pi / 2))
+            for part in PARTS
+            for pressures in levels
+        ]
         for layout in LAYOUTS:
             try:
                 drawn = build(
-                    layout, fabric=design.fabric, muscle_type=kind, muscles=count, fixed_point_pitch=pitch
+                    layout, fabric=design.fabric, muscle_type=kind, muscles=count, fixed_point_pitch=_pitch(design)
                 ).muscles
             except InputError:  # no such count, or no room for it
                 continue
             if {muscle.side for muscle in drawn} <= set(sides):
-                starts += filter(None, (_start_with(design, limits, drawn, pressures) for pressures in levels))
-    return starts
+                starts += [start_of((drawn, pressures), space) for pressures in levels]
+    return [start for start in starts if start is not None]
 
 
 def layout_starts(
@@ -71,13 +77,13 @@ def layout_starts(
     at any angle), half loose lines; more than half have all muscles on one face and one pressure, as large shapes
     want them; all keep the limits, so that counts that do not fit the cloth are absent.
     """
-    rng = np.random.default_rng(seed)
+    space, rng = DesignSpace(design, limits, np.zeros((poses, 0))), np.random.default_rng(seed)
     turns = [n for lowest in range(max(counts), 0, -1) for n in counts if n >= lowest]
     starts: list[Start] = []
     crowded = set()
     for i in range(number):
         count = turns[i % len(turns)]
-        start = None if count in crowded else _draw(design, limits, poses, count, sides, rng)
+        start = None if count in crowded else _draw(space, count, sides, rng)
         if start is None:
             crowded.add(count)
         else:
@@ -86,10 +92,11 @@ def layout_starts(
 
 
 def thinned_starts(
-    design: Design, limits: Limits, pressures: NDArray[np.float64], count: int, *, number: int, seed: int
+    design: Design, limits: Limits, pressures: Array, count: int, *, number: int, seed: int
 ) -> list[Start]:
     """Return layouts of `count` of the design's own muscles, under their `pressures` (poses, channels) Pa, a channel
     for each: all that there are, or `number` of them drawn by `seed`."""
+    space = DesignSpace(design, limits, pressures)
     subsets = list(combinations(range(len(design.muscles)), count))
     if len(subsets) > number:
         chosen = np.random.default_rng(seed).choice(len(subsets), number, replace=False)
@@ -97,120 +104,81 @@ def thinned_starts(
     starts = []
     for subset in subsets:
         kept = [design.muscles[i] for i in subset]
-        by_muscle = pressures[:, [muscle.channel for muscle in kept]]
-        muscles = tuple(replace(muscle, channel=channel) for channel, muscle in enumerate(kept))
-        starts.append(_start_with(design, limits, muscles, by_muscle))
+        starts.append(start_of((kept, pressures[:, [muscle.channel for muscle in kept]]), space))
     return [start for start in starts if start is not None]
 
 
-def _even(design: Design, limits: Limits, poses: int, count: int, sides: Sequence[Side]) -> list[Start]:
-    """Return upright and level lines."""
-    kind = next(iter(design.muscle_types))
-    gaps = (np.arange(count) + 0.5) / count - 0.5
-    starts = [
-        _start(design, limits, _part(lines, *part), [kind] * count, [side] * count, pressures)
-        for side in sides
-        for lines in (_lines(design, limits, gaps, angle) for angle in (0.0, np.pi / 2))
-        for part in PARTS
-        for pressures in (np.full((poses, count), level) for level in (limits.pressure[1], np.mean(limits.pressure)))
-    ]
-    return [start for start in starts if start is not None]
-
-
-def _draw(
-    design: Design, limits: Limits, poses: int, count: int, sides: Sequence[Side], rng: Generator
-) -> Start | None:
+def _draw(space: DesignSpace, count: int, sides: Sequence[Side], rng: Generator) -> Start | None:
+    limits = space.limits
     for _ in range(TRIES):
-        lines = _parallel(design, limits, count, rng) if rng.random() < 0.5 else _loose(design, limits, count, rng)
-        kinds = [str(rng.choice(list(design.muscle_types))) for _ in range(count)]
+        lines = _parallel(space, count, rng) if rng.random() < 0.5 else rng.uniform(*_box(space), (count, 2, 2))
+        kinds = [str(rng.choice(list(space.design.muscle_types))) for _ in range(count)]
         drawn = [sides[int(k)] for k in rng.integers(len(sides), size=count)]
-        pressures = rng.uniform(*limits.pressure, (poses, count))
+        pressures = rng.uniform(*limits.pressure, (len(space.start_pressures), count))
         if rng.random() < ONE_WAY:
             drawn = drawn[:1] * count
         if rng.random() < ONE_WAY:
             pressures[:] = limits.pressure[0] + rng.uniform(0.5, 1.0) * np.ptp(limits.pressure)
-        start = _start(design, limits, lines, kinds, drawn, pressures)
+        start = _start(space, lines, kinds, drawn, pressures)
         if start is not None:
             return start
     return None
 
 
 def _start(
-    design: Design,
-    limits: Limits,
-    lines: NDArray[np.float64],
-    kinds: Sequence[str],
-    sides: Sequence[Side],
-    pressures: NDArray[np.float64],
+    space: DesignSpace, lines: Array, kinds: Sequence[str], sides: Sequence[Side], pressures: Array
 ) -> Start | None:
-    """Return straight muscles with a channel each; None where they break a limit."""
-    pitch = design.muscles[0].fixed_point_pitch if design.muscles else PITCH
-    muscles = tuple(
-        Muscle(
-            type=kind,
-            side=side,
-            channel=channel,
-            path=((float(a[0]), float(a[1])), (float(b[0]), float(b[1]))),
-            fixed_point_pitch=pitch,
-        )
-        for channel, (kind, side, (a, b)) in enumerate(zip(kinds, sides, lines, strict=True))
-    )
-    return _start_with(design, limits, muscles, pressures)
+    """Return straight muscles with a channel each, under (poses, muscles) Pa; None where they break a limit."""
+    pitch = _pitch(space.design)
+    muscles = [
+        Muscle(kind, side, 0, (), pitch).along(line) for kind, side, line in zip(kinds, sides, lines, strict=True)
+    ]
+    return start_of((muscles, pressures), space)
 
 
-def _start_with(
-    design: Design, limits: Limits, muscles: tuple[Muscle, ...], pressures: NDArray[np.float64]
-) -> Start | None:
-    """Return None where they break a limit. pressures (poses, muscles) Pa."""
-    return start_of((muscles, pressures), DesignSpace(replace(design, muscles=muscles), limits, pressures))
+def _pitch(design: Design) -> float:
+    return design.muscles[0].fixed_point_pitch if design.muscles else PITCH
 
 
-def _parallel(design: Design, limits: Limits, count: int, rng: Generator) -> NDArray[np.float64]:
+def _parallel(space: DesignSpace, count: int, rng: Generator) -> Array:
     """Return (count, 2, 2) even lines through the cloth, shortened by up to half."""
     angle = rng.choice(ANGLES) if rng.random() < 0.7 else rng.uniform(-np.pi / 2, np.pi / 2)
     gaps = (np.arange(count) + rng.uniform(0.2, 0.8, count)) / count - 0.5
-    lines = _lines(design, limits, gaps, angle)
+    lines = _lines(space, gaps, angle)
     kept = rng.uniform(0.5, 1.0)
     shift = rng.uniform(0.0, 1.0 - kept)
     return _part(lines, shift, shift + kept)
 
 
-def _part(lines: NDArray[np.float64], begin: float, end: float) -> NDArray[np.float64]:
+def _part(lines: Array, begin: float, end: float) -> Array:
     """Return the part of each line from one share of its length to another."""
     return np.array([[a + begin * (b - a), a + end * (b - a)] for a, b in lines])
 
 
-def _lines(design: Design, limits: Limits, gaps: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+def _lines(space: DesignSpace, gaps: Array, angle: float) -> Array:
     """Return (count, 2, 2) lines at `angle` [rad] against the v axis through the whole box, `gaps` of its extent
     apart."""
     along, across = np.array([np.sin(angle), np.cos(angle)]), np.array([np.cos(angle), -np.sin(angle)])
-    low, high = _box(design, limits)
+    low, high = _box(space)
     middle, extent = (low + high) / 2, float(np.abs(across) @ (high - low))
     return np.array([_clipped(middle + gap * extent * across, along, low, high) for gap in gaps])
 
 
-def _loose(design: Design, limits: Limits, count: int, rng: Generator) -> NDArray[np.float64]:
-    """Return (count, 2, 2) lines between points drawn evenly over the cloth."""
-    return rng.uniform(*_box(design, limits), (count, 2, 2))
-
-
-def random_line(design: Design, limits: Limits, rng: Generator) -> NDArray[np.float64]:
+def random_line(space: DesignSpace, rng: Generator) -> Array:
     """Return (2, 2) m: a line through the cloth's box at any angle, cut to a part of it."""
     angle, gap = rng.uniform(-np.pi / 2, np.pi / 2), rng.uniform(-0.45, 0.45)
     if rng.random() < 0.5:
         angle = rng.choice(ANGLES)
     begin = rng.uniform(0.0, 0.4)
-    return _part(_lines(design, limits, np.array([gap]), angle), begin, rng.uniform(begin + 0.4, 1.0))[0]
+    return _part(_lines(space, np.array([gap]), angle), begin, rng.uniform(begin + 0.4, 1.0))[0]
 
 
-def _box(design: Design, limits: Limits) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    high = np.array([design.fabric.width, design.fabric.height]) - limits.edge
-    return np.full(2, limits.edge), high
+def _box(space: DesignSpace) -> tuple[Array, Array]:
+    """Return the least and largest (u, v) [m] of corners."""
+    return np.full(2, space.limits.edge), space.size - space.limits.edge
 
 
-def _clipped(
-    point: NDArray[np.float64], along: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _clipped(point: Array, along: Array, low: Array, high: Array) -> tuple[Array, Array]:
     """Return the ends of the line through a point of the box, clipped to the box (Liang and Barsky 1984)."""
     safe = np.where(np.abs(along) < 1e-12, 1e-12, along)
     borders = np.sort([(low - point) / safe, (high - point) / safe], axis=0)

@@ -12,9 +12,9 @@ import nlopt
 import numpy as np
 from numpy.typing import NDArray
 
-from optimize.search.contraction import LinearContraction
 from optimize.search.design_space import DesignSpace, Vector
-from optimize.search.objective import Objective, Shape
+from optimize.search.margins import LinearContraction
+from optimize.search.objective import Objective, Poses
 
 EVALUATIONS = 60  # of the linear model; the objective there is kinked, so that the last digits are not worth more
 LEAST_GAIN = 1e-6  # m
@@ -26,13 +26,13 @@ class LinearShape:
     """shape(x) = shape + slopes (x - centre)."""
 
     centre: Vector  # (n,)
-    shape: Shape  # (poses, 2 n, 3) m
+    shape: Poses  # (poses, 2 n, 3) m
     slopes: NDArray[np.float64]  # (n, poses, 2 n, 3) m
 
-    def at(self, x: Vector) -> Shape:
+    def at(self, x: Vector) -> Poses:
         return self.shape + np.tensordot(x - self.centre, self.slopes, axes=1)
 
-    def through(self, x: Vector, shape: Shape) -> "LinearShape":
+    def through(self, x: Vector, shape: Poses) -> "LinearShape":
         """Return the nearest model that holds at x too (Broyden, A class of methods for solving nonlinear simultaneous
         equations, Math. Comp. 19, 1965)."""
         way = x - self.centre
@@ -46,7 +46,9 @@ def best_step(model: LinearShape, objective: Objective, space: DesignSpace, radi
     reach = radius * space.reach
     lower, upper = np.maximum(0.0, model.centre - reach), np.minimum(1.0, model.centre + reach)
     thin = LinearShape(model.centre, model.shape[:, :: objective.thin], model.slopes[:, :, :: objective.thin])
-    contraction = _contraction(model, space)
+    most, contraction = space.limits.contraction, None
+    if most is not None:
+        contraction = LinearContraction(space.decode(model.centre)[0], most, model.centre, model.shape, model.slopes)
     best_x, best_value = model.centre, np.inf
     if space.keeps(model.centre, model.shape):
         best_value = objective.gradient(thin.shape)[0]
@@ -86,11 +88,3 @@ def best_step(model: LinearShape, objective: Objective, space: DesignSpace, radi
     with suppress(nlopt.RoundoffLimited, RuntimeError):  # the best point is kept here, whatever ends NLopt
         solver.optimize(np.clip(model.centre, lower, upper))
     return best_x
-
-
-def _contraction(model: LinearShape, space: DesignSpace) -> LinearContraction | None:
-    """Return None where it has no limit."""
-    if space.limits.contraction is None:
-        return None
-    design = space.decode(model.centre)[0]
-    return LinearContraction(design, space.limits.contraction, model.centre, model.shape, model.slopes)

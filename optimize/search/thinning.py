@@ -13,11 +13,10 @@ from itertools import combinations
 import numpy as np
 
 from fabdesign.study_files.search_terms import Price
-from optimize.search.channels import Layout, by_muscle, start_of, with_shared_channels
-from optimize.search.design_space import DesignSpace
+from optimize.search.design_space import DesignSpace, Layout, by_muscle, start_of, with_shared_channels
 from optimize.search.evaluations import Evaluations, Stop
 from optimize.search.local_search import LocalSearch
-from optimize.search.multistart import run_rounds
+from optimize.search.multistart import run_rounds, searches_from
 from optimize.search.starts import Start
 from optimize.search.variations import straightened
 
@@ -81,7 +80,9 @@ def _thinned(evaluations: Evaluations, layout: Layout, space: DesignSpace, size:
     """Return the greedy choice of `size` of the layout's muscles, on the coarse model; None where there is none."""
     stage, local = len(evaluations.stages) - 2, None
     while len(layout[0]) > size:
-        choices = [*_drops(layout), *_merges(layout, space)]
+        muscles, pressures = layout
+        drops = [([*muscles[:k], *muscles[k + 1 :]], np.delete(pressures, k, axis=1)) for k in range(len(muscles))]
+        choices = [*drops, *_merges(layout, space)]
         candidates = [(choice, start) for choice in choices if (start := start_of(choice, space))]
         if not candidates:
             return None
@@ -105,13 +106,7 @@ def _searches(evaluations: Evaluations, stage: int, starts: Sequence[Start]) -> 
     """Return searches from starts that the evaluations get to know, valued on the model of a stage."""
     first = len(evaluations.starts)
     evaluations.starts += starts
-    spaces = [evaluations.space(first + k, stage) for k in range(len(starts))]
-    xs = [reduced.encode(*space.decode(x)) for reduced, (space, x) in zip(spaces, starts, strict=True)]
-    results = evaluations.evaluate(stage, [(first + k, x) for k, x in enumerate(xs)])
-    return [
-        LocalSearch(first + k, reduced, x, value, shape=shape)
-        for k, (reduced, x, (value, shape)) in enumerate(zip(spaces, xs, results, strict=True))
-    ]
+    return searches_from(evaluations, stage, first)
 
 
 def _simpler(evaluations: Evaluations, smallest: Fewer, start: Start | None, price: Price) -> Fewer:
@@ -128,11 +123,6 @@ def _simpler(evaluations: Evaluations, smallest: Fewer, start: Start | None, pri
     return smallest
 
 
-def _drops(layout: Layout) -> list[Layout]:
-    muscles, pressures = layout
-    return [([*muscles[:k], *muscles[k + 1 :]], np.delete(pressures, k, axis=1)) for k in range(len(muscles))]
-
-
 def _merges(layout: Layout, space: DesignSpace) -> list[Layout]:
     """Return pairs on one face that lie close become one between them, with the higher pressures."""
     muscles, pressures = layout
@@ -147,9 +137,8 @@ def _merges(layout: Layout, space: DesignSpace) -> list[Layout]:
         other = min(ways, key=lambda way: float(np.linalg.norm(way - one)))
         if np.linalg.norm(one - other, axis=1).mean() > CLOSE * size:
             continue
-        path = tuple((float(u), float(v)) for u, v in (one + other) / 2)
         kept = [*muscles[:j], *muscles[j + 1 :]]
-        kept[i] = replace(a, path=path)
+        kept[i] = a.along((one + other) / 2)
         thinned = np.delete(pressures, j, axis=1)
         thinned[:, i] = np.maximum(pressures[:, i], pressures[:, j])
         merged.append((kept, thinned))

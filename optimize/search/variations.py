@@ -1,16 +1,16 @@
-"""Layouts near a good one: where a search begins anew that has come to the end of its slopes."""
+"""Layouts near a good one: where a search begins anew that has come to the end of its slopes, and with muscles more,
+where the search for a larger layout begins, so that it is no worse."""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.random import Generator
 
 from fabdesign.nouns.muscle import Muscle
-from optimize.search.channels import Layout, by_muscle, start_of
-from optimize.search.design_space import DesignSpace, Vector
-from optimize.search.margins import Limits
-from optimize.search.starts import Side, Start
+from optimize.search.design_space import DesignSpace, Layout, Vector, by_muscle, start_of
+from optimize.search.starts import PITCH, Side, Start, random_line
 
 TRIES = 40  # of a variation before it is left out
 SHIFT = 0.15  # of the cloth: a line's end moves by as much, as a standard deviation
@@ -62,11 +62,10 @@ def doubled(start: Start, muscle: int, share: float) -> Start | None:
     """Return the same layout with a muscle, from 0, as two beside each other at that share of its pressures; None where
     that breaks a limit. Errors of the two are independent, so that they average out."""
     (muscles, pressures), space = by_muscle(start), start[0]
-    size = np.array([space.design.fabric.width, space.design.fabric.height])
     path = _path(muscles[muscle])
     along = (path[-1] - path[0]) / np.linalg.norm(path[-1] - path[0])
     off = space.limits.spacing * np.array([-along[1], along[0]])
-    pair = [_with_path(muscles[muscle], path + side * off, space.limits, size) for side in (1, -1)]
+    pair = [_inside(muscles[muscle], path + side * off, space) for side in (1, -1)]
     both = np.insert(pressures, muscle, pressures[:, muscle], axis=1)
     both[:, muscle : muscle + 2] *= share
     return start_of(([*muscles[:muscle], *pair, *muscles[muscle + 1 :]], both), space)
@@ -77,14 +76,12 @@ def _moved(
 ) -> Layout:
     muscles, pressures = [*layout[0]], layout[1].copy()
     k = int(rng.integers(len(muscles)))
-    size = np.array([space.design.fabric.width, space.design.fabric.height])
+    size, placed = space.size, partial(_inside, space=space)
     moves = ["add", "drop", "flip", "draw", "ends", "pressure", "shift", "all"]
     moves += ["bend"] * (corners > 0) + ["straighten"] * (len(muscles[k].path) > 2)
     move = rng.choice(moves)
     if move == "add" and len(muscles) + 1 in counts:
-        muscles.append(
-            _with_path(muscles[k], _path(muscles[k]) + SHIFT * size * rng.standard_normal(2), space.limits, size)
-        )
+        muscles.append(placed(muscles[k], _path(muscles[k]) + SHIFT * size * rng.standard_normal(2)))
         pressures = np.concatenate([pressures, pressures[:, k : k + 1]], axis=1)
     elif move == "drop" and len(muscles) - 1 in counts:
         del muscles[k]
@@ -93,13 +90,13 @@ def _moved(
         muscles[k] = replace(muscles[k], side=sides[int(rng.integers(len(sides)))])
         pressures[:, k] = pressures.max(axis=1)  # what was idle on one face may pull on the other
     elif move == "draw":
-        muscles[k] = _with_path(muscles[k], rng.uniform(0.0, 1.0, (2, 2)) * size, space.limits, size)
+        muscles[k] = placed(muscles[k], rng.uniform(0.0, 1.0, (2, 2)) * size)
     elif move == "ends":
         noise = SHIFT * size * rng.standard_normal((len(muscles[k].path), 2))
-        muscles[k] = _with_path(muscles[k], _path(muscles[k]) + noise, space.limits, size)
+        muscles[k] = placed(muscles[k], _path(muscles[k]) + noise)
     elif move == "bend" and len(muscles[k].path) - 2 < corners:
         bent = _bent(muscles[k], BEND * rng.standard_normal())
-        muscles[k] = _with_path(bent, _path(bent), space.limits, size)
+        muscles[k] = placed(bent, _path(bent))
     elif move == "straighten":
         path = [*muscles[k].path]
         del path[int(rng.integers(1, len(path) - 1))]
@@ -108,12 +105,9 @@ def _moved(
         pressures[:, k] = rng.uniform(*space.limits.pressure, len(pressures))
     elif move == "shift":
         step = SHIFT * size * rng.standard_normal(2)
-        muscles = [_with_path(m, _path(m) + step, space.limits, size) for m in muscles]
+        muscles = [placed(m, _path(m) + step) for m in muscles]
     elif move == "all":
-        muscles = [
-            _with_path(m, _path(m) + SLIGHT * size * rng.standard_normal((len(m.path), 2)), space.limits, size)
-            for m in muscles
-        ]
+        muscles = [placed(m, _path(m) + SLIGHT * size * rng.standard_normal((len(m.path), 2))) for m in muscles]
     return muscles, pressures
 
 
@@ -122,15 +116,75 @@ def _bent(muscle: Muscle, off: float) -> Muscle:
     path = _path(muscle)
     legs = np.diff(path, axis=0)
     k = int(np.argmax(np.linalg.norm(legs, axis=1)))
-    u, v = path[k] + legs[k] / 2 + off * np.array([-legs[k, 1], legs[k, 0]])
-    return replace(muscle, path=(*muscle.path[: k + 1], (float(u), float(v)), *muscle.path[k + 1 :]))
+    return muscle.along(
+        np.insert(path, k + 1, path[k] + legs[k] / 2 + off * np.array([-legs[k, 1], legs[k, 0]]), axis=0)
+    )
 
 
 def _path(muscle: Muscle) -> Vector:
     return np.array(muscle.path)
 
 
-def _with_path(muscle: Muscle, path: Vector, limits: Limits, size: Vector) -> Muscle:
+def _inside(muscle: Muscle, path: Vector, space: DesignSpace) -> Muscle:
     """Return the muscle with its path within the cloth less its edge."""
-    inside = np.clip(path, limits.edge, size - limits.edge)
-    return replace(muscle, path=tuple((float(u), float(v)) for u, v in inside))
+    return muscle.along(np.clip(path, space.limits.edge, space.size - space.limits.edge))
+
+
+BESIDE = 0.5  # of the further muscles are drawn beside one that is there, the others anywhere
+
+
+def with_idle(best: Start, *, count: int, sides: Sequence[Side], number: int, seed: int) -> list[Start]:
+    """Return up to `number` layouts of `count` muscles that hold those of `best`, each with a channel of its own; the
+    further ones are drawn on `sides` and idle, at the lowest pressure. All keep the limits.
+
+    A layout that has `count` muscles already comes back alone.
+    """
+    layout, space = by_muscle(best), best[0]
+    rng = np.random.default_rng(seed)
+    further = count - len(layout[0])
+    starts = []
+    for _ in range(number if further > 0 else 1):
+        grown: Layout | None = layout
+        for _ in range(further):
+            grown = None if grown is None else _with_one_more(grown, space, sides, rng)
+        start = None if grown is None else start_of(grown, space)
+        if start is not None:
+            starts.append(start)
+    return starts
+
+
+def pulling(starts: Sequence[Start], muscles: int, share: float) -> list[Start]:
+    """Return the same layouts with their muscles from number `muscles` on at a share of the pressure range."""
+    shifted = []
+    for start in starts:
+        single, pressures = by_muscle(start)
+        low, high = start[0].limits.pressure
+        pressures[:, muscles:] = low + share * (high - low)
+        shifted.append(start_of((single, pressures), start[0]))
+    return [start for start in shifted if start is not None]
+
+
+def _with_one_more(layout: Layout, space: DesignSpace, sides: Sequence[Side], rng: Generator) -> Layout | None:
+    muscles, pressures = layout
+    for _ in range(TRIES):
+        muscle = _drawn(muscles, space, sides, rng)
+        idle = np.full((len(pressures), 1), space.limits.pressure[0])
+        grown = [*muscles, muscle], np.concatenate([pressures, idle], axis=1)
+        if start_of(grown, space) is not None:
+            return grown
+    return None
+
+
+def _drawn(muscles: Sequence[Muscle], space: DesignSpace, sides: Sequence[Side], rng: Generator) -> Muscle:
+    side = sides[int(rng.integers(len(sides)))]
+    if muscles and rng.random() < BESIDE:
+        neighbour = muscles[int(rng.integers(len(muscles)))]
+        shift = SHIFT * space.size * rng.standard_normal((len(neighbour.path), 2))
+        path = np.array(neighbour.path) + shift
+        kind, pitch = neighbour.type, neighbour.fixed_point_pitch
+    else:
+        path = random_line(space, rng)
+        kind = str(rng.choice(list(space.design.muscle_types)))
+        pitch = muscles[0].fixed_point_pitch if muscles else PITCH
+    drawn = Muscle(type=kind, side=side, channel=0, path=(), fixed_point_pitch=pitch)
+    return _inside(drawn, path, space)

@@ -17,7 +17,7 @@ steps leave stable: `aged`, 1 - exp(-AGES / tau). What a constant or a loaded pl
 and without a force may ride in one block.
 
 What changes the elastic stress of the cloth is asked for where the cloth's own forces are made: `stressed`
-(sim/forces/stress.py).
+(sim/forces/added.py).
 
 Limits: the preconditioner knows the stiffness of `tension` and `lent`, not that of `cloth`; memory ages by whole steps
 with the state of the evaluation, of first order in the step.
@@ -30,10 +30,10 @@ from typing import Any
 import taichi as ti
 
 from sim import materials, state
-from sim.kernels.fields import F, X
-from sim.materials import Constant
-from sim.state import NEXT, Plane
-from sim.time.scheme import AGES
+from sim.kernels.fields import LANES, F, X
+from sim.materials import Constant, M
+from sim.state import LOADED, NEXT, REMEMBERED, Plane
+from sim.time_steps import AGES
 
 SHORTEST = 1e-6  # s, of a time constant
 
@@ -109,3 +109,67 @@ def keep(b, field: ti.template(), memory, successor, count):
     while k < count:
         field[b, memory + k] = field[b, successor + k]
         k = F.after[k]
+
+
+@ti.func
+def age_stress(b):
+    """Return by how much memory follows in this step."""
+    share = aged(b, F.lane[b, M.RELAXED_TIME])
+    lane = 0
+    while lane < LANES:
+        if F.scheme[b, AGES][lane] == 0.0:  # on the way to where a motion starts
+            share[lane] = 1.0
+        lane = F.after[lane]
+    F.aged[b, 0] = share
+
+
+@ti.func
+def relaxes(b):
+    """Return whether stress relaxes in any lane."""
+    most = ti.f32(0.0)
+    lane = 0
+    while lane < LANES:
+        most = ti.max(most, F.lane[b, M.RELAXED_SHARE][lane])
+        lane = F.after[lane]
+    return most > 0.0
+
+
+@ti.func
+def stiffer(b, first, second):
+    """1 + a, the mean of two nodes."""
+    return 1.0 + 0.5 * (F.node[b, F.stiffer + first] + F.node[b, F.stiffer + second])
+
+
+@ti.func
+def relaxed(b, memory, successor, stress):
+    """Return what remains at the step's end of a stress, whose memory the entries of F.node are."""
+    gone = F.node[b, memory] + F.aged[b, 0] * (stress - F.node[b, memory])
+    F.node[b, successor] = gone
+    return stress - F.lane[b, M.RELAXED_SHARE] * gone
+
+
+@ti.func
+def relaxed_more(b, successor, stress):
+    """Return what remains of what adds to a stress that `relaxed` was asked for."""
+    gone = F.aged[b, 0] * stress
+    F.node[b, successor] += gone
+    return stress - F.lane[b, M.RELAXED_SHARE] * gone
+
+
+CLOTH_STRESS = AddedForce(
+    stressed=True,
+    planes=(
+        Plane("stiffer", "node", "1", LOADED, "what its place is stiffer by"),
+        Plane("relaxed_u", "edge", "N m", REMEMBERED, "tension along u times area that has relaxed, over the share"),
+        Plane("relaxed_v", "edge", "N m", REMEMBERED, "the same along v"),
+        Plane("relaxed_1", "node", "N m", REMEMBERED, "of the moment along u times area over spacing"),
+        Plane("relaxed_2", "node", "N m", REMEMBERED, "of the moment along v times area over spacing"),
+        Plane("relaxed_shear", "cell", "N m", REMEMBERED, "of the shear times area"),
+        Plane("relaxed_twist", "cell", "N", REMEMBERED, "of the twist's pull"),
+        Plane("relaxed_clamp", "node", "N m", REMEMBERED, "of the moment at a clamped edge times width"),
+    ),
+    constants={
+        "RELAXED_SHARE": Constant("1", "of the cloth's stress, in the end", lambda c: c.constant("relaxed_share")),
+        "RELAXED_TIME": Constant("s", "its time constant", lambda c: c.constant("relaxed_time")),
+    },
+)

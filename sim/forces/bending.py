@@ -2,11 +2,41 @@
 
 import taichi as ti
 
-from sim.design.support import BOTTOM, LEFT, RIGHT
-from sim.forces.stress import relaxed, stiffer
+from sim.forces.added import relaxed, stiffer
+from sim.grid import BOTTOM, LEFT, RIGHT
 from sim.kernels.fields import F
 from sim.kernels.vectors import cross, difference, dot, load, parts, store, thrice
 from sim.materials import M
+
+
+@ti.func
+def neighbours(nu, nv, i, j):
+    """Entries west, east, north and south of node i of row j, its own at a border; 1 where it has both along u, and
+    along v; the share of a cell that it stands for."""
+    s = nu + 2
+    k = (j + 1) * s + i + 1
+    w = k - 1
+    e = k + 1
+    n = k - s
+    d = k + s
+    has1 = ti.f32(1.0)
+    has2 = ti.f32(1.0)
+    wt = ti.f32(1.0)
+    if i == 0 or i == nu - 1:
+        has1 = ti.f32(0.0)
+        wt *= 0.5
+    if j == 0 or j == nv - 1:
+        has2 = ti.f32(0.0)
+        wt *= 0.5
+    if i == 0:
+        w = k
+    if i == nu - 1:
+        e = k
+    if j == 0:
+        n = k
+    if j == nv - 1:
+        d = k
+    return w, e, n, d, has1, has2, wt
 
 
 @ti.func
@@ -16,27 +46,7 @@ def star_row(b, nu, nv, j, stressed: ti.template()):
     i = 0
     while i < nu:
         k = (j + 1) * s + i + 1
-        w = k - 1
-        e = k + 1
-        n = k - s
-        d = k + s
-        has1 = ti.f32(1.0)
-        has2 = ti.f32(1.0)
-        wt = ti.f32(1.0)
-        if i == 0 or i == nu - 1:
-            has1 = ti.f32(0.0)
-            wt *= 0.5
-        if j == 0 or j == nv - 1:
-            has2 = ti.f32(0.0)
-            wt *= 0.5
-        if i == 0:
-            w = k
-        if i == nu - 1:
-            e = k
-        if j == 0:
-            n = k
-        if j == nv - 1:
-            d = k
+        w, e, n, d, has1, has2, wt = neighbours(nu, nv, i, j)
         hh = has1 * has2
         ax, ay, az = difference(b, F.q + w, F.q + e)
         bx, by, bz = difference(b, F.q + n, F.q + d)

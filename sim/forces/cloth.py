@@ -5,14 +5,13 @@ Equations 1-6 of docs/model.md.
 
 import taichi as ti
 
-from sim.design.support import EDGES
 from sim.forces.bending import clamp_pass, star_row
-from sim.forces.membrane import edge_force_row, edge_row, velocity_row
-from sim.forces.shear_twist import cell_row
+from sim.forces.membrane import cell_row, edge_force_row, edge_row, velocity_row
+from sim.grid import EDGES
 from sim.kernels.fields import F
 from sim.kernels.vectors import Wide, thrice
 from sim.materials import M
-from sim.time.scheme import CA, CV
+from sim.time_steps import CA, CV
 
 
 @ti.func
@@ -62,6 +61,27 @@ def border(i, n):
 
 
 @ti.func
+def gathered(b, k, s, s1, s2):
+    """Sum of the constraints' forces on the node of entry k, in rows of s entries; s1, s2: its signs by `border`."""
+    e = F.node3[b, F.pu + k] - F.node3[b, F.pu + k - 1] + F.node3[b, F.pv + k] - F.node3[b, F.pv + k - s]
+    m = (
+        F.node3[b, F.na + k - 1]
+        - F.node3[b, F.na + k + 1]
+        + s1 * F.node3[b, F.na + k]
+        + F.node3[b, F.nb + k - s]
+        - F.node3[b, F.nb + k + s]
+        + s2 * F.node3[b, F.nb + k]
+    )
+    ce = (
+        (F.node3[b, F.cd + k] - F.node3[b, F.ca + k] - F.node3[b, F.cb + k])
+        + (F.node3[b, F.ca + k - 1] - F.node3[b, F.cb + k - 1] - F.node3[b, F.cd + k - 1])
+        + (F.node3[b, F.cb + k - s] - F.node3[b, F.ca + k - s] - F.node3[b, F.cd + k - s])
+        + (F.node3[b, F.ca + k - s - 1] + F.node3[b, F.cb + k - s - 1] + F.node3[b, F.cd + k - s - 1])
+    )
+    return e + m + ce
+
+
+@ti.func
 def gather_row(b, nu, nv, j):
     """f = internal forces + gravity - air damping - M a"""
     s = nu + 2
@@ -73,25 +93,8 @@ def gather_row(b, nu, nv, j):
         k = (j + 1) * s + i + 1
         s1, w1 = border(i, nu)
         s2, w2 = border(j, nv)
-        e = F.node3[b, F.pu + k] - F.node3[b, F.pu + k - 1] + F.node3[b, F.pv + k] - F.node3[b, F.pv + k - s]
-        m = (
-            F.node3[b, F.na + k - 1]
-            - F.node3[b, F.na + k + 1]
-            + s1 * F.node3[b, F.na + k]
-            + F.node3[b, F.nb + k - s]
-            - F.node3[b, F.nb + k + s]
-            + s2 * F.node3[b, F.nb + k]
-        )
-        ce = (
-            (F.node3[b, F.cd + k] - F.node3[b, F.ca + k] - F.node3[b, F.cb + k])
-            + (F.node3[b, F.ca + k - 1] - F.node3[b, F.cb + k - 1] - F.node3[b, F.cd + k - 1])
-            + (F.node3[b, F.cb + k - s] - F.node3[b, F.ca + k - s] - F.node3[b, F.cd + k - s])
-            + (F.node3[b, F.ca + k - s - 1] + F.node3[b, F.cb + k - s - 1] + F.node3[b, F.cd + k - s - 1])
-        )
         F.node3[b, F.f + k] = (
-            e
-            + m
-            + ce
+            gathered(b, k, s, s1, s2)
             + thrice(F.node[b, F.mass + k])
             * (g - ca * (F.node3[b, F.q + k] - F.node3[b, F.x0 + k]) - F.node3[b, F.ha + k])
             - w1 * w2 * drag * F.node3[b, F.v + k]

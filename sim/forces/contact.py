@@ -1,13 +1,21 @@
 """Contact of the cloth with itself: nodes against the cells of other layers, as penalties.
 
 Equations 13-14 of docs/model.md. Which nodes meet which cells, where and from which side, is found between steps
-(sim/forces/contact_pairs.py); the forces below belong to the positions of the evaluation, so that the step stays
+(sim/forces/contact.py); the forces below belong to the positions of the evaluation, so that the step stays
 implicit.
 """
 
-import taichi as ti
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
-from sim.kernels.fields import LANES, F, Timed
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from fabdesign.nouns.forward import Case
+from sim.kernels.fields import LANES, F, Timed, floats, ints
+from sim.kernels.transfer import read
 from sim.state import PAIR
 
 
@@ -68,10 +76,9 @@ def push(b, k, lane, force):
         F.node3[b, F.f + k][c * LANES + lane] += force[c]
 
 
+@Timed
 @ti.kernel
-def _put_kernel(
-    nb: ti.i32, index: ti.types.ndarray(dtype=ti.i32, ndim=4), value: ti.types.ndarray(dtype=ti.f32, ndim=4)
-):
+def put(nb: ti.i32, index: ints(4), value: floats(4)):
     """index (nb, 2, pairs, LANES): node and first corner of the cell, with padding; value (nb, PAIR, pairs, LANES)."""
     for b in range(nb):
         F.pairs[b] = index.shape[2]
@@ -85,4 +92,198 @@ def _put_kernel(
                 k = F.after[k]
 
 
-put = Timed(_put_kernel)
+Array = NDArray[np.float64]
+Ints = NDArray[np.int_]
+LAYERS = 2  # a node meets the nearest two: one before it, one behind
+STIFFNESS = 0.03  # of the membrane's, k / t^2 [N/m^3], of each layer's nodes against the other
+NEAR_CELLS, NEAR_THICKNESSES = 3, 3  # along the cloth: nearer is the same layer
+SLIP = 0.25  # thicknesses that a node may move before pairs are found anew
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPairs:
+    """The contacts of every node (n n, LAYERS): the cell it meets, where in the cell, and from which side."""
+
+    row: Ints
+    column: Ints
+    xi: Array  # 0 ... 1 along u
+    eta: Array
+    side: Array  # 1 where the node lies on the front of the cell, -1 behind, 0 without a pair
+    distance: Array  # m
+
+    @classmethod
+    def none(cls, nodes: int) -> "ContactPairs":
+        size = nodes, LAYERS
+        return cls(np.zeros(size, int), np.zeros(size, int), *(np.zeros(size) for _ in range(4)))
+
+
+@dataclass(frozen=True)
+class ContactSheet:
+    """The facts of a design that contact needs."""
+
+    spacing: tuple[float, float]  # m, along u and v
+    thickness: float  # m
+    stiffness: float  # N/m^3
+
+    @classmethod
+    def of(cls, case: Case, n: int) -> "ContactSheet":
+        fabric = case.design.fabric
+        membrane = case.factors.get("membrane", 1.0) * float(np.sqrt(np.prod(fabric.membrane_stiffness)))
+        spacing = fabric.width / (n - 1), fabric.height / (n - 1)
+        return cls(spacing, fabric.thickness, STIFFNESS * membrane / fabric.thickness**2)
+
+    @property
+    def near(self) -> float:
+        """m along the cloth within which nodes belong to the same layer."""
+        return max(NEAR_CELLS * max(self.spacing), NEAR_THICKNESSES * self.thickness)
+
+
+def find(x: Array, sheet: ContactSheet, cutoff: float, before: ContactPairs) -> ContactPairs:
+    """Return pairs at most `cutoff` [m] apart in the shape x (n, n, 3). A node that was paired with a cell or its
+    neighbours stays on the side where it was then, so that what has slipped through is pushed back."""
+    n = len(x)
+    node, row, column = _candidates(x, sheet, cutoff)
+    p00, p10, p01, p11 = (x[row + j, column + i] for j, i in ((0, 0), (0, 1), (1, 0), (1, 1)))
+    a, b = (p10 - p00 + p11 - p01) / 2, (p01 - p00 + p11 - p10) / 2
+    position = x.reshape(-1, 3)[node]
+    aa, ab, bb = (np.einsum("kc,kc->k", *pair) for pair in ((a, a), (a, b), (b, b)))
+    r = position - (p00 + p10 + p01 + p11) / 4
+    ra, rb = np.einsum("kc,kc->k", r, a), np.einsum("kc,kc->k", r, b)
+    det = np.maximum(aa * bb - ab * ab, 1e-6 * aa * bb)
+    xi, eta = 0.5 + (bb * ra - ab * rb) / det, 0.5 + (aa * rb - ab * ra) / det
+    # over a ridge between cells a node lies beside both; beyond the cloth's border there is half a thickness of it
+    rim = 0.5 * sheet.thickness / np.array(sheet.spacing)
+    beside = (
+        (xi > np.where(column == 0, -rim[0], -0.5))
+        & (xi < 1 + np.where(column == n - 2, rim[0], 0.5))
+        & (eta > np.where(row == 0, -rim[1], -0.5))
+        & (eta < 1 + np.where(row == n - 2, rim[1], 0.5))
+    )
+    xi, eta = np.clip(xi, 0, 1), np.clip(eta, 0, 1)
+    weights = (1 - xi) * (1 - eta), xi * (1 - eta), (1 - xi) * eta, xi * eta
+    r = position - sum(w[:, None] * p for w, p in zip(weights, (p00, p10, p01, p11), strict=True))
+    distance = np.linalg.norm(r, axis=1)
+    side = np.where(np.einsum("kc,kc->k", r, np.cross(b, a)) < 0, -1.0, 1.0)
+    close = np.flatnonzero(beside & (distance < cutoff))
+    close = close[np.lexsort((distance[close], node[close]))]
+    pairs = ContactPairs.none(n * n)
+    for layer in range(LAYERS):
+        nodes, first = np.unique(node[close], return_index=True)
+        chosen = close[first]
+        pairs.row[nodes, layer], pairs.column[nodes, layer] = row[chosen], column[chosen]
+        pairs.xi[nodes, layer], pairs.eta[nodes, layer] = xi[chosen], eta[chosen]
+        pairs.side[nodes, layer], pairs.distance[nodes, layer] = side[chosen], distance[chosen]
+        for then in range(LAYERS):
+            kept = before.side[nodes, then]
+            same = _close(row[chosen] - before.row[nodes, then], column[chosen] - before.column[nodes, then], sheet)
+            pairs.side[nodes, layer] = np.where(same & (kept != 0), kept, pairs.side[nodes, layer])
+        i = node[close]
+        close = close[~_close(row[close] - pairs.row[i, layer], column[close] - pairs.column[i, layer], sheet)]
+    return pairs
+
+
+def _candidates(x: Array, sheet: ContactSheet, cutoff: float) -> tuple[Ints, Ints, Ints]:
+    """Return nodes, and rows and columns of cells around the nodes of other layers that are near."""
+    from scipy.spatial import cKDTree  # half a second that only contact needs
+
+    n = len(x)
+    # from a point above a cell to the nearest corner; cells are stretched by a few per cent
+    radius = np.hypot(cutoff, 0.55 * np.hypot(*sheet.spacing))
+    pairs = cKDTree(x.reshape(-1, 3)).query_pairs(radius, output_type="ndarray")
+    rows, columns = np.divmod(pairs, n)
+    pairs = pairs[~_close(rows[:, 0] - rows[:, 1], columns[:, 0] - columns[:, 1], sheet)]
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    row, column = np.divmod(both[:, 1], n)
+    node, row, column = (
+        np.concatenate(a)
+        for a in zip(*((both[:, 0], row + j, column + i) for j in (-1, 0) for i in (-1, 0)), strict=True)
+    )
+    inside = (row >= 0) & (row < n - 1) & (column >= 0) & (column < n - 1)
+    once = np.unique(((node * n + row) * n + column)[inside])
+    node, cell = np.divmod(once, n * n)
+    return node, *np.divmod(cell, n)
+
+
+def _close(rows: Ints, columns: Ints, sheet: ContactSheet) -> NDArray[np.bool_]:
+    """Return whether so many rows and columns apart is the same layer."""
+    return np.asarray(np.hypot(columns * sheet.spacing[0], rows * sheet.spacing[1]) <= sheet.near)
+
+
+class Touching:
+    """The pairs of a batch, found anew for a design when it has moved: each for itself, so that a design's bits do not
+    depend on its neighbours. packed: which of the cases rides in each lane."""
+
+    def __init__(self, cases: Sequence[Case], packed: Sequence[int], n: int) -> None:
+        self.packed = packed
+        self.sheets, self.n = [ContactSheet.of(case, n) for case in cases], n
+        self.pairs = [ContactPairs.none(n * n) for _ in cases]
+        self.found_at: list[Array | None] = [None] * len(cases)
+        self.last: list[Array | None] = [None] * len(cases)
+        self.far = [0.0] * len(cases)  # m, from where on a pair cannot touch before pairs are found anew
+        self.h: NDArray[np.floating[Any]] = np.ones(len(cases))  # s, the step that went before
+
+    def refresh(self, blocks: int, h: NDArray[np.floating[Any]]) -> None:
+        """Before a step of h (lanes,) s."""
+        n = self.n
+        lanes = [self.packed.index(i) for i in range(len(self.sheets))]
+        out = np.empty((blocks, LANES, n * n, 3), np.float32)
+        read(blocks, n, n, F.x0, out)
+        shapes = out.reshape(-1, n, n, 3)[lanes].astype(float)
+        anew = [
+            self._refresh(i, x, float(h[lane] / self.h[i]))
+            for i, (lane, x) in enumerate(zip(lanes, shapes, strict=True))
+        ]
+        if any(anew):
+            self._put(blocks)
+        self.h = h[lanes]
+
+    def _refresh(self, index: int, x: Array, ratio: float) -> bool:
+        """Find the pairs of one design in the shape x (n, n, 3) if it has moved; whether there were or are any.
+        ratio: of the step to come to the one before."""
+        sheet, last, at = self.sheets[index], self.last[index], self.found_at[index]
+        self.last[index] = x
+        if not np.abs(x).max() < 10.0:  # diverged
+            anew = bool(self.pairs[index].side.any())
+            self.pairs[index] = ContactPairs.none(self.n * self.n)
+            return anew
+        step = 0.0 if last is None else float(np.linalg.norm(x - last, axis=-1).max()) * ratio
+        slack = min(sheet.spacing)
+        paired = bool(self.pairs[index].side.any())
+        if at is not None:
+            moved = float(np.linalg.norm(x - at, axis=-1).max())
+            if moved + (0 if paired else step) < (SLIP * sheet.thickness if paired else slack / 2):
+                return False
+        cutoff = min(sheet.thickness + max(slack, 2.5 * step), 0.8 * sheet.near)
+        self.pairs[index] = find(x, sheet, cutoff, self.pairs[index])
+        self.found_at[index] = x
+        self.far[index] = sheet.thickness + 2 * (SLIP * sheet.thickness + 1.25 * step)
+        return paired or bool(self.pairs[index].side.any())
+
+    def _put(self, blocks: int) -> None:
+        """Put all pairs into the fields."""
+        entries = [self._entries(i) for i in range(len(self.sheets))]
+        room = max(1, *(index.shape[1] for index, _ in entries))
+        index = np.zeros((blocks, 2, room, LANES), np.int32)
+        value = np.zeros((blocks, PAIR, room, LANES), np.float32)
+        for lane, case in enumerate(self.packed):
+            i, v = entries[case]
+            index[lane // LANES, :, : i.shape[1], lane % LANES] = i
+            value[lane // LANES, :, : i.shape[1], lane % LANES] = v
+        put(blocks, index, value)
+
+    def _entries(self, index: int) -> tuple[Ints, Array]:
+        """Return (2, pairs) node and cell, with padding; (PAIR, pairs) place in the cell, side, thickness, stiffness
+        [N/m]."""
+        n, sheet, pairs = self.n, self.sheets[index], self.pairs[index]
+        node, layer = np.nonzero((pairs.side != 0) & (pairs.distance < self.far[index]))
+        row, column = np.divmod(node, n)
+        half_u, half_v = (np.where((k == 0) | (k == n - 1), 0.5, 1.0) for k in (column, row))
+        stiffness = sheet.stiffness * sheet.spacing[0] * sheet.spacing[1] * half_u * half_v
+        at = node, layer
+        return (
+            np.stack([
+                (row + 1) * (n + 2) + column + 1,
+                (pairs.row[at] + 1) * (n + 2) + pairs.column[at] + 1,
+            ]),
+            np.stack([pairs.xi[at], pairs.eta[at], pairs.side[at], np.full(len(node), sheet.thickness), stiffness]),
+        )  # fmt: skip

@@ -1,12 +1,13 @@
-"""Edges of the grid: strain, tension and viscosity (equations 1 and 2 of docs/model.md), and their forces."""
+"""Edges of the grid: strain, tension and viscosity (equations 1 and 2 of docs/model.md), and their forces; its cells:
+shear (equation 3) and twist (equation 6)."""
 
 import taichi as ti
 
-from sim.forces.stress import relaxed, relaxed_more, stiffer
+from sim.forces.added import relaxed, relaxed_more, stiffer
 from sim.kernels.fields import F
-from sim.kernels.vectors import Wide, difference, dot, load, store, thrice
+from sim.kernels.vectors import Wide, cross, difference, dot, load, parts, store, thrice
 from sim.materials import M
-from sim.time.scheme import CV
+from sim.time_steps import CV
 
 # 1/m in both directions: a bent cloth resists normal motion by its membrane, which is flat here; with more, soft modes
 # seem to have converged when they have not
@@ -21,6 +22,19 @@ def velocity_row(b, nu, nv, j):
         k = (j + 1) * (nu + 2) + i + 1
         F.node3[b, F.v + k] = cv * (F.node3[b, F.q + k] - F.node3[b, F.x0 + k]) + F.node3[b, F.hv + k]
         i = F.after[i]
+
+
+@ti.func
+def edge_share(nu, nv, i, j, along_u: ti.template()):
+    """Share of a cell that an edge stands for: half of one at the cloth's border."""
+    w = ti.f32(1.0)
+    if ti.static(along_u):
+        if j == 0 or j == nv - 1:
+            w = ti.f32(0.5)
+    else:
+        if i == 0 or i == nu - 1:
+            w = ti.f32(0.5)
+    return w
 
 
 @ti.func
@@ -45,13 +59,7 @@ def edge_row(b, nu, nv, j, along_u: ti.template(), stressed: ti.template()):
     while i < count:
         k = (j + 1) * s + i + 1
         e = k + step
-        w = ti.f32(1.0)
-        if ti.static(along_u):
-            if j == 0 or j == nv - 1:
-                w = ti.f32(0.5)
-        else:
-            if i == 0 or i == nu - 1:
-                w = ti.f32(0.5)
+        w = edge_share(nu, nv, i, j, along_u)
         dx, dy, dz = difference(b, F.q + k, F.q + e)
         il = 1.0 / ti.sqrt(dot(dx, dy, dz, dx, dy, dz))
         tx, ty, tz = dx * il, dy * il, dz * il
@@ -122,3 +130,63 @@ def normal_stiffness(b):
     """N/m of a node: what the membrane of a bent cloth resists normal motion with."""
     k1, k2, _ = membrane(b)
     return F.lane[b, M.HU] * F.lane[b, M.HV] * CURVATURE**2 * (k1 + k2)
+
+
+@ti.func
+def edge_means(b, k, s):
+    """Means of both edges along u, of both along v, and the mixed difference of the cell that begins at entry k."""
+    q0 = F.node3[b, k]
+    q1 = F.node3[b, k + 1]
+    q2 = F.node3[b, k + s]
+    q3 = F.node3[b, k + s + 1]
+    p = q3 - q0
+    m = q1 - q2
+    return 0.5 * (p + m), 0.5 * (p - m), (q3 - q1) - (q2 - q0)
+
+
+@ti.func
+def cell_row(b, nu, nv, j, stressed: ti.template()):
+    s = nu + 2
+    SA = F.lane[b, M.S] * F.lane[b, M.AREA]
+    VA = 0.5 * F.lane[b, M.VISCOSITY] * F.lane[b, M.AREA]
+    ihh = F.lane[b, M.IHU] * F.lane[b, M.IHV]
+    TA = 2.0 * F.lane[b, M.T] * F.lane[b, M.AREA] * ihh * ihh
+    free_twist = F.lane[b, M.CURVED12] * F.lane[b, M.AREA]
+    i = 0
+    while i < nu - 1:
+        k = (j + 1) * s + i + 1
+        along_u, along_v, mixed = edge_means(b, F.q + k, s)
+        ax, ay, az = parts(along_u)
+        bx, by, bz = parts(along_v)
+        aa = dot(ax, ay, az, ax, ay, az)
+        bb = dot(bx, by, bz, bx, by, bz)
+        ir = 1.0 / ti.sqrt(aa * bb)
+        # gamma = a . b / (|a| |b|) and its gradients
+        g = dot(ax, ay, az, bx, by, bz) * ir
+        ga = g * bb * ir * ir
+        gb = g * aa * ir * ir
+        gx, gy, gz = ir * bx - ga * ax, ir * by - ga * ay, ir * bz - ga * az
+        hx, hy, hz = ir * ax - gb * bx, ir * ay - gb * by, ir * az - gb * bz
+        nx, ny, nz = cross(bx, by, bz, ax, ay, az)
+        il = 1.0 / ti.sqrt(dot(nx, ny, nz, nx, ny, nz))
+        nx, ny, nz = nx * il, ny * il, nz * il
+        du, dv, _ = edge_means(b, F.v + k, s)
+        wx, wy, wz = parts(du)
+        yx, yy, yz = parts(dv)
+        dx, dy, dz = parts(mixed)
+        nd = dot(nx, ny, nz, dx, dy, dz)
+        shear, moment = SA * g, TA * (nd - free_twist)
+        if ti.static(stressed):
+            here = 0.5 * (stiffer(b, k, k + 1) + stiffer(b, k + s, k + s + 1))
+            shear = relaxed(b, F.relaxed_shear + k, F.relaxed_shear_next + k, here * shear)
+            moment = relaxed(b, F.relaxed_twist + k, F.relaxed_twist_next + k, here * moment)
+        tau = -0.5 * (shear + VA * (dot(gx, gy, gz, wx, wy, wz) + dot(hx, hy, hz, yx, yy, yz)))
+        # twist couple on the normal, tangential part
+        mc = 0.5 * moment * il
+        cx, cy, cz = mc * (dx - nd * nx), mc * (dy - nd * ny), mc * (dz - nd * nz)
+        ex, ey, ez = cross(bx, by, bz, cx, cy, cz)
+        store(b, F.ca + k, ex + tau * gx, ey + tau * gy, ez + tau * gz)
+        ex, ey, ez = cross(cx, cy, cz, ax, ay, az)
+        store(b, F.cb + k, ex + tau * hx, ey + tau * hy, ez + tau * hz)
+        store(b, F.cd + k, -moment * nx, -moment * ny, -moment * nz)
+        i = F.after[i]

@@ -6,20 +6,33 @@ Equations 7-10 of docs/model.md.
 import taichi as ti
 
 from sim.kernels.fields import CONTRACTION_STEP, FIRST_CONTRACTION, LANES, PRESSURE_STEP, TABLE, F, X
-from sim.kernels.patch import exchange, weigh_across, weigh_rows
-from sim.kernels.vectors import Lanes, Wide, cross, dot, load_point, parts, store_point, sum3, thrice
+from sim.kernels.vectors import (
+    Lanes,
+    Wide,
+    cross,
+    dot,
+    exchange,
+    load_point,
+    parts,
+    store_point,
+    sum3,
+    thrice,
+    weigh_across,
+    weigh_rows,
+)
 from sim.state import PATCH
-from sim.time.scheme import CV
+from sim.time_steps import CV
 
 
 @ti.func
-def sample(b, nu, npt, first, second, dst):
-    """Vectors of the planes `first` and `second` of F.node3 at the fixed points: values and derivatives along u and v
-    to three planes of F.point3 each, from dst on. Loops for what is written once: a kernel loads the faster."""
+def sample(b, nu, npt, first, second, planes, dst):
+    """Vectors of the plane `first` of F.node3 at the fixed points, with 2 planes also those of `second`: values and
+    derivatives along u and v to three planes of F.point3 each, from dst on. Loops for what is written once: a kernel
+    loads the faster."""
     pt = 0
     while pt < npt:
         plane = 0
-        while plane < 2:
+        while plane < planes:
             exchange(b, nu, pt, first + plane * (second - first), False)
             r = 0
             while r < F.touched[1]:
@@ -88,9 +101,16 @@ def spread(b, nu, npt, dst):
         cx, cy, cz = cross(ax, ay, az, tx, ty, tz)
         store_point(b, X.grad_v + pt, cx, cy, cz)
         pt = F.after[pt]
+    scatter(b, nu, npt, F.point3, X.force, dst)
+
+
+@ti.func
+def scatter(b, nu, npt, field: ti.template(), plane, dst):
+    """Add the fixed points' forces, a plane of the field, and their couples, X.grad_u and X.grad_v, to the nodes' plane
+    dst by the weights of their loops."""
     pt = 0
     while pt < npt:
-        force = F.point3[b, X.force + pt]
+        force = field[b, plane + pt]
         along_u = F.point3[b, X.grad_u + pt]
         along_v = F.point3[b, X.grad_v + pt]
         r = 0

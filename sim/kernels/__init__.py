@@ -1,1 +1,2 @@
-"""What all kernels share: Taichi, its fields, vectors, transfers, and how they are compiled (docs/lab/compiler.md)."""
+"""The part that all kernels share: Taichi, its fields, vectors, transfers, and how they are compiled
+(docs/lab/compiler.md)."""

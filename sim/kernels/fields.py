@@ -23,7 +23,7 @@ import os
 import threading
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fabdesign.errors import InputError, why_not_loaded
 from fabdesign.runtime.cache_folder import ensure_cache_folder, remove_stale_lock, require_writable
@@ -39,11 +39,10 @@ except ImportError as error:
     raise InputError(f"cannot load taichi ({error}){why_not_loaded(error)}") from error
 
 from sim import state  # after the error above
-from sim.kernels.first_calls import first_call
-from sim.kernels.frontend import HIDDEN_STEPS, brief, wanted
+from sim.kernels.frontend import HIDDEN_STEPS, brief, first_call, wanted
 from sim.kernels.ownership import mark, require_no_fork, require_unshared, runtime, watch_forks
 from sim.materials import CONSTANTS
-from sim.time.scheme import ENTRIES
+from sim.time_steps import ENTRIES
 
 
 def _lanes() -> int:
@@ -60,11 +59,26 @@ TYPES = 8  # muscle types in one batch
 TABLE = (101, 701)  # pressures 0 ... 1000 kPa, contractions -0.25 ... 0.45
 PRESSURE_STEP = 10e3  # Pa
 FIRST_CONTRACTION, CONTRACTION_STEP = -0.25, 0.001
+SLOTS = 32  # columns of a lane at a time: kernels are compiled for the very fields
 OF_NODES, OF_POINTS = ("node3", "node"), ("point3", "point")  # fields whose parts are planes
 
-F: Any = SimpleNamespace(ready=False)
-X: Any = SimpleNamespace()
-C: Any = SimpleNamespace()
+
+class FieldSpace(SimpleNamespace):
+    """FieldSpace of Taichi, and where the planes in them begin, by the names of sim/state.py."""
+
+    nodes: int  # the room there is (sim.state.Sizes)
+    points: int
+    modes: int
+    blocks: int
+    ready: bool  # whether all are there
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any: ...
+
+
+F, X, C = FieldSpace(ready=False), FieldSpace(), FieldSpace()
+T = FieldSpace(start=None)  # what derivatives need beside: a `d` stands for the change of a plane in a direction
 lock = threading.RLock()
 watch_forks(lock)
 _POOL = 1 << 30  # bytes of addresses that Taichi reserves
@@ -123,7 +137,7 @@ class Following:
 
 
 def _make_fields(sizes: state.Sizes, blocks: int) -> None:
-    """What each lane has of its own."""
+    """Make the fields that each lane has of its own."""
 
     def field(size: int, *, vector: bool = False, whole: bool = False) -> Any:
         return ti.Vector.field(WIDE if vector else LANES, ti.i32 if whole else ti.f32, shape=(blocks, size))
@@ -140,7 +154,7 @@ def _make_fields(sizes: state.Sizes, blocks: int) -> None:
 
 
 def _make_shared(sizes: state.Sizes, blocks: int) -> None:
-    """What the lanes of a block, or all of them, have in common."""
+    """Make the fields that the lanes of a block, or all of them, have in common."""
     modes, down = sizes.modes, state.COARSE_DOWN
     F.rows = ti.Vector.field(2, ti.i32, shape=(blocks, sizes.points))  # of a fixed point: first, how many times four
     F.pairs = ti.field(ti.i32, shape=blocks)  # how many there are in contact
@@ -154,14 +168,46 @@ def _make_shared(sizes: state.Sizes, blocks: int) -> None:
     C.place = ti.field(ti.i32, shape=state.COARSE_ACROSS + state.COARSE_SAMPLES + 32)
 
 
+def allocate_tangent() -> None:
+    """Make room for T at its first use, and where the simulator's own fields are other ones than the last time: planes
+    over nodes and points as above, parts of `T.node`, `T.node3`, `T.point3`, and in `T.columns` a vector plane for each
+    of SLOTS columns."""
+    if T.start is F.node:
+        return
+
+    def planes(names: tuple[str, ...], places: int, width: int) -> Any:
+        T.__dict__.update({name: k * places for k, name in enumerate(names)})
+        return ti.Vector.field(width, ti.f32, shape=(F.blocks, len(names) * places))
+
+    try:
+        T.node = planes(("d_eu", "d_ev", "d_su", "d_sv", "d_s1", "d_s2"), F.nodes, LANES)
+        T.node3 = planes(("d_tu", "d_tv", "d_n", "x"), F.nodes, WIDE)
+        T.point3 = planes(("d_normal", "d_force"), F.points, WIDE)
+        T.columns = ti.Vector.field(WIDE, ti.f32, shape=(F.blocks, SLOTS * F.nodes))
+        T.found = ti.Vector.field(LANES, ti.i32, shape=(F.blocks, SLOTS))  # what came of a column
+    finally:
+        mark(T)
+    T.start = F.node
+
+
 def _longest() -> int:
-    """Of all loops: one that steps beyond the table of steps need not end."""
+    """Return the longest of all loops: one that steps beyond the table of steps need not end."""
     shapes = [value.shape for space in (F, C) for value in vars(space).values() if hasattr(value, "shape")]
     return max(entries for shape in shapes for entries in shape)
 
 
 def _begins(parts: dict[str, int]) -> dict[str, int]:
     return dict(zip(parts, itertools.accumulate(parts.values(), initial=0), strict=False))
+
+
+def floats(axes: int) -> Any:
+    """Return what a kernel says of an array of numbers with so many axes."""
+    return ti.types.ndarray(dtype=ti.f32, ndim=axes)
+
+
+def ints(axes: int) -> Any:
+    """Return the same of whole numbers."""
+    return ti.types.ndarray(dtype=ti.i32, ndim=axes)
 
 
 class Timed:

@@ -16,15 +16,20 @@ import linecache
 import os
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from math import isqrt
 from pathlib import Path
 from typing import Any
 
 import taichi
+import taichi as ti
 from taichi.lang import impl, kernel_impl
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext, Builder
 from taichi.lang.exception import TaichiCompilationError
 
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, note
+from fabdesign.runtime.fingerprint import sha256
+from fabdesign.runtime.working_time import not_counted
 
 TESTED = (1, 7, 4)  # the version of Taichi whose frontend this is
 SHORT_FRONTEND = "FABDESIGN_SHORT_FRONTEND"  # environment variables: 0 turns the device off (docs/lab/compiler.md)
@@ -42,7 +47,8 @@ def wanted(device: str) -> bool:
 
 @contextlib.contextmanager
 def brief() -> Iterator[None]:
-    """The short frontend, without the garbage collector, which would look through all that a kernel is made of."""
+    """Return a context of the short frontend, without the garbage collector, which would look through all that a kernel
+    is made of."""
     if not wanted(SHORT_FRONTEND) or taichi.__version__ != TESTED:
         yield
         return
@@ -73,7 +79,7 @@ def _nothing(*_: Any, **__: Any) -> str:
 
 
 def _functions(file: str) -> dict[int, ast.FunctionDef]:
-    """The functions of a file as it is now: a notebook may have loaded it anew."""
+    """Return the functions of a file as it is now: a notebook may have loaded it anew."""
     try:
         changed = Path(file).stat().st_mtime_ns
     except OSError:  # a notebook's cell
@@ -83,7 +89,7 @@ def _functions(file: str) -> dict[int, ast.FunctionDef]:
 
 @functools.cache
 def _parsed(file: str, _: int) -> dict[int, ast.FunctionDef]:
-    """The functions of a file by the line on which they begin, decorators included, which are then dropped."""
+    """Return the functions of a file by the line on which they begin, decorators included, which are then dropped."""
     linecache.checkcache(file)
     functions = {}
     for node in ast.walk(ast.parse("".join(linecache.getlines(file)))):
@@ -115,3 +121,39 @@ def _visit(builder: Any, context: Any, node: ast.AST) -> Any:
         context.raised = True
         where = f'File "{context.file}", line {node.lineno}, in {context.func.func.__name__}:\n'
         raise TaichiCompilationError(f"{where}{type(error).__name__}: {error}") from error
+
+
+SECONDS = 20  # that a costly kernel takes to compile on one core
+
+
+@contextmanager
+def first_call(costly: str, sizes: tuple[int, ...]) -> Iterator[None]:
+    """Return a context for a kernel's first call. costly: what the kernel computes, where it takes long to compile.
+    sizes: of the fields, which are part of the compiled kernel."""
+    with not_counted(), brief():
+        mark = _mark(costly, sizes) if costly else None
+        if mark is not None and not mark.exists():
+            note(f"compiling the simulator ({costly}; {_in_words(sizes)}), once on this machine: about {SECONDS} s")
+        yield
+        if mark is not None:
+            with suppress(OSError):  # without a mark the next process says it again
+                mark.parent.mkdir(parents=True, exist_ok=True)  # Taichi makes it when the process ends
+                mark.touch()
+
+
+def _in_words(sizes: tuple[int, ...]) -> str:
+    """Return for which designs kernels of these sizes serve: of others they are compiled apart."""
+    nodes, points, *_ = sizes
+    return f"grids up to {isqrt(nodes) - 2} points a side, designs up to {points} fixed points"
+
+
+def _mark(costly: str, sizes: tuple[int, ...]) -> Path:
+    key = sha256(f"{_sources()} {costly} {sizes}")[:24]
+    return Path(ti.lang.impl.current_cfg().offline_cache_file_path) / f"fabdesign_{key}.compiled"
+
+
+@functools.cache
+def _sources() -> str:
+    """Return a hash of what kernels are made of: this package, Taichi's version, its processor."""
+    compiler = repr((ti.__version__, ti.lang.impl.current_cfg().arch))
+    return sha256(compiler, *sorted(Path(__file__).parents[1].rglob("*.py")))

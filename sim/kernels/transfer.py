@@ -1,4 +1,4 @@
-"""Between numpy and the fields: load a batch, halt it, read frames.
+"""Transfer between numpy and the fields: load a batch, halt it, read frames.
 
 A loop that threads share costs 10 ms of every start, so short ones are serial.
 """
@@ -12,9 +12,9 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from sim import state
-from sim.kernels.fields import LANES, WIDE, C, F, Following, Timed, X
+from sim.kernels.fields import LANES, WIDE, C, F, Following, Timed, X, floats, ints
 from sim.kernels.vectors import Lanes, Wide
-from sim.time.scheme import H
+from sim.time_steps import H
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int32]
@@ -22,7 +22,7 @@ Ints = NDArray[np.int32]
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """What all lanes of a batch have in common."""
+    """The values that all lanes of a batch have in common."""
 
     across: int  # nodes that a fixed point may touch
     down: int
@@ -30,7 +30,7 @@ class Shared:
     basis: Floats  # (entries, 8) both bases (sim.solver.modes.by_four)
     eigen: Floats  # (modes, 3)
     table: Floats  # (types, pressures, contractions) N
-    coarse: Floats  # (entries,) of C.shared (sim/solver/coarse_tables.py)
+    coarse: Floats  # (entries,) of C.shared (sim/solver/modes.py)
     place: Ints  # (entries,) of C.place
     rows: Ints  # (blocks, points, 2) of F.rows
 
@@ -40,7 +40,7 @@ Values = Mapping[str, NDArray]  # by the name of a plane or an array, lane besid
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """What a batch puts into the fields.
+    """The values that a batch puts into the fields.
 
     values: of every plane and array that is declared as loaded, by name, and of "lane", the constants:
     (blocks, entries, LANES), for vectors (blocks, entries, 3, LANES), from its first entry on.
@@ -68,7 +68,7 @@ def put(blocks: int, values: Values) -> None:
 
 
 def _arguments(blocks: int, values: Values) -> tuple[NDArray, ...]:
-    """What the kernel takes: spans, numbers, vectors, whole numbers."""
+    """Return what the kernel takes: spans, numbers, vectors, whole numbers."""
     spans, parts = [], ([np.zeros((blocks, 1, LANES), np.float32)], [np.zeros((blocks, 1, WIDE), np.float32)],
                         [np.zeros((blocks, 1, LANES), np.int32)])  # fmt: skip
     filled = [1, 1, 1]
@@ -83,7 +83,7 @@ def _arguments(blocks: int, values: Values) -> tuple[NDArray, ...]:
 
 
 def _place(name: str) -> tuple[str, int]:
-    """The field that holds a plane or an array, and its first entry there."""
+    """Return the field that holds a plane or an array, and its first entry there."""
     for plane in state.PLANES:
         if plane.name == name and plane.life in (state.LOADED, state.CARRIED, state.REMEMBERED):
             return plane.field, getattr(F if plane.on in state.BY_NODE else X, name)
@@ -100,14 +100,9 @@ ZEROED = ("node", "point", *(a.name for a in OTHERS if not a.vector))
 ZEROED3 = ("node3", "point3", *(a.name for a in OTHERS if a.vector))
 
 
+@Timed
 @ti.kernel
-def _put_kernel(
-    nb: ti.i32, anew: ti.i32,
-    spans: ti.types.ndarray(dtype=ti.i32, ndim=2),
-    numbers: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    vectors: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    whole: ti.types.ndarray(dtype=ti.i32, ndim=3),
-):  # fmt: skip
+def _put(nb: ti.i32, anew: ti.i32, spans: ints(2), numbers: floats(3), vectors: floats(3), whole: ints(3)):
     """spans (n, 4): field, its first entry, the first entry of the values, how many."""
     ti.loop_config(serialize=True)
     for b in range(nb):
@@ -139,24 +134,26 @@ def take(blocks: int, names: Sequence[str]) -> Values:
     return values
 
 
+@Timed
 @ti.kernel
-def _take_kernel(nb: ti.i32, index: ti.i32, first: ti.i32, out: ti.types.ndarray(dtype=ti.f32, ndim=3)):
+def _take(nb: ti.i32, index: ti.i32, first: ti.i32, out: floats(3)):
     ti.loop_config(serialize=True)
     for b in range(nb):
         for name in ti.static(NUMBERS):
             copy_out(b, ti.static(NUMBERS.index(name)), ti.static(getattr(F, name)), index, first, out, LANES)
 
 
+@Timed
 @ti.kernel
-def _take3_kernel(nb: ti.i32, index: ti.i32, first: ti.i32, out: ti.types.ndarray(dtype=ti.f32, ndim=3)):
+def _take3(nb: ti.i32, index: ti.i32, first: ti.i32, out: floats(3)):
     ti.loop_config(serialize=True)
     for b in range(nb):
         copy_out(b, 0, ti.static(F.node3), index, first, out, WIDE)
 
 
 @ti.func
-def copy_out(b, own, field: ti.template(), index, first, out: ti.template(), width):
-    if own == index:
+def copy_out(b, number, field: ti.template(), index, first, out: ti.template(), width):
+    if number == index:
         k = 0
         while k < out.shape[1]:
             lane = 0
@@ -188,15 +185,11 @@ def copy(b, index: ti.template(), field: ti.template(), s, spans: ti.template(),
             lane = F.after[lane]
 
 
+@Timed
 @ti.kernel
-def _shared_kernel(
-    nb: ti.i32, across: ti.i32, down: ti.i32, odd: ti.i32,
-    basis: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    eigen: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    table: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    shared: ti.types.ndarray(dtype=ti.f32, ndim=1),
-    place: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    rows: ti.types.ndarray(dtype=ti.i32, ndim=3),
+def _load_shared(
+    nb: ti.i32, across: ti.i32, down: ti.i32, odd: ti.i32, basis: floats(2), eigen: floats(2), table: floats(3),
+    shared: floats(1), place: ints(1), rows: ints(3),
 ):  # fmt: skip
     F.touched[0], F.touched[1], F.odd[None] = across, down, odd
     if ti.static(not isinstance(F.after, Following)):
@@ -238,8 +231,9 @@ def _shared_kernel(
             k = F.after[k]
 
 
+@Timed
 @ti.kernel
-def _halt_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32):
+def halt(nb: ti.i32, nu: ti.i32, nv: ti.i32):
     """Zero velocity and acceleration."""
     ti.loop_config(serialize=True)
     for b in range(nb):
@@ -250,8 +244,9 @@ def _halt_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32):
             k = F.after[k]
 
 
+@Timed
 @ti.kernel
-def _read_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, plane: ti.i32, out: ti.types.ndarray(dtype=ti.f32, ndim=4)):
+def read(nb: ti.i32, nu: ti.i32, nv: ti.i32, plane: ti.i32, out: floats(4)):
     """out (nb, LANES, nu nv, 3): positions in a plane of F.node3."""
     for b in range(nb):
         for lane in range(LANES):
@@ -263,8 +258,9 @@ def _read_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, plane: ti.i32, out: ti.type
                     i = F.after[i]
 
 
+@Timed
 @ti.kernel
-def _states_kernel(nb: ti.i32, npt: ti.i32, out: ti.types.ndarray(dtype=ti.f32, ndim=4)):
+def read_states(nb: ti.i32, npt: ti.i32, out: floats(4)):
     """out (nb, LANES, npt, 2): contraction and tension [N] of every interval as last evaluated."""
     ti.loop_config(serialize=True)
     for b in range(nb):
@@ -301,14 +297,3 @@ def record(b, nu, nv, npt, lane, theta, frame, shapes: ti.template(), states: ti
         states[frame, k, 0] = F.point[b, X.eps + k][lane]
         states[frame, k, 1] = F.point[b, X.tension + k][lane]
         k = F.after[k]
-
-
-_put, _take, _take3, _load_shared, halt, read, read_states = (
-    Timed(_put_kernel),
-    Timed(_take_kernel),
-    Timed(_take3_kernel),
-    Timed(_shared_kernel),
-    Timed(_halt_kernel),
-    Timed(_read_kernel),
-    Timed(_states_kernel),
-)

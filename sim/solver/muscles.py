@@ -15,7 +15,7 @@ from sim.state import GREEN
 def woodbury(b, nu, npt):
     """S = 1/km + J K0^-1 J^T in the current frames, and its LDL^T"""
     ns = npt - 1
-    sample(b, nu, npt, F.fu, F.fn, X.fu)
+    sample(b, nu, npt, F.fu, F.fn, 2, X.fu)
     k = 0
     while k < ns:
         dx, dy, dz = load_point(b, X.dir + k)

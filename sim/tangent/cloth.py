@@ -6,13 +6,13 @@ the change of the forces.
 
 import taichi as ti
 
-from sim.design.support import BOTTOM, EDGES, LEFT, RIGHT
-from sim.forces.cloth import border
-from sim.forces.shear_twist import edge_means
-from sim.kernels.fields import F
+from sim.forces.bending import clamped_edge, clamped_ends, neighbours
+from sim.forces.cloth import border, gathered
+from sim.forces.membrane import edge_means, edge_share
+from sim.grid import EDGES
+from sim.kernels.fields import F, T
 from sim.kernels.vectors import Wide, cross, difference, dot, load, parts, store, thrice
 from sim.materials import M
-from sim.tangent.fields import T
 
 
 @ti.func
@@ -55,13 +55,7 @@ def edge_row(b, nu, nv, j, along_u: ti.template()):
     while i < count:
         k = (j + 1) * s + i + 1
         e = k + step
-        w = ti.f32(1.0)
-        if ti.static(along_u):
-            if j == 0 or j == nv - 1:
-                w = ti.f32(0.5)
-        else:
-            if i == 0 or i == nu - 1:
-                w = ti.f32(0.5)
+        w = edge_share(nu, nv, i, j, along_u)
         tx, ty, tz = load(b, t + k)
         ep = F.node[b, strain + k]
         il = ih / (1.0 + ep)
@@ -128,27 +122,7 @@ def star_row(b, nu, nv, j):
     i = 0
     while i < nu:
         k = (j + 1) * s + i + 1
-        w = k - 1
-        e = k + 1
-        n = k - s
-        d = k + s
-        has1 = ti.f32(1.0)
-        has2 = ti.f32(1.0)
-        wt = ti.f32(1.0)
-        if i == 0 or i == nu - 1:
-            has1 = ti.f32(0.0)
-            wt *= 0.5
-        if j == 0 or j == nv - 1:
-            has2 = ti.f32(0.0)
-            wt *= 0.5
-        if i == 0:
-            w = k
-        if i == nu - 1:
-            e = k
-        if j == 0:
-            n = k
-        if j == nv - 1:
-            d = k
+        w, e, n, d, has1, has2, wt = neighbours(nu, nv, i, j)
         hh = has1 * has2
         ax, ay, az = difference(b, F.q + w, F.q + e)
         bx, by, bz = difference(b, F.q + n, F.q + d)
@@ -295,53 +269,17 @@ def gather_row(b, nu, nv, j):
         k = (j + 1) * s + i + 1
         s1, _ = border(i, nu)
         s2, _ = border(j, nv)
-        e = F.node3[b, F.pu + k] - F.node3[b, F.pu + k - 1] + F.node3[b, F.pv + k] - F.node3[b, F.pv + k - s]
-        m = (
-            F.node3[b, F.na + k - 1]
-            - F.node3[b, F.na + k + 1]
-            + s1 * F.node3[b, F.na + k]
-            + F.node3[b, F.nb + k - s]
-            - F.node3[b, F.nb + k + s]
-            + s2 * F.node3[b, F.nb + k]
-        )
-        ce = (
-            (F.node3[b, F.cd + k] - F.node3[b, F.ca + k] - F.node3[b, F.cb + k])
-            + (F.node3[b, F.ca + k - 1] - F.node3[b, F.cb + k - 1] - F.node3[b, F.cd + k - 1])
-            + (F.node3[b, F.cb + k - s] - F.node3[b, F.ca + k - s] - F.node3[b, F.cd + k - s])
-            + (F.node3[b, F.ca + k - s - 1] + F.node3[b, F.cb + k - s - 1] + F.node3[b, F.cd + k - s - 1])
-        )
-        F.node3[b, F.f + k] = e + m + ce
+        F.node3[b, F.f + k] = gathered(b, k, s, s1, s2)
         i = F.after[i]
 
 
 @ti.func
 def clamp_pass(b, nu, nv, support):
     """Change of the clamp's forces on the first edges of the cloth; the held nodes do not move."""
-    s = nu + 2
-    count = nu
-    h = F.lane[b, M.HV]
-    width = F.lane[b, M.HU]
-    stiffness = F.lane[b, M.B2]
-    curved = F.lane[b, M.CURVED2]
-    if support > BOTTOM:
-        count = nv
-        h = F.lane[b, M.HU]
-        width = F.lane[b, M.HV]
-        stiffness = F.lane[b, M.B1]
-        curved = F.lane[b, M.CURVED1]
+    count, h, width, stiffness, curved = clamped_edge(b, nu, nv, support)
     i = 0
     while i < count:
-        k = s + i + 1
-        e = k + s
-        if support == BOTTOM:
-            k = nv * s + i + 1
-            e = k - s
-        if support == LEFT:
-            k = (i + 1) * s + 1
-            e = k + 1
-        if support == RIGHT:
-            k = (i + 1) * s + nu
-            e = k - 1
+        k, e = clamped_ends(nu, nv, support, i)
         w = ti.f32(1.0)
         if i == 0 or i == count - 1:
             w = 0.5

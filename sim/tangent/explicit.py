@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects.acting import specimen_of
-from fabdesign.effects.specimen import Specimen
+from fabdesign.effects.declaration import Specimen
 from fabdesign.nouns.column import Move
 from fabdesign.nouns.forward import OF_MUSCLES, Case
-from sim.design.lacing import touched
-from sim.design.loading import side_by_side
-from sim.design.nodes import masses, muscle_masses
+from sim.grid import masses, muscle_masses
 from sim.kernels.fields import LANES
-from sim.materials import CONSTANTS, REST_CURVATURES, Lane, M, lane_constants
+from sim.lacing import touched
+from sim.loading import constants_of, side_by_side
+from sim.materials import CONSTANTS, REST_CURVATURES, Lane, M
 from sim.tangent.muscle_forces import Grid, Pull, Strand, summed
 
 Array = NDArray[np.float64]
@@ -90,7 +90,7 @@ class Explicit:
         fabrics = [lane.specimen.design.fabric for lane in self._lanes]
         self._spacing = np.array([(fabric.width, fabric.height) for fabric in fabrics]) / (n - 1)
         self.pressure = _by_lane([lane.pressure for lane in self._lanes])  # (blocks, channels, LANES) Pa
-        self.constants = side_by_side([lane_constants(Lane(lane.specimen, n)) for lane in self._lanes])
+        self.constants = constants_of([lane.specimen for lane in self._lanes], n)
 
     def moved(self, moves: Sequence[Move | None]) -> list[Sides | None]:
         """Return both sides of a move for each lane; None where there is none."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fabdesign.nouns.muscle import BenchTable, Muscle, MuscleType
 from fabdesign.nouns.muscle_law import law_of
-from sim.design.loops import line_weights
+from sim.lacing import line_weights
 
 Array = NDArray[np.float64]
 AT_ONCE = 1_000_000  # nodes around fixed points

@@ -6,42 +6,19 @@ nothing reads those once the preconditioner is built.
 
 import taichi as ti
 
-from sim.kernels.fields import F, X
-from sim.kernels.patch import exchange, weigh_across, weigh_rows
+from sim.forces.muscles import sample, scatter
+from sim.kernels.fields import F, T, X
 from sim.kernels.vectors import Wide, cross, parts, sum3, thrice
-from sim.state import PATCH
-from sim.tangent.fields import T
 
 
 @ti.func
 def muscle_tangent(b, nu, npt):
     """F.f += the change of the muscles' forces in the direction F.p."""
-    sample(b, nu, npt, F.p, X.fu)
+    sample(b, nu, npt, F.p, F.p, 1, X.fu)
     points(b, npt)
     pull(b, npt)
     couples(b, npt)
-    scatter(b, nu, npt)
-
-
-@ti.func
-def sample(b, nu, npt, plane, dst):
-    """Vectors of a plane of F.node3 at the fixed points: values, derivatives along u and v to three planes."""
-    pt = 0
-    while pt < npt:
-        exchange(b, nu, pt, plane, False)
-        r = 0
-        while r < F.touched[1]:
-            along_u = 0
-            while along_u < 2:
-                weigh_across(b, X.wu + along_u * (X.du - X.wu) + PATCH * pt, r, along_u * PATCH + r)
-                along_u = F.after[along_u]
-            r = F.after[r]
-        derivative = 0  # none, along u, along v
-        while derivative < 3:
-            weights = X.wv + derivative // 2 * (X.dv - X.wv) + PATCH * pt
-            weigh_rows(b, weights, derivative % 2 * PATCH, dst + derivative * F.points + pt)
-            derivative = F.after[derivative]
-        pt = F.after[pt]
+    scatter(b, nu, npt, T.point3, T.d_force, F.f)
 
 
 @ti.func
@@ -118,28 +95,4 @@ def couples(b, npt):
         d_couple = lever * (d_force - thrice(d_along) * normal - thrice(along) * d_normal) - larger * couple
         F.point3[b, X.grad_u + pt] = crossed(d_couple, along_v) + crossed(couple, d_v)
         F.point3[b, X.grad_v + pt] = crossed(d_u, couple) + crossed(along_u, d_couple)
-        pt = F.after[pt]
-
-
-@ti.func
-def scatter(b, nu, npt):
-    """F.f += the fixed points' changes, by the weights of their loops."""
-    pt = 0
-    while pt < npt:
-        force = T.point3[b, T.d_force + pt]
-        along_u = F.point3[b, X.grad_u + pt]
-        along_v = F.point3[b, X.grad_v + pt]
-        r = 0
-        while r < F.touched[1]:
-            value = thrice(F.point[b, X.wv + PATCH * pt + r])
-            w0 = value * force + thrice(F.point[b, X.dv + PATCH * pt + r]) * along_v
-            w1 = value * along_u
-            m = 0
-            while m < F.touched[0]:
-                F.patch3[b, r * PATCH + m] = (
-                    thrice(F.point[b, X.wu + PATCH * pt + m]) * w0 + thrice(F.point[b, X.du + PATCH * pt + m]) * w1
-                )
-                m = F.after[m]
-            r = F.after[r]
-        exchange(b, nu, pt, F.f, True)
         pt = F.after[pt]

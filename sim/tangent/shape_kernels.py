@@ -1,20 +1,124 @@
-"""Kernels of the derivatives of a shape at rest: forces there, their explicit changes, the linear solves."""
+"""Kernels of the derivatives of a shape at rest: forces there, their explicit changes, the linear solves.
+
+The solves are preconditioned conjugate gradients on the tangent of the forces, one column after another, each lane its
+own.
+"""
 
 import taichi as ti
 
-from sim.design.support import EDGES
 from sim.forces.cloth import fabric_force
-from sim.kernels.fields import LANES, SPREAD, F, Timed, X
-from sim.kernels.vectors import Lanes, Wide, thrice
+from sim.grid import EDGES
+from sim.kernels.fields import LANES, SPREAD, F, T, Timed, X, floats, ints
+from sim.kernels.vectors import Lanes, Wide, sum3, thrice
 from sim.solver.coarse_space import assemble
 from sim.solver.flat_cloth import factorise
-from sim.solver.frames import frames
+from sim.solver.frames import frames, rotate
 from sim.solver.muscle_modes import green
-from sim.solver.muscles import woodbury
+from sim.solver.muscles import solve, woodbury
 from sim.step import muscles, muscles_pull
-from sim.tangent.fields import T
-from sim.tangent.linear import conjugate_gradients
-from sim.time.scheme import CA
+from sim.tangent.cloth import fabric_tangent
+from sim.tangent.muscles import muscle_tangent
+from sim.time_steps import CA
+
+SOLVED, UNSOLVED, INDEFINITE = range(3)  # what came of a column
+RZ, ACTIVE = 4, 6  # slots of F.reduce
+TINY = 1e-30
+
+
+@ti.func
+def apply_tangent(b, nu, nv, npt, support):
+    """F.f <- the change of forces in the direction F.p."""
+    fabric_tangent(b, nu, nv, support)
+    if npt > 0:
+        muscle_tangent(b, nu, npt)
+
+
+@ti.func
+def conjugate_gradients(b, nu, nv, npt, support, slot, iterations, tolerance):
+    """T.x += the solution of -tangent x = F.r, until the preconditioned residual is below `tolerance` times that. What
+    came of it to T.found at `slot`; a lane whose tangent is not positive definite stops."""
+    count = (nu + 2) * (nv + 2)
+    k = 0
+    while k < count:
+        F.node3[b, F.p + k] = Wide(0.0)
+        k = F.after[k]
+    F.reduce[b, ACTIVE] = Lanes(1.0)
+    i = 0
+    while i <= iterations:
+        rotate(b, nu, nv, F.r, True)
+        solve(b, nu, nv, npt, support < EDGES)
+        rotate(b, nu, nv, F.y, False)
+        for n in range(3):
+            F.reduce[b, n] = Lanes(0.0)
+        k = 0
+        while k < count:
+            y = F.node3[b, F.y + k]
+            x = T.node3[b, T.x + k]
+            F.reduce[b, 0] = F.reduce[b, 0] + sum3(y * F.node3[b, F.r + k])
+            F.reduce[b, 1] = F.reduce[b, 1] + sum3(y * y)
+            F.reduce[b, 2] = F.reduce[b, 2] + sum3(x * x)
+            k = F.after[k]
+        going = 0
+        lane = 0
+        while lane < LANES:
+            rz = F.reduce[b, 0][lane]
+            small = F.reduce[b, 1][lane] <= tolerance * tolerance * F.reduce[b, 2][lane]
+            beta = ti.f32(0.0)
+            if i > 0:
+                beta = rz / ti.max(F.reduce[b, RZ][lane], TINY)
+            F.reduce[b, 1][lane] = beta
+            F.reduce[b, RZ][lane] = rz
+            if F.reduce[b, ACTIVE][lane] > 0:
+                T.found[b, slot][lane] = UNSOLVED
+                if small or not rz > 0:
+                    F.reduce[b, ACTIVE][lane] = 0.0
+                    T.found[b, slot][lane] = SOLVED if small else INDEFINITE
+                else:
+                    going += 1
+            lane = F.after[lane]
+        if going == 0 or i == iterations:
+            i = iterations
+        else:
+            advance(b, nu, nv, npt, support, slot)
+        i += 1
+
+
+@ti.func
+def advance(b, nu, nv, npt, support, slot):
+    """One direction further."""
+    count = (nu + 2) * (nv + 2)
+    beta, active = thrice(F.reduce[b, 1]), thrice(F.reduce[b, ACTIVE])
+    k = 0
+    while k < count:
+        d = active * (F.node3[b, F.y + k] + beta * F.node3[b, F.p + k])
+        F.node3[b, F.p + k] = d
+        k = F.after[k]
+    apply_tangent(b, nu, nv, npt, support)
+    F.reduce[b, 2] = Lanes(0.0)
+    k = 0
+    while k < count:
+        f = F.node3[b, F.f + k] * thrice(F.node[b, F.free + k])
+        F.node3[b, F.f + k] = f
+        F.reduce[b, 2] = F.reduce[b, 2] - sum3(F.node3[b, F.p + k] * f)
+        k = F.after[k]
+    lane = 0
+    while lane < LANES:
+        alpha = ti.f32(0.0)
+        if F.reduce[b, ACTIVE][lane] > 0:
+            if F.reduce[b, 2][lane] > 0:
+                alpha = F.reduce[b, RZ][lane] / F.reduce[b, 2][lane]
+            else:
+                T.found[b, slot][lane] = INDEFINITE
+                F.reduce[b, ACTIVE][lane] = 0.0
+        F.reduce[b, 3][lane] = alpha
+        lane = F.after[lane]
+    step = thrice(F.reduce[b, 3])
+    k = 0
+    while k < count:
+        T.node3[b, T.x + k] = T.node3[b, T.x + k] + step * F.node3[b, F.p + k]
+        F.node3[b, F.r + k] = F.node3[b, F.r + k] + step * F.node3[b, F.f + k]
+        k = F.after[k]
+
 
 NOTHING_ADDED = ()  # forces of effects: shapes with them take differences
 
@@ -36,8 +140,9 @@ def forces_at_rest(b, nu, nv, npt, support, pressure: ti.template()):
         muscles_pull(b, nu, npt)
 
 
+@Timed
 @ti.kernel
-def _still_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32):
+def still(nb: ti.i32, nu: ti.i32, nv: ti.i32):
     """The shape that was found becomes the state, without motion or a residual of before; T is zeroed."""
     ti.loop_config(serialize=True)
     for b in range(nb):
@@ -62,8 +167,9 @@ def _still_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32):
             k = F.after[k]
 
 
+@Timed
 @ti.kernel
-def _write_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, forces: ti.types.ndarray(dtype=ti.f32, ndim=5)):
+def write_columns(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, forces: floats(5)):
     """T.columns = forces (slots, nb, LANES, nu nv, 3), 0 where nodes are held and around the grid."""
     for b in range(nb):
         for slot in range(slots):
@@ -82,9 +188,10 @@ def _write_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, forces: ti.
                         i = F.after[i]
 
 
+@Timed
 @ti.kernel
-def _explicit_kernel(
-    nb: ti.i32, nu: ti.i32, nv: ti.i32, support: ti.i32, slot: ti.i32, weight: ti.types.ndarray(dtype=ti.f32, ndim=2),
+def explicit(
+    nb: ti.i32, nu: ti.i32, nv: ti.i32, support: ti.i32, slot: ti.i32, weight: floats(2),
 ):  # fmt: skip
     """T.columns at `slot` += weight of the lane times the forces of the cloth: what moved constants change."""
     for task in range(nb * SPREAD):
@@ -106,7 +213,7 @@ def _explicit_kernel(
 def _solve_kernel(
     nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, support: ti.i32, smoothing: ti.i32,
     settles: ti.i32, turns: ti.i32, iterations: ti.i32, tolerance: ti.f32, stiffened: ti.f32,
-    pressure: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    pressure: floats(3),
 ):  # fmt: skip
     """Linear solves with the tangent at F.q, `turns` one after another; what came of them to T.found.
 
@@ -156,8 +263,9 @@ def precondition(b, nu, nv, npt, support, smoothing, stiffened):
     F.scheme[b, CA] = Lanes(0.0)
 
 
+@Timed
 @ti.kernel
-def _read_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, out: ti.types.ndarray(dtype=ti.f32, ndim=5)):
+def read_columns(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, out: floats(5)):
     """out (nb, slots, LANES, nu nv, 3): columns."""
     for b in range(nb):
         for slot in range(slots):
@@ -171,8 +279,9 @@ def _read_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, out: ti.type
                         i = F.after[i]
 
 
+@Timed
 @ti.kernel
-def _found_kernel(nb: ti.i32, slots: ti.i32, out: ti.types.ndarray(dtype=ti.i32, ndim=3)):
+def read_found(nb: ti.i32, slots: ti.i32, out: ints(3)):
     """out (nb, slots, LANES): what came of the last solves."""
     ti.loop_config(serialize=True)
     for b in range(nb):
@@ -181,11 +290,4 @@ def _found_kernel(nb: ti.i32, slots: ti.i32, out: ti.types.ndarray(dtype=ti.i32,
                 out[b, slot, lane] = T.found[b, slot][lane]
 
 
-still, write_columns, explicit, solve, read_columns, read_found = (
-    Timed(_still_kernel),
-    Timed(_write_kernel),
-    Timed(_explicit_kernel),
-    Timed(_solve_kernel, "derivatives"),
-    Timed(_read_kernel),
-    Timed(_found_kernel),
-)
+solve_columns = Timed(_solve_kernel, "derivatives")

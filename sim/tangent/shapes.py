@@ -1,20 +1,21 @@
-"""How shapes at rest change with parameters: the implicit function theorem, f(x, theta) = 0 (docs/model.md)."""
+"""How shapes at rest change with parameters: the implicit function theorem, f(x, theta) = 0 (docs/model.md); and
+central differences of whole shapes and motions: reference, and what the tangent does not cover."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.nouns.column import Column, move
+from fabdesign.nouns.column import Column, FacesJacobian, move
 from fabdesign.nouns.forward import Case
-from sim.kernels.fields import LANES, F
-from sim.kernels.transfer import put, read
-from sim.tangent import fields
+from sim.kernels.fields import LANES, SLOTS, F, allocate_tangent
+from sim.kernels.transfer import put
+from sim.motion import faces
+from sim.schedule import Batch
 from sim.tangent.explicit import Explicit
-from sim.tangent.linear import SOLVED
-from sim.tangent.shape_kernels import explicit, read_columns, read_found, solve, still, write_columns
-from sim.time.batch import Batch
+from sim.tangent.shape_kernels import SOLVED, explicit, read_columns, read_found, solve_columns, still, write_columns
 
 Array = NDArray[np.float64]
 ITERATIONS = 100  # at most, of a solve: some 25 are usual
@@ -58,18 +59,18 @@ def solve_at_rest(
     batch: Batch, lanes: Sequence[LaneColumns], columns: Sequence[Column], pressure: Callable[[Case], Array]
 ) -> list[Solved]:
     """Return the solutions of the lanes of a batch at rest. pressure(case): (channels,) Pa that act there."""
-    fields.allocate()
+    allocate_tangent()
     still(*batch.grid)
     cases = [lane.case for lane in lanes]
     host = Explicit(cases, batch.nu, pressure)
-    before = _positions(batch, F.x0)
+    before = batch.positions(F.x0)
     settled = _solve(batch, host, True, SETTLING)[:, -1] == SOLVED
-    middle = _positions(batch, F.q)
+    middle = batch.positions(F.q)
     moved = np.sqrt(np.square(middle - before).sum(axis=-1).mean(axis=(1, 2)))
     settled &= moved < FARTHEST  # NaN compares false
     changes: list[dict[int, NDArray[np.float32]]] = [{} for _ in lanes]
-    for first in range(0, max(len(lane.columns) for lane in lanes), fields.SLOTS):
-        wanted = [lane.columns[first : first + fields.SLOTS] for lane in lanes]
+    for first in range(0, max(len(lane.columns) for lane in lanes), SLOTS):
+        wanted = [lane.columns[first : first + SLOTS] for lane in lanes]
         slots = max(map(len, wanted))
         _put_right_sides(batch, cases, [[columns[c] for c in some] for some in wanted], host, middle)
         iterations = _solve(batch, host, False, slots)
@@ -83,20 +84,13 @@ def solve_at_rest(
 
 def _solve(batch: Batch, host: Explicit, settles: bool, turns: int) -> NDArray[np.int32]:
     """Return (lanes, turns) what came of so many linear solves."""
-    solve(
+    solve_columns(
         *batch.grid, batch.points, batch.support, batch.smoothing, int(settles), turns, ITERATIONS, TOLERANCE,
         STIFFENED, host.pressure,
     )  # fmt: skip
     iterations = np.empty((batch.blocks, turns, LANES), np.int32)
     read_found(batch.blocks, turns, iterations)
     return iterations.swapaxes(1, 2).reshape(-1, turns)
-
-
-def _positions(batch: Batch, plane: int) -> NDArray[np.float32]:
-    """Return (lanes, n, n, 3) m in a plane of F.node3."""
-    out = np.empty((batch.blocks, LANES, batch.nu * batch.nv, 3), np.float32)
-    read(*batch.grid, plane, out)
-    return out.reshape(-1, batch.nv, batch.nu, 3)
 
 
 def _put_right_sides(
@@ -122,3 +116,66 @@ def _put_right_sides(
             explicit(*batch.grid, batch.support, slot, weight)
     if changes:
         put(batch.blocks, {"lane": host.constants})
+
+
+SHIFT = 1e-5  # m that a node is moved at most: normals turn by 1e-3 on grids of 5 mm, and the rest is of second order
+Shapes = NDArray[np.floating[Any]]
+Outcome = Callable[[Sequence[int], Sequence[Case]], list[Shapes]]  # of moved cases, and of which case each is one
+
+
+class Jacobian(NamedTuple):
+    """The derivatives of one case: mid-surfaces, how they change, and which columns are the tangent's, not
+    differences."""
+
+    middle: Shapes  # ([T,] n, n, 3) m
+    changes: Shapes  # (p, [T,] n, n, 3) m per unit of the column; NaN where a moved case diverged
+    exact: NDArray[np.bool_]  # (p,)
+
+
+def differences(
+    outcome: Outcome, cases: Sequence[Case], columns: Sequence[Column], pairs: Sequence[tuple[int, int]]
+) -> dict[tuple[int, int], Shapes]:
+    """Return differences by (case, column) of `pairs`: over as much to both sides as the column's `far` says, in one
+    batch."""
+    moves = [move(cases[i], columns[c], columns[c].far) for i, c in pairs]
+    shapes = outcome([i for i, _ in pairs for _ in range(2)], [side for both in moves for side in both.sides])
+    return {
+        pair: (shapes[2 * k + 1].astype(float) - shapes[2 * k]) / both.width
+        for k, (pair, both) in enumerate(zip(pairs, moves, strict=True))
+    }
+
+
+def completed(
+    outcome: Outcome, cases: Sequence[Case], columns: Sequence[Column], solved: Mapping[int, Solved]
+) -> list[Jacobian]:
+    """Return Jacobians of all cases: what the tangent `solved`, by case, and differences of the outcome for the rest,
+    but for columns without."""
+    known = {i: solution for i, solution in solved.items() if solution.settled}
+    missing = [i for i in range(len(cases)) if i not in known]
+    middles = dict(zip(missing, outcome(missing, [cases[i] for i in missing]), strict=True)) if missing else {}
+    middles |= {i: solution.middle for i, solution in known.items()}
+    pairs = [
+        (i, c) for i in range(len(cases)) for c in range(len(columns)) if i not in known or c not in known[i].changes
+    ]
+    made = [(i, c) for i, c in pairs if columns[c].differences]
+    changes = differences(outcome, cases, columns, made) if made else {}
+    changes |= {(i, c): np.full_like(middles[i], np.nan) for i, c in pairs if not columns[c].differences}
+    return [
+        Jacobian(
+            middles[i],
+            np.array([changes[i, c] if (i, c) in changes else known[i].changes[c] for c in range(len(columns))])
+            .reshape(len(columns), *middles[i].shape),
+            np.array([(i, c) not in changes for c in range(len(columns))], dtype=bool),
+        )
+        for i in range(len(cases))
+    ]  # fmt: skip
+
+
+def faces_changes(jacobian: Jacobian, thickness: float) -> FacesJacobian:
+    """Return a shape's faces, and their changes by central differences in float64, of its mid-surface (n, n, 3) m."""
+    middle, changes = jacobian.middle.astype(float), jacobian.changes.astype(float)
+    [points] = faces(middle[None], thickness)
+    largest = np.abs(changes).max(axis=(1, 2, 3), initial=0.0)
+    by = SHIFT / np.where(largest > 0, largest, 1.0)[:, None, None, None]
+    ahead, behind = (faces(middle + sign * by * changes, thickness) for sign in (1, -1))
+    return FacesJacobian(points, (ahead - behind) / (2 * by[:, 0]), jacobian.exact)

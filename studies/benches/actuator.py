@@ -24,7 +24,7 @@ _RELEASE = 0.1  # s before the end of the hold that are left out
 
 @dataclass(frozen=True)
 class Hold:
-    """What one step of pressure shows. The instants of onset and release are taken from the motion itself."""
+    """The hold that one step of pressure shows. The instants of onset and release are taken from the motion itself."""
 
     pressure: float  # Pa
     level: float  # m, median over the second half of the hold
@@ -65,7 +65,7 @@ class StaticCurve(Law):
         return StaticCurve(np.concatenate([[0.0], pressures]), np.concatenate([[0.0], level]), holds)
 
     def displacement(self, pressure_pa: ArrayLike) -> Array:
-        """m at a steady pressure [Pa]."""
+        """Return m at a steady pressure [Pa]."""
         from scipy.interpolate import PchipInterpolator
 
         scale = self.level[1]
@@ -75,7 +75,7 @@ class StaticCurve(Law):
 
     @classmethod
     def still(cls, others: Sequence[BenchRecord], record: BenchRecord) -> Array:
-        """(n,) m. The level at the highest pressure is the record's own: there is no curve beyond it."""
+        """Return (n,) m. The level at the highest pressure is the record's own: there is no curve beyond it."""
         hold = hold_of(record)
         highest = hold.pressure > max(hold_of(other).pressure for other in others)
         level = float(cls.fit([*others, record] if highest else others).displacement(hold.pressure))
@@ -84,12 +84,12 @@ class StaticCurve(Law):
         return np.where((time > onset) & (time <= release), level, 0.0)
 
     def predict(self, record: BenchRecord) -> Array:
-        """(1,) m, the level held."""
+        """Return (1,) m, the level held."""
         return np.atleast_1d(self.displacement(hold_of(record).pressure))
 
     @staticmethod
     def measured(record: BenchRecord) -> Array:
-        """(1,) m, the level held."""
+        """Return (1,) m, the level held."""
         return np.array([hold_of(record).level])
 
     def constants(self) -> Mapping[str, Quantity]:
@@ -117,9 +117,9 @@ class StaticCurve(Law):
 
 
 def hold_of(record: BenchRecord) -> Hold:
-    """The hold in a record of one step on, and perhaps off. Raises InputError where there is none."""
-    column = next((name for name in PRESSURES if name in record.columns), None)
-    if column is None or "time" not in record.columns:
+    """Return the hold in a record of one step on, and perhaps off. Raises InputError where there is none."""
+    pressure = record.first(PRESSURES)
+    if pressure is None or "time" not in record.columns:
         raise InputError(f"{record.name}: no pressure or no time column; expected both")
     time, displacement = record.columns["time"], record.columns["displacement"]
     on = np.flatnonzero(displacement > displacement.max() / 2)
@@ -132,7 +132,7 @@ def hold_of(record: BenchRecord) -> Hold:
         raise InputError(f"{record.name}: no hold of more than {_SETTLED:g} s; expected a step of pressure")
     slope, _ = np.polyfit(np.log10(time[settled] - time[first]), displacement[settled], 1)
     return Hold(
-        pressure=float(np.max(record.columns[column])),
+        pressure=float(np.max(pressure)),
         level=float(np.median(displacement[(time >= middle) & (time <= end)])),
         onset=float(time[first]),
         release=float(time[last]),
@@ -141,7 +141,8 @@ def hold_of(record: BenchRecord) -> Hold:
 
 
 def _instants(record: BenchRecord, hold: Hold) -> tuple[float, float]:
-    """s: when the actuator begins to move and to fall back, so that all that comes later than the pressure shows."""
+    """Return s: when the actuator begins to move and to fall back, so that all that comes later than the pressure
+    shows."""
     time, share = record.columns["time"], record.columns["displacement"] / hold.level
     rest, held = time[(time < hold.onset) & (share < _MOVED)], time[(time <= hold.release) & (share > 1 - _MOVED)]
     onset = float(rest[-1]) if len(rest) else hold.onset

@@ -1,4 +1,4 @@
-"""What a bench gives: a law of its specimen, and a muscle type or a cloth that a design can include."""
+"""The answer that a bench gives: a law of its specimen, and a muscle type or a cloth that a design can include."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,17 +15,13 @@ from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.nouns.bench import Bench, BenchRecord
 from fabdesign.nouns.model import EffectTerm, Quantity
 from fabdesign.runtime.effort import bench_fit_seconds, in_words
-from fabdesign.units import in_mm
 from optimize.fit.parameters import FitVector
-from studies.benches.law import Law
-from studies.benches.muscle import BenchMuscle, travels
+from studies.benches.evaluate import errors_of
+from studies.benches.law import Law, rms
+from studies.benches.muscle import BenchMuscle, only_speed, rows_of, travels
 from studies.benches.muscle_effects import FittedEffects, bench_vector, fit_effects
 from studies.benches.noise import BenchNoise, noise_of
-from studies.benches.predictions import errors_of
-from studies.benches.records import LAWS, require_columns, unit_of
-from studies.benches.rows import only_speed, rows_of
-
-LEAST_SHOWN = 0.001  # mm or N: what no gauge reads
+from studies.benches.records import LAWS, LEAST_SHOWN, for_people, require_columns, shown, unit_of
 
 Progress = Callable[[str, float | None], None]
 
@@ -49,7 +45,7 @@ class BenchCalibration(Tabled):
     files: tuple[str, ...] = ()  # names of those that were written
 
     def as_json(self) -> dict[str, Any]:
-        """What `calibrate BENCH --json` prints."""
+        """Return what `calibrate BENCH --json` prints."""
         return {
             "bench": self.bench.name,
             "unit": self.unit,
@@ -83,7 +79,7 @@ def calibrate_bench(
     Raises InputError for an unsound bench, an unknown name and records that do not suffice.
     """
     bench = read_bench(path)
-    chosen = [record for record in bench.records if record.role == "fit"]
+    chosen, tests = bench.of_role("fit"), bench.of_role("test")
     if fit is not None:
         for name in fit:
             if name not in {record.name for record in chosen}:
@@ -92,7 +88,6 @@ def calibrate_bench(
         chosen = [record for record in chosen if record.name in fit]
     if not chosen:
         raise InputError(f"{bench.file}: no record of role fit; expected at least one")
-    tests = [record for record in bench.records if record.role == "test"]
     require_columns(bench, [*chosen, *tests])
     if free and bench.specimen != "muscle":
         raise InputError(
@@ -110,10 +105,9 @@ def calibrate_bench(
     first, *later = _steps(progress, [f"fitting {bench.name}, {line}" for line in lines])
     law, effects = _fit(bench, chosen, vector, first)
     left_out = []
-    for i, told in enumerate(later):
+    for i, tell in enumerate(later):
         others = chosen[:i] + chosen[i + 1 :]
-        left_out.append(_error(bench, _fit(bench, others, vector, told, intervals=False)[0], [chosen[i]]))
-    plain = [law.predict(record) - law.measured(record) for record in chosen]
+        left_out.append(_error(bench, _fit(bench, others, vector, tell, intervals=False)[0], [chosen[i]]))
     return BenchCalibration(
         bench=bench,
         law=law,
@@ -121,7 +115,7 @@ def calibrate_bench(
         error_fit=_error(bench, law, chosen),
         error_left_out=float(np.mean(left_out)) if left_out else None,
         error_test=_error(bench, law, tests) if tests else None,
-        error_as_fitted=float(np.mean([np.sqrt(np.mean(np.square(error))) for error in plain])),
+        error_as_fitted=float(np.mean([rms(law.predict(record) - law.measured(record)) for record in chosen])),
         noise=noise_of(bench),
         constants=law.constants(),
         effects=effects,
@@ -140,8 +134,8 @@ def errors_in_words(calibration: BenchCalibration) -> str:
 
 
 def noise_in_words(calibration: BenchCalibration) -> list[str]:
-    """A line on the noise of a reading, one where what was fitted is better than what a file holds, and one where all
-    records move at one speed."""
+    """Return a line on the noise of a reading, one where what was fitted is better than what a file holds, and one
+    where all records move at one speed."""
     lines = ["  " + calibration.noise.in_words(_shown(calibration.noise.sigma, calibration.unit))]
     if calibration.error_as_fitted < calibration.error_fit - max(calibration.noise.sigma, LEAST_SHOWN) / 2:
         names = [name for name in calibration.constants if name == "hysteresis"]
@@ -158,7 +152,7 @@ def noise_in_words(calibration: BenchCalibration) -> list[str]:
 
 
 def effects_in_words(calibration: BenchCalibration) -> list[str]:
-    """A line for each effect: values with 90 % intervals, and where it goes."""
+    """Return a line for each effect: values with 90 % intervals, and where it goes."""
     lines = []
     for effect in calibration.effects:
         shown = []
@@ -182,8 +176,8 @@ def next_step(calibration: BenchCalibration, output: Path) -> str:
 
 
 def _shown(error: float, unit: str) -> str:
-    value, unit = (in_mm(error), "mm") if unit == "m" else (error, unit)
-    return f"{value:.3g} {unit} RMS" if value >= LEAST_SHOWN else f"under {LEAST_SHOWN} {unit} RMS"
+    factor, name = for_people(unit)
+    return f"{shown(error, unit)} RMS" if factor * error >= LEAST_SHOWN else f"under {LEAST_SHOWN} {name} RMS"
 
 
 def _steps(progress: Progress, lines: Sequence[str]) -> list[Callable[[float], None]]:
@@ -199,13 +193,13 @@ def _fit(
     bench: Bench,
     records: Sequence[BenchRecord],
     vector: FitVector | None,
-    told: Callable[[float], None],
+    tell: Callable[[float], None],
     *,
     intervals: bool = True,
 ) -> tuple[Law, tuple[EffectTerm, ...]]:
-    told(0.0)
+    tell(0.0)
     if bench.specimen == "muscle":
-        fitted = FittedEffects() if vector is None else fit_effects(partial(rows_of, records), vector, told)
+        fitted = FittedEffects() if vector is None else fit_effects(partial(rows_of, records), vector, tell)
         options: dict[str, Any] = {} if intervals else {"refits": 0}
         return BenchMuscle.fit(records, terms=fitted.terms, **options), fitted.effects
     return LAWS[bench.specimen].fit(records), ()

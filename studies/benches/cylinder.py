@@ -12,7 +12,7 @@ from fabdesign.errors import InputError
 from fabdesign.files.bench_law_file import BenchLaw
 from fabdesign.nouns.bench import Bench, BenchRecord
 from fabdesign.nouns.model import Quantity
-from studies.benches.law import Law, Predict
+from studies.benches.law import Law, Predict, rms
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -77,7 +77,7 @@ class CylinderLaw(Law):
 
     @classmethod
     def still(cls, others: Sequence[BenchRecord], record: BenchRecord) -> Array:
-        """(n,) N by preload, spring, area times pressure, and its change over the stroke: without friction."""
+        """Return (n,) N by preload, spring, area times pressure, and its change over the stroke: without friction."""
         tables = [terms_of(one, ("1", "x", "p", "x p"), 1.0) for one in others]
         return terms_of(record, ("1", "x", "p", "x p"), 1.0) @ _solve(tables, others)
 
@@ -115,14 +115,8 @@ def _prediction(terms: Sequence[str], coefficients: Array, presliding: float) ->
     return cylinder
 
 
-def area_alone(records: Sequence[BenchRecord], held_out: BenchRecord) -> Array:
-    """N, what area times pressure alone predicts: the law to beat."""
-    tables = [terms_of(record, FORMS["area"], 1.0) for record in records]
-    return terms_of(held_out, FORMS["area"], 1.0) @ _solve(tables, records)
-
-
 def friction_state(displacement: Array, presliding: float) -> Array:
-    """(n,) s, from 1 (moving out) at the start: exact for steps of even motion."""
+    """Return (n,) s, from 1 (moving out) at the start: exact for steps of even motion."""
     state = np.ones(len(displacement))
     for i, step in enumerate(np.diff(displacement)):
         state[i + 1] = np.sign(step) + (state[i] - np.sign(step)) * np.exp(-abs(step) / presliding)
@@ -135,7 +129,7 @@ def _state(record: BenchRecord, presliding: float) -> Array:
 
 
 def terms_of(record: BenchRecord, terms: Sequence[str], presliding: float) -> Array:
-    """(rows, terms) that a law's coefficients [N] multiply."""
+    """Return (rows, terms) that a law's coefficients [N] multiply."""
     x, p = record.columns["displacement"] / _STROKE, record.columns["pressure"] / _PRESSURE
     factors = {"1": np.ones(len(x)), "x": x, "p": p}
     if any("s" in term for term in terms):
@@ -149,8 +143,7 @@ def _solve(tables: Sequence[Array], records: Sequence[BenchRecord]) -> Array:
 
 
 def _left_out(tables: Sequence[Array], records: Sequence[BenchRecord], i: int) -> float:
-    error = tables[i] @ _solve(_without(tables, i), _without(records, i)) - records[i].columns["force"]
-    return float(np.sqrt(np.mean(error**2)))
+    return rms(tables[i] @ _solve(_without(tables, i), _without(records, i)) - records[i].columns["force"])
 
 
 def _without(items: Sequence[T], i: int) -> list[T]:

@@ -1,4 +1,5 @@
-"""How far a law that was fitted to a bench is from its records."""
+"""How well a law in a file predicts a bench's records: its predictions, and the errors that `calibrate` and `evaluate`
+say."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,17 +7,77 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.files.bench_file import read_bench
+from fabdesign.files.bench_law_file import FORMAT as BENCH_LAW
+from fabdesign.files.bench_law_file import read_bench_law
+from fabdesign.files.design_file import DesignPart, read_part
 from fabdesign.formats.json_file import plain
 from fabdesign.formats.result_tables import Columns, Tabled
+from fabdesign.formats.toml_file import parse_toml
 from fabdesign.geometry.metrics import Statistics
 from fabdesign.nouns.bench import Bench, BenchRecord
-from studies.benches.calibrate import LEAST_SHOWN
+from fabdesign.nouns.muscle_law import law_of
+from studies.benches.law import Predict, rms
+from studies.benches.muscle import of_type
 from studies.benches.noise import BenchNoise, noise_of
-from studies.benches.predictions import RecordErrors, errors_of, prediction
-from studies.benches.records import require_columns, unit_of
+from studies.benches.records import LAWS, LEAST_SHOWN, for_people, require_columns, unit_of
+from studies.benches.strip import of_strip
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RecordErrors:
+    """Root mean squares over a record's rows, in the output's SI unit; of an actuator the level held. before: without
+    what motion adds (friction, viscosity, effects)."""
+
+    before: float
+    after: float
+
+
+def errors_of(predict: Predict, bench: Bench, records: Sequence[BenchRecord]) -> list[RecordErrors]:
+    """Return the errors of a prediction on records."""
+
+    def errors(record: BenchRecord) -> RecordErrors:
+        truth = LAWS[bench.specimen].measured(record)
+        return RecordErrors(*(rms(values - truth) for values in predict(record)))
+
+    return [errors(record) for record in records]
+
+
+def prediction(path: Path, bench: Bench) -> Predict:
+    """Return what the file says of the bench's records: without and with friction, viscosity, effects.
+
+    Raises InputError for a file of another specimen, and for a cloth where the bench does not state the strip's width.
+    """
+    if parse_toml(path).get("format") == BENCH_LAW:
+        law = read_bench_law(path)
+        if law.specimen != bench.specimen:
+            raise InputError(f"{path}: the law of specimen {law.specimen}; {bench.file} has {bench.specimen}")
+        return LAWS[bench.specimen].read(law)
+    part = read_part(path)
+    if bench.specimen == "muscle":
+        return _of_muscle(part, path, bench)
+    if bench.specimen != "strip" or part.fabric is None or (curve := part.fabric.membrane_curve) is None:
+        raise InputError(f"{path}: no law of a {bench.specimen}, which {bench.file} has; expected what calibrate wrote")
+    width, across = bench.constant("width"), 1 if bench.constants.get("direction") == 2 else 0
+    if not curve.strain[across]:
+        raise InputError(f"{path}: its curve has no direction {across + 1}, which {bench.file} has")
+    strain, force = np.array(curve.strain[across]), width * np.array(curve.tension[across])
+    return of_strip(strain, force)
+
+
+def _of_muscle(part: DesignPart, path: Path, bench: Bench) -> Predict:
+    name = bench.name if bench.name in part.types else next(iter(part.types), None)
+    if name is None or (name != bench.name and len(part.types) > 1):
+        raise InputError(f"{path}: muscle types {', '.join(part.types) or 'none'}; expected one, or {bench.name}")
+    muscle = part.types[name]
+    terms = tuple(term for term in part.effects if term.scope in (None, f"muscle_types.{name}"))
+    return of_type(law_of(muscle.bench), muscle.viscosity, terms)
+
 
 METRIC = "rms"
 
@@ -32,7 +93,7 @@ class BenchEvaluation(Tabled):
     others: Mapping[str, RecordErrors]
 
     def as_json(self) -> dict[str, Any]:
-        """What `evaluate BENCH --json` prints."""
+        """Return what `evaluate BENCH --json` prints."""
         result: dict[str, Any] = {"designs": {self.bench.name: self._table(self.tests)} if self.tests else {}}
         if self.others:
             result["others"] = {self.bench.name: self._table(self.others)}
@@ -55,7 +116,7 @@ class BenchEvaluation(Tabled):
 
     def as_markdown(self) -> str:
         """Tables for people, in N or mm."""
-        factor, unit = (1e3, "mm") if self.unit == "m" else (1.0, self.unit)
+        factor, unit = for_people(self.unit)
 
         def shown(value: float) -> str:
             return f"{factor * value:.3g}" if factor * value >= LEAST_SHOWN else "0"
@@ -84,8 +145,8 @@ def evaluate_bench(path: Path, law: Path, *, all_records: bool = False) -> Bench
     def errors(records: Sequence[BenchRecord]) -> dict[str, RecordErrors]:
         return dict(zip((r.name for r in records), errors_of(predict, bench, records), strict=True))
 
-    tests, fitted = ([r for r in bench.records if r.role == role] for role in ("test", "fit"))
-    others = errors(fitted if all_records else [])
+    tests = bench.of_role("test")
+    others = errors(bench.of_role("fit") if all_records else [])
     if not tests and not others:
         raise InputError(f"{bench.file}: no record of role test; expected one, or --all for those of role fit")
     return BenchEvaluation(bench, unit_of(bench), noise_of(bench), errors(tests), others)

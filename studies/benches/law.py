@@ -1,4 +1,4 @@
-"""What every law of a specimen on a bench is: fitted to records, asked for predictions, written to a file.
+"""The law of a specimen on a bench: fitted to records, asked for predictions, written to a file.
 
 A new specimen is a subclass of `Law` in a file of its own, named in `LAWS` of `records.py` and in `nouns/bench.py`.
 """
@@ -17,6 +17,11 @@ from fabdesign.nouns.model import Quantity
 Array = NDArray[np.float64]
 Predict = Callable[[BenchRecord], tuple[Array, Array]]  # (n,) at rest, in motion; of an actuator (1,), the level held
 FORCES = ("force", "load")
+
+
+def rms(values: Array) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def twice(values: Array) -> tuple[Array, Array]:
@@ -42,7 +47,7 @@ class Law:
 
     @classmethod
     def still(cls, others: Sequence[BenchRecord], record: BenchRecord) -> Array:
-        """(n,) what the law, fitted to other records, says at the rows of one: without any memory."""
+        """Return (n,) what the law, fitted to other records, says at the rows of one: without any memory."""
         return cls.fit(others).predict(record)
 
     @abstractmethod
@@ -52,7 +57,9 @@ class Law:
     @staticmethod
     def measured(record: BenchRecord) -> Array:
         """Return what a record measured of what the law predicts."""
-        return record.columns[next(name for name in FORCES if name in record.columns)]
+        force = record.first(FORCES)
+        assert force is not None  # `require_columns`
+        return force
 
     def constants(self) -> Mapping[str, Quantity]:
         """Return what records say beyond the law."""

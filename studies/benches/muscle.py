@@ -1,4 +1,5 @@
-"""A muscle type from bench records: isometric, isotonic or any other, time series or points."""
+"""A muscle type from bench records, isometric, isotonic or any other, time series or points; and rows of these records,
+with effects in what the law sees of them."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -9,16 +10,84 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fabdesign.effects import EFFECTS
+from fabdesign.effects.declaration import MuscleRecord
 from fabdesign.errors import InputError
 from fabdesign.nouns.bench import BenchRecord
+from fabdesign.nouns.design import Term
 from fabdesign.nouns.model import EffectTerm, Quantity
 from fabdesign.nouns.muscle import BenchTable
 from fabdesign.nouns.muscle_law import MuscleLaw, law_of
-from fabdesign.nouns.term import Term
-from studies.benches.law import FORCES, Law, Predict
-from studies.benches.rows import PRESSURES, Rows, motion_columns, rows_of, taken
+from studies.benches.law import FORCES, Law, Predict, rms
 
 Array = NDArray[np.float64]
+
+PRESSURES = ("pressure", "pressure_command")  # columns, in order of preference
+_BLOCKS = 10  # a record is cut into, where there are too few records to draw from
+_SAME_WAY = 1e-5  # 1/s: slower contraction counts as standing still
+
+
+@dataclass(frozen=True)
+class Rows:
+    """(n,) each: force = law(pressure, contraction) - friction - what damps by the rate."""
+
+    pressure: Array  # Pa
+    contraction: Array  # that the law sees
+    force: Array  # N
+    rate: Array  # 1/s, of contraction; 0 where the record has no time
+    friction: Array  # N, of effects
+    block: NDArray[np.intp]
+
+
+def rows_of(records: Sequence[BenchRecord], terms: Sequence[Term] = ()) -> Rows:
+    """Raises InputError where a record lacks pressure, contraction or force, or time where effects want it."""
+    parts: list[Rows] = []
+    for i, record in enumerate(records):
+        columns = record.columns
+        pressure, force = record.first(PRESSURES), record.first(FORCES)
+        if pressure is None or force is None or "contraction" not in columns:
+            raise InputError(
+                f"{record.name}: columns {', '.join(columns)}; a muscle needs pressure, contraction, force"
+            )
+        pressure = np.maximum(pressure, 0.0)  # a gauge without pressure reads a little below zero
+        contraction, n = columns["contraction"], len(force)
+        moving = "time" in columns and n > 2
+        if terms and not moving:
+            raise InputError(f"{record.name}: no time column; expected one, for effects show in time")
+        block = i * _BLOCKS + (np.arange(n) * _BLOCKS // n if len(records) < _BLOCKS else 0)
+        seen = MuscleRecord.measured(columns["time"] if moving else np.arange(n, dtype=float), pressure, contraction)
+        rate = seen.rate if moving else np.zeros(n)
+        for term in terms:
+            if (bench := EFFECTS[term.name].bench) is not None:
+                seen = bench(seen, EFFECTS[term.name].values(term.values))
+        parts.append(
+            Rows(
+                seen.pressure, contraction - seen.lent, force, rate, seen.friction,
+                np.broadcast_to(block, n).astype(np.intp),
+            )
+        )  # fmt: skip
+    names = ("pressure", "contraction", "force", "rate", "friction", "block")
+    return Rows(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def taken(rows: Rows, index: NDArray[np.intp]) -> Rows:
+    names = ("pressure", "contraction", "force", "rate", "friction", "block")
+    return Rows(*(getattr(rows, name)[index] for name in names))
+
+
+def only_speed(rows: Rows) -> float | None:
+    """Return the rate of contraction [1/s] at which all rows move, where there is one: viscosity and constant friction
+    look alike there."""
+    speeds = np.abs(rows.rate)
+    moving = speeds[speeds > _SAME_WAY]
+    low, middle, high = np.quantile(moving, (0.1, 0.5, 0.9)) if len(moving) else (0.0, 0.0, 0.0)
+    return float(middle) if high < 1.5 * low else None
+
+
+def motion_columns(rate: Array, *, friction: bool = True) -> Array:
+    """Return (n, 2): what viscosity and hysteresis multiply; without friction the latter is zero."""
+    sign = np.where(np.abs(rate) > _SAME_WAY, np.sign(rate), 0.0)
+    return np.stack([rate, sign if friction else np.zeros(len(rate))], axis=1)
+
 
 _REFITS = 20  # of the block bootstrap
 _ROUNDS = 3  # law and rates in turn
@@ -49,8 +118,8 @@ class BenchMuscle(Law):
     def fit(
         records: Sequence[BenchRecord], *, terms: tuple[Term, ...] = (), refits: int = _REFITS, seed: int = 0
     ) -> "BenchMuscle":
-        """terms: effects that are held. Raises InputError where a record lacks pressure, contraction or force, or where
-        all have too few rows."""
+        """Return the law and what damps. terms: effects that are held. Raises InputError where a record lacks pressure,
+        contraction or force, or where all have too few rows."""
         rows, rubs = rows_of(records, terms), not _has_friction(terms)
         law, constants, misfit = _fitted(rows, np.zeros(2), _ROUNDS, friction=rubs)
         rng = np.random.default_rng(seed)
@@ -83,7 +152,7 @@ class BenchMuscle(Law):
 
     @classmethod
     def still(cls, others: Sequence[BenchRecord], record: BenchRecord) -> Array:
-        """(n,) N by the law alone."""
+        """Return (n,) N by the law alone."""
         return replace(cls.fit(others, refits=0), viscosity=None, hysteresis=None).predict(record)
 
     def constants(self) -> Mapping[str, Quantity]:
@@ -105,7 +174,7 @@ class BenchMuscle(Law):
         return force - motion_columns(rows.rate) @ damping
 
     def table(self) -> BenchTable:
-        """The law at even pressures and contractions, rest length among them, for a design."""
+        """Return the law at even pressures and contractions, rest length among them, for a design."""
         p = np.linspace(*self.law.pressure_limits, _PRESSURES)
         eps = np.linspace(*self.law.contraction_limits, _CONTRACTIONS)
         if eps[0] < 0 < eps[-1]:
@@ -132,7 +201,8 @@ def _has_friction(terms: Sequence[Term]) -> bool:
 def _fitted(
     rows: Rows, constants: Array, rounds: int, *, friction: bool = True
 ) -> tuple[MuscleLaw, Array | None, float]:
-    """The law, (viscosity, hysteresis) not below 0 where there is motion, and the misfit [N]; from given constants."""
+    """Return the law, (viscosity, hysteresis) not below 0 where there is motion, and the misfit [N]; from given
+    constants."""
     from scipy.optimize import nnls
 
     motion, force = motion_columns(rows.rate, friction=friction), rows.force + rows.friction
@@ -142,8 +212,7 @@ def _fitted(
         residual = law.tension(rows.pressure, rows.contraction) - force
         if moves:
             constants, _ = nnls(motion, residual)
-    error = residual - motion @ constants
-    return law, constants if moves else None, float(np.sqrt(np.mean(error**2)))
+    return law, constants if moves else None, rms(residual - motion @ constants)
 
 
 def _averaged(rows: Rows, force: Array) -> BenchTable:

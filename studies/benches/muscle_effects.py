@@ -20,7 +20,7 @@ from optimize.fit.descent import fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import BenchProblem
-from studies.benches.rows import Rows, motion_columns
+from studies.benches.muscle import Rows, motion_columns
 from studies.calibration.fitted_model import effect_term, quantities_of
 
 Array = NDArray[np.float64]
@@ -35,8 +35,8 @@ class FittedEffects:
 
 
 def bench_vector(free: Sequence[str], name: str) -> FitVector:
-    """The unknowns of `free` (as of `calibrate --free`) for the muscle type `name`. Raises InputError for an effect
-    that one muscle on a bench cannot show."""
+    """Return the unknowns of `free` (as of `calibrate --free`) for the muscle type `name`. Raises InputError for an
+    effect that one muscle on a bench cannot show."""
     vector = fit_vector(free, PARAMETERS, scope=MUSCLE_TYPES + name)
     for term in vector.terms:
         if EFFECTS[term.name].bench is None:
@@ -46,21 +46,18 @@ def bench_vector(free: Sequence[str], name: str) -> FitVector:
             )
     if any(parameter.is_factor for parameter in vector.parameters):
         raise InputError(f"--free {', '.join(free)}: a bench gives the law itself; expected effects, no factors")
-    return replace(vector, parameters=tuple(p for p in vector.parameters if not _of_another_bench(p.name)))
-
-
-def _of_another_bench(name: str) -> bool:
-    """Whether a parameter says what a law has from its bench: here law and effect come from the record itself."""
-    effect, _, key = name.partition(".")
-    return bool(EFFECTS[effect].parameters[key].tried)
+    # none that says what a law has from its bench: here law and effect come from the record itself
+    places = [(p, *p.name.partition(".")[::2]) for p in vector.parameters]
+    return replace(vector, parameters=tuple(p for p, of, key in places if not EFFECTS[of].parameters[key].tried))
 
 
 def fit_effects(
     rows_of: Callable[[tuple[Term, ...]], Rows],
     vector: FitVector,
-    told: Callable[[float], None] = lambda share: None,
+    tell: Callable[[float], None] = lambda share: None,
 ) -> FittedEffects:
-    """rows_of(terms): the records' rows with the effects in them. told: is given the share done."""
+    """Return the fitted effects. rows_of(terms): the records' rows with the effects in them. told: is given the share
+    done."""
     plain = rows_of(())
     spans, acting = _Spans.of(plain), {term.name for term in vector.terms}
 
@@ -68,7 +65,7 @@ def fit_effects(
         return spans.left(rows_of(vector.terms_at(vector.inside(x))), acting)
 
     problem = BenchProblem(left, np.zeros_like(plain.block), plain.block, vector)
-    fitted = fit(problem, progress=lambda _, share: told(share))
+    fitted = fit(problem, progress=lambda _, share: tell(share))
     deviation = np.sqrt(np.diag(fitted.covariance))
     terms = vector.terms_at(fitted.x)
     quantities = quantities_of(vector, fitted.x, deviation)
@@ -90,7 +87,8 @@ class _Spans:
         return _Spans(float(rows.pressure.max()) / _SPANS[0], start, (end - start) / _SPANS[1])
 
     def left(self, rows: Rows, acting: Collection[str]) -> Array:
-        """(n,) N that law and damping do not explain; no damping that one of the effects `acting` is by itself."""
+        """Return (n,) N that law and damping do not explain; no damping that one of the effects `acting` is by
+        itself."""
         p = design_matrix(rows.pressure / self.pressure, _SPANS[0] + 3)
         e = design_matrix((rows.contraction - self.start) / self.contraction, _SPANS[1] + 3)
         smooth = (p[:, :, None] * e[:, None, :]).reshape(len(p), -1)

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from fabdesign.errors import InputError
 from fabdesign.nouns.bench import Bench, BenchRecord, Specimen
 from fabdesign.nouns.muscle import WIDEST
+from fabdesign.units import in_mm
 from studies.benches.actuator import StaticCurve
 from studies.benches.cylinder import CylinderLaw
 from studies.benches.law import Law
@@ -17,6 +18,7 @@ LAWS: Mapping[Specimen, type[Law]] = {
     "cylinder": CylinderLaw,
     "actuator": StaticCurve,
 }
+LEAST_SHOWN = 0.001  # mm or N: what no gauge reads
 SIZES = ("outer_diameter", "mass_per_length", "axis_offset")  # m, kg/m, m: a muscle type has them, no bench shows them
 
 
@@ -48,6 +50,17 @@ def require_sizes(bench: Bench) -> None:
 def unit_of(bench: Bench) -> str:
     """Return the SI unit of what is predicted: N, of an actuator m."""
     return LAWS[bench.specimen].unit
+
+
+def for_people(unit: str) -> tuple[float, str]:
+    """Return the factor on values in an SI unit that people are shown, and the unit that they see: mm for m."""
+    return (in_mm(1.0), "mm") if unit == "m" else (1.0, unit)
+
+
+def shown(value: float, unit: str) -> str:
+    """Return a value in an SI unit, as people are shown it."""
+    factor, name = for_people(unit)
+    return f"{factor * value:.3g} {name}"
 
 
 def output_of(bench: Bench) -> str:

@@ -119,12 +119,6 @@ def of_strip(strain: Array, force: Array) -> Predict:
     return strip
 
 
-def straight_line(records: Sequence[BenchRecord], held_out: BenchRecord) -> Array:
-    """N, what a straight line through the records predicts: the law to beat."""
-    stretch, force = (np.concatenate([r.columns[c] for r in records]) for c in ("stretch", "force"))
-    return np.asarray(np.polyval(np.polyfit(stretch, force, 1), held_out.columns["stretch"]))
-
-
 def _fitted(records: Sequence[BenchRecord], recency: float) -> tuple[float, float, Array]:
     """First knot, knot distance and coefficients."""
     strain = np.concatenate([r.columns["stretch"] for r in records]) - 1

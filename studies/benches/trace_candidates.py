@@ -1,4 +1,4 @@
-"""What a bench's record would show of each effect, in one dimension: columns beside the quasi-static law."""
+"""Columns that a bench's record would show of each effect, in one dimension: columns beside the quasi-static law."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -11,11 +11,8 @@ from optimize.fit.misfit import Array
 from studies.benches.cylinder import friction_state
 from studies.benches.law import Law
 
-PATHS = {
-    "displacement": 1.0,
-    "contraction": -1.0,
-    "stretch": 1.0,
-}  # what a force goes back and forth over, and its sign
+# what a force goes back and forth over, and its sign
+PATHS = {"displacement": 1.0, "contraction": -1.0, "stretch": 1.0}
 PRESSURES = "pressure", "pressure_command", "pressure_amplitude"
 FAST = 0.02, 0.05, 0.1, 0.2, 0.4  # s
 SLOW = 0.7, 2.0, 6.0, 20.0  # s
@@ -23,8 +20,8 @@ SLOW = 0.7, 2.0, 6.0, 20.0  # s
 
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """Of one record: law (n,) what the quasi-static law says; path (rises as the specimen lengthens), pressure [kPa]
-    and time, where it has them; number: its place among the records."""
+    """The signals of one record: law (n,) what the quasi-static law says; path (rises as the specimen lengthens),
+    pressure [kPa] and time, where it has them; number: its place among the records."""
 
     law: Array
     path: Array | None
@@ -34,7 +31,7 @@ class Signals:
 
 
 @dataclass(frozen=True)
-class Shape:
+class ShapedEffect:
     """A candidate at one shape. columns(signals): {parameter: (n,)}; each coefficient is that parameter's value."""
 
     effect: str
@@ -45,35 +42,35 @@ class Shape:
 
 def signals_of(record: BenchRecord, law: Array, number: int) -> Signals:
     path = next((sign * record.columns[name] for name, sign in PATHS.items() if name in record.columns), None)
-    pressure = next((in_kpa(record.columns[name]) for name in PRESSURES if name in record.columns), None)
-    return Signals(law, path, pressure, record.columns.get("time"), number)
+    pressure = record.first(PRESSURES)
+    return Signals(law, path, None if pressure is None else in_kpa(pressure), record.columns.get("time"), number)
 
 
-def shapes_of(law: type[Law], signals: list[Signals]) -> list[Shape]:
-    """Those that make sense on a specimen and that its records can show."""
+def shapes_of(law: type[Law], signals: list[Signals]) -> list[ShapedEffect]:
+    """Return those that make sense on a specimen and that its records can show."""
     has = {name: all(getattr(s, name) is not None for s in signals) for name in ("path", "pressure", "time")}
-    shapes: list[Shape] = []
+    shapes: list[ShapedEffect] = []
     along, unit = law.slides_over, law.unit
     if along is not None and has["path"] and has["pressure"]:
         reach = float(np.median([np.ptp(s.path) for s in signals if s.path is not None]))
         slips = [share * reach for share in (0.005, 0.02, 0.06)]
         units = {"friction": f"{unit}/kPa", "friction_at_zero": unit, "slip": along}
-        shapes += [Shape("braid_hysteresis", {"slip": s}, units, _friction(s)) for s in slips]
+        shapes += [ShapedEffect("braid_hysteresis", {"slip": s}, units, _friction(s)) for s in slips]
     if has["time"]:
-        late = {"delay": "s"}
         if law.damped and has["path"]:
             rate = {"contracting": f"{unit} s", "lengthening": f"{unit} s"}
-            shapes.append(Shape("muscle_viscosity", {}, rate, _viscosity))
+            shapes.append(ShapedEffect("muscle_viscosity", {}, rate, _viscosity))
         if law.late:
-            shapes += [Shape("filling_lag", {"time": t}, {"share": "1", "time": "s"}, _slow(t)) for t in FAST]
-            shapes += [Shape("dead_time", {}, late, _delay)]
+            shapes += [ShapedEffect("filling_lag", {"time": t}, {"share": "1", "time": "s"}, _slow(t)) for t in FAST]
+            shapes.append(ShapedEffect("dead_time", {}, {"delay": "s"}, lambda s: {"delay": _delay(s)}))
         else:
-            shapes += [Shape("time_offset", {}, {"offset": "s"}, _offset)]
+            shapes.append(ShapedEffect("time_offset", {}, {"offset": "s"}, lambda s: {"offset": _delay(s)}))
         slow, sign = law.slow
-        shapes += [Shape(slow, {"time": t}, {"share": "1", "time": "s"}, _slow(t, sign)) for t in SLOW]
+        shapes += [ShapedEffect(slow, {"time": t}, {"share": "1", "time": "s"}, _slow(t, sign)) for t in SLOW]
     if len(signals) > 2:
         shapes += [
-            Shape("stroke_softening", {"trials": n}, {"loss": "1", "trials": "1"}, _softening(n)) for n in (1.0, 3.0)
+            ShapedEffect("stroke_softening", {"trials": n}, {"loss": "1", "trials": "1"}, _softening(n))
+            for n in (1.0, 3.0)
         ]
     return shapes
 
@@ -94,7 +91,8 @@ def _viscosity(s: Signals) -> Mapping[str, Array]:
 
 
 def _slow(time: float, sign: float = 1.0) -> Callable[[Signals], Mapping[str, Array]]:
-    """What a share of the law lacks that comes with a time constant; less than nothing: has beyond it, and loses."""
+    """Return what a share of the law lacks that comes with a time constant; less than nothing: has beyond it, and
+    loses."""
 
     def columns(s: Signals) -> Mapping[str, Array]:
         assert s.time is not None
@@ -108,13 +106,10 @@ def _slow(time: float, sign: float = 1.0) -> Callable[[Signals], Mapping[str, Ar
     return columns
 
 
-def _delay(s: Signals) -> Mapping[str, Array]:
+def _delay(s: Signals) -> Array:
+    """Return what the law changes by in a second."""
     assert s.time is not None
-    return {"delay": (np.interp(s.time - 0.05, s.time, s.law) - s.law) / 0.05}
-
-
-def _offset(s: Signals) -> Mapping[str, Array]:
-    return {"offset": _delay(s)["delay"]}
+    return np.asarray((np.interp(s.time - 0.05, s.time, s.law) - s.law) / 0.05)
 
 
 def _softening(trials: float) -> Callable[[Signals], Mapping[str, Array]]:

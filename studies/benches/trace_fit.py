@@ -1,4 +1,5 @@
-"""What the residuals of a bench need: one joint fit of every effect, then those dropped again that they do not need.
+"""The effects that the residuals of a bench need: one joint fit of every effect, then those dropped again that they do
+not need.
 
 As on a set (`selection.py`), but for the forward: the law of the specimen and, beside it, a column for each strength.
 """
@@ -15,7 +16,8 @@ from optimize.fit.misfit import Array, Indices
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.problem import BenchProblem
 from optimize.fit.significance import NEEDED, conditioned, eliminated
-from studies.benches.trace_candidates import Shape
+from studies.benches.law import rms
+from studies.benches.trace_candidates import ShapedEffect
 from studies.calibration.fitted_model import QUANTILE
 from studies.tracing.judged import Judged
 from studies.tracing.rules import ON_BENCHES, Refits, Selection, follow
@@ -32,7 +34,7 @@ class BenchTask(Refits):
     law. tables: of each shape {parameter: (N,)}, by which a unit of it changes the residual. As rules ask it
     (`rules.Refits`): a fit with fewer effects is one with their shapes searched anew."""
 
-    shapes: Sequence[Shape]
+    shapes: Sequence[ShapedEffect]
     tables: Sequence[Mapping[str, Array]]
     residual: Array
     record: Indices
@@ -60,28 +62,28 @@ class BenchTask(Refits):
         return [keys.index((term.name, term.values)) for term in fit.vector.terms]
 
     def fit(self, places: Sequence[int] = (), *, any_sign: bool = False) -> Judged:
-        """The effects at these shapes, together, from off. Residuals are linear in these, so the second step is the
-        last. any_sign: without bounds."""
+        """Return the effects at these shapes, together, from off. Residuals are linear in these, so the second step is
+        the last. any_sign: without bounds."""
         strengths = [(self.shapes[k], key, column) for k in places for key, column in self.tables[k].items()]
         columns = np.reshape([column for *_, column in strengths], (-1, len(self.record))).T
         parameters = tuple(self._strength(*strength, any_sign) for strength in strengths)
         vector = FitVector(parameters, (), tuple(Term(self.shapes[k].effect, self.shapes[k].values) for k in places))
         problem = BenchProblem(lambda x: self.residual + columns @ x, self.record, self.record, vector)
-        x, before = vector.start, float(np.sqrt(np.mean(self.residual**2)))
+        x, before = vector.start, rms(self.residual)
         for _ in range(2):
             state = problem.with_jacobian(problem.evaluate([x])[0], columns)
             fitted = concluded(problem, state, None, before, 1, "converged")
             x = fitted.minimum
         return self.judged(fitted)
 
-    def _strength(self, shape: Shape, key: str, column: Array, any_sign: bool) -> FitParameter:
+    def _strength(self, shape: ShapedEffect, key: str, column: Array, any_sign: bool) -> FitParameter:
         size = np.sqrt(np.mean(self.residual**2) / max(float(np.mean(column**2)), 1e-30))
         bounds = -np.inf if any_sign else lowest(f"{shape.effect}.{key}"), np.inf
         return FitParameter(f"{shape.effect}.{key}", _WIDE * float(size), 0.0, "linear", shape.units[key], bounds)
 
     def deviation(self, joint: Fit, *, any_sign: bool = False) -> Array:
-        """(p,) of the unknowns, by their covariance and by how far leaving out each record moves them (jackknife): its
-        rows share the law's error."""
+        """Return (p,) of the unknowns, by their covariance and by how far leaving out each record moves them
+        (jackknife): its rows share the law's error."""
         records = np.unique(self.record)
         places = self.places(joint)
         alone = np.array([self._without(k).fit(places, any_sign=any_sign).fit.x for k in records])
@@ -93,14 +95,14 @@ class BenchTask(Refits):
         return replace(self, tables=tables, residual=self.residual[kept], record=self.record[kept])
 
     def shaped(self, effects: Sequence[str], beside: Sequence[int] = (), *, any_sign: bool = False) -> Judged:
-        """Each effect at the shape that leaves least of records left out, the others being at theirs; beside: shapes
-        that stay."""
-        own = {effect: [k for k, shape in enumerate(self.shapes) if shape.effect == effect] for effect in effects}
-        chosen = {effect: places[0] for effect, places in own.items()}
+        """Return each effect at the shape that leaves least of records left out, the others being at theirs; beside:
+        shapes that stay."""
+        places_of = {effect: [k for k, shape in enumerate(self.shapes) if shape.effect == effect] for effect in effects}
+        chosen = {effect: places[0] for effect, places in places_of.items()}
         best = self.fit([*beside, *chosen.values()], any_sign=any_sign)
         for _ in range(_ROUNDS):
             before = dict(chosen)
-            for effect, places in own.items():
+            for effect, places in places_of.items():
                 for place in places if len(places) > 1 else ():
                     tried = self.fit([*beside, *(chosen | {effect: place}).values()], any_sign=any_sign)
                     if tried.scored.squares.sum() < best.scored.squares.sum():
@@ -111,15 +113,15 @@ class BenchTask(Refits):
 
 
 def lowest(name: str) -> float:
-    """Of a strength, EFFECT.PARAMETER: nothing, unless it may have either sign."""
+    """Return the least of a strength, EFFECT.PARAMETER: nothing, unless it may have either sign."""
     effect, _, key = name.partition(".")
     declared = EFFECTS[effect].parameters.get(key)
     return -np.inf if declared is not None and declared.bounds[0] < 0 else 0.0
 
 
 def select(task: BenchTask) -> Judged:
-    """Every effect at once, then by the rules: to first order what the data do not need, then what records left out
-    gain too little by, with shapes and strengths fitted anew."""
+    """Return a selection of every effect at once, then by the rules: to first order what the data do not need, then
+    what records left out gain too little by, with shapes and strengths fitted anew."""
     none = task.fit()
     if none.excess <= task.tolerance:
         return none
@@ -146,7 +148,7 @@ class BenchCandidate:
 
 
 def candidates_of(task: BenchTask) -> tuple[BenchCandidate, ...]:
-    """Every effect, the one that leaves least first."""
+    """Return every effect, the one that leaves least first."""
     rows = []
     before = task.fit().excess
     for effect in task.effects:
@@ -158,7 +160,7 @@ def candidates_of(task: BenchTask) -> tuple[BenchCandidate, ...]:
 
 
 def _wrong_sign(task: BenchTask, alone: Judged) -> bool:
-    """Whether a strength is less than it can be for certain."""
+    """Return whether a strength is less than it can be for certain."""
     most = alone.fit.x + QUANTILE * task.deviation(alone.fit, any_sign=True)
     return any(m < lowest(name) for m, name in zip(most.tolist(), alone.fit.vector.names, strict=True))
 

@@ -1,8 +1,8 @@
 """Tracing on a bench: a quasi-static law, and what its left-out records show beside it."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -21,12 +21,12 @@ from optimize.fit.clouds import evenly
 from optimize.fit.cross_validation import Scored
 from optimize.fit.descent import Progress, parts
 from optimize.fit.misfit import Array, Indices
+from studies.benches.law import rms
 from studies.benches.noise import noise_of
 from studies.benches.records import LAWS, output_of, require_columns, unit_of
-from studies.benches.trace_candidates import Shape, Signals, shapes_of, signals_of
+from studies.benches.trace_candidates import ShapedEffect, Signals, shapes_of, signals_of
 from studies.benches.trace_fit import BenchTask, alike, candidates_of, select
-from studies.benches.trace_outcome import BenchOutcome, Curve
-from studies.benches.trace_report import render_bench
+from studies.benches.trace_report import BenchOutcome, Curve, render_bench
 from studies.calibration.fitted_model import quantities_of
 from studies.tracing.black_box import WIDTHS, kernel_of, left_out, standardised
 from studies.tracing.judged import Judged
@@ -61,32 +61,26 @@ def trace_bench(
 
 
 def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, share: None) -> BenchOutcome:
-    """The trace itself; `tolerance` is a share of the largest output."""
-    records = [r for r in bench.records if r.role == "fit"]
+    """Return the trace itself; `tolerance` is a share of the largest output."""
+    records = bench.of_role("fit")
     if len(records) < LEAST_RECORDS:
         raise InputError(f"{bench.file}: {len(records)} records of role fit; expected at least {LEAST_RECORDS}")
     require_columns(bench, bench.records)
-    output = output_of(bench)
     first, second, third = parts(progress, *_ENDS)
     line = f"{len(records)} records, each predicted from the others by the quasi-static law"
-    laws = laws_of(bench, records, told=partial(first, line))
-    signals = [signals_of(r, predicted, k) for k, (r, predicted) in enumerate(zip(records, laws, strict=True))]
-    rows = [evenly(len(r.columns[output]), _ROWS) for r in records]
-    measured = [r.columns[output] for r in records]
-    residual = np.concatenate([(p - m)[k] for p, m, k in zip(laws, measured, rows, strict=True)])
-    record = np.repeat(np.arange(len(records)), [len(k) for k in rows])
-    limit = tolerance * max(float(np.abs(m).max()) for m in measured)
+    sampled = _Sampled.of(bench, records, laws_of(bench, records, tell=partial(first, line)))
+    residual = sampled.residual(sampled.laws)
+    limit = tolerance * max(float(np.abs(r.columns[output_of(bench)]).max()) for r in records)
     noise = noise_of(bench)
     floor = noise.sigma
-    shapes = shapes_of(LAWS[bench.specimen], signals)
-    tables = [_table(shape, signals, rows) for shape in shapes]
-    task = BenchTask(shapes, tables, residual, record, floor, limit)
+    shapes = shapes_of(LAWS[bench.specimen], sampled.signals)
+    task = BenchTask(shapes, [sampled.table(shape) for shape in shapes], residual, sampled.record, floor, limit)
     second(f"{len(task.effects)} effects together on {len(records)} records", 0.0)
     none, chosen = task.fit(), select(task)
-    refitted = _with_law(bench, records, task, chosen, signals, rows, told=partial(third, "law and effects in turn"))
+    refitted = _with_law(sampled, task, chosen, partial(third, "law and effects in turn"))
     left = refitted.fit.state.misfit.residual
-    box = _baseline(signals, rows, record, residual)
-    beside = _baseline(signals, rows, record, left) if chosen.parts else box
+    box = sampled.baseline(residual)
+    beside = sampled.baseline(left) if chosen.parts else box
     evidence = Evidence(
         none.excess, refitted.excess, len(chosen.fit.vector.labels), box.excess(floor),
         beside.excess(floor),
@@ -100,12 +94,12 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
         tolerance=limit,
         noise=noise,
         candidates=candidates_of(task),
-        found=_effects(task, refitted),
+        effects=_effects(task, refitted),
         gains={label: gain for label, (gain, _) in chosen.gains.items()},
         indistinguishable=alike(task, chosen),
-        fit=(_rms(residual), _rms(left)),
-        test=_tested(bench, output, [shapes[k] for k in task.places(chosen.fit)], refitted.fit.x),
-        curves=_curves(records, bench, rows, measured, residual, left, record),
+        fit=(rms(residual), rms(left)),
+        test=_tested(bench, [shapes[k] for k in task.places(chosen.fit)], refitted.fit.x),
+        curves=sampled.curves(residual, left),
     )
 
 
@@ -114,10 +108,10 @@ def laws_of(
     records: Sequence[BenchRecord],
     added: Sequence[Array] | None = None,
     *,
-    told: Callable[[float], None] = lambda share: None,
+    tell: Callable[[float], None] = lambda share: None,
 ) -> list[Array]:
     """Return what the law says of each record, fitted to the others. added: what effects add to each, taken off
-    before the fit. told: is given the share done."""
+    before the fit. tell: is given the share done."""
     output = output_of(bench)
     if added is not None:
         records = [
@@ -126,63 +120,107 @@ def laws_of(
         ]
     laws = []
     for k, record in enumerate(records):
-        told(k / len(records))
+        tell(k / len(records))
         laws.append(LAWS[bench.specimen].still([*records[:k], *records[k + 1 :]], record))
     return laws
 
 
-def _with_law(
-    bench: Bench,
-    records: Sequence[BenchRecord],
-    task: BenchTask,
-    chosen: Judged,
-    signals: Sequence[Signals],
-    rows: Sequence[Indices],
-    *,
-    told: Callable[[float], None],
-) -> Judged:
+@dataclass(frozen=True, eq=False)
+class _Sampled:
+    """Records, some rows of each, and what a law that was fitted to others says of them."""
+
+    bench: Bench
+    records: Sequence[BenchRecord]
+    laws: Sequence[Array]
+    signals: list[Signals]
+    rows: Sequence[Indices]
+
+    @staticmethod
+    def of(
+        bench: Bench, records: Sequence[BenchRecord], laws: Sequence[Array], *, first: int = 0, most: int = _ROWS
+    ) -> "_Sampled":
+        """Return at most so many rows of each record. first: the first one's place among the bench's records."""
+        signals = [signals_of(r, law, first + k) for k, (r, law) in enumerate(zip(records, laws, strict=True))]
+        return _Sampled(bench, records, laws, signals, [evenly(len(law), most) for law in laws])
+
+    @cached_property
+    def record(self) -> Indices:
+        """(N,) of which record each row is."""
+        return np.repeat(np.arange(len(self.rows)), [len(k) for k in self.rows])
+
+    def residual(self, laws: Sequence[Array]) -> Array:
+        """Return (N,) law less measured."""
+        measured = (r.columns[output_of(self.bench)] for r in self.records)
+        return np.concatenate([(law - m)[k] for law, m, k in zip(laws, measured, self.rows, strict=True)])
+
+    def table(self, shape: ShapedEffect) -> dict[str, Array]:
+        """Return (N,) of each of the shape's parameters."""
+        parts = [shape.columns(s) for s in self.signals]
+        return {name: np.concatenate([p[name][k] for p, k in zip(parts, self.rows, strict=True)]) for name in parts[0]}
+
+    def baseline(self, residual: Array) -> Scored:
+        """Return what a kernel regression leaves of records that it was not trained on."""
+        parts, kept, first = [], [], 0
+        for s, k in zip(self.signals, self.rows, strict=True):
+            columns = [s.law, np.gradient(s.law)]
+            columns += [c for c in (s.path, s.pressure, s.time) if c is not None]
+            if s.path is not None:
+                columns += [np.sign(np.gradient(s.path)), np.gradient(s.path)]
+            parts.append(np.column_stack(columns)[k])
+            kept.append(first + evenly(len(k), _BOX_ROWS))
+            first += len(k)
+        some = np.concatenate(kept)
+        features, record = standardised(np.concatenate(parts))[some], self.record[some]
+        kernels, wanted = [kernel_of(features, width) for width in WIDTHS], residual[some][:, None]
+        squares = np.zeros(len(self.rows))
+        for out in range(len(squares)):
+            left = wanted[record == out] - left_out(kernels, wanted, [np.array([True])], record, out)
+            squares[out] = float(np.mean(left**2)) * np.sum(self.record == out)
+        return Scored(squares, np.bincount(self.record).astype(np.float64))
+
+    def curves(self, before: Array, after: Array) -> tuple[Curve, ...]:
+        """Return of each record what was measured, and with what is left before and after."""
+        curves: list[Curve] = []
+        for k, (record, rows) in enumerate(zip(self.records, self.rows, strict=True)):
+            along = record.first(("time", *self.bench.input))
+            place = np.arange(len(rows), dtype=float) if along is None else along[rows]
+            y = record.columns[output_of(self.bench)][rows]
+            curves.append((record.name, place, y, y + before[self.record == k], y + after[self.record == k]))
+        return tuple(curves)
+
+
+def _with_law(sampled: _Sampled, task: BenchTask, chosen: Judged, tell: Callable[[float], None]) -> Judged:
     """Return the effects chosen and the law fitted in turn: a law that was fitted alone has taken a part of them. An
     actuator's law is the level held, which has none."""
-    refitted, output = chosen, output_of(bench)
+    bench, refitted = sampled.bench, chosen
     if bench.specimen == "actuator":
         return chosen
     places = task.places(chosen.fit)
-    columns = [[c for place in places for c in task.shapes[place].columns(s).values()] for s in signals]
+    columns = [[c for place in places for c in task.shapes[place].columns(s).values()] for s in sampled.signals]
+
+    def in_turn(turn: int, share: float) -> None:
+        tell((turn + share) / _TURNS)
+
     for turn in range(_TURNS if places else 0):
-        added = [sum((x * c for x, c in zip(refitted.fit.x, own, strict=True)), np.zeros(1)) for own in columns]
-        laws = laws_of(bench, records, added, told=partial(_turned, told, turn))
-        residual = [(p - r.columns[output])[k] for p, r, k in zip(laws, records, rows, strict=True)]
-        last, refitted = refitted, replace(task, residual=np.concatenate(residual)).fit(places)
+        added = [sum((x * c for x, c in zip(refitted.fit.x, each, strict=True)), np.zeros(1)) for each in columns]
+        laws = laws_of(bench, sampled.records, added, tell=partial(in_turn, turn))
+        last, refitted = refitted, replace(task, residual=sampled.residual(laws)).fit(places)
         if refitted.scored.rms() > (1 - _SETTLED) * last.scored.rms():
             break
     return refitted
 
 
-def _turned(told: Callable[[float], None], turn: int, share: float) -> None:
-    told((turn + share) / _TURNS)
-
-
-def _tested(bench: Bench, output: str, shapes: Sequence[Shape], coefficients: Array) -> tuple[float, float] | None:
-    """RMS on the records of role test, by the law of those of role fit: before, and with the shapes added."""
-    records, tests = ([r for r in bench.records if r.role == role] for role in ("fit", "test"))
+def _tested(bench: Bench, shapes: Sequence[ShapedEffect], coefficients: Array) -> tuple[float, float] | None:
+    """Return the RMS on the records of role test, by the law of those of role fit: before, and with the shapes
+    added."""
+    records, tests = bench.of_role("fit"), bench.of_role("test")
     if not tests:
         return None
     laws = [LAWS[bench.specimen].still(records, record) for record in tests]
-    signals = [signals_of(r, way, len(records) + k) for k, (r, way) in enumerate(zip(tests, laws, strict=True))]
-    residual = np.concatenate([way - r.columns[output] for r, way in zip(tests, laws, strict=True)])
-    every = [np.arange(len(way)) for way in laws]
-    columns = [column for shape in shapes for column in _table(shape, signals, every).values()]
-    return _rms(residual), _rms(residual + sum(c * x for c, x in zip(coefficients, columns, strict=True)))
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
-def _table(shape: Shape, signals: Sequence[Signals], rows: Sequence[Indices]) -> dict[str, Array]:
-    """(n,) of each of the shape's parameters."""
-    parts = [shape.columns(s) for s in signals]
-    return {name: np.concatenate([part[name][k] for part, k in zip(parts, rows, strict=True)]) for name in parts[0]}
+    sampled = _Sampled.of(bench, tests, laws, first=len(records), most=max(map(len, laws)))
+    residual = sampled.residual(laws)
+    columns = [column for shape in shapes for column in sampled.table(shape).values()]
+    return rms(residual), rms(residual + sum(c * x for c, x in zip(coefficients, columns, strict=True)))
 
 
 def _effects(task: BenchTask, chosen: Judged) -> tuple[EffectTerm, ...]:
@@ -190,60 +228,20 @@ def _effects(task: BenchTask, chosen: Judged) -> tuple[EffectTerm, ...]:
     strengths = quantities_of(vector, chosen.fit.x, task.deviation(chosen.fit))
     terms = []
     for label, shape in zip(vector.labels, (task.shapes[k] for k in task.places(chosen.fit)), strict=True):
-        own = {name.partition(".")[2]: q for name, q in strengths.items() if name.startswith(f"{label}.")}
+        strength = {name.partition(".")[2]: q for name, q in strengths.items() if name.startswith(f"{label}.")}
         fixed = {name: Quantity(float(v), shape.units[name]) for name, v in shape.values.items()}
-        terms.append(EffectTerm(label, own | fixed))
+        terms.append(EffectTerm(label, strength | fixed))
     return tuple(terms)
 
 
-def _baseline(signals: Sequence[Signals], rows: Sequence[Indices], trial: Indices, residual: Array) -> Scored:
-    """What a kernel regression leaves of records that it was not trained on."""
-    parts, kept, first = [], [], 0
-    for s, k in zip(signals, rows, strict=True):
-        columns = [s.law, np.gradient(s.law)]
-        columns += [c for c in (s.path, s.pressure, s.time) if c is not None]
-        if s.path is not None:
-            columns += [np.sign(np.gradient(s.path)), np.gradient(s.path)]
-        parts.append(np.column_stack(columns)[k])
-        kept.append(first + evenly(len(k), _BOX_ROWS))
-        first += len(k)
-    some = np.concatenate(kept)
-    features, record = standardised(np.concatenate(parts))[some], trial[some]
-    kernels, wanted = [kernel_of(features, width) for width in WIDTHS], residual[some][:, None]
-    squares = np.zeros(int(trial.max()) + 1)
-    for out in range(len(squares)):
-        left = wanted[record == out] - left_out(kernels, wanted, [np.array([True])], record, out)
-        squares[out] = float(np.mean(left**2)) * np.sum(trial == out)
-    return Scored(squares, np.bincount(trial).astype(np.float64))
-
-
-def _curves(
-    records: Sequence[BenchRecord],
-    bench: Bench,
-    rows: Sequence[Indices],
-    measured: Sequence[Array],
-    residual: Array,
-    after: Array,
-    trial: Indices,
-) -> tuple[Curve, ...]:
-    curves: list[Curve] = []
-    for k, record in enumerate(records):
-        own = trial == k
-        name = next((n for n in ("time", *bench.input) if n in record.columns), None)
-        place = record.columns[name][rows[k]] if name else np.arange(own.sum(), dtype=float)
-        y = measured[k][rows[k]]
-        curves.append((record.name, place, y, y + residual[own], y + after[own]))
-    return tuple(curves)
-
-
 def _model(outcome: BenchOutcome) -> Model:
-    """With those of the effects that the simulator has, where its parameters mean the same."""
+    """Return the model with those of the effects that the simulator has, where its parameters mean the same."""
     bench = outcome.bench
     return Model(
-        effects=tuple(e for e in outcome.found if _simulated(e)) if outcome.verdict == "effect" else (),
+        effects=tuple(e for e in outcome.effects if _simulated(e)) if outcome.verdict == "effect" else (),
         provenance=Provenance(
             sets=(bench.name,),
-            fitted=tuple(f"{bench.name}/{r.name}" for r in bench.records if r.role == "fit"),
+            fitted=tuple(f"{bench.name}/{r.name}" for r in bench.of_role("fit")),
             versions={"fabdesign": __version__},
             hashes={f"{bench.name}/bench.toml": sha256(bench.file)},
         ),

@@ -1,4 +1,4 @@
-"""What `calibrate BENCH` writes: a muscle type or a cloth that a design can include, or a law alone."""
+"""The files that `calibrate BENCH` writes: a muscle type or a cloth that a design can include, or a law alone."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -64,8 +64,8 @@ def write_bench_type(calibration: BenchCalibration, output: Path) -> list[Path]:
             entry["viscosity"] = law.viscosity
         entry["bench"] = table.name
         document["muscle_types"] = {bench.name: entry}
-        if own := [effect for effect in calibration.effects if travels(effect)]:
-            document["effects"] = [plain(effect) for effect in own]
+        if travelling := [effect for effect in calibration.effects if travels(effect)]:
+            document["effects"] = [plain(effect) for effect in travelling]
         write_bench_table(law.table(), table)
         write_text(output, tomlkit.dumps(document))
         return [output, table]

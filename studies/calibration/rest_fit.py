@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.nouns.jacobian import Jacobians
+from fabdesign.nouns.column import Jacobians
 from fabdesign.nouns.trial import Trial
 from optimize.fit.at_rest import RestProblem, Standing, acting_at_rest
 from optimize.fit.clouds import evenly

@@ -11,7 +11,7 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.muscle import WIDEST, BenchTable, MuscleType, diameter_slip
 from fabdesign.units import in_kpa, in_mm
-from optimize.search.path_geometry import bend_radius, clearance
+from optimize.search.margins import bend_radius, clearance
 from studies.check.findings import Findings
 from studies.check.ranges import BLOCKED, FABRIC, FREE_CONTRACTION, GRAVITY, MUSCLE_TYPE, beyond
 

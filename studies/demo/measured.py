@@ -25,8 +25,8 @@ from fabdesign.units import in_mm
 from studies.layouts.report import ERRORS, error_cells
 from studies.measured.fit_data import noise_of
 from studies.measured.sensitive_stretches import GRID, find_used_frames
-from studies.prediction.branches import CURLS, TILTS, Branches, branches_of
 from studies.prediction.forward_model import forward_model
+from studies.prediction.stability import CURLS, TILTS, Branches, branches_of
 from studies.report import page
 
 SET = "demo_set"

@@ -17,7 +17,7 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from fabdesign.drawings.layout_drawing import HALF, HIGH, LOW
 from fabdesign.formats.json_file import read_json, write_json
 from fabdesign.geometry.metrics import MANY_BEYOND, told_beyond
-from fabdesign.geometry.mid_surface import mid_surface
+from fabdesign.geometry.shape import Shape
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.output import whole_file, work_folder, write_text
@@ -201,7 +201,7 @@ def save_picture(results: Sequence[tuple[str, StudyResult]], path: Path) -> None
 
 def _draw_scene(axes: Axes, title: str, result: StudyResult) -> None:
     points, target = result.points[0], result.targets[0].points
-    draw_shape(axes, mid_surface(points), target[:: max(1, len(target) // SHOWN)], box_of([points, target]))
+    draw_shape(axes, Shape.of(points).middle, target[:: max(1, len(target) // SHOWN)], box_of([points, target]))
     errors = result.errors
     axes.set_title(
         f"{title}\nChamfer {in_mm(errors.chamfer):.2f} mm, floor {in_mm(errors.chamfer_floor):.2f}", fontsize=11

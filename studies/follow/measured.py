@@ -12,8 +12,7 @@ from scipy.ndimage import gaussian_filter
 from fabdesign.errors import InputError
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.trial_file import TrialData, read_trial
-from fabdesign.geometry.mid_surface import normals
-from fabdesign.geometry.sheet import Face
+from fabdesign.geometry.shape import Face, normals
 from fabdesign.geometry.surface import Surface
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import require_pressures

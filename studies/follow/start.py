@@ -7,7 +7,7 @@ from math import isqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.geometry.mid_surface import mid_surface
+from fabdesign.geometry.shape import Shape
 from fabdesign.nouns.column import pressure
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.predictor import Predictor
@@ -43,7 +43,7 @@ def quasi_static(predictor: Predictor, case: Case, wanted: Wanted, regulator: Re
                 pressures[k] = (pressures[k] + nearest[k]) / 2
                 continue
             costs[k], nearest[k] = distances.cost, pressures[k]
-            slopes = np.nan_to_num(UNIT * moved_distances(distances, mid_surface(shape.changes)))
+            slopes = np.nan_to_num(UNIT * moved_distances(distances, Shape.of(shape.changes).middle))
             hessian = slopes.T @ (distances.robust[:, None] * slopes) + STIFF * np.eye(len(columns))
             change = np.linalg.solve(hessian, slopes.T @ (distances.robust * distances.off))
             moved = pressures[k] - UNIT * np.clip(change, -FARTHEST, FARTHEST)

@@ -10,9 +10,9 @@ from fabdesign.errors import InputError
 from fabdesign.files.motion_file import read_motion
 from fabdesign.files.trial_file import read_trial
 from fabdesign.formats.npz_file import open_npz
+from fabdesign.geometry.hung_cloth import require_on_cloth
 from fabdesign.geometry.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
 from fabdesign.geometry.surface import Surface
-from fabdesign.geometry.trial_place import require_on_cloth
 from fabdesign.nouns.design import Design
 from fabdesign.runtime.effort import LONGEST
 from fabdesign.study_files.follow_file import FollowStudy, Moment, MovingTarget

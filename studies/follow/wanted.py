@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.metrics import landmark_errors, surface_rms
-from fabdesign.geometry.mid_surface import at_places, bilinear, mid_surface
+from fabdesign.geometry.shape import Shape, at_places, bilinear
 from fabdesign.geometry.surface import Surface
 from optimize.fit.clouds import Match, Nodes, nodes_of
 from studies.layout_search.target import LoadedTarget
@@ -118,7 +118,7 @@ def _of_wishes(target: LoadedTarget, shape: Floats, side: int) -> Distances:
     assert landmarks is not None
     node, shares = bilinear((side - 1) * landmarks.shares, side, side)
     place, axis = np.nonzero(landmarks.given)
-    off = (at_places(mid_surface(shape), landmarks.shares) - landmarks.goals)[place, axis]
+    off = (at_places(Shape.of(shape).middle, landmarks.shares) - landmarks.goals)[place, axis]
     weighted = shares[place][:, :, None] * np.eye(3)[axis][:, None]
     weight = EACH * target.weight * landmarks.weights[place] / WISHED**2
     return Distances(off, Nodes(node[place], weighted), weight, WISHED)

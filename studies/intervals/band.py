@@ -1,20 +1,24 @@
-"""The band of a predicted motion, half-widths of its 90 % intervals by frame and region, and of shapes at rest."""
+"""The band of a predicted motion, half-widths of its 90 % intervals by frame and region, and of shapes at rest; and a
+model's intervals against measured trials."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from corrector.shape import LocalFrames, middle_of
+from corrector.shape import LocalFrames
+from fabdesign.geometry.shape import Shape
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.forward import SIDE, Case, ForwardModel
 from fabdesign.nouns.model import Spread
+from fabdesign.nouns.model_sampling import TWO_SIDED, half_widths, spread_of
 from fabdesign.nouns.predictor import Predictor
-from fabdesign.nouns.spread import TWO_SIDED, half_widths, spread_of
+from fabdesign.nouns.trial import Trial
 from fabdesign.units import in_mm
-from studies.intervals.draws import Motion, drawn_motions, rests
-from studies.intervals.regions import REGIONS, region_terms
+from studies.intervals.draws import REGIONS, Motion, drawn_motions, looked_at, region_terms, residuals_of, rests
+from studies.intervals.widths import IntervalScore
 
 Array = NDArray[np.float64]
 
@@ -53,7 +57,7 @@ def shapes_with_error(
     mean = drawn.mean(axis=0)
     _, moved = region_terms(rest, predicted[None], [], fabric)
     sigma = over_nodes(half_widths(replace(spread, covariance=0.0), moved, moved)[0], SIDE) / TWO_SIDED
-    normal = LocalFrames.of(middle_of(predicted, SIDE), fabric.width, fabric.height, SIDE).normal
+    normal = LocalFrames.of(Shape(predicted).middle, fabric.width, fabric.height, SIDE).normal
     error = np.tile((sigma[..., None] * normal).reshape(-1, 3), (2, 1))
     return np.asarray(mean + factor * (drawn - mean) + rng.standard_normal((len(drawn), 1, 1)) * error)
 
@@ -74,3 +78,37 @@ def width_in_words(widths: Sequence[Array]) -> str:
     return (
         f"90 % intervals along the cloth's normal: mean width {in_mm(mean_width(widths)):.2f} mm (band90 of each file)"
     )
+
+
+# of a trial's clouds and the frames that are used
+IntervalJudge = Callable[[Sequence[NDArray[np.float64]], NDArray[np.intp]], IntervalScore | None]
+
+
+def interval_judges(
+    trials: Sequence[Trial], predictor: Predictor, coarse: ForwardModel, motions: Sequence[Motion]
+) -> list[IntervalJudge]:
+    """Return of each trial what judges the model's intervals at every sixth frame; None of a model without. motions:
+    `predictor`'s own, at the trials' times; coarse: moves the drawn models."""
+    spread = spread_of(predictor.model)
+    if spread is None:
+        return [lambda clouds, used: None for _ in trials]
+    cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
+    frames = [looked_at(trial) for trial in trials]
+    times = [trial.times[looked] for trial, looked in zip(trials, frames, strict=True)]
+    others = drawn_motions(predictor, coarse, cases, times) if spread.covariance else [[]] * len(trials)
+
+    def judge(
+        trial: Trial, frames: NDArray[np.intp], rest: Motion, motion: Motion, others: Sequence[Motion],
+        clouds: Sequence[Array], used: NDArray[np.intp],
+    ) -> IntervalScore | None:  # fmt: skip
+        seen = np.isin(frames, used)
+        kept = frames[seen]
+        taken, drawn = [clouds[k] for k in kept.tolist()], [other[seen] for other in others]
+        residuals = residuals_of(trial, taken, rest, motion[kept], drawn)
+        if not len(residuals.residual):
+            return None
+        widths = half_widths(spread, residuals.deviation, residuals.moved, residuals.design)
+        return IntervalScore.of(residuals.residual, widths / TWO_SIDED)
+
+    rows = zip(trials, frames, rests(predictor, cases), motions, others, strict=True)
+    return [partial(judge, *row) for row in rows]

@@ -8,7 +8,7 @@ import numpy as np
 
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.model import Model, Spread
-from fabdesign.nouns.spread import TWO_SIDED, spread_hash
+from fabdesign.nouns.model_sampling import TWO_SIDED, spread_hash
 from fabdesign.nouns.trial import Trial
 from fabdesign.units import in_mm
 from optimize.fit.clouds import evenly

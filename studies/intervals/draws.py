@@ -1,4 +1,8 @@
-"""Motions and shapes of models drawn from a model's joint covariance, and what they leave of measured trials."""
+"""Motions and shapes of models drawn from a model's joint covariance, and what they leave of measured trials.
+
+Regions that intervals are said of: the mean height of the cloth over the predicted one in each of nine regions,
+along the normal of the predicted mid-surface.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -6,16 +10,65 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.nouns.forward import Case, ForwardModel
+from corrector.regression import offsets
+from corrector.shape import FINE, LocalFrames
+from fabdesign.geometry.shape import Shape
+from fabdesign.nouns.fabric import Fabric
+from fabdesign.nouns.forward import SIDE, Case, ForwardModel
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.model_sampling import Ensemble
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import Trial
 from fabdesign.runtime.effort import batches
-from studies.intervals.regions import region_residuals, region_terms
 from studies.intervals.widths import RegionResiduals
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.floating]
+REGIONS = 3  # a side
+
+
+def region_terms(rest: Floats, predicted: Floats, drawn: Sequence[Floats], fabric: Fabric) -> tuple[Array, Array]:
+    """Return (T, REGIONS, REGIONS) m each: the standard deviation over the drawn models' motions, 0 without two of
+    them, and how far a region has moved since rest. rest: (2 n^2, 3) m; predicted and drawn: (T, 2 n^2, 3) m."""
+    middle = Shape(predicted).middle
+    nodes = _nodes(middle)
+    per_region = by_region(np.ones((1, *nodes.shape[1:3])))[0]
+    moved = by_region(np.linalg.norm(nodes - _nodes(Shape(rest).middle[None]), axis=-1)) / per_region
+    sound = [other for other in drawn if np.isfinite(other).all()]
+    if len(sound) < 2:
+        return np.zeros_like(moved), np.asarray(moved)
+    normal = normals(predicted, fabric)
+    along = [np.einsum("tabi,tabi->tab", _nodes(Shape(other).middle) - nodes, normal) for other in sound]
+    return np.array([by_region(one) for one in np.array(along)]).std(axis=0, ddof=1) / per_region, np.asarray(moved)
+
+
+def region_residuals(predicted: Floats, clouds: Sequence[Array], fabric: Fabric) -> Array:
+    """Return (T, REGIONS, REGIONS) m from the predicted cloth to the measured one; NaN where no point was measured."""
+    middle = Shape(predicted).middle
+    pairs = [offsets(one, cloud, fabric.thickness) for one, cloud in zip(middle, clouds, strict=True)]
+    heights, counts = (np.array([pair[k] for pair in pairs], dtype=float) for k in (0, 1))
+    weight = by_region(counts)
+    mean = by_region(heights * counts) / np.maximum(weight, 1e-9)
+    return np.asarray(np.where(weight > 0, mean, np.nan))
+
+
+def normals(predicted: Floats, fabric: Fabric) -> Floats:
+    """Return (T, FINE, FINE, 3) of unit length, off the front."""
+    return LocalFrames.of(Shape(predicted).middle, fabric.width, fabric.height, FINE).normal
+
+
+def _nodes(middle: Floats) -> Floats:
+    """Return (T, FINE, FINE, 3) m."""
+    every = (SIDE - 1) // (FINE - 1)
+    return middle[:, ::every, ::every]
+
+
+def by_region(values: Floats) -> Array:
+    """Return (T, REGIONS, REGIONS) sums of (T, n, n)."""
+    edges = np.linspace(0, values.shape[1], REGIONS + 1).astype(int)[:-1]
+    return np.asarray(np.add.reduceat(np.add.reduceat(values, edges, axis=1), edges, axis=2))
+
+
 Motion = NDArray[np.float32]
 Used = Callable[[Trial], NDArray[np.bool_]]
 DRAWS = 8
@@ -37,17 +90,17 @@ def drawn_motions(
     *,
     draws: int = DRAWS,
 ) -> list[list[Motion]]:
-    """Of each case, the motions of the drawn models on a cheap simulator. The corrector stays the one trained at the
-    centre."""
+    """Return of each case the motions of the drawn models on a cheap simulator. The corrector stays the one trained at
+    the centre."""
     models = [replace(predictor, model=model) for model in drawn_models(predictor.model, draws)]
     together = replace(predictor, simulator=coarse, model=Model())  # the cases bring all of it
-    own = [model.case(case) for case in cases for model in models]
-    motions = iter(together.motions(own, [t for t in times for _ in models]) if own else [])
+    some = [model.case(case) for case in cases for model in models]
+    motions = iter(together.motions(some, [t for t in times for _ in models]) if some else [])
     return [[next(motions) for _ in models] for _ in cases]
 
 
 def rests(predictor: Predictor, cases: Sequence[Case]) -> list[Motion]:
-    """(2 n^2, 3) m of each case, where its motion begins."""
+    """Return (2 n^2, 3) m of each case, where its motion begins."""
     return [motion[0] for motion in predictor.motions(cases, [np.zeros(1)] * len(cases))]
 
 
@@ -67,27 +120,28 @@ def residuals(
     draws: int = DRAWS,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[RegionResiduals]:
-    """Of each trial, which has frames that are used; empty where its motion diverged. predictor: with sensing, as data
-    are. progress is told trials done and in all."""
+    """Return the residuals of each trial, which has frames that are used; empty where its motion diverged. predictor:
+    with sensing, as data are. progress is told trials done and in all."""
     cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
     frames = [looked_at(trial, used) for trial in trials]
-    times = [trial.times[own] for trial, own in zip(trials, frames, strict=True)]
-    found: list[RegionResiduals] = []
+    times = [trial.times[some] for trial, some in zip(trials, frames, strict=True)]
+    results: list[RegionResiduals] = []
     for part in batches([draws * len(t) for t in times], _AT_ONCE):
         motions = predictor.motions(cases[part], [np.concatenate([[0.0], t]) for t in times[part]])
         others = drawn_motions(predictor, coarse, cases[part], times[part], draws=draws)
-        for trial, own, motion, drawn_ones in zip(trials[part], frames[part], motions, others, strict=True):
+        for trial, some, motion, drawn_ones in zip(trials[part], frames[part], motions, others, strict=True):
             clouds = trial.load().frames
-            taken = [clouds[k] for k in own.tolist()]
-            found.append(residuals_of(trial, taken, motion[0], motion[1:], drawn_ones))
-        progress(len(found), len(trials))
-    return found
+            taken = [clouds[k] for k in some.tolist()]
+            results.append(residuals_of(trial, taken, motion[0], motion[1:], drawn_ones))
+        progress(len(results), len(trials))
+    return results
 
 
 def residuals_of(
     trial: Trial, clouds: Sequence[Array], rest: Motion, predicted: Motion, others: Sequence[Motion]
 ) -> RegionResiduals:
-    """clouds: T of (n, 3) m; rest: (2 n^2, 3) m; predicted, and of the drawn models others: (T, 2 n^2, 3) m."""
+    """Return the residuals of a trial. clouds: T of (n, 3) m; rest: (2 n^2, 3) m; predicted, and of the drawn models
+    others: (T, 2 n^2, 3) m."""
     if not clouds or not (np.isfinite(predicted).all() and np.isfinite(rest).all()):
         return RegionResiduals(trial.design_name, *np.empty((3, 0)))
     deviation, moved = region_terms(rest, predicted, others, trial.design.fabric)

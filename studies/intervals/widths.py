@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import ndtr
 
-from fabdesign.nouns.spread import INSIDE, TWO_SIDED
+from fabdesign.nouns.model_sampling import INSIDE, TWO_SIDED
 from fabdesign.units import in_mm
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from fabdesign.runtime import working_time
 from fabdesign.runtime.store import read_kept
 from fabdesign.study_files.layouts_file import Cell, LayoutsStudy, read_layouts
 from optimize.search.evaluations import Evaluations
-from optimize.search.start_rows import as_rows, of_rows
+from optimize.search.search_state import as_rows, of_rows
 from optimize.search.starts import Start
 from studies.layout_grid.report import write_report
 from studies.layout_grid.result import CellResult, GridResult

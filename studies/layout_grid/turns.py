@@ -9,10 +9,10 @@ import numpy as np
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.study_files.layouts_file import SIDES, Cell
-from optimize.search.additions import pulling, with_idle
 from optimize.search.design_space import DesignSpace
-from optimize.search.start_rows import StartRow
+from optimize.search.search_state import StartRow
 from optimize.search.starts import Start
+from optimize.search.variations import pulling, with_idle
 from studies.layout_grid.result import CellResult, GridResult
 from studies.layout_search.first_layouts import PULL, limits_of
 

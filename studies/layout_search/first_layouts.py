@@ -7,13 +7,11 @@ import numpy as np
 from fabdesign.errors import InputError
 from fabdesign.runtime.effort import MUSCLES
 from fabdesign.study_files.study_file import Study
-from optimize.search.additions import pulling, with_idle
-from optimize.search.channels import by_muscle, start_of
-from optimize.search.design_space import DesignSpace, Vector
+from optimize.search.design_space import DesignSpace, Vector, by_muscle, start_of
 from optimize.search.margins import Limits
 from optimize.search.search_state import FurtherStarts
 from optimize.search.starts import Start, catalogue_starts, layout_starts, pressure_starts, thinned_starts
-from optimize.search.variations import variations, with_corners
+from optimize.search.variations import pulling, variations, with_corners, with_idle
 
 PRESSURE_STARTS = 31  # screened before pressures are searched
 LAYOUT_STARTS = 64  # drawn and screened before layouts are searched; a multiple of what the simulator takes at once

@@ -10,14 +10,14 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from fabdesign.units import in_mm
 from optimize.search.evaluations import Evaluations
-from optimize.search.objective import Shape
+from optimize.search.objective import Poses
 
 TENTH = 0.1  # of its limits, after which a search says how far it is
 QUIET_INTERVAL = 10.0  # s between lines where standard error is no terminal
 
 
 def saying_a_tenth(
-    floor: Callable[[Shape], float], progress: Callable[[Evaluations], None]
+    floor: Callable[[Poses], float], progress: Callable[[Evaluations], None]
 ) -> Callable[[Evaluations], None]:
     """Return the progress of a search that also tells, after a tenth of its limits, how far it is. floor: m, of a
     shape."""

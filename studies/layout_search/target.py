@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 from fabdesign.clouds.target_file import PlacedTarget, read_target
 from fabdesign.formats.decoder import decode_key
 from fabdesign.formats.table import load_toml
-from fabdesign.geometry.metrics import DRAWS, Errors, landmark_errors, trial_errors
+from fabdesign.geometry.metrics import DRAWS, CloudKind, Errors, landmark_errors, trial_errors
 from fabdesign.geometry.placement import placement_of
 from fabdesign.geometry.regions import Weighting
 from fabdesign.geometry.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
-from fabdesign.geometry.sheet import Face
+from fabdesign.geometry.shape import Face
 from fabdesign.geometry.wishes import Landmarks
 from fabdesign.nouns.design import Design
 from fabdesign.runtime.fingerprint import sha256
@@ -130,16 +130,8 @@ def _errors(target: LoadedTarget, shape: NDArray[np.float64], *, seed: int, draw
     if target.landmarks is not None:
         return landmark_errors(target.landmarks, shape)
     target = target.beside(shape)
-    return trial_errors(
-        [target.points],
-        shape[None],
-        target.noise,
-        seed=seed,
-        draws=draws,
-        markers=target.markers,
-        face=target.face,
-        weighting=target.weighting,
-    )
+    kind = CloudKind(target.markers, target.face, target.weighting)
+    return trial_errors([target.points], shape[None], target.noise, kind, seed=seed, draws=draws)
 
 
 def _wished(target: TargetFile, design: Design) -> LoadedTarget:

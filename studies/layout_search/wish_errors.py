@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.metrics import Errors
-from fabdesign.geometry.mid_surface import at_places, mid_surface
+from fabdesign.geometry.shape import Shape, at_places
 from fabdesign.geometry.wishes import Landmarks
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.study_files.study_file import Study
@@ -58,5 +58,5 @@ def asked_of(target: TargetFile, shape: Array, fabric: Fabric) -> list[WishOutco
 def reached_and_asked(landmarks: Landmarks, shape: Array) -> tuple[Array, Array]:
     """Return the places of a shape (2 n, 3) m and where they were to come, (k, 3) m each: a coordinate that no wish
     gives is the shape's."""
-    reached = np.asarray(at_places(mid_surface(shape), landmarks.shares))
+    reached = np.asarray(at_places(Shape.of(shape).middle, landmarks.shares))
     return reached, np.where(landmarks.given, landmarks.goals, reached)

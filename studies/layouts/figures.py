@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.distances import nearest_distances
-from fabdesign.geometry.mid_surface import at_places, two_faces
+from fabdesign.geometry.shape import Shape, at_places
 from fabdesign.geometry.wishes import Landmarks
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.units import in_mm
@@ -98,7 +98,7 @@ def convergence(name: str, result: StudyResult) -> Chart:
 
 def _on_cloth(muscle: Muscle, points: NDArray[np.float64], result: StudyResult) -> NDArray[np.float64]:
     """Return (n, 3) m: the muscle's fixed points on its face of the deformed cloth, by bilinear interpolation."""
-    fabric, faces = result.design.fabric, two_faces(points)
+    fabric, faces = result.design.fabric, Shape.of(points).faces
     places = muscle.fixed_points() / [fabric.width, fabric.height]
     lifted, middle = at_places(faces[0 if muscle.side == "front" else 1], places), at_places(faces.mean(axis=0), places)
     return np.asarray(lifted + 0.6 * (lifted - middle))  # off the face, where the eye sees it

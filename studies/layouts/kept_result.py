@@ -11,7 +11,7 @@ from fabdesign.study_files.study_file import Study
 from fabdesign.units import in_kpa
 from fabdesign.version import SIMULATOR, __version__
 from optimize.search.history import History
-from optimize.search.start_rows import of_rows
+from optimize.search.search_state import of_rows
 from studies.layout_search.first_layouts import limits_of
 from studies.layout_search.target import LoadedTarget
 from studies.layouts.refinement import kept_fewer

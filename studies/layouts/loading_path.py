@@ -12,7 +12,7 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.pressure import PressureProgram, rising_program, sequence_program
 from fabdesign.units import InFile, in_mm
-from optimize.search.objective import Objective, Shape, refined
+from optimize.search.objective import Objective, Poses, refined
 from studies.prediction.stability import OFF, apart, are_one, sides
 
 RISES = (0.2, 2.0)  # s, of copies
@@ -38,7 +38,7 @@ class LoadingPath:
 
     motion: Copy
     copies: tuple[Copy, ...]
-    shape: Shape
+    shape: Poses
 
     @property
     def reached(self) -> bool:
@@ -105,8 +105,8 @@ def loading_paths(
     objective: Objective,
     forward: ForwardModel,
     results: Sequence[tuple[Design, Pressures]],
-    shapes: Sequence[Shape],
-    at_rest: Sequence[Shape],
+    shapes: Sequence[Poses],
+    at_rest: Sequence[Poses],
     *,
     rise: float,
 ) -> list[LoadingPath]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 from scipy.spatial import KDTree
 
-from fabdesign.geometry.mid_surface import mid_surface
+from fabdesign.geometry.shape import Shape
 from fabdesign.nouns.column import factor
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.pressure import LARGEST
@@ -17,8 +17,7 @@ from fabdesign.study_files.study_file import Study
 from fabdesign.units import in_kpa, in_mm
 from optimize.search.design_space import DesignSpace
 from optimize.search.objective import Objective
-from optimize.search.relaxations import Change, Nearer, what_helps
-from optimize.search.slopes import jacobians_for
+from optimize.search.slopes import Change, Nearer, jacobians_for, what_helps
 from optimize.search.starts import Start
 from studies.layout_search.target import LoadedTarget
 
@@ -73,7 +72,7 @@ def missed_at(shape: NDArray[np.float64], target: LoadedTarget, size: tuple[floa
         worst = int(np.argmax(off))
         u, v = (target.landmarks.shares[worst] * size).tolist()
         return Missed((u, v), float(off[worst]))
-    middle = mid_surface(shape)  # (rows, columns, 3)
+    middle = Shape.of(shape).middle  # (rows, columns, 3)
     rows, columns = middle.shape[:2]
     points = middle.reshape(-1, 3)
     to_cloth, nearest = KDTree(points).query(target.points)

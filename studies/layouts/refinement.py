@@ -12,7 +12,7 @@ from fabdesign.study_files.study_file import Study
 from fabdesign.units import in_mm
 from optimize.search.design_space import DesignSpace, Vector
 from optimize.search.evaluations import Evaluations
-from optimize.search.start_rows import as_rows, of_rows
+from optimize.search.search_state import as_rows, of_rows
 from optimize.search.starts import Start
 from optimize.search.thinning import Fewer, fewer_muscles
 from studies.layout_search.first_layouts import limits_of

@@ -13,9 +13,9 @@ from fabdesign.formats.json_file import write_json
 from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import RISE
+from fabdesign.nouns.model_sampling import half_widths, spread_of
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import rising_program
-from fabdesign.nouns.spread import half_widths, spread_of
 from fabdesign.study_files.study_file import Study
 from fabdesign.units import from_kpa, in_kpa, in_mm
 from optimize.search.design_space import DesignSpace
@@ -24,8 +24,7 @@ from optimize.search.history import Entry
 from optimize.search.multistart import INTERRUPTED
 from optimize.search.objective import Objective
 from optimize.search.thinning import Fewer
-from studies.intervals.draws import drawn_models
-from studies.intervals.regions import region_terms
+from studies.intervals.draws import drawn_models, region_terms
 from studies.layout_search.first_layouts import limits_of
 from studies.layout_search.target import LoadedTarget, pose_errors
 from studies.layouts.loading_path import LoadingPath

@@ -12,15 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.nouns.column import Column, corner_or_still, pressure
-from fabdesign.nouns.jacobian import Jacobians
+from fabdesign.nouns.column import Column, Jacobians, corner_or_still, pressure
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.study_files.search_terms import Robust
 from fabdesign.study_files.study_file import Study
 from optimize.search.design_space import DesignSpace, Vector
 from optimize.search.local_search import LocalSearch
-from optimize.search.objective import Objective, Shape, refined
+from optimize.search.objective import Objective, Poses, refined
 from optimize.search.starts import Start
 from optimize.search.step import LinearShape
 from studies.layouts.robustness import normals
@@ -53,14 +52,14 @@ class Copies:
         scatter = Scatter(self.study, self.robust, *self.space.decode(x))
         return scatter, [*normals(scatter, self.study.seed + 2)[:COPIES]]
 
-    def shapes(self, xs: Sequence[Vector]) -> list[Shape]:
+    def shapes(self, xs: Sequence[Vector]) -> list[Poses]:
         """Return (COPIES poses, 2 n, 3) m of every vector's copies, in one batch; a diverged one holds NaN."""
         drawn = [self._scatter(x) for x in xs]
         every = [copy for scatter, zs in drawn for copy in scatter.copies(zs)]
         shapes = drawn[0][0].shapes_of(self.objective, self.forward, every)
         return [np.concatenate(shapes[k * COPIES : (k + 1) * COPIES]) for k in range(len(xs))]
 
-    def model(self, x: Vector, shape: Shape, jacobians: Jacobians) -> LinearShape:
+    def model(self, x: Vector, shape: Poses, jacobians: Jacobians) -> LinearShape:
         """Return how `shape`, that of the copies at x, changes with x. What has no derivative has none here."""
         scatter, zs = self._scatter(x)
         copies, poses, space = scatter.copies(zs), len(self.objective.targets), self.space

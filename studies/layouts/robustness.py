@@ -18,7 +18,7 @@ from fabdesign.nouns.predictor import Predictor
 from fabdesign.study_files.search_terms import Robust
 from fabdesign.study_files.study_file import Study
 from fabdesign.units import in_mm
-from optimize.search.objective import Objective, Shape
+from optimize.search.objective import Objective, Poses
 from optimize.search.starts import Start
 from optimize.search.step import LinearShape
 from studies.layouts.scatter import Linear, Scatter, linear
@@ -53,7 +53,7 @@ class Robustness:
     yielded: float
     worst: float
     on_another_branch: int
-    shapes: tuple[Shape, ...]
+    shapes: tuple[Poses, ...]
     band: Array
     delicate: tuple[int, float]
     doubled: int = 0

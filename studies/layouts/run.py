@@ -134,9 +134,8 @@ def _search_in(
         seconds=search_seconds(study),
         evaluations=study.limits.evaluations,
         on_progress=_keeping_best(work, targets, study.rise, saying_a_tenth(floor, progress)),
-        near=NEAR_ENOUGH if study.robust else NEAR,
-        limit=study.limits.seconds,
     )
+    evaluations.near, evaluations.limit = NEAR_ENOUGH if study.robust else NEAR, study.limits.seconds
     stop_reason, fewer = search(evaluations, further=further_starts(study), floor=floor), None
     try:
         fewer = None if stop_reason == INTERRUPTED else shrunk(study, evaluations)

@@ -21,7 +21,7 @@ from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.study_files.search_terms import Robust
 from fabdesign.study_files.study_file import Study
 from optimize.search.design_space import DesignSpace
-from optimize.search.objective import Objective, Shape
+from optimize.search.objective import Objective, Poses
 from optimize.search.slopes import by_columns
 from optimize.search.step import LinearShape
 from studies.layout_search.first_layouts import limits_of
@@ -76,11 +76,11 @@ class Scatter:
     def copies(self, zs: Sequence[Array]) -> list[Copy]:
         return [self.copy(z) for z in zs]
 
-    def shapes(self, objective: Objective, forward: Predictor, zs: Sequence[Array]) -> list[Shape]:
+    def shapes(self, objective: Objective, forward: Predictor, zs: Sequence[Array]) -> list[Poses]:
         """Of copies, in one batch; a diverged one holds NaN."""
         return self.shapes_of(objective, forward, self.copies(zs))
 
-    def shapes_of(self, objective: Objective, forward: Predictor, copies: Sequence[Copy]) -> list[Shape]:
+    def shapes_of(self, objective: Objective, forward: Predictor, copies: Sequence[Copy]) -> list[Poses]:
         """The same of any layouts' copies."""
         points, models = [], []
         for design, pressures, model in copies:

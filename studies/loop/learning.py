@@ -22,7 +22,8 @@ from studies.calibration.calibrate import CalibrationOptions, calibrate
 from studies.calibration.result import Calibration
 from studies.loop.record import Learned, TracedEffects
 from studies.measured.sensitive_stretches import GRID
-from studies.prediction.evaluate import DesignResult, evaluate_sets
+from studies.prediction.evaluate import evaluate_sets
+from studies.prediction.evaluation_report import DesignResult
 
 MODEL = "model.toml"
 TRACE = "trace"  # the folder of the trace

@@ -3,18 +3,17 @@
 Points of several frames, on both faces, with noise and strays, become a mid-surface: a bicubic B-spline whose control
 points are fitted to the points' heights over it, with the lengths along and across the cloth kept those of a shape
 that a model predicts (iterated closest points with a nearly inextensible sheet). A point that does not say on which
-face it lies counts for the mid-surface at first, then for the likelier face, as in `corrector.examples`.
+face it lies counts for the mid-surface at first, then for the likelier face, as in `corrector.regression`.
 """
 
 from functools import lru_cache
-from math import isqrt
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from fabdesign.geometry.mid_surface import mid_surface, normals
+from fabdesign.geometry.shape import Shape, normals
 from fabdesign.geometry.surface import Surface, front_triangles
 from fabdesign.nouns.fabric import Fabric
 
@@ -38,10 +37,11 @@ def resting_faces(points: Array, fabric: Fabric, predicted: Array, *, seed: int 
 
     predicted: (2 n n, 3) m, the shape that a model expects: where the fit begins, and whose lengths it keeps.
     """
-    side = isqrt(len(predicted) // 2)
+    shape = Shape.of(predicted)
+    side = shape.side
     points = _drawn(np.asarray(points, dtype=np.float64), seed)
     basis = _basis(side)
-    start = mid_surface(predicted).reshape(-1, 3)
+    start = shape.middle.reshape(-1, 3)
     controls = np.linalg.lstsq(basis.toarray(), start, rcond=None)[0]
     along = _differences(side, basis)
     lengths = np.linalg.norm(along @ controls, axis=1)

@@ -28,24 +28,22 @@ class ByDesign:
 
     def motions(self, cases: Sequence[Case], times: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float32]]:
         """Return what the simulator of each case's design gives."""
-        by_case: dict[int, NDArray[np.float32]] = {}
-        for numbers, simulator in self._parts(cases):
-            motions = simulator.motions([cases[i] for i in numbers], [times[i] for i in numbers])
-            by_case |= dict(zip(numbers, motions, strict=True))
-        return [by_case[i] for i in range(len(cases))]
+        return self._asked(
+            cases, lambda of, numbers: of.motions([cases[i] for i in numbers], [times[i] for i in numbers])
+        )
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
         """Return what the simulator of each case's design gives."""
-        by_case: dict[int, NDArray[np.float32]] = {}
-        for numbers, simulator in self._parts(cases):
-            by_case |= dict(zip(numbers, simulator.equilibria([cases[i] for i in numbers]), strict=True))
-        return [by_case[i] for i in range(len(cases))]
+        return self._asked(cases, lambda of, numbers: of.equilibria([cases[i] for i in numbers]))
 
-    def _parts(self, cases: Sequence[Case]) -> list[tuple[list[int], ForwardModel]]:
-        calm = [case.design in self.calm for case in cases]
-        parts = [([i for i, is_calm in enumerate(calm) if not is_calm], self.fine)]
-        parts.append(([i for i, is_calm in enumerate(calm) if is_calm], self.coarse))
-        return [(numbers, simulator) for numbers, simulator in parts if numbers]
+    def _asked(
+        self, cases: Sequence[Case], ask: Callable[[ForwardModel, list[int]], list[NDArray[np.float32]]]
+    ) -> list[NDArray[np.float32]]:
+        by_case: dict[int, NDArray[np.float32]] = {}
+        for simulator, calm in ((self.fine, False), (self.coarse, True)):
+            if numbers := [i for i, case in enumerate(cases) if (case.design in self.calm) is calm]:
+                by_case |= dict(zip(numbers, ask(simulator, numbers), strict=True))
+        return [by_case[i] for i in range(len(cases))]
 
 
 def enough_points(
@@ -92,11 +90,11 @@ def _driven(trials: Sequence[Trial]) -> list[Trial]:
             designs.append((trial.design, [trial]))
         else:
             trials_of.append(trial)
-    return [max(trials_of, key=_drive) for _, trials_of in designs if len(trials_of) >= _FEWEST]
 
+    def drive(trial: Trial) -> float:
+        return float(trial.program.pressure.max(axis=0).mean()) if trial.design.channels else 0.0
 
-def _drive(trial: Trial) -> float:
-    return float(trial.program.pressure.max(axis=0).mean()) if trial.design.channels else 0.0
+    return [max(trials_of, key=drive) for _, trials_of in designs if len(trials_of) >= _FEWEST]
 
 
 def _rms(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:

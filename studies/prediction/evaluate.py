@@ -2,9 +2,9 @@
 
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -12,107 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, SimulationError
-from fabdesign.formats.json_file import plain
-from fabdesign.formats.result_tables import Columns, Tabled
-from fabdesign.geometry.metrics import Closed, Errors, Statistics, closed, statistics, trial_errors
+from fabdesign.geometry.metrics import Errors, closed, statistics, trial_errors
 from fabdesign.geometry.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.runtime.effort import batches
-from fabdesign.units import in_mm
-from studies.intervals.judge import IntervalJudge, interval_judges
-from studies.intervals.widths import IntervalScore
+from studies.intervals.band import IntervalJudge, interval_judges
 from studies.measured.fit_data import noise_clouds
 from studies.measured.sensitive_stretches import find_used_frames
-from studies.measured.used_frames import Flags, UsedFrames
+from studies.measured.used_frames import Flags
+from studies.prediction.evaluation_report import ERRORS, DesignResult, SetEvaluation, TrialResult
 from studies.prediction.forward_model import forward_model
 
 _AT_ONCE = 16  # trials, two motions each in memory
 _UNKNOWN = Errors(*[np.nan] * 5)
-ERRORS = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
-ERROR_NAMES = {"chamfer": "Chamfer distance", "surface_rms": "surface RMS"}  # for people
-
-
-@dataclass(frozen=True)
-class TrialResult:
-    """Errors of one trial's used frames, m; NaN where the motion diverged, or no frame is used."""
-
-    set_name: str
-    trial: str
-    order: int
-    role: str
-    before: Errors
-    after: Errors
-    used: float = 1.0  # share of its frames
-    intervals: IntervalScore | None = None  # of the model's 90 % intervals; None: it has none
-
-
-@dataclass(frozen=True)
-class DesignResult:
-    """The trials of one design; the statistics leave out trials that diverged or have no frame that is used."""
-
-    source: str  # name and description of the set
-    noise: SensorNoise
-    trials: tuple[TrialResult, ...]
-    before: Mapping[str, Statistics]
-    after: Mapping[str, Statistics]
-    closed: Closed
-
-    @property
-    def intervals(self) -> IntervalScore | None:
-        """Return the score of all trials' frames and regions together."""
-        return IntervalScore.pooled([t.intervals for t in self.trials if t.intervals is not None])
-
-    @property
-    def diverged(self) -> list[str]:
-        lost = (t for t in self.trials if np.isnan(t.before.chamfer) or np.isnan(t.after.chamfer))
-        return [t.trial for t in lost if t.used]
-
-    @property
-    def without_frames(self) -> list[str]:
-        """Trials of which no frame is used."""
-        return [t.trial for t in self.trials if not t.used]
-
-
-@dataclass(frozen=True)
-class SetEvaluation(Tabled):
-    """designs: trials of role `test`; others: the rest, where they were asked for. skipped: bad trials left out, a line
-    each."""
-
-    designs: Mapping[str, DesignResult]
-    others: Mapping[str, DesignResult]
-    used: UsedFrames
-    unreliable: tuple[str, ...] = ()  # parameters of the model whose intervals its fit calls not reliable
-    skipped: tuple[str, ...] = ()
-
-    def as_json(self) -> dict[str, Any]:
-        """Return what `evaluate --json` prints: mm."""
-        result: dict[str, Any] = {"designs": {name: _as_json(design) for name, design in self.designs.items()}}
-        if self.others:
-            result["others"] = {name: _as_json(design) for name, design in self.others.items()}
-        if self.unreliable:
-            result["unreliable"] = list(self.unreliable)
-        return dict(plain(result | self.used.as_json() | {"metric": "chamfer, surface_rms", "unit": "mm"}))
-
-    def columns(self) -> Columns:
-        """Return a row a trial: design, set, trial, order, role, share of frames used, and errors before and after
-        [mm]."""
-        tables = (*self.designs.items(), *self.others.items())
-        rows = [(name, trial) for name, table in tables for trial in table.trials]
-        columns: Columns = {"design": [name for name, _ in rows]}
-        for key, field in (("set", "set_name"), ("trial", "trial"), ("order", "order"), ("role", "role")):
-            columns[key] = [getattr(trial, field) for _, trial in rows]
-        columns["judged"] = [trial.used for _, trial in rows]
-        for when in ("before", "after"):
-            for error in ERRORS:
-                columns[f"{error}_{when}"] = [in_mm(getattr(getattr(trial, when), error)) for _, trial in rows]
-        scores = [trial.intervals for _, trial in rows]
-        if any(scores):
-            for k, name in enumerate(("interval_inside", "interval_width", "interval_crps")):
-                columns[name] = [np.nan if score is None else score.shown[k] for score in scores]
-        return columns
 
 
 def evaluate_sets(
@@ -272,43 +187,3 @@ def _summarise(
     means = [Errors(**{name: table[name].mean for name in ERRORS}) for table in (before, after)]
     source = f"{measured.name}: {measured.description}" if measured.description else measured.name
     return DesignResult(source, noise, tuple(results), before, after, closed(*means))
-
-
-def _as_json(design: DesignResult) -> dict[str, Any]:
-    def millimetres(table: Mapping[str, Statistics]) -> dict[str, dict[str, float]]:
-        distances = {name: {key: in_mm(x) for key, x in asdict(table[name]).items()} for name in ERRORS}
-        return distances | {"surface_beyond": asdict(table["beyond"])}
-
-    return {
-        "before": millimetres(design.before),
-        "after": millimetres(design.after),
-        "closed": asdict(design.closed) | {"value": design.closed.value},
-        "noise": {"sigma_mm": in_mm(design.noise.sigma), "strays": design.noise.strays},
-        "histogram": {error: histogram(design, error) for error in ("chamfer", "surface_rms")},
-        "source": design.source,
-        "intervals": _intervals(design.intervals),
-        "trials": {
-            r.trial: {"before": r.before, "after": r.after, "intervals": _intervals(r.intervals)} for r in design.trials
-        },
-        "diverged": design.diverged,
-        "without_judged_frame": design.without_frames,
-    }
-
-
-def _intervals(score: IntervalScore | None) -> dict[str, float] | None:
-    return None if score is None else dict(zip(("inside", "width_mm", "crps_mm"), score.shown, strict=True))
-
-
-def _values(design: DesignResult, error: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return (trials,) mm before and after, of those that did not diverge."""
-    pairs = np.array([(getattr(r.before, error), getattr(r.after, error)) for r in design.trials])
-    pairs = in_mm(pairs[np.isfinite(pairs).all(axis=1)])
-    return pairs[:, 0], pairs[:, 1]
-
-
-def histogram(design: DesignResult, error: str) -> dict[str, list[float]]:
-    """Return trials per bin of one error: `edges` in mm, counts `before` and `after`."""
-    before, after = _values(design, error)
-    edges = np.histogram_bin_edges(np.concatenate([before, after]), bins=12)
-    counts = {state: np.histogram(x, edges)[0].tolist() for state, x in (("before", before), ("after", after))}
-    return {"edges": edges.tolist()} | counts

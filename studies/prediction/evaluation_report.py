@@ -1,19 +1,151 @@
-"""The folder of an evaluation: numbers, tables and a picture."""
+"""The outcome of an evaluation: errors per trial and per design, and its folder, numbers, tables and a picture."""
 
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fabdesign.formats.csv_table import write_rows
-from fabdesign.formats.json_file import write_json
-from fabdesign.geometry.metrics import Statistics, told_beyond
+from fabdesign.formats.json_file import plain, write_json
+from fabdesign.formats.result_tables import Columns, Tabled
+from fabdesign.geometry.metrics import Closed, Errors, Statistics, told_beyond
+from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.output import new_folder
 from fabdesign.units import in_mm
 from studies.intervals.widths import IntervalScore
-from studies.prediction.evaluate import ERROR_NAMES, ERRORS, DesignResult, SetEvaluation, histogram
+from studies.measured.used_frames import UsedFrames
 
 _FEW = 12  # trials, of which a histogram says less than their values
+ERRORS = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
+ERROR_NAMES = {"chamfer": "Chamfer distance", "surface_rms": "surface RMS"}  # for people
+
+
+@dataclass(frozen=True)
+class TrialResult:
+    """Errors of one trial's used frames, m; NaN where the motion diverged, or no frame is used."""
+
+    set_name: str
+    trial: str
+    order: int
+    role: str
+    before: Errors
+    after: Errors
+    used: float = 1.0  # share of its frames
+    intervals: IntervalScore | None = None  # of the model's 90 % intervals; None: it has none
+
+
+@dataclass(frozen=True)
+class DesignResult:
+    """The trials of one design; the statistics leave out trials that diverged or have no frame that is used."""
+
+    source: str  # name and description of the set
+    noise: SensorNoise
+    trials: tuple[TrialResult, ...]
+    before: Mapping[str, Statistics]
+    after: Mapping[str, Statistics]
+    closed: Closed
+
+    @property
+    def intervals(self) -> IntervalScore | None:
+        """Return the score of all trials' frames and regions together."""
+        return IntervalScore.pooled([t.intervals for t in self.trials if t.intervals is not None])
+
+    @property
+    def diverged(self) -> list[str]:
+        lost = (t for t in self.trials if np.isnan(t.before.chamfer) or np.isnan(t.after.chamfer))
+        return [t.trial for t in lost if t.used]
+
+    @property
+    def without_frames(self) -> list[str]:
+        """Trials of which no frame is used."""
+        return [t.trial for t in self.trials if not t.used]
+
+
+@dataclass(frozen=True)
+class SetEvaluation(Tabled):
+    """designs: trials of role `test`; others: the rest, where they were asked for. skipped: bad trials left out, a line
+    each."""
+
+    designs: Mapping[str, DesignResult]
+    others: Mapping[str, DesignResult]
+    used: UsedFrames
+    unreliable: tuple[str, ...] = ()  # parameters of the model whose intervals its fit calls not reliable
+    skipped: tuple[str, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what `evaluate --json` prints: mm."""
+        result: dict[str, Any] = {"designs": {name: _as_json(design) for name, design in self.designs.items()}}
+        if self.others:
+            result["others"] = {name: _as_json(design) for name, design in self.others.items()}
+        if self.unreliable:
+            result["unreliable"] = list(self.unreliable)
+        return dict(plain(result | self.used.as_json() | {"metric": "chamfer, surface_rms", "unit": "mm"}))
+
+    @property
+    def rows(self) -> list[tuple[str, TrialResult]]:
+        """Return every trial, with the name of its table."""
+        tables = (*self.designs.items(), *self.others.items())
+        return [(name, trial) for name, table in tables for trial in table.trials]
+
+    def columns(self) -> Columns:
+        """Return a row a trial: design, set, trial, order, role, share of frames used, and errors before and after
+        [mm]."""
+        rows = self.rows
+        columns: Columns = {"design": [name for name, _ in rows]}
+        for key, field in (("set", "set_name"), ("trial", "trial"), ("order", "order"), ("role", "role")):
+            columns[key] = [getattr(trial, field) for _, trial in rows]
+        columns["judged"] = [trial.used for _, trial in rows]
+        for when in ("before", "after"):
+            for error in ERRORS:
+                columns[f"{error}_{when}"] = [in_mm(getattr(getattr(trial, when), error)) for _, trial in rows]
+        scores = [trial.intervals for _, trial in rows]
+        if any(scores):
+            for k, name in enumerate(("interval_inside", "interval_width", "interval_crps")):
+                columns[name] = [np.nan if score is None else score.shown[k] for score in scores]
+        return columns
+
+
+def _as_json(design: DesignResult) -> dict[str, Any]:
+    def millimetres(table: Mapping[str, Statistics]) -> dict[str, dict[str, float]]:
+        distances = {name: {key: in_mm(x) for key, x in asdict(table[name]).items()} for name in ERRORS}
+        return distances | {"surface_beyond": asdict(table["beyond"])}
+
+    return {
+        "before": millimetres(design.before),
+        "after": millimetres(design.after),
+        "closed": asdict(design.closed) | {"value": design.closed.value},
+        "noise": {"sigma_mm": in_mm(design.noise.sigma), "strays": design.noise.strays},
+        "histogram": {error: histogram(design, error) for error in ("chamfer", "surface_rms")},
+        "source": design.source,
+        "intervals": _intervals_json(design.intervals),
+        "trials": {
+            r.trial: {"before": r.before, "after": r.after, "intervals": _intervals_json(r.intervals)}
+            for r in design.trials
+        },
+        "diverged": design.diverged,
+        "without_judged_frame": design.without_frames,
+    }
+
+
+def _intervals_json(score: IntervalScore | None) -> dict[str, float] | None:
+    return None if score is None else dict(zip(("inside", "width_mm", "crps_mm"), score.shown, strict=True))
+
+
+def _values(design: DesignResult, error: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return (trials,) mm before and after, of those that did not diverge."""
+    pairs = np.array([(getattr(r.before, error), getattr(r.after, error)) for r in design.trials])
+    pairs = in_mm(pairs[np.isfinite(pairs).all(axis=1)])
+    return pairs[:, 0], pairs[:, 1]
+
+
+def histogram(design: DesignResult, error: str) -> dict[str, list[float]]:
+    """Return trials per bin of one error: `edges` in mm, counts `before` and `after`."""
+    before, after = _values(design, error)
+    edges = np.histogram_bin_edges(np.concatenate([before, after]), bins=12)
+    counts = {state: np.histogram(x, edges)[0].tolist() for state, x in (("before", before), ("after", after))}
+    return {"edges": edges.tolist()} | counts
 
 
 def write_evaluation(evaluation: SetEvaluation, out: Path) -> None:
@@ -94,14 +226,11 @@ def _write_trials(evaluation: SetEvaluation, path: Path) -> None:
     header += ["surface_beyond_before", "surface_beyond_after", "judged"]
     header += ["interval_inside", "interval_width_mm", "interval_crps_mm"]
     rows = []
-    for table in (evaluation.designs, evaluation.others):
-        for name, design in table.items():
-            for r in design.trials:
-                numbers = [f"{in_mm(getattr(errors, error)):.6g}" for errors in (r.before, r.after) for error in ERRORS]
-                beyond = [f"{errors.beyond:.6g}" for errors in (r.before, r.after)]
-                beyond.append(f"{r.used:.6g}")
-                intervals = [""] * 3 if r.intervals is None else [f"{x:.6g}" for x in r.intervals.shown]
-                rows.append([r.set_name, name, r.trial, r.order, r.role, *numbers, *beyond, *intervals])
+    for name, r in evaluation.rows:
+        numbers = [in_mm(getattr(errors, error)) for errors in (r.before, r.after) for error in ERRORS]
+        shown = [f"{x:.6g}" for x in (*numbers, r.before.beyond, r.after.beyond, r.used)]
+        intervals = [""] * 3 if r.intervals is None else [f"{x:.6g}" for x in r.intervals.shown]
+        rows.append([r.set_name, name, r.trial, r.order, r.role, *shown, *intervals])
     write_rows(path, header, rows)
 
 

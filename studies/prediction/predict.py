@@ -20,8 +20,7 @@ from fabdesign.output import new_folder
 from fabdesign.runtime.effort import batches, require_motion
 from fabdesign.units import in_mm
 from studies.intervals.band import bands
-from studies.prediction.forward_model import forward_model
-from studies.prediction.laced_motion import laced_motions, laced_rests
+from studies.prediction.forward_model import forward_model, laced_motions, laced_rests
 
 FRAME_RATE = 60.0  # Hz, of the paper's cameras
 _AT_ONCE = 32  # motions in memory
@@ -41,35 +40,6 @@ def frame_times(
         raise InputError(f"duration = {last:g} s at frame rate {frame_rate:g} Hz; expected numbers above 0")
     require_motion(last, last * frame_rate + 1, points_per_side, channels=program.pressure.shape[1])
     return np.arange(int(last * frame_rate + 1e-6) + 1) / frame_rate
-
-
-def simulate(
-    forward: ForwardModel,
-    design: Design,
-    program: PressureProgram,
-    times: NDArray[np.float64],
-    *,
-    model: Model | None = None,
-    order: int = 0,
-) -> NDArray[np.float32]:
-    """Return (T, 2 n, 3) points [m] of the motion that `moved` gives."""
-    return moved(forward, design, program, times, model=model, order=order).points
-
-
-def moved(
-    forward: ForwardModel,
-    design: Design,
-    program: PressureProgram,
-    times: NDArray[np.float64],
-    *,
-    model: Model | None = None,
-    order: int = 0,
-) -> MotionData:
-    """Return one motion with its muscles, without sensing effects.
-
-    order: the motion's place in the specimen's session. Raises as `require_motions`.
-    """
-    return require_motions(forward, [Case(design, program, order=order)], [times], model=model)[0]
 
 
 def require_motions(
@@ -154,20 +124,6 @@ def folders_of(sources: Sequence[tuple[str, tuple[Trial, ...]]]) -> dict[str, tu
             raise InputError(f"set {name}: expected sets with a name of their own, good for a folder")
         folders[name] = trials
     return folders
-
-
-def rest(
-    forward: ForwardModel, design: Design, program: PressureProgram, *, model: Model | None = None, order: int = 0
-) -> NDArray[np.float32]:
-    """Return (2 n, 3) points [m] of the shape that `rested` gives."""
-    return rested(forward, design, program, model=model, order=order).points[0]
-
-
-def rested(
-    forward: ForwardModel, design: Design, program: PressureProgram, *, model: Model | None = None, order: int = 0
-) -> MotionData:
-    """Return the shape at rest under the program's last pressures. Raises as `require_shapes`."""
-    return require_shapes(forward, [Case(design, program, order=order)], model=model)[0]
 
 
 def require_shapes(forward: ForwardModel, cases: Sequence[Case], *, model: Model | None = None) -> list[MotionData]:

@@ -17,9 +17,9 @@ from fabdesign.geometry.metrics import trial_errors
 from fabdesign.geometry.sensor_noise import estimate_noise
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.column import factor
+from fabdesign.nouns.design import Term
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.pressure import PressureProgram
-from fabdesign.nouns.term import Term
 from fabdesign.runtime.effort import cores
 
 GRID = 21  # points a side; kernels are the same up to 41
@@ -68,12 +68,10 @@ def _motions(case: Case) -> None:
 def _derivatives() -> None:
     """Compile derivatives of a cloth that does not hang at rest: no motion is compiled for it."""
     from sim.chunks import chunks_of, laid
-    from sim.kernels.transfer import load
     from sim.tangent.shapes import LaneColumns, solve_at_rest
 
     [chunk] = chunks_of([_case()], GRID)
-    batch, contents = laid(chunk.damped(), GRID, False)
-    load(contents)
+    batch = laid(chunk.damped(), GRID, False)
     lanes = [LaneColumns(case, (0,)) for case in chunk.lanes]
     solve_at_rest(batch, lanes, [factor("membrane")], lambda case: case.program.pressure[-1])
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from plotly import graph_objects as go
 
+from fabdesign.geometry.shape import Shape
 from fabdesign.geometry.surface import face_triangles
 from studies.report.charts import LEGEND, bare
 from studies.report.page import Chart
@@ -30,7 +31,7 @@ def target_cloud(points: Points) -> go.Scatter3d:
 
 def cloth(name: str, points: Points, **style: Any) -> go.Mesh3d:
     """Return both faces (2 n n, 3) m of a cloth. style: more of Plotly's `Mesh3d`."""
-    side = round(np.sqrt(len(points) / 2))
+    side = Shape(points).side
     corners = dict(zip("ijk", face_triangles(side, side).T.astype(np.int32), strict=True))
     return go.Mesh3d(name=name, showlegend=True, flatshading=False, **_axes(points), **corners, **style)
 

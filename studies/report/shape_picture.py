@@ -9,7 +9,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from fabdesign.geometry.mid_surface import mid_surface
+from fabdesign.geometry.shape import Shape
 from fabdesign.geometry.surface import front_triangles
 from fabdesign.units import in_mm
 from studies.report.oblique import box_of, draw_points, draw_room, draw_triangles
@@ -23,7 +23,7 @@ WIDTH, HEIGHT, DPI = 9.0, 4.4, 90  # inches of a picture, and dots an inch
 def shape_png(points: Array, target: Array, copies: Sequence[Array] = ()) -> bytes:
     """Return a PNG. points (2 n n, 3) m: front face, then back face; target (n, 3) m. copies: shapes like
     `points` whose columns are drawn thinly in the side view."""
-    middle, others = mid_surface(points), [mid_surface(copy) for copy in copies]
+    middle, others = Shape.of(points).middle, [Shape.of(copy).middle for copy in copies]
     some = target[:: max(1, len(target) // SHOWN)]
     every = np.concatenate([middle.reshape(-1, 3), some, *(other.reshape(-1, 3) for other in others)])
     box = box_of([every])

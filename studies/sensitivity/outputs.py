@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.metrics import chamfer_to, distance_to_faces
-from fabdesign.geometry.mid_surface import mid_surface
+from fabdesign.geometry.shape import Shape
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.study_files.sensitivity_file import Output
 from fabdesign.study_files.shape_output import ShapeOutput, read_shape_output
@@ -104,7 +104,7 @@ def _distance(target: LoadedTarget, points: NDArray[np.float32]) -> float:
 
 def tip(points: NDArray[np.floating], fabric: Fabric) -> Array:
     """Return (3,) m: mean position of the edge opposite the hung one; of the lower edge where no edge is hung."""
-    middle = mid_surface(points)
+    middle = Shape.of(points).middle
     edge = fabric.hung if isinstance(fabric.hung, str) else "top"
     along = middle[:, _FREE[edge]] if edge in ("left", "right") else middle[_FREE.get(edge, -1)]
     return np.asarray(along.mean(axis=0))
@@ -113,7 +113,7 @@ def tip(points: NDArray[np.floating], fabric: Fabric) -> Array:
 def mean_curvature(points: NDArray[np.floating]) -> float:
     """Return the mean curvature [1/m] of the mid-surface, mean over its area; positive where it is hollow to the
     front."""
-    middle = mid_surface(points)
+    middle = Shape.of(points).middle
     inner = slice(1, -1)
     u = (middle[inner, 2:] - middle[inner, :-2]) / 2
     v = (middle[2:, inner] - middle[:-2, inner]) / 2

@@ -16,8 +16,7 @@ from fabdesign.runtime.cluster import at_once as machines
 from fabdesign.runtime.effort import duration
 from fabdesign.study_files.sensitivity_file import SensitivityStudy, read_sensitivity
 from studies.layout_search.target import LoadedTarget, load_target
-from studies.prediction.forward_model import forward_model
-from studies.prediction.laced_motion import WithMuscleStates, knows_muscles
+from studies.prediction.forward_model import WithMuscleStates, forward_model, knows_muscles
 from studies.prediction.stability import moves, to_either_side
 from studies.sensitivity.estimators import saltelli_rows, trajectories
 from studies.sensitivity.inputs import Inputs

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fabdesign.effects.registry import EFFECTS, effect_named
 from fabdesign.errors import InputError
-from fabdesign.geometry.mid_surface import mid_surface
+from fabdesign.geometry.shape import Shape
 from fabdesign.nouns.model import EffectTerm, Model, Quantity
 from fabdesign.nouns.model_sampling import Ensemble
 
@@ -98,7 +98,7 @@ def _effect_values(model: Model) -> dict[str, dict[str, float]]:
 
 def lower_edge(points: NDArray[np.float32]) -> Array:
     """Return the mid-surface's last row (n, 3) m of a shape (2 n^2, 3) m."""
-    return np.asarray(mid_surface(points)[-1], dtype=np.float64)
+    return np.asarray(Shape.of(points).middle[-1], dtype=np.float64)
 
 
 def models_around(model: Model) -> list[Model]:

@@ -30,8 +30,7 @@ from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.runtime import working_time
 from fabdesign.runtime.supervisor import uninterrupted
 from studies.follow.wanted import Wanted
-from studies.prediction.forward_model import forward_model
-from studies.prediction.laced_motion import laced_motions
+from studies.prediction.forward_model import forward_model, laced_motions
 
 COARSE = 21  # points a side, while something is dragged
 _NOISE_FRAMES = 8  # of a trial, that a sensor's noise is estimated from

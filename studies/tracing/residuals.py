@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.geometry.sheet import Sheet
+from fabdesign.geometry.shape import Sheet
 from optimize.fit.clouds import Match, Sample
 from optimize.fit.cross_validation import LeftOut, Scored
 from optimize.fit.fitted import Fit

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fabdesign.geometry.sheet import sheets_of
+from fabdesign.geometry.shape import sheets_of
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.trial import Trial

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from corrector.basis import anywhere, least_effects, names
-from corrector.designs import described, distance
-from corrector.examples import Examples
 from corrector.inputs import HISTORY, MuscleFields
-from corrector.regression import Regression, best_penalty, coefficients_of, relative_error
+from corrector.layout import described, distance
+from corrector.regression import Examples, Regression, best_penalty, coefficients_of, relative_error
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.runtime.store import Arrays, Checkpoint
 from studies.measured.splits import by_program, folds

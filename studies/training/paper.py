@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from corrector.designs import described
+from corrector.layout import described
 from corrector.paper import FRAMES
 from corrector.paper_training import PaperTraining, TrainingPairs, train_paper
 from fabdesign.errors import InputError

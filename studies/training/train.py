@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from corrector.load import load_corrector, write_weights
+from corrector.field import load_corrector, write_weights
 from fabdesign.files.model_file import write_model
 from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.geometry.distances import chamfer
@@ -30,7 +30,7 @@ from optimize.fit.parameters import FitVector
 from studies.intervals.calibrate import spread_json, with_spread
 from studies.measured.fit_data import noise_of
 from studies.measured.used_frames import UsedFrames
-from studies.prediction.evaluate import ERRORS
+from studies.prediction.evaluation_report import ERRORS
 from studies.training.data import Chosen, KeptMotions, Progress, case_of, choose, fitted_base
 
 Network = Literal["field", "paper"]

@@ -17,7 +17,8 @@ from optimize.fit.clouds import evenly
 from optimize.fit.descent import Progress, parts
 from optimize.fit.free_parameters import fit_vector
 from studies.calibration.calibrate import CalibrationOptions, calibrate
-from studies.prediction.evaluate import SetEvaluation, evaluate_sets
+from studies.prediction.evaluate import evaluate_sets
+from studies.prediction.evaluation_report import SetEvaluation
 from studies.prediction.forward_model import forward_model
 
 _FIT = 0.8  # of the work, beside the evaluation

@@ -9,7 +9,7 @@ from fabdesign.errors import SimulationError
 from fabdesign.files.pressure_file import constant_program
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.model import Model
-from fabdesign.nouns.spread import spread_of
+from fabdesign.nouns.model_sampling import spread_of
 from fabdesign.study_files.unseen_file import Unsewn
 from fabdesign.units import in_kpa, in_mm
 from studies.intervals.band import shapes_with_error
@@ -106,7 +106,7 @@ def corrector_statement(model: Model, unsewn: Unsewn) -> CorrectorStatement:
     """Whether the model's corrector applies to the design, and in words."""
     if model.corrector is None:
         return {"applies": None, "said": "no corrector in this model"}
-    from corrector.load import load_corrector  # here: it loads the weights
+    from corrector.field import load_corrector  # here: it loads the weights
 
     trust = load_corrector(model).trust(unsewn.design)
     far = f"{trust.distance:.2f} from the designs that it learned from, its limit is {trust.limit:.2f}"

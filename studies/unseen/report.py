@@ -13,7 +13,7 @@ from fabdesign.formats.toml_file import file_stem
 from fabdesign.output import write_text
 from fabdesign.units import in_mm
 from fabdesign.version import __version__
-from studies.prediction.evaluate import ERROR_NAMES
+from studies.prediction.evaluation_report import ERROR_NAMES
 from studies.report import page
 from studies.unseen.result import Measurement, PoseResult, UnseenResult
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from fabdesign.formats.toml_file import file_stem
 from fabdesign.nouns.forward import ForwardModel
-from fabdesign.nouns.spread import spread_of
+from fabdesign.nouns.model_sampling import spread_of
 from fabdesign.output import WorkFolder, work_folder
 from fabdesign.runtime.effort import CALIBRATION, fit_seconds, in_words, on_cores, unseen_seconds
 from fabdesign.runtime.fingerprint import content_of, sha256

@@ -10,8 +10,8 @@ from fabdesign.clouds.cloud_file import POINTS
 from fabdesign.errors import InputError
 from fabdesign.geometry.distances import chamfer
 from fabdesign.geometry.metrics import Errors, frame_errors, mean_errors
-from fabdesign.geometry.mid_surface import two_faces
 from fabdesign.geometry.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
+from fabdesign.geometry.shape import Shape
 from fabdesign.geometry.surface import Surface
 from fabdesign.units import in_mm
 from studies.view.items import Item
@@ -107,7 +107,7 @@ def _noise(clouds: Sequence[Array], model: Array) -> SensorNoise | None:
     """Return the noise of the sensor that saw a cloth; None where the clouds have too few points to say."""
     if np.median([len(cloud) for cloud in clouds]) < _FEWEST:
         return None
-    front, back = two_faces(model)
+    front, back = Shape.of(model).faces
     thickness = float(np.median(np.linalg.norm(front - back, axis=-1)))
     chosen = np.unique(np.linspace(0, len(clouds) - 1, min(_NOISE_FRAMES, len(clouds))).astype(int))
     try:

@@ -17,12 +17,12 @@ from fabdesign.files.measurement_set import read_set
 from fabdesign.files.motion_file import MotionData, read_motion, square_triangles
 from fabdesign.files.trial_file import read_trial
 from fabdesign.formats.npz_file import open_npz
-from fabdesign.geometry.laced_muscles import LacedMuscles
+from fabdesign.geometry.shape import LacedMuscles
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.trial import Trial
-from studies.prediction.laced_motion import laced_motions
+from studies.prediction.forward_model import laced_motions
 
 LARGEST = 5.0  # m, of any coordinate: what is larger is in another unit
 MOST = 8  # side by side

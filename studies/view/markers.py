@@ -7,7 +7,7 @@ import numpy as np
 
 from fabdesign.errors import InputError
 from fabdesign.formats.csv_table import write_rows
-from fabdesign.geometry.mid_surface import at_places, mid_surface
+from fabdesign.geometry.shape import Shape, at_places
 from studies.view.items import Item
 
 # shares of width and height from the upper left corner, seen from the front
@@ -32,7 +32,7 @@ def save_markers(items: Sequence[Item], path: Path, markers: Mapping[str, tuple[
             raise InputError(f"{item.title}: is a cloud or mesh, without named points; expected motions of a cloth")
         places = [_place(item, name, *markers[name]) for name in names] if markers else [*USUAL.values()]
         for time, points in zip(item.times, item.frames, strict=True):
-            places_at = at_places(mid_surface(points), places)
+            places_at = at_places(Shape.of(points).middle, places)
             rows.append([item.title, f"{time:.6f}", *(f"{value:.6f}" for value in places_at.ravel())])
     columns = [f"{name}_{axis}_m" for name in names for axis in "xyz"]
     write_rows(path, ["panel", "time_s", *columns], rows)

@@ -7,8 +7,7 @@ from xml.etree import ElementTree
 import meshio
 import numpy as np
 
-from fabdesign.geometry.laced_muscles import LacedMuscles
-from fabdesign.geometry.mid_surface import mid_surface, strains
+from fabdesign.geometry.shape import LacedMuscles, Shape, strains
 from studies.view.items import Item, timeline
 
 
@@ -52,7 +51,7 @@ def _shape(item: Item, frame: int) -> meshio.Mesh:
         data["face"] = np.repeat(np.array([1, -1], np.int8), len(points) // 2)
         if item.size is not None:
             names = ("strain_across", "strain_down", "shear_rad")
-            strain = strains(mid_surface(points), item.size)
+            strain = strains(Shape.of(points).middle, item.size)
             data |= {name: np.tile(s.ravel(), 2).astype(np.float32) for name, s in zip(names, strain, strict=True)}
     return meshio.Mesh(points, [("triangle", np.asarray(item.triangles))], point_data=data)
 

@@ -10,7 +10,7 @@ from scipy.optimize import brentq, fsolve
 from fabdesign.nouns.muscle import BenchTable, Muscle, MuscleType
 from fabdesign.nouns.muscle_law import MuscleLaw
 from sim import Simulator
-from sim.design.loops import LOOP
+from sim.lacing import LOOP
 from tests.sim_designs import around, cloth, held, laced, linear_muscle, middle
 
 SIMULATOR = Simulator()

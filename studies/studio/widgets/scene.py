@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.geometry.mid_surface import at_places, two_faces
+from fabdesign.geometry.shape import Shape, at_places
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.muscle import Muscle
 from studies.studio.layout import Point
@@ -119,7 +119,7 @@ def ribbon(path: Array, width: float) -> tuple[NDArray[np.float32], NDArray[np.u
 
 def laced(points: NDArray[np.float32], muscle: Muscle, fabric: Fabric) -> Array:
     """Return a muscle's fixed points (n, 3) m on a shape (2 m^2, 3) m of the cloth, a little off its face."""
-    faces = at_places(two_faces(points), muscle.fixed_points() / [fabric.width, fabric.height])
+    faces = at_places(Shape.of(points).faces, muscle.fixed_points() / [fabric.width, fabric.height])
     face, behind = faces if muscle.side == "front" else faces[::-1]
     return np.asarray(face + 0.75 * (face - behind))
 

@@ -1,4 +1,5 @@
-"""The schedule of a batch's lanes, step by step: each takes steps of its own, all of them their k-th together."""
+"""The batch that lies in the fields, and the schedule of its lanes: each takes steps of its own, all of them their k-th
+together."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,10 +8,43 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.forces.added import AddedForce
+from sim.forces.contact import Touching
+from sim.grid import Support
 from sim.kernels.fields import LANES
-from sim.time.batch import Batch
-from sim.time.scheme import Integrator, Scheme
-from sim.time.steps import Steps
+from sim.kernels.transfer import read, read_states
+from sim.time_steps import Integrator, Scheme, Steps
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Its sizes, and what of it is read back."""
+
+    blocks: int
+    nu: int
+    nv: int
+    points: int  # fixed points, the most of any lane; 0 without muscles
+    support: Support
+    smoothing: int  # nodes over which the preconditioner's frames are averaged, to each side
+    touching: Touching | None = None  # with self_contact
+    added: tuple[AddedForce, ...] = ()  # forces of effects
+
+    @property
+    def grid(self) -> tuple[int, int, int]:
+        return self.blocks, self.nu, self.nv
+
+    def positions(self, plane: int) -> NDArray[np.float32]:
+        """Return (lanes, n, n, 3) m, in a plane of F.node3."""
+        out = np.empty((self.blocks, LANES, self.nu * self.nv, 3), np.float32)
+        read(*self.grid, plane, out)
+        return out.reshape(-1, self.nv, self.nu, 3)
+
+    def states(self) -> NDArray[np.float32]:
+        """Return (lanes, points, 2): contraction and tension [N] of every interval as last evaluated."""
+        out = np.zeros((self.blocks, LANES, max(self.points, 1), 2), np.float32)
+        read_states(self.blocks, self.points, out)
+        return out[:, :, : self.points].reshape(self.blocks * LANES, self.points, 2)
+
 
 PLAIN, FACTORISED, IDLE = range(3)  # what a block does: a step, one with the preconditioner factored anew, nothing
 Floats = NDArray[np.float32]

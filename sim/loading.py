@@ -7,22 +7,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects.acting import specimen_of
-from fabdesign.effects.specimen import Specimen
+from fabdesign.effects.declaration import Specimen
 from fabdesign.errors import InputError
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.muscle import BenchTable, MuscleType
 from fabdesign.nouns.muscle_law import law_of
 from fabdesign.runtime.effort import MEMORY
 from sim import state
-from sim.design.lacing import Lacing, lace, touched
-from sim.design.nodes import node_arrays, node_means
-from sim.design.support import Support
+from sim.grid import Support, node_arrays, node_means
 from sim.kernels import fields as f
 from sim.kernels.fields import LANES, TABLE, TYPES, F, allocate
 from sim.kernels.transfer import Contents, Shared
+from sim.lacing import Lacing, lace, touched
 from sim.materials import Lane, lane_constants
-from sim.solver.coarse_tables import tables
-from sim.solver.modes import Modes, by_four, modes_across, modes_down
+from sim.solver.modes import Modes, by_four, modes_across, modes_down, tables
 from sim.state import COARSE_DOWN, GREEN, PATCH
 
 
@@ -71,7 +69,7 @@ def contents_of(cases: Sequence[Case], n: int, *, support: Support, blocks: int)
         coarse=coarse, place=place,
         rows=_rows(lacings, n, len(cases) // LANES, points, down),
     )  # fmt: skip
-    return Contents(len(cases) // LANES, points, values | {"lane": _constants(specimens, n)}, shared)
+    return Contents(len(cases) // LANES, points, values | {"lane": constants_of(specimens, n)}, shared)
 
 
 def _require_room(points: int, blocks: int) -> None:
@@ -83,14 +81,9 @@ def _require_room(points: int, blocks: int) -> None:
         )
 
 
-def constants_of(cases: Sequence[Case], n: int) -> NDArray[np.float32]:
-    """Return (blocks, constants, LANES): the materials of `cases`, one a lane."""
-    return _constants([specimen_of(case) for case in cases], n)
-
-
-def _constants(specimens: Sequence[Specimen], n: int) -> NDArray[np.float32]:
-    """Return (blocks, constants, LANES)"""
-    return side_by_side([lane_constants(Lane(specimen, n)).astype(np.float32) for specimen in specimens])
+def constants_of(specimens: Sequence[Specimen], n: int) -> NDArray[np.float32]:
+    """Return (blocks, constants, LANES): the materials of specimens, one a lane."""
+    return side_by_side([lane_constants(Lane(specimen, n)) for specimen in specimens])
 
 
 def side_by_side(values: Sequence[NDArray]) -> NDArray:

@@ -1,14 +1,46 @@
-"""The grid of a design: where its nodes rest, their masses, and which are held."""
+"""The grid of a design: how the cloth is held, where its nodes rest, their masses."""
 
 from collections.abc import Iterator, Sequence
+from enum import IntEnum
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.specimen import Specimen
+from fabdesign.effects.declaration import Specimen
+from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.muscle import Muscle
-from sim.design.support import Support
+
+
+class Support(IntEnum):
+    """The kinds of support. Kernels take the number; edges come first."""
+
+    TOP = 0
+    BOTTOM = 1
+    LEFT = 2
+    RIGHT = 3
+    NONE = 4
+    POINTS = 5
+
+    @classmethod
+    def of(cls, fabric: Fabric) -> "Support":
+        return cls[fabric.hung.upper()] if isinstance(fabric.hung, str) else cls.POINTS
+
+    @property
+    def is_edge(self) -> bool:
+        """Whether the preconditioner knows what is held: it does not know single nodes."""
+        return self < EDGES
+
+    @property
+    def nodes(self) -> tuple[int | slice, int | slice]:
+        """Return the rows and columns of a held edge on the grid."""
+        every = slice(None)
+        return ((0, every), (-1, every), (every, 0), (every, -1))[self]
+
+
+EDGES = 4  # kinds of support below this are edges
+TOP, BOTTOM, LEFT, RIGHT = range(EDGES)  # for kernels
+
 
 Array = NDArray[np.float64]
 Path = tuple[tuple[float, float], ...]
@@ -40,7 +72,9 @@ def masses(specimen: Specimen, n: int) -> Array:
     cell = u[1] * v[1]
     mass = specimen.factors.get("areal_density", 1.0) * fabric.areal_density * cell * np.outer(trapezoid, trapezoid)
     for muscle in design.muscles:
-        _add_line_mass(mass, muscle.path, design.muscle_types[muscle.type].mass_per_length, u[1], v[1])
+        density = design.muscle_types[muscle.type].mass_per_length
+        for x, y, each in _line_masses(muscle.path, density, u[1], v[1]):
+            _add_masses(mass, x, y, each)
     for at_u, at_v, added in specimen.masses:
         _add_masses(mass, np.array([at_u / u[1]]), np.array([at_v / v[1]]), added)
     return np.asarray(mass.ravel())
@@ -62,11 +96,6 @@ def _points_within(size: float, n: int) -> Array:
     ends = np.clip((np.arange(n + 1) - 0.5) * h, 0.0, size)
     count = int(np.ceil(h / FINE))
     return np.asarray(ends[:-1, None] + np.diff(ends)[:, None] * (np.arange(count) + 0.5) / count)
-
-
-def _add_line_mass(mass: Array, path: Path, density: float, hu: float, hv: float) -> None:
-    for x, y, each in _line_masses(path, density, hu, hv):
-        _add_masses(mass, x, y, each)
 
 
 def _line_masses(path: Path, density: float, hu: float, hv: float) -> Iterator[tuple[Array, Array, float]]:

@@ -7,9 +7,14 @@ of spacing h gives way to so narrow a load more than the sheet does, so that WID
 hem than LOOP the knots are as far apart as the hem is away, so that a muscle that ends on a held edge is held.
 """
 
+from dataclasses import dataclass
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.muscle import Muscle
 from sim.state import PATCH
 
 Array = NDArray[np.float64]
@@ -18,15 +23,16 @@ WIDENED = 1 / 8  # with it grids of 10 and 5 mm come nearest to fine ones (docs/
 
 
 def patch_size(nodes: int, spacing: float) -> int:
-    """How many nodes of a line with `spacing` [m] a loop can touch; with spacings under 1.25 mm it is narrower."""
+    """Return how many nodes of a line with `spacing` [m] a loop can touch; with spacings under 1.25 mm it is
+    narrower."""
     return min(4 * max(1, int(np.ceil(LOOP / spacing - 1e-9))), 4 * (nodes // 4), PATCH)
 
 
 def line_weights(
     t: ArrayLike, nodes: int, spacing: float | Array, count: int
 ) -> tuple[NDArray[np.int_], Array, Array, Array]:
-    """Of loops at `t` (...) [m] on a line of nodes: first node (...), weights (..., count), derivatives of these [1/m],
-    first moments [m]. spacing: m, one for all or (..., 1).
+    """Return of loops at `t` (...) [m] on a line of nodes: first node (...), weights (..., count), derivatives of these
+    [1/m], first moments [m]. spacing: m, one for all or (..., 1).
 
     `count`: of weights, patch_size at least. B-spline weights, with knots a spacing apart at least, and Catmull-Rom
     weights, of no variance, are mixed for the loop's. Beyond the ends of the line the quadratic of three nodes goes on.
@@ -53,7 +59,7 @@ def interpolation_weights(t: float, nodes: int) -> tuple[int, Array]:
 
 
 def _around(t: Array, nodes: int, count: int) -> NDArray[np.int_]:
-    """(..., count) nodes around `t` (..., 1) node spacings along a line; some may lie beyond its ends."""
+    """Return (..., count) nodes around `t` (..., 1) node spacings along a line; some may lie beyond its ends."""
     below = np.clip(np.floor(t).astype(int), 0, nodes - 2)
     return np.asarray(below - count // 2 + 1 + np.arange(count))
 
@@ -75,7 +81,7 @@ def _spline(x: Array, scale: Array) -> tuple[Array, Array]:
 
 
 def _catmull_rom(x: Array) -> tuple[Array, Array]:
-    """The same for the interpolation that reproduces quadratics, in node spacings."""
+    """Return the same for the interpolation that reproduces quadratics, in node spacings."""
     r = np.abs(x)
     value = np.where(r < 1, 2 - 5 * r**2 + 3 * r**3, np.clip(2 - r, 0, None) ** 2 * (1 - r)) / 2
     slope = np.where(r < 1, 10 * r - 9 * r**2, np.clip(2 - r, 0, None) * (4 - 3 * r)) * np.sign(x) / 2
@@ -83,8 +89,8 @@ def _catmull_rom(x: Array) -> tuple[Array, Array]:
 
 
 def _fold(around: NDArray[np.int_], nodes: int) -> tuple[NDArray[np.int_], Array]:
-    """The first (...) of as many nodes on the line, and the matrices (..., count, count) that take weights of `around`
-    (..., count) to them."""
+    """Return the first (...) of as many nodes on the line, and the matrices (..., count, count) that take weights of
+    `around` (..., count) to them."""
     first = np.clip(around[..., 0], 0, nodes - around.shape[-1])
     held = first[..., None] + np.arange(around.shape[-1])
     fold = (held[..., :, None] == around[..., None, :]).astype(float)
@@ -93,3 +99,63 @@ def _fold(around: NDArray[np.int_], nodes: int) -> tuple[NDArray[np.int_], Array
     fold[..., :3, :] += end * (around < 0)[..., None, :]
     fold[..., -3:, :] += end[..., ::-1, :] * (around >= nodes)[..., None, :]
     return first, fold
+
+
+@dataclass(frozen=True, eq=False)
+class Lacing:
+    """The fixed points of one design on an n x n grid; interval k runs from point k to k + 1 where `active`."""
+
+    base: NDArray[np.int32]  # (p, 2) row and column of the first node
+    weights: Array  # (6, p, PATCH): wu, wv, du, dv, eu, ev, zeros behind
+    offset: Array  # (p,) m, signed: positive on the front
+    active: Array  # (p,) 1 where an interval starts
+    rest: Array  # (p,) m
+    channel: NDArray[np.int32]  # (p,)
+    muscle_type: tuple[str, ...]  # (p,)
+    muscle: NDArray[np.int32]  # (p,) which of the design's
+    along: Array  # (p,) the interval's middle from the muscle's first end, over its length
+
+
+def touched(design: Design, n: int) -> tuple[int, int]:
+    """Return how many nodes across and down a loop of this design can touch."""
+    return patch_size(n, design.fabric.width / (n - 1)), patch_size(n, design.fabric.height / (n - 1))
+
+
+def lace(design: Design, n: int, across: int, down: int) -> Lacing:
+    """Return the fixed points with the weights of across x down nodes around each."""
+    hu, hv = design.fabric.width / (n - 1), design.fabric.height / (n - 1)
+    weights = [np.zeros((6, 0, PATCH))]
+    base = [np.zeros((0, 2), np.int32)]
+    offset, active, rest, channel, types, kinds, along = [], [], [], [], [], [], []
+    for index, muscle in enumerate(design.muscles):
+        first, touching, lengths = _loops(muscle, n, hu, hv, across, down)
+        count = len(first)
+        base.append(first)
+        weights.append(touching)
+        kinds += [index] * count
+        along += [*((np.cumsum(lengths) - lengths / 2) / lengths.sum()), 0.0]
+        side = 1.0 if muscle.side == "front" else -1.0
+        offset += [side * design.muscle_types[muscle.type].axis_offset] * count
+        active += [1.0] * (count - 1) + [0.0]
+        rest += [*lengths, 1.0]
+        channel += [muscle.channel] * count
+        types += [muscle.type] * count
+    return Lacing(
+        np.concatenate(base), np.concatenate(weights, axis=1),
+        np.array(offset), np.array(active), np.array(rest), np.array(channel, np.int32), tuple(types),
+        np.array(kinds, np.int32), np.array(along),
+    )  # fmt: skip
+
+
+@lru_cache(maxsize=512)
+def _loops(
+    muscle: Muscle, n: int, hu: float, hv: float, across: int, down: int
+) -> tuple[NDArray[np.int32], Array, Array]:
+    """Return of the muscle's fixed points the first node (p, 2), weights (6, p, PATCH); lengths of its intervals
+    [m]."""
+    points = muscle.fixed_points()
+    i, wu, du, eu = line_weights(points[:, 0], n, hu, across)
+    j, wv, dv, ev = line_weights(points[:, 1], n, hv, down)
+    touching = np.zeros((6, len(points), PATCH))
+    touching[::2, :, :across], touching[1::2, :, :down] = (wu, du, eu), (wv, dv, ev)
+    return np.stack([j, i], axis=1).astype(np.int32), touching, np.linalg.norm(np.diff(points, axis=0), axis=1)
