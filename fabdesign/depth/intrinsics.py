@@ -7,7 +7,7 @@ Modified Brown-Conrady (it leaves the distortion away) and for f-theta (its scal
 one whose projection by the SDK is the pixel.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, Literal, get_args
@@ -207,14 +207,15 @@ def _un_ftheta(distorted: Array, c: Array) -> Array:
 
 
 _plain, _modified = partial(_brown, tangential_on_radial=False), partial(_brown, tangential_on_radial=True)
-_DISTORT = {
+_Lens = Callable[[Array, Array], Array]
+_DISTORT: Mapping[str, _Lens] = {
     "brown_conrady": _plain,
     "inverse_brown_conrady": _modified,
     "modified_brown_conrady": _modified,
     "kannala_brandt4": _kannala_brandt,
     "ftheta": _ftheta,
 }
-_UNDISTORT = {
+_UNDISTORT: Mapping[str, _Lens] = {
     "brown_conrady": _inverse(_plain),
     "inverse_brown_conrady": _inverse(_modified),
     "modified_brown_conrady": _inverse(_modified),

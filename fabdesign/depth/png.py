@@ -31,7 +31,8 @@ def _pixels(content: bytes, where: str, modes: tuple[str, ...], expected: str, m
     from PIL import Image
 
     try:
-        with Image.open(io.BytesIO(content), formats=("PNG", "TIFF", "JPEG")) as image:
+        opened: Any = Image.open(io.BytesIO(content), formats=("PNG", "TIFF", "JPEG"))
+        with opened as image:
             width, height = image.size
             if width * height > MOST_PIXELS:
                 most = f"{MOST_PIXELS / 1e6:.1f} million"
