@@ -9,8 +9,9 @@ SETUP := pyproject.toml constraints.txt scripts/setup.sh
 demo: .venv/.ready-demo
 	.venv/bin/fabdesign demo -o demo
 
+# processes that tests start load compiled sources, also where the environment says that none are written
 test: lint
-	$(PYTHON) -m pytest -m "not verify" -n 2 --dist worksteal
+	PYTHONDONTWRITEBYTECODE= $(PYTHON) -m pytest -m "not verify" -n 2 --dist worksteal
 
 # the tests once more, and which lines they reach; half as much processor time again
 coverage: .venv/.ready-test

@@ -134,9 +134,9 @@ def page(sizes: Sequence[int]) -> list[str]:
         "",
         "## Agreement with the float64 reference",
         "",
-        f"Of 16 shapes at {COMPARED} points a side, half of them with effects on: what the reference's balance of",
-        "forces lacks along a column, as a displacement by its Gauss-Newton stiffness, over the column (norms);",
-        "float64, central differences over 1 um at most.",
+        f"Of 16 shapes at {COMPARED} points a side, half of them with effects on. The figure is what the reference's",
+        "balance of forces lacks along a column, as a displacement, over the column (norms). The reference is in",
+        "float64, with central differences over 1 um at most.",
         f"Within 1e-2: {np.sum(every <= BOUND)} of {len(every)}, {within:.0%} (bound 95 %); within 1e-3: "
         f"{np.mean(every <= 0.1 * BOUND):.0%}; by the tangent: {by_tangent}.",
         "",

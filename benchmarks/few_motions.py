@@ -9,7 +9,7 @@ the trials of *basic* at every seventh place from 4 on, none of which is fitted,
 role test. The models of twelve trials are judged on the trials that `train` keeps back and `calibrate` did not fit.
 
 `learned-told-10` has the five trials of `learned-5` and five more of those not judged, by designs and pressures alone:
-those that by its covariance tell most together of the motions of all (studies/unseen/measurement.py), but for those
+those that by its covariance tell most together of the motions of all (studies/unseen/prediction.py), but for those
 that the simulator calls sensitive in over a fifth of their frames.
 
 Surface RMS at every sixth frame, each motion once on 21 points a side. A model is fitted where FOLDER has none, without
@@ -41,10 +41,8 @@ from optimize.fit.parameters import FitVector
 from studies.calibration.calibrate import CalibrationOptions, calibrate
 from studies.measured.fit_data import noise_of
 from studies.measured.sensitive_stretches import GRID, find_used_frames
-from studies.training.data import choose
-from studies.training.train import KEPT_BACK
-from studies.unseen.draws import Draws
-from studies.unseen.measurement import in_turn, information
+from studies.training.data import KEPT_BACK, choose
+from studies.unseen.prediction import Draws, in_turn, information
 
 FIVE = (0, 38, 75)
 EIGHT = (*FIVE, 19, 57)

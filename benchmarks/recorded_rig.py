@@ -13,8 +13,7 @@ from fabdesign.files.pressure_file import write_pressures
 from fabdesign.geometry.surface import Surface
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.pressure import PressureProgram
-from studies.rig.cameras import CAMERAS, POSITION, disturb, look, mesh
-from studies.rig.depth_camera import StereoCamera
+from studies.rig.cameras import CAMERAS, POSITION, StereoCamera, disturb, look, mesh
 from studies.rig.ground_truth import GroundTruth
 from studies.rig.motion import equilibrium
 from studies.rig.scene import Resolution, Scene

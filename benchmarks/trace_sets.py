@@ -19,7 +19,7 @@ from fabdesign.nouns.forward import PARAMETERS
 from fabdesign.nouns.pressure import PressureProgram
 from optimize.fit.parameters import PRIOR
 from studies.rig import EffectSetting, run_rig
-from studies.rig.effects.variants import OF
+from studies.rig.effects.unlisted import OF
 from studies.rig.ground_truth import GroundTruth
 
 SECONDS = 1.5

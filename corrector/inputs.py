@@ -15,6 +15,7 @@ from fabdesign.geometry.shape import Shape
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.forward import MUSCLE_TYPES, Case
+from fabdesign.nouns.lag import after, first_order
 from fabdesign.nouns.muscle_law import MuscleLaw, law_of
 from fabdesign.nouns.pressure import PressureProgram
 
@@ -197,10 +198,8 @@ def _common(case: Case, times: Array) -> tuple[Array, Array, Array]:
 def lagged(program: PressureProgram, times: Array, lag: float) -> Array:
     """Return (T, channels) Pa: the program through a first-order lag of `lag` s, from no pressure before t = 0.
     Exact."""
-    ends = np.append(program.time[1:], np.inf)
-    result = np.zeros((len(times), program.pressure.shape[1]))
-    for start, end, level in zip(program.time, ends, program.pressure, strict=True):
-        begun = np.maximum(times - start, 0)
-        over = np.maximum(times - end, 0)
-        result += np.where(times > start, np.exp(-over / lag) - np.exp(-begun / lag), 0.0)[:, None] * level
-    return result
+    held, idle = np.diff(program.time), np.zeros(program.pressure.shape[1])
+    at_rows = first_order(program.pressure[:-1], held, lag, start=idle)
+    row = np.maximum(np.searchsorted(program.time, times, side="right") - 1, 0)
+    since = np.maximum(times - program.time[row], 0.0)[:, None]
+    return after(at_rows[row], program.pressure[row], since, lag)

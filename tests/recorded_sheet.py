@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from fabdesign.files.design_file import write_design
 from fabdesign.nouns.catalogue import build
-from studies.rig.cameras import CAMERAS, POSITION, disturb, draw, look
-from studies.rig.depth_camera import StereoCamera
+from studies.rig.cameras import CAMERAS, POSITION, StereoCamera, disturb, draw, look
 
 Array = NDArray[np.float64]
 DESIGN = build("cross", muscles=2)

@@ -20,8 +20,7 @@ from optimize.search.objective import Objective
 from studies.benches.trace_report import render_bench
 from studies.benches.tracing import examine
 from studies.layout_grid.report import render
-from studies.layout_grid.result import CellResult, GridResult
-from studies.layout_search.first_layouts import limits_of
+from studies.layout_grid.turns import CellResult, GridResult
 from studies.layout_search.target import LoadedTarget, load_target
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult
@@ -41,12 +40,12 @@ def search_result(width: float, height: float, *, wish: bool = False) -> StudyRe
     study = Study("made", design, (target,))
     cloud = AnalyticCloth().equilibria([_case(design)])[0][::2].astype(float)
     cloud += np.random.default_rng(1).normal(0, 6e-4, cloud.shape)
-    spaces = [DesignSpace(design, limits_of(study), KPA * share) for share in (0.2, 0.6, 0.9, 0.95, 1.0)]
+    spaces = [DesignSpace(design, study.limits, KPA * share) for share in (0.2, 0.6, 0.9, 0.95, 1.0)]
     starts = [(space, space.encode(design, space.start_pressures)) for space in spaces]
     stages = [Stage("full model, positions and pressures", AnalyticCloth(), keep=2, rounds=1)]
     with History(":memory:", {}) as history:
-        loaded = load_target(target, design) if wish else LoadedTarget(cloud, None, "a cloud made for tests")
-        evaluations = Evaluations(Objective([loaded.sought]), starts, stages, history, seconds=100, evaluations=100)
+        loaded = load_target(target, design) if wish else LoadedTarget(cloud, description="a cloud made for tests")
+        evaluations = Evaluations(Objective([loaded]), starts, stages, history, seconds=100, evaluations=100)
         evaluations.evaluate(0, [(k, x) for k, (_, x) in enumerate(starts)])
         model = forward_model(AnalyticCloth(), None)
         return _result(study, (loaded,), evaluations, model, "the limit of 5 evaluations is reached", follow=False)

@@ -66,9 +66,9 @@ def test_two_effects_are_found_among_four(tmp_path):
     # from the data sheet: the factors alone go where neither is found from (muscle gain and damping far off)
     design, rng, forward = build("cross", muscles=2), np.random.default_rng(2), Simulator(points_per_side=11)
     noise = SensorNoise(0.0005, 0.0, 0.05)
-    programs = [PressureProgram(np.array([0.0]), rng.uniform(50e3, 300e3, (1, design.channels)), 0.5) for _ in range(3)]
+    programs = [PressureProgram(np.array([0.0]), rng.uniform(50e3, 300e3, (1, design.channels)), 0.5) for _ in range(2)]
     measured = simulated_set(
-        tmp_path / "set", forward, design, programs, TIMES, noise=noise, points=200, rng=rng, effects=PUT_IN
+        tmp_path / "set", forward, design, programs, TIMES, noise=noise, points=300, rng=rng, effects=PUT_IN
     )
     vector = fit_vector(["rest_curvature.down", "filling_lag.fill", "air_drag", "orthotropy"])
     found = calibrate(measured, forward, vector=vector, options=CalibrationOptions(engines=np.zeros(len(vector.names))))

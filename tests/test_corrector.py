@@ -28,7 +28,7 @@ from fabdesign.nouns.model import Model, Parameter
 from fabdesign.nouns.pressure import PressureProgram
 from optimize.fit.free_parameters import fit_vector
 from studies.prediction.forward_model import not_corrected
-from studies.training.data import choose, frames_learned
+from studies.training.data import TrainingOptions, choose, frames_learned
 from tests.command_line import one_line
 
 SIDE = 41
@@ -125,7 +125,9 @@ def _train(measured: Path, output: Path, **options):
     from studies.training.train import train
 
     given = {"base": Model({"bending": Parameter(1.0)})} | options
-    return train([read_set(measured)], given.pop("forward", Bending()), output, goes_to=output, **given)
+    how = {name: given.pop(name) for name in ("force", "progress") if name in given}
+    forward = given.pop("forward", Bending())
+    return train([read_set(measured)], forward, output, TrainingOptions(**given), goes_to=output, **how)
 
 
 def _off(motion: np.ndarray, truth: np.ndarray) -> float:

@@ -15,6 +15,7 @@ from fabdesign.effects.acting import acting_pressure, observed, specimen_of
 from fabdesign.effects.learned import formula
 from fabdesign.effects.pneumatics import lagged
 from fabdesign.nouns.forward import Case, Term
+from fabdesign.nouns.lag import first_order
 from fabdesign.nouns.model import EffectTerm, Model, Quantity
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.nouns.predictor import Predictor
@@ -62,6 +63,15 @@ def test_lag_is_an_exponential_that_empties_as_it_is_told():
     down = -top * empty * np.expm1(-t / empty)
     expected = np.concatenate([np.diff(up), np.diff(down)]) / tick
     assert lagged(told, tick, fill, empty)[:, 0] == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_first_order_lag_is_exact_and_may_fall_slower_than_it_rises():
+    path = first_order([1.0, 0.0], [0.1, 0.3], 0.1, start=0.0, falling=0.3)
+    risen = 1 - np.exp(-1)
+    assert path == pytest.approx([0.0, risen, risen * np.exp(-1)], rel=1e-12)
+    both = first_order(np.array([[1.0, 2.0], [0.0, 4.0]]), [0.1, 0.2], 0.1, start=np.zeros(2))
+    assert both[1] == pytest.approx([risen, 2 * risen], rel=1e-12)
+    assert both[2] == pytest.approx([risen * np.exp(-2), 4 + (2 * risen - 4) * np.exp(-2)], rel=1e-12)
 
 
 def test_lagged_pressure_acts_in_the_muscle():

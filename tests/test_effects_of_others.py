@@ -79,10 +79,12 @@ def test_an_installed_package_s_effect(monkeypatch):
     ("text", "problem"),
     [("x = 1", "declares no effect"), ("1 / 0", "ZeroDivisionError"), ("import nowhere_at_all", "nowhere_at_all")],
 )
-def test_a_bad_file_is_one_line(text, problem, tmp_path):
+def test_a_bad_file_is_one_line_and_nothing_is_written_beside_it(text, problem, tmp_path, monkeypatch):
+    monkeypatch.setattr("sys.dont_write_bytecode", False)
     (tmp_path / "bad.py").write_text(text)
     with pytest.raises(InputError, match=problem):
         register_file(tmp_path / "bad.py")
+    assert [file.name for file in tmp_path.iterdir()] == ["bad.py"]
 
 
 def test_the_page_s_table_is_the_declarations():

@@ -52,7 +52,7 @@ def wanted(simulator) -> Wanted:
     rng = np.random.default_rng(3)
     clouds = [Surface.of_faces(points).sample(400, rng)[0] for points in moving(simulator)]
     noise = SensorNoise(NOISE, 0.0, 0.0)
-    return Wanted(TIMES, tuple(LoadedTarget(c + NOISE * rng.normal(size=c.shape), None, "", noise) for c in clouds))
+    return Wanted(TIMES, tuple(LoadedTarget(c + NOISE * rng.normal(size=c.shape), noise=noise) for c in clouds))
 
 
 def rms(wanted: Wanted, motion) -> float:
@@ -150,6 +150,7 @@ def test_set_points_of_the_truth_stay(simulator, wanted):
     solved = solve(task, TRUTH.copy(), Effort(simulator, 2))
     assert rms(wanted, moving(simulator, REGULATOR.kept(solved))) < 1.02 * rms(wanted, moving(simulator))
     assert np.abs(solved - TRUTH)[:3].max() < 15e3  # Pa; the last set points hardly move a frame
+    assert np.array_equal(solved, TRUTH)  # nothing is to be gained below the noise
 
 
 def test_what_a_corrector_adds_is_part_of_the_motion(simulator):
@@ -157,7 +158,7 @@ def test_what_a_corrector_adds_is_part_of_the_motion(simulator):
     motion = moving(simulator)
     shift = np.zeros_like(motion)
     shift[..., 2] = 2e-3
-    clouds = tuple(LoadedTarget(own, None, "") for own in motion + shift)
+    clouds = tuple(LoadedTarget(own) for own in motion + shift)
     wanted = Wanted(TIMES, clouds)
     case = Case(DESIGN, REGULATOR.program(TRUTH))
     with_it, without = (
@@ -208,9 +209,9 @@ def folder(tmp_path: Path, wanted: Wanted, **more) -> Path:
 
 @pytest.fixture
 def quick(monkeypatch):
-    """Both passes on the test's grid, with few steps."""
+    """Two passes, on the test's grid."""
     monkeypatch.setattr("studies.follow.run.COARSE", GRID)
-    monkeypatch.setattr("studies.follow.run.STEPS", (2, 1))
+    monkeypatch.setattr("studies.follow.run.PASSES", ((2, 8, 0.3), (3, 4, 0.4)))
 
 
 def test_a_study_goes_on_where_it_was_stopped_and_a_measured_run_corrects_it(tmp_path, wanted, simulator, quick):
@@ -226,7 +227,7 @@ def test_a_study_goes_on_where_it_was_stopped_and_a_measured_run_corrects_it(tmp
     last.unlink()  # as if it had been killed in the last window
     assert np.array_equal(run_follow(study, out).pressures, done.pressures)
     assert done.complete
-    assert done.rms.mean() < 1.4 * rms(wanted, moving(simulator))  # after few steps
+    assert done.rms.mean() < 1.25 * rms(wanted, moving(simulator))  # after two passes
     assert done.begun > 1.5 * done.rms.mean()
     program = read_csv(out / "pressures.csv")
     assert np.array_equal(program.at(REGULATOR.cycle * np.arange(5)), done.pressures)

@@ -17,9 +17,8 @@ from fabdesign.nouns.forward import Case
 from fabdesign.study_files.layouts_file import read_layouts
 from optimize.search.evaluations import Evaluations
 from optimize.search.search_state import as_rows, of_rows
-from studies.layout_grid.result import CellResult, GridResult
 from studies.layout_grid.run import run_layouts
-from studies.layout_grid.turns import CellTurns, next_turn, seeds_of
+from studies.layout_grid.turns import CellResult, CellTurns, GridResult, next_turn, seeds_of
 from studies.layouts.result import StudyResult
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line

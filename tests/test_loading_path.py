@@ -13,7 +13,6 @@ from optimize.search.design_space import DesignSpace
 from optimize.search.evaluations import Evaluations, Stage
 from optimize.search.history import History
 from optimize.search.objective import Objective, Target
-from studies.layout_search.first_layouts import limits_of
 from studies.layout_search.target import LoadedTarget
 from studies.layouts.loading_path import loading_paths
 from studies.layouts.report import Section, render_report
@@ -106,7 +105,7 @@ def test_a_motion_that_diverges_is_on_another_branch():
 def result_of(folder: Path, forward, *pressures):
     """Of a search that came to DUO under each of these pressures, for a target rolled to the front."""
     study, cloud = Study("duo", DUO, (TargetFile(folder / "target.ply"),)), rolled_sheet(4.0, n=41)
-    spaces = [DesignSpace(DUO, limits_of(study), own) for own in pressures]
+    spaces = [DesignSpace(DUO, study.limits, own) for own in pressures]
     starts = [(space, space.encode(DUO, space.start_pressures)) for space in spaces]
     stages = [Stage("full model", forward, keep=2, rounds=1)]
     with History(folder / "history.sqlite", {}) as history:
@@ -114,7 +113,7 @@ def result_of(folder: Path, forward, *pressures):
         evaluations.evaluate(0, [(k, x) for k, (_, x) in enumerate(starts)])
         assert evaluations.best.start == 0 and len(evaluations.finalists()) == len(pressures)
         model = forward_model(forward, None)  # as a study makes it
-        return _result(study, (LoadedTarget(cloud, None, "rolled"),), evaluations, model, "ended")
+        return _result(study, (LoadedTarget(cloud, description="rolled"),), evaluations, model, "ended")
 
 
 def test_of_designs_equally_near_one_with_a_sure_loading_path_wins(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ from fabdesign.runtime.fingerprint import OtherContent
 from fabdesign.study_files.loop_file import StopRule, read_loop
 from studies.check.study import study_findings
 from studies.loop.learning import _traced, learn
-from studies.loop.programs import Asked, programs_for, within_rate
+from studies.loop.measuring import Asked, programs_for, within_rate
 from studies.loop.record import stop_reason
 from studies.loop.resting_shape import resting_faces
 from studies.loop.run import run_loop
@@ -108,7 +108,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "study.toml").write_text(STUDY)
     (tmp_path / "lab.toml").write_text(LABORATORY)
     monkeypatch.setattr(
-        "studies.loop.sources._on_rig", lambda source, asked, out, progress: on_device(asked, out), raising=True
+        "studies.loop.measuring._on_rig", lambda source, asked, out, progress: on_device(asked, out), raising=True
     )
     return tmp_path
 
@@ -132,7 +132,7 @@ def test_a_turn_brings_the_device_nearer_also_when_it_is_killed_on_the_way(
         progress(1, len(asked.programs))
         return found
 
-    monkeypatch.setattr("studies.loop.sources._on_rig", device)
+    monkeypatch.setattr("studies.loop.measuring._on_rig", device)
     for at in ("turn 0, measuring: ", "turn 1, evaluating the shape"):
 
         def killing(line: str, share: float, at: str = at) -> None:
@@ -170,7 +170,9 @@ def test_a_network_learns_what_remains_and_the_next_design_is_chosen_with_it(
     shape = Weak().equilibria([Case(build("cross"), constant_program(HIDDEN), {"muscle_gain": GAIN})])[0]
     surface = Surface.of_faces(curled(shape, CURL))
     np.savetxt(place / "target.xyz", NOISE.draw(surface, 1500, np.random.default_rng(3)))
-    monkeypatch.setattr("studies.loop.sources._on_rig", lambda source, asked, out, _: on_device(asked, out, curl=CURL))
+    monkeypatch.setattr(
+        "studies.loop.measuring._on_rig", lambda source, asked, out, _: on_device(asked, out, curl=CURL)
+    )
     (place / "study.toml").write_text(TRAINED)
     outcome = run_loop(place / "study.toml", place / "out", simulators=simulators)
     learned = outcome.turns[0].learned

@@ -21,7 +21,7 @@ from optimize.search.design_space import DesignSpace, Limits
 from optimize.search.objective import Objective, Target
 from optimize.search.slopes import Change, what_helps
 from studies.layout_search.target import LoadedTarget
-from studies.layouts.out_of_reach import _of_types, missed_at
+from studies.layouts.reach import _of_types, missed_at
 from studies.layouts.run import run_study
 from tests.analytic_cloth import WithJacobian
 
@@ -90,7 +90,7 @@ def test_the_place_that_misses_is_found() -> None:
     n = target.shape[1]
     u, v = np.meshgrid(np.linspace(0, 0.2, n), np.linspace(0, 0.2, n))
     target[..., 2] += 0.02 * np.exp(-((u - 0.15) ** 2 + (v - 0.05) ** 2) / (2 * 0.02**2))
-    found = missed_at(shape, LoadedTarget(target.reshape(-1, 3), None, "bumped"), (0.2, 0.2))
+    found = missed_at(shape, LoadedTarget(target.reshape(-1, 3), description="bumped"), (0.2, 0.2))
     assert found.place == pytest.approx((0.15, 0.05), abs=0.015)
     assert 0.008 < found.off < 0.02
 

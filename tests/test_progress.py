@@ -33,7 +33,7 @@ print("over")
 SEARCH = """
 import time
 from types import SimpleNamespace
-from studies.layout_search.progress import LiveLine
+from fabdesign.cli.progress import LiveLine
 with LiveLine("sheet") as line:
     history, best = SimpleNamespace(evaluations=64), SimpleNamespace(value=0.0123)
     line.show(SimpleNamespace(stage="layouts", best=best, history=history, elapsed=20.0, seconds=60.0, share=1 / 3,

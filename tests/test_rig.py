@@ -30,10 +30,9 @@ from studies.rig import EffectSetting, GroundTruth, Sensing, read_ground_truth, 
 from studies.rig.cameras import faces
 from studies.rig.effects import EFFECTS, LISTED
 from studies.rig.ground_truth import with_effects_of
-from studies.rig.motion import equilibrium, run
+from studies.rig.motion import RigSolver, equilibrium, run
 from studies.rig.run import linear_membrane
 from studies.rig.scene import Resolution, Scene, build_scene
-from studies.rig.solver import RigSolver
 from studies.rig.specimen import TrialTask, control_points, prepare
 
 Array = NDArray[np.float64]

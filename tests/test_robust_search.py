@@ -18,8 +18,7 @@ from fabdesign.study_files.study_file import MuscleChoice
 from fabdesign.study_files.study_targets import TargetFile
 from optimize.search.objective import Objective, Target
 from optimize.search.variations import doubled
-from studies.layouts.robust_descent import COPIES, Copies, descend
-from studies.layouts.robust_search import YIELD_GAIN, MoreRobust, more_robust
+from studies.layouts.robust_search import COPIES, YIELD_GAIN, Copies, MoreRobust, descend, more_robust
 from studies.layouts.run import run_study
 from studies.layouts.scatter import Scatter, linear
 from studies.prediction.forward_model import forward_model

@@ -162,32 +162,38 @@ def test_interrupting_ends_with_the_best_so_far() -> None:
         assert searched.best.value == min(entry.objective for entry in history.entries())
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Evaluations, list[tuple[float, ...]], Path]:
+    """A search that nothing ends before its time, the points that it asked for, and where they are kept."""
+    file = tmp_path_factory.mktemp("whole") / "history.sqlite"
+    with History(file, "a") as history:
+        searched = within(history)
+        search(searched)
+        return searched, [entry.x for entry in history.entries()], file
+
+
 @pytest.mark.parametrize("call", [0, 3, 4, 5])
-def test_a_killed_search_goes_on_to_the_same_end(tmp_path: Path, call: int) -> None:
-    with History(tmp_path / "whole.sqlite", "a") as history:
-        whole = within(history)
-        search(whole)
-        straight = [entry.x for entry in history.entries()]
+def test_a_killed_search_goes_on_to_the_same_end(
+    tmp_path: Path, call: int, whole: tuple[Evaluations, list[tuple[float, ...]], Path]
+) -> None:
+    uncut, straight, _ = whole
     with History(tmp_path / "cut.sqlite", "a") as history, pytest.raises(SystemExit):
         search(within(history, forward=Interrupted(call, SystemExit)))
     with History(tmp_path / "cut.sqlite", "a") as history:
         resumed = within(history)
         search(resumed)
         repeated = [entry.x for entry in history.entries()]
-    np.testing.assert_array_equal(found_pressures(resumed), found_pressures(whole))
+    np.testing.assert_array_equal(found_pressures(resumed), found_pressures(uncut))
     assert set(straight) <= set(repeated)
     assert len(repeated) <= len(straight) + 2 * 5 * 2  # what two searches under way had found was found anew
 
 
-def test_a_finished_search_is_not_run_again(tmp_path: Path) -> None:
-    with History(tmp_path / "history.sqlite", "a") as history:
-        first = within(history)
-        search(first)
-        evaluations = history.evaluations
-    with History(tmp_path / "history.sqlite", "a") as history:
+def test_a_finished_search_is_not_run_again(whole: tuple[Evaluations, list[tuple[float, ...]], Path]) -> None:
+    first, asked, file = whole
+    with History(file, "a") as history:
         again = within(history, forward=Interrupted(0, AssertionError))
         search(again)
-        assert history.evaluations == evaluations
+        assert history.evaluations == len(asked)
     np.testing.assert_array_equal(found_pressures(again), found_pressures(first))
 
 

@@ -111,17 +111,17 @@ def test_a_search_ends_at_the_floor() -> None:
         assert search(within(history), floor=lambda shape: 1e-6).startswith("ended")
 
 
-@pytest.mark.parametrize("call", [12, 20])
-def test_a_search_killed_in_a_later_campaign_goes_on_to_the_same_end(tmp_path: Path, call: int) -> None:
+def test_a_search_killed_in_a_later_campaign_goes_on_to_the_same_end(tmp_path: Path) -> None:
     with History(tmp_path / "whole.sqlite", "a") as history:
         whole = within(history)
         reason = search(whole, further=drawn_anew)
-    with History(tmp_path / "cut.sqlite", "a") as history, pytest.raises(SystemExit):
-        search(within(history, forward=Interrupted(call, SystemExit)), further=drawn_anew)
-    with History(tmp_path / "cut.sqlite", "a") as history:
-        resumed = within(history)
-        assert search(resumed, further=drawn_anew) == reason
-    np.testing.assert_array_equal(found_pressures(resumed), found_pressures(whole))
+    for call in (12, 20):
+        with History(tmp_path / f"{call}.sqlite", "a") as history, pytest.raises(SystemExit):
+            search(within(history, forward=Interrupted(call, SystemExit)), further=drawn_anew)
+        with History(tmp_path / f"{call}.sqlite", "a") as history:
+            resumed = within(history)
+            assert search(resumed, further=drawn_anew) == reason, call
+        np.testing.assert_array_equal(found_pressures(resumed), found_pressures(whole))
 
 
 @pytest.fixture

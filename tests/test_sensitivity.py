@@ -21,10 +21,10 @@ from fabdesign.study_files.sensitivity_file import SensitivityStudy, read_sensit
 from fabdesign.study_files.shape_output import read_shape_output
 from fabdesign.study_files.varied_inputs import Varied
 from studies.prediction.stability import snaps
-from studies.sensitivity.estimators import STEP, indices, saltelli_rows, screening, trajectories
 from studies.sensitivity.inputs import Inputs
 from studies.sensitivity.outputs import Outputs, mean_curvature, tip
 from studies.sensitivity.report import as_text, bars_figure
+from studies.sensitivity.result import STEP, indices, saltelli_rows, screening, trajectories
 from studies.sensitivity.run import Progress, run_sensitivity
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line

@@ -29,21 +29,18 @@ from fabdesign.study_files.study_targets import TargetFile
 from optimize.search.margins import Limits, constraint_margins
 from studies.check.files import inspect
 from studies.studio import layout as edits
+from studies.studio.drawings import DrawingHistory, DrawnLayout, LiveShape, Result, one_more_buys
 from studies.studio.files import Autosave, Saving
-from studies.studio.history import DrawingHistory, DrawnLayout
-from studies.studio.layout import Layout, row_distance, rows, snapped
-from studies.studio.limits import broken_limits
-from studies.studio.live import JumpDetector, Live, LiveShape
+from studies.studio.layout import Layout, broken_limits, row_distance, rows, snapped
 from studies.studio.measured import ask_of_trial, errors_table
 from studies.studio.model_choice import Band, ModelChoice, models_around
-from studies.studio.opening import Opened, open_files, search_limits
-from studies.studio.results import Result, one_more_buys
+from studies.studio.opening import Opened, ShownTarget, compare, open_files, search_limits
 from studies.studio.search import Search, SearchResult, study_document
 from studies.studio.session import Session
+from studies.studio.shapes import JumpDetector, Live
 from studies.studio.solver import Ask, StudioSolver
-from studies.studio.target import ShownTarget, compare
 from studies.studio.widgets.design_panels import model
-from studies.studio.widgets.scene import Places, laced, on_plane, ribbon
+from studies.studio.widgets.flat_view import Places, laced, on_plane, ribbon
 from tests.bending import AtOnce, Bending, bow
 from tests.command_line import Run, one_line
 
@@ -482,10 +479,10 @@ def test_every_trial_has_its_errors_in_a_table(folder: Path) -> None:
     settle(session, clock, 4.0)
     assert list(session.trial_errors.by_label) == list(session.document.trials)
     shown = next(iter(session.document.trials))
-    measured = ask_of_trial(session.document.trials[shown], session.document.choice.model)
-    motion = StudioSolver(Bending).answer(measured[2]).points
+    ask = ask_of_trial(session.document.trials[shown], session.document.choice.model)
+    motion = StudioSolver(Bending).answer(ask).points
     assert motion is not None
-    pairs = zip(motion, measured[1].frames, strict=True)
+    pairs = zip(motion, ask.measured, strict=True)
     expected = np.mean([capped_rms(Surface.of_faces(points).distance(cloud)) for points, cloud in pairs])
     assert session.trial_errors.by_label[shown][0].surface_rms == pytest.approx(expected)
     lines = errors_table(session.trial_errors.by_label).splitlines()
@@ -895,7 +892,7 @@ def test_help_loads_nothing_heavy() -> None:
 @pytest.mark.parametrize("size", [(0.2, 0.2), (0.5, 0.2), (0.2, 0.5)])
 @pytest.mark.parametrize("window", [(800, 750), (800, 1000), (1200, 900), (1500, 600)])  # px, what the panel leaves
 def test_all_is_in_the_first_view_and_bending_shows(size: tuple[float, float], window: tuple[int, int]) -> None:
-    from studies.studio.widgets.scene import VIEW, eye_of
+    from studies.studio.widgets.flat_view import VIEW, eye_of
 
     places = Places(*size)
     width, height = window

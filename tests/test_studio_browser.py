@@ -15,7 +15,7 @@ from fabdesign.nouns.catalogue import build
 from studies.check.files import inspect
 from studies.studio.gate import Gate
 from studies.studio.opening import open_files
-from studies.studio.widgets.scene import Places
+from studies.studio.widgets.flat_view import Places
 from tests.bending import AtOnce
 from tests.browser import Page, browser_at, chromium
 from tests.conftest import ROOT
@@ -154,7 +154,7 @@ def drag_end(page: Page, begin: tuple[float, float], end: tuple[float, float]) -
 
 def on_screen(page: Page, point: tuple[float, float]) -> tuple[float, float]:
     """Pixels of a point of the flat front, seen from where the page's camera begins."""
-    from studies.studio.widgets.scene import VIEW, eye_of
+    from studies.studio.widgets.flat_view import VIEW, eye_of
 
     left, top, width, height = page.run(
         "(box => [box.x, box.y, box.width, box.height])(document.querySelector('canvas').getBoundingClientRect())"

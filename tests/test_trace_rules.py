@@ -101,12 +101,13 @@ def test_what_a_fit_without_it_loses_is_not_dropped_nor_asked_again():
 
 
 def test_an_effect_without_which_a_fit_does_as_well_goes():
-    begun = selection({"lag": 3.0, "droop": 2.0}, needed=frozenset(["lag"]))
+    begun = selection({"lag": 0.54, "droop": 0.52}, needed=frozenset(["lag"]))
     assert rules.as_well(Made(), begun).small == ("droop",)
-    both = selection({"lag": 3.0, "droop": 2.0}, needed=frozenset(["lag", "droop"]))
+    both = selection({"lag": 0.54, "droop": 0.52}, needed=frozenset(["lag", "droop"]))
     after = rules.as_well(made := Made(), both)
     assert set(after.asked) == {"lag", "droop"} and made.calls == [("without", "droop"), ("without", "lag")]
     assert rules.as_well(made, after) is None
+    assert rules.as_well(Made(), selection({"lag": 3.0, "droop": 2.0})) is None  # more than enough, for certain
 
 
 def test_the_declared_parameters_begin_beside_the_last_effect_once():

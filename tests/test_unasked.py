@@ -357,7 +357,8 @@ def test_sigterm_leaves_nothing_and_kill_is_swept(
 ) -> None:
     before = snapshot(folder)
     first = start(line)
-    one_line((start(line).wait(), "", start(line).communicate()[1]), "another run is writing there")
+    second = start(line)
+    one_line((second.wait(), "", second.communicate()[1]), "another run is writing there")
     first.terminate()
     _, error = first.communicate()
     assert first.returncode == 143

@@ -24,8 +24,7 @@ from fabdesign.nouns.model_sampling import TWO_SIDED, spread_hash
 from fabdesign.study_files.unseen_file import read_unseen
 from studies.check.study import study_findings
 from studies.tracing.experiment import fastest
-from studies.unseen.draws import Draws
-from studies.unseen.measurement import after, in_turn, spread
+from studies.unseen.prediction import Draws, after, in_turn, spread
 from studies.unseen.report import as_text
 from studies.unseen.run import run_unseen
 from tests.command_line import Run, one_line

@@ -16,8 +16,7 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.study_files.study_file import read_study
 from optimize.search.objective import Objective, Target
-from studies.layout_search.target import load_target
-from studies.layout_search.wish_errors import errors_in_words
+from studies.layout_search.target import errors_in_words, load_target
 from studies.layouts.run import run_study
 from tests.analytic_cloth import AnalyticCloth, WithJacobian
 

@@ -23,7 +23,7 @@ from fabdesign.study_files.study_targets import TargetFile
 from optimize.search.evaluations import SLOPES
 from optimize.search.objective import Objective, Target
 from studies.layout_grid.run import run_layouts
-from studies.layout_search.stages import forward_models
+from studies.layout_search.first_layouts import forward_models
 from studies.layouts.result import StudyResult
 from studies.layouts.robustness import as_json, robustness_of
 from studies.layouts.run import run_study
@@ -166,7 +166,7 @@ def robust(truth: Truth, folder: Path, share: float) -> Row:
     study = study_of(truth, [measured(truth, 0, folder)], share * SECONDS)
     nominal, _ = timed(study, folder / "nominal")
     asked = Robust(copies=COPIES, choose="yield")
-    coarse, fine = (forward_model(simulator, None) for simulator in reversed(forward_models(None, None)))
+    coarse, fine = (forward_model(simulator, None) for simulator in reversed(forward_models({})))
     objective = Objective([Target(target.points, target.time) for target in nominal.targets])
     found = robustness_of(
         replace(study, robust=asked),

@@ -14,8 +14,8 @@ from optimize.search.margins import Limits
 from optimize.search.starts import layout_starts
 from studies.rig.cameras import measure
 from studies.rig.ground_truth import GroundTruth, Sensing
+from studies.rig.motion import RigDiverged
 from studies.rig.scene import Resolution
-from studies.rig.solver import RigDiverged
 from studies.rig.specimen import TrialTask, control_points, prepare
 
 RISE, HOLD = 1.0, 3.0  # s, of the motion to a target

@@ -13,7 +13,7 @@ import click
 
 from fabdesign.cli import kinds
 from fabdesign.cli.console import commands, print_result, tell
-from fabdesign.cli.progress import described
+from fabdesign.cli.progress import LiveLine, described
 from fabdesign.interface import verb as declared
 from fabdesign.interface.verb import VERBS, WORDS, Verb, Word
 
@@ -156,11 +156,8 @@ def _call(verb: Verb, by_comma: list[str], *, as_json: bool, **typed: Any) -> No
 
 
 def _progress(verb: Verb, title: str) -> AbstractContextManager[Any]:
-    if not verb.search:
-        return described(verb.title or title, interval=verb.interval)
-    from studies.layout_search.progress import LiveLine
-
-    return LiveLine(verb.title or title)
+    title = verb.title or title
+    return LiveLine(title) if verb.search else described(title, interval=verb.interval)
 
 
 def add_commands() -> None:

@@ -1,19 +1,25 @@
 """Progress on standard error: on a terminal a bar with the time left, elsewhere lines. While kernels compile, the bar
 says so, and that time is not extrapolated."""
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import inf
-from typing import TYPE_CHECKING
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
 
 from fabdesign.cli.console import tell
 from fabdesign.errors import printable
 from fabdesign.runtime import working_time
 from fabdesign.runtime.effort import duration
+from fabdesign.units import in_mm
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
+    from optimize.search.evaluations import Evaluations
+
+_QUIET = 10.0  # s between a search's lines where standard error is no terminal
 _SETTLED = 5.0  # s, before which a share does not tell the time left
 _PERIOD = 600.0  # s of steps that the time left is taken from: a step of a fit may last a minute
 
@@ -53,6 +59,51 @@ class _Lines:
         known = share is not None and 0 < share < 1 and elapsed > _SETTLED
         rest = f"; about {duration(elapsed * (1 / share - 1))} left" if known and share else ""
         tell(line + rest)
+
+
+class LiveLine:
+    """A context that shows `stage, best, evaluations, seconds` while a search calls `show`: on a terminal beside a bar
+    and the seconds that are left at most."""
+
+    def __init__(self, title: str) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn
+
+        self._title, self._console = title, Console(stderr=True)
+        columns = TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[left]}")
+        self._bar = Progress(*columns, console=self._console, transient=True) if self._console.is_terminal else None
+        self._task = None if self._bar is None else self._bar.add_task(title, total=1.0, left="")
+        self._shown = -_QUIET
+        self._told = ""
+
+    def show(self, evaluations: "Evaluations") -> None:
+        if evaluations.told != self._told:
+            self._told = evaluations.told
+            self._console.print(f"{self._title}: {self._told}", highlight=False, markup=False, soft_wrap=True)
+        best = "none yet" if evaluations.best is None else f"{in_mm(evaluations.best.value):.3f} mm"
+        done = f"{evaluations.history.evaluations} evaluations, {evaluations.elapsed:.0f} s"
+        remaining = f"{max(0.0, evaluations.seconds - evaluations.elapsed):.0f} s left at most"
+        self.say(f"{evaluations.stage}: best {best}, {done}", share=evaluations.share, left=remaining)
+
+    def say(self, text: str, *, share: float | None = None, left: str = "") -> None:
+        """Show `title: text`; on a terminal a bar with the share done and what is said of the time left."""
+        line = f"{self._title}: {text}"
+        if self._bar is not None and self._task is not None:
+            self._bar.update(self._task, description=line, completed=share, left=left)
+        elif time.monotonic() - self._shown > _QUIET:
+            self._shown = time.monotonic()
+            self._console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+    def __enter__(self) -> Self:
+        if self._bar is not None:
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
 
 
 def bar() -> "Progress":

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.declaration import Array, Effect, EffectParameter, MuscleRecord, Specimen, Values, to_muscles
+from fabdesign.effects.declaration import Effect, EffectParameter, MuscleRecord, Specimen, Values, to_muscles
+from fabdesign.nouns.lag import first_order
 from fabdesign.units import from_kpa
 
 
@@ -82,10 +83,7 @@ BRAID_HYSTERESIS = Effect(
 # Muscle creep: part of a muscle's contraction comes slowly, and goes slowly.
 def _muscle_creep_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
     limit = values["share"] * np.maximum(record.contraction, 0.0)
-    aged = -np.expm1(-np.diff(record.time) / values["time"])
-    lent: Array = limit.copy()
-    for k, share in enumerate(aged, start=1):
-        lent[k] = lent[k - 1] + share * (limit[k] - lent[k - 1])
+    lent = first_order(limit[1:], np.diff(record.time), values["time"], start=limit[0])
     return replace(record, lent=record.lent + lent - values["on_bench"] * limit)
 
 

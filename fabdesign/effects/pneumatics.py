@@ -14,10 +14,10 @@ from fabdesign.effects.declaration import (
     Values,
     to_muscles,
 )
+from fabdesign.nouns.lag import SHORTEST, after, first_order
 from fabdesign.nouns.pressure import PressureProgram
 
 # Filling lag: the pressure in a muscle follows the set point with a time constant, which may differ emptying.
-SHORTEST = 1e-6  # s, under which there is no lag
 ROUNDED = 3  # decimals of Pa
 
 
@@ -33,7 +33,7 @@ def lagged(wanted: Array, tick: float, fill: float, empty: float) -> Array:
         tau = np.maximum(np.where(goal > p, fill, empty), SHORTEST)
         remaining = np.exp(-tick * np.arange(end - begin + 1)[:, None] / tau)  # of the gap, at the ticks' edges
         out[begin:end] = goal + (p - goal) * (remaining[:-1] - remaining[1:]) * tau / tick
-        p = goal + (p - goal) * remaining[-1]
+        p = after(p, goal, tick * (end - begin), tau)
     return out
 
 
@@ -46,12 +46,9 @@ def _filling_lag_pressure(acting: ActingPressure, values: Values) -> ActingPress
 
 def _filling_lag_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
     """Return a row's pressure is set until the next row."""
-    wanted, steps = record.pressure.tolist(), np.diff(record.time).tolist()
-    p, pressures = wanted[0], [wanted[0]]
-    for goal, step in zip(wanted, steps, strict=False):
-        p = goal + (p - goal) * float(np.exp(-step / max(values["fill" if goal > p else "empty"], SHORTEST)))
-        pressures.append(p)
-    return replace(record, pressure=np.array(pressures))
+    goals, steps = record.pressure[:-1], np.diff(record.time)
+    pressure = first_order(goals, steps, values["fill"], start=record.pressure[0], falling=values["empty"])
+    return replace(record, pressure=pressure)
 
 
 FILLING_LAG = Effect(

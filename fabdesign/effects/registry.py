@@ -51,12 +51,12 @@ def register_file(path: Path | str) -> None:
     name = f"fabdesign_effects_{path.stem}"
     if (module := sys.modules.get(name)) is None or module.__file__ != str(path):
         spec = importlib.util.spec_from_file_location(name, path)
-        if spec is None or spec.loader is None:
+        if spec is None:
             raise InputError(f"{path}: expected a Python file with effects")
         module = importlib.util.module_from_spec(spec)
         sys.modules[name] = module
         try:
-            spec.loader.exec_module(module)
+            exec(compile(path.read_bytes(), str(path), "exec"), vars(module))  # a loader leaves __pycache__ beside it
         except Exception as error:
             del sys.modules[name]
             raise InputError(f"{path}: {type(error).__name__}: {error}; expected a file that Python runs") from error

@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fabdesign.nouns.design import Design
+from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.forward import Case, ForwardModel
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.floating[Any]]
 Face = Literal["both", "front", "back"]
+_FREE = {"top": -1, "bottom": 0, "left": -1, "right": 0}  # row or column of the free edge opposite the hung one
 
 
 class Sheet(Protocol):
@@ -179,3 +181,33 @@ def laced_muscles(
         contraction=contraction,
         tension=tension,
     )
+
+
+def tip(points: NDArray[np.floating], fabric: Fabric) -> Array:
+    """Return (3,) m: mean position of the edge opposite the hung one; of the lower edge where no edge is hung."""
+    middle = Shape.of(points).middle
+    edge = fabric.hung if isinstance(fabric.hung, str) else "top"
+    along = middle[:, _FREE[edge]] if edge in ("left", "right") else middle[_FREE.get(edge, -1)]
+    return np.asarray(along.mean(axis=0))
+
+
+def mean_curvature(points: NDArray[np.floating]) -> float:
+    """Return the mean curvature [1/m] of the mid-surface, mean over its area; positive where it is hollow to the
+    front."""
+    middle = Shape.of(points).middle
+    inner = slice(1, -1)
+    u = (middle[inner, 2:] - middle[inner, :-2]) / 2
+    v = (middle[2:, inner] - middle[:-2, inner]) / 2
+    uu = middle[inner, 2:] - 2 * middle[inner, inner] + middle[inner, :-2]
+    vv = middle[2:, inner] - 2 * middle[inner, inner] + middle[:-2, inner]
+    uv = (middle[2:, 2:] - middle[2:, :-2] - middle[:-2, 2:] + middle[:-2, :-2]) / 4
+    normal = np.cross(v, u)  # v runs down, u to the right: to the front
+    area = np.linalg.norm(normal, axis=-1)
+    normal /= area[..., None]
+    e, f, g = _dot(u, u), _dot(u, v), _dot(v, v)
+    h = (_dot(uu, normal) * g - 2 * _dot(uv, normal) * f + _dot(vv, normal) * e) / (2 * (e * g - f**2))
+    return float((h * area).sum() / area.sum())
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray((a * b).sum(axis=-1))

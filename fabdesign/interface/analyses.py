@@ -171,7 +171,7 @@ def unseen(
 
 
 def _looped(outcome: LoopOutcome, given: Mapping[str, Any]) -> Shown:
-    from studies.loop.report import as_text
+    from studies.loop.record import as_text
 
     return Shown(outcome.as_json(), reported(as_text(outcome), given))
 

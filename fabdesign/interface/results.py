@@ -197,7 +197,7 @@ class Sensitivity(_View):
 
 
 class Layouts(_View):
-    """What searches side by side came to: `studies.layout_grid.result.GridResult`."""
+    """What searches side by side came to: `studies.layout_grid.turns.GridResult`."""
 
     @property
     def front(self) -> list[Optimized]:

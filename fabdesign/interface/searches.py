@@ -36,7 +36,7 @@ def reported(text: str, given: Mapping[str, Any]) -> str:
 def _optimized(result: Optimized, given: Mapping[str, Any]) -> Shown:
     from fabdesign.geometry.metrics import MANY_BEYOND, told_beyond
     from fabdesign.nouns.pressure import poses_in_words
-    from studies.layout_search.wish_errors import errors_in_words
+    from studies.layout_search.target import errors_in_words
 
     content = result.to_json()
     text = (

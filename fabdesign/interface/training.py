@@ -10,19 +10,57 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 from fabdesign.interface.fits import unknowns_of
 from fabdesign.interface.run import Run, all_sets, paths_of, simulator
 from fabdesign.interface.verb import Computing, Shown, verb
+from fabdesign.units import in_mm
 
 if TYPE_CHECKING:
     from fabdesign.interface.verb import ModelLike, SetLike, Toml
-    from studies.training.train import TrainingResult
+    from studies.training.train import HeldOutErrors, TrainingResult
 
 
 def _trained(result: TrainingResult, given: Mapping[str, Any]) -> Shown:
-    from studies.training.report import as_text
-
     out = Path(given["out"])
     content = {"model": str(out), "weights": str(out.with_suffix(".safetensors")), "skipped": [*result.skipped]}
-    text = [f"{out}: {as_text(result)}", *(f"skipped: {line}" for line in result.skipped)]
+    text = [f"{out}: {_in_words(result)}", *(f"skipped: {line}" for line in result.skipped)]
     return Shown(result.to_json() | content, "\n".join(text))
+
+
+def _in_words(result: TrainingResult) -> str:
+    """Return lines for a person: what was learned from what, and what it is worth on trials that took no part."""
+    lines = [
+        f"{result.about['network']} corrector on {result.base}, {result.learned_from} trials learned from"
+        + ("" if result.held_out else "; no trial was held out, so nothing says what it is worth")
+    ]
+    lines += [_line(name, of, ordered=result.about["network"] == "field") for name, of in result.held_out.items()]
+    for one in result.about["left_out"]:
+        lines.append(
+            f"design {one['design']} left out: {one['before_mm']:.2f} to {one['after_mm']:.2f} mm along the normal, "
+            f"at a distance of {one['distance']:.2f}"
+        )
+    if result.about["network"] == "field":
+        lines.append(
+            f"designs farther than {result.about['trust_limit']:.2f} from those learned from are not corrected"
+        )
+    lines.append(result.intervals)
+    if result.used.stretches is not None:
+        lines.append(result.used.in_words)
+    return "\n".join(lines)
+
+
+def _line(name: str, of: HeldOutErrors, *, ordered: bool) -> str:
+    before, after = of.before, of.after
+    trials = f"{of.trials} trial{'s' * (of.trials != 1)} of {name} held out"
+    if not ordered:
+        return (
+            f"{trials}: Chamfer {in_mm(before.chamfer):.2f} to {in_mm(after.chamfer):.2f} mm (floor "
+            f"{in_mm(before.chamfer_floor):.2f})"
+        )
+    share = "" if of.closed.surface is None else f", {of.closed.surface:.0%} of the excess error removed"
+    far = "" if of.trust.applies else f"; {of.trust.distance:.2f} from what was learned, too far: not corrected"
+    sheet = "" if of.sheet is None else f"data sheet {in_mm(of.sheet.surface_rms):.2f}, base and corrector "
+    return (
+        f"{trials}: surface RMS {sheet}{in_mm(before.surface_rms):.2f} to {in_mm(after.surface_rms):.2f} mm (floor "
+        f"{in_mm(after.surface_floor):.2f}){share}{far}"
+    )
 
 
 @verb(_trained, "SETS...", title="training")
@@ -59,6 +97,7 @@ def train(
     from fabdesign.output import new_files
     from fabdesign.runtime.effort import CALIBRATION, fit_seconds, in_words, on_cores, training_seconds
     from studies.measured.sensitive_stretches import GRID as COARSE
+    from studies.training.data import TrainingOptions
     from studies.training.train import train as train_on
 
     run, out = Run(**given), Path(out)
@@ -76,19 +115,22 @@ def train(
     estimate = in_words(seconds, f"{len(motion)} trials", on_cores()) if motion and network == "field" else None
     show = run.opened(lambda: estimate)
     with places as unfinished, run.computing():
-        result = train_on(
-            sets,
-            simulator(base.points_per_side),
-            unfinished,
-            goes_to=out,
+        options = TrainingOptions(
             base=base,
             vector=vector,
             slopes=simulator(min(base.points_per_side, COARSE)),
             network=network,
             hold_out=hold_out,
             seed=seed,
-            force=run.force,
             coarse=simulator(COARSE),
+        )
+        result = train_on(
+            sets,
+            simulator(base.points_per_side),
+            unfinished,
+            options,
+            goes_to=out,
+            force=run.force,
             progress=lambda what, done, of: show(f"{what} {done} of {of}", done / of),
         )
     return replace(result, skipped=tuple(skipped))

@@ -137,15 +137,19 @@ def _say_slight(highest: float, design: Design, where: str) -> None:
         note(line)
 
 
-def _earlier(folder: Path, table: Table) -> EarlierResult | None:
-    """Return what the folder of an earlier result holds: its design.toml, pressures.csv, pressures_2.csv, ..."""
-    if not (folder / "design.toml").is_file() or not (folder / "pressures.csv").is_file():
-        return None
+def result_in(folder: Path) -> EarlierResult:
+    """Return what the folder of a result holds: its design.toml, pressures.csv, pressures_2.csv, ... Raises
+    InputError."""
     design = read_design(folder / "design.toml")
     files = [folder / "pressures.csv"]
     while (further := folder / pressure_file_of(len(files) + 1)).is_file():
         files.append(further)
     return EarlierResult(folder, design, np.array([read_pressures(file, design).pressure[-1] for file in files]))
+
+
+def _earlier(folder: Path, table: Table) -> EarlierResult | None:
+    there = all((folder / name).is_file() for name in ("design.toml", "pressures.csv"))
+    return result_in(folder) if there else None
 
 
 def file_stem_of(table: Table) -> str:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -39,7 +38,6 @@ class RestProblem(Problem):
     jacobians: Jacobians
     vector: FitVector
     accuracy: Accuracy | None = None
-    lengths: ClassVar[tuple[float, ...]] = (1.0, 0.5)  # shapes leave no lane empty
 
     @property
     def samples(self) -> Sequence[Sample]:  # type: ignore[override]

@@ -13,7 +13,20 @@ from optimize.fit.fitted import Ending, Fit, concluded, kept
 from optimize.fit.misfit import Array, Indices
 from optimize.fit.normal import LARGEST, Normal, directions, loss, step_to_minimum
 from optimize.fit.parameters import FitVector
-from optimize.fit.policy import DAMPING, END, ITERATIONS, LITTLE, PROMISED, STEP, UNSURE, WRONG, FitStage, Policy
+from optimize.fit.policy import (
+    DAMPING,
+    END,
+    GOOD,
+    ITERATIONS,
+    LENGTHS,
+    LITTLE,
+    PROMISED,
+    STEP,
+    UNSURE,
+    WRONG,
+    FitStage,
+    Policy,
+)
 from optimize.fit.problem import Evaluation, InputErrors, Linearisation, Problem
 from optimize.fit.significance import needed
 
@@ -94,12 +107,14 @@ class _Course:
 
 @dataclass(frozen=True, eq=False)
 class _Descent:
-    """Steps on some rows. before: m RMS, at the data sheet. inputs: what errors of them do. hopeless: as a policy's."""
+    """Steps on some rows. before: m RMS, at the data sheet. inputs: what errors of them do. hopeless, content: as a
+    policy's."""
 
     problem: Problem
     inputs: InputErrors | None
     before: float
     hopeless: float = np.inf
+    content: float = 0.0
 
     def concluded(self, state: Linearisation, iterations: int, ended: Ending) -> Fit:
         """Return the fit that ends at a state."""
@@ -120,8 +135,7 @@ class _Descent:
         longest = float(np.abs(step / vector.scale).max())
         if longest < LARGEST * (1 - 1e-9) and linear.misfit.rms > self.hopeless:
             return replace(course, ended="hopeless")
-        there, length, gain = self._best(state, step, normal)
-        longest *= max(1.0, length)  # where a part of a step is best, what is left of it is not slight
+        there, gain = self._best(state, step, normal, promised)
         enough = stage.enough(len(vector.parameters), float(normal.frames.sum()))
         enough *= max(1.0, state.misfit.rms / self.problem.expected) ** 2
         small = promised < enough or longest < stage.slight or (exact and 0 < gain < enough)
@@ -133,8 +147,10 @@ class _Descent:
             if not small and gain > PROMISED * promised:
                 updated = self.problem.with_jacobian(there, _updated(self.problem, state, there))
                 return replace(course, state=updated, exact=False)
+            if there.misfit.rms <= self.content:
+                return replace(course, state=self.problem.with_jacobian(there, state.jacobian), ended="converged")
             return self._linearised(course, there, _needed_columns(vector, state.x, step, normal), normal)
-        if small and exact:
+        if state.misfit.rms <= self.content or (small and exact):
             return replace(course, ended="converged")
         if exact and course.complete:
             return replace(course, damping=max(10 * course.damping, DAMPING))
@@ -142,13 +158,17 @@ class _Descent:
         every = np.arange(len(step)) if exact else _needed_columns(vector, state.x, step, normal)
         return self._linearised(course, state, every, normal)
 
-    def _best(self, state: Linearisation, step: Array, normal: Normal) -> tuple[Evaluation, float, float]:
-        """Return where the best length of a step leads, that length, and what is gained."""
-        lengths, vector = self.problem.lengths, self.problem.vector
-        evaluations = self.problem.evaluate([vector.inside(state.x + length * step) for length in lengths])
-        gains = [-loss(state, other, normal, vector, self.inputs) for other in evaluations]
-        best = int(np.argmax(gains))
-        return evaluations[best], lengths[best], gains[best]
+    def _best(self, state: Linearisation, step: Array, normal: Normal, promised: float) -> tuple[Evaluation, float]:
+        """Return where a step leads, and what is gained; where that is less than it promised, by its best length."""
+        vector, best = self.problem.vector, None
+        for lengths in ((1.0,), LENGTHS):
+            there = self.problem.evaluate([vector.inside(state.x + length * step) for length in lengths])
+            gains = [-loss(state, other, normal, vector, self.inputs) for other in there]
+            best = max([*zip(there, gains, strict=True), *([best] if best else [])], key=lambda one: one[1])
+            if best[1] > GOOD * promised:
+                break
+        assert best is not None
+        return best
 
     def _linearised(self, course: _Course, there: Evaluation, fresh: Indices, normal: Normal) -> _Course:
         """Return the course with the columns `fresh` made anew at a place."""
@@ -210,7 +230,7 @@ class _Work:
         evaluations = problem.evaluate([*starts, *(sheet if starts.any() else [])])
         best = min(evaluations[: len(starts)], key=lambda one: one.misfit.rms)
         inputs = problem.input_errors(best) if self.start.inputs is None else self.start.inputs
-        return _Descent(problem, inputs, evaluations[-1].misfit.rms, self.policy.hopeless), best
+        return _Descent(problem, inputs, evaluations[-1].misfit.rms, self.policy.hopeless, self.policy.content), best
 
     def _all_rows(self, descent: _Descent, state: Linearisation, line: str, progress: Progress) -> _Course:
         """Return where the near steps and, where these leave little enough, the last ones lead."""

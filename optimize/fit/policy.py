@@ -9,6 +9,8 @@ from optimize.fit.misfit import FAR
 STEP = 0.03  # of a logarithm, in the first finite differences: its noise is a tenth of what it shows
 ITERATIONS = 20  # at most, of a stage; those that converge take 3 to 9
 PROMISED = 0.25  # of the gain that a step promised: while it gains as much, its Jacobian is updated, not made anew
+GOOD = 0.75  # of the gain that a step promised: no other length of it is tried
+LENGTHS = 0.5, 2.0, 0.25
 WRONG = 2.0  # times what a right model leaves: no last steps are worth their motions
 LITTLE = 2.0  # of log likelihood: an effect that costs less to drop keeps its former column
 DAMPING = 0.3  # Levenberg-Marquardt's, after a step that made it worse
@@ -34,13 +36,15 @@ class FitStage:
 class Policy:
     """name: for people. near: the first steps on all rows. end: those after them; None: another fit goes on. finer:
     the last ones, of a problem with a finer engine. hopeless: m RMS: where a horizon leaves more, or on all rows the
-    minimum of the linearised residuals, the fit ends."""
+    minimum of the linearised residuals, the fit ends. content: m RMS: where steps that gain too little leave no more,
+    no Jacobian is made anew."""
 
     name: str
     near: FitStage
     finer: FitStage
     end: FitStage | None = None
     hopeless: float = np.inf
+    content: float = 0.0
 
 
 # What a model has not got yet may show in a few frames alone, so none counts less for being far off. A step under 3 %,

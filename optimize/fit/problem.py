@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isqrt
-from typing import ClassVar
 
 import numpy as np
 
@@ -52,7 +51,6 @@ class Problem:
     samples: Sequence[Sample]
     vector: FitVector
     expected: float = np.inf  # m RMS that a right model leaves at most; infinite where that is not known
-    lengths: ClassVar[tuple[float, ...]] = (1.0, 0.5, 2.0, 0.25)  # of a step, tried at once: lanes that are empty else
 
     def evaluate(self, xs: Sequence[Array]) -> list[Evaluation]:
         """All in one batch."""

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fabdesign.geometry.shape import Shape, at_places
 from fabdesign.nouns.design import Design
+from fabdesign.study_files.study_file import StudyLimits
 
 Path = NDArray[np.float64]  # (corners, 2) m
 Points = NDArray[np.float64]  # (..., 2) m
@@ -143,18 +144,7 @@ class LinearContraction:
 
 
 ATMOSPHERE = 101_325.0  # Pa
-
-
-@dataclass(frozen=True)
-class Limits:
-    """The limits that every proposal respects. Lengths in m, pressures in Pa. None: no limit."""
-
-    pressure: tuple[float, float] = (0.0, 400e3)
-    spacing: float = 0.006  # between muscles on one face
-    edge: float = 0.005  # from a muscle's corner points to the cloth's edge
-    contraction: float | None = None  # 1 - l / l0, of any interval between fixed points
-    channels: int | None = None  # of pressure
-    air: float | None = None  # m^3 at atmospheric pressure that fill all muscles in a pose (`free_air`)
+Limits = StudyLimits  # that every proposal respects; `air`: `free_air`
 
 
 class Margins:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError
 from fabdesign.files.bench_law_file import BenchLaw
 from fabdesign.nouns.bench import Bench, BenchRecord
+from fabdesign.nouns.lag import first_order
 from fabdesign.nouns.model import Quantity
 from studies.benches.law import Law, Predict, rms
 
@@ -117,10 +118,8 @@ def _prediction(terms: Sequence[str], coefficients: Array, presliding: float) ->
 
 def friction_state(displacement: Array, presliding: float) -> Array:
     """Return (n,) s, from 1 (moving out) at the start: exact for steps of even motion."""
-    state = np.ones(len(displacement))
-    for i, step in enumerate(np.diff(displacement)):
-        state[i + 1] = np.sign(step) + (state[i] - np.sign(step)) * np.exp(-abs(step) / presliding)
-    return state
+    steps = np.diff(displacement)
+    return first_order(np.sign(steps), np.abs(steps), presliding, start=1.0)
 
 
 @lru_cache(maxsize=256)

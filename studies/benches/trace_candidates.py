@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fabdesign.nouns.bench import BenchRecord
+from fabdesign.nouns.lag import first_order
 from fabdesign.units import in_kpa
 from optimize.fit.misfit import Array
 from studies.benches.cylinder import friction_state
@@ -96,11 +97,7 @@ def _slow(time: float, sign: float = 1.0) -> Callable[[Signals], Mapping[str, Ar
 
     def columns(s: Signals) -> Mapping[str, Array]:
         assert s.time is not None
-        late, state = np.empty(len(s.law)), s.law[0]
-        keep = np.exp(-np.diff(s.time, prepend=s.time[0]) / time)
-        for k, value in enumerate(s.law):
-            state = keep[k] * state + (1 - keep[k]) * value
-            late[k] = state
+        late = first_order(s.law[1:], np.diff(s.time), time, start=s.law[0])
         return {"share": sign * (late - s.law)}
 
     return columns

@@ -21,7 +21,7 @@ from studies.calibration.ambiguities import ambiguities
 from studies.calibration.fits import Fits
 from studies.calibration.fitted_model import fitted_model
 from studies.calibration.intervals import EXCESS, far_factors, interval_warnings, with_engines
-from studies.calibration.joint_fit import joint_fit
+from studies.calibration.joint_fit import joint_fit, joint_fit_from_rest
 from studies.calibration.rest_fit import fit_at_rest, with_shapes_at_rest
 from studies.calibration.result import Calibration
 from studies.calibration.trial_checks import DISAGREE, implausible
@@ -181,8 +181,8 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, *, interruptible: bo
         few = data.only(evenly(len(data.trials), TRIALS).tolist())
         rested = [fit_at_rest(data, early, own) for own in (factors, vector)]
         alone = replace(early, named=f"factors of {len(data.trials)} trials", told=_before("no effects", early))
-        plain = joint_fit(few, factors, factors.start, alone, rested[0])
-        fitted = joint_fit(data, vector, vector.start, fits.within(_WITHOUT_EFFECTS, 1.0), rested[1])
+        plain = _joint(few, factors, alone, rested[0])
+        fitted = _joint(data, vector, fits.within(_WITHOUT_EFFECTS, 1.0), rested[1])
     except KeyboardInterrupt as stop:
         reached = stop.fit() if interruptible and isinstance(stop, Interrupted) else None
         if not interruptible or (reached is None and plain is None):
@@ -198,6 +198,12 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, *, interruptible: bo
         fitted = reached
     before = _remaining(data, fits, plain, plain.vector.start, plain.before)
     return replace(fitted, before=before, without_effects=plain)
+
+
+def _joint(data: MeasuredData, vector: FitVector, fits: Fits, at_rest: Fit | None) -> Fit:
+    if at_rest is None:
+        return joint_fit(data, vector, vector.start, fits)
+    return joint_fit_from_rest(data, vector, fits, at_rest)
 
 
 def _remaining(data: MeasuredData, fits: Fits, plain: Fit, x: Array, known: float) -> float:

@@ -35,19 +35,14 @@ KEPT = 4.0  # of log likelihood: an effect that costs less to drop at rest, or f
 _AT_LAST = 0.5  # of all work, where the last fit has all trials; of that where the same are seen again, a quarter
 
 
-def joint_fit(data: MeasuredData, vector: FitVector, start: Array, fits: Fits, at_rest: Fit | None = None) -> Fit:
-    """The fit of all frames. What cannot matter beside the tolerance, of the terms whose strengths alone are fitted and
-    that no model gave, takes part in the last fit alone. at_rest: what shapes at rest say; where that is known, no
-    horizon is looked at, and what they say is nothing takes no part at all."""
+def joint_fit(data: MeasuredData, vector: FitVector, start: Array, fits: Fits) -> Fit:
+    """The fit of all frames over growing horizons. What cannot matter beside the tolerance, of the terms whose
+    strengths alone are fitted and that no model gave, takes part in the last fit alone."""
     right = expected_rms(data.noise, fits.tolerance)
     much = right if fits.patient else expected_rms(data.noise, 2 * fits.tolerance)
-    few = data.only(evenly(len(data.trials), EARLY_TRIALS).tolist())
-    nothing: frozenset[str] = frozenset()
+    few = _few(data)
     lengths = horizons_of(data.samples)
     lengths = [horizon for horizon in lengths if horizon <= EARLY or horizon == lengths[-1]]
-    if at_rest is not None:
-        nothing = unneeded(at_rest)
-        lengths, start = lengths[-1:], beginning(vector, at_rest, nothing)
     share = _AT_LAST if len(few.trials) < len(data.trials) else _AT_LAST / 4
     ends = [0.0, *((1 - share) * np.cumsum(lengths) / sum(lengths)).tolist()]
     expected = np.inf if vector.terms else right  # effects at nothing leave much
@@ -55,7 +50,7 @@ def joint_fit(data: MeasuredData, vector: FitVector, start: Array, fits: Fits, a
         _Stage(few.until(horizon), horizon, horizon == lengths[-1], fits.coarse.within(*part), expected)
         for horizon, part in zip(lengths, pairwise(ends), strict=True)
     ]
-    descent, untried = _Descent(vector, start, inactive=nothing), bool(vector.terms) and at_rest is None
+    descent, untried = _Descent(vector, start), bool(vector.terms)
     for k, stage in enumerate(stages):
         descent = stage.after(descent)
         if untried and descent.remaining > much and (fits.patient or k == 0):
@@ -63,15 +58,33 @@ def joint_fit(data: MeasuredData, vector: FitVector, start: Array, fits: Fits, a
             for before in stages[: k + 1]:
                 other = before.after(other)
             descent = min(descent, other, key=lambda one: one.remaining)
-    if at_rest is not None and descent.fit is not None:
-        shapes_tell = {label_effect(label) for label in shown(at_rest)}
-        descent = descent.less(k for k in unneeded(descent.fit) if label_effect(k) not in shapes_tell)
-        nothing = descent.inactive
-    there, index = vector.only(set(vector.labels) - nothing)
-    jacobian = descent.jacobian[:, index] if len(few.trials) == len(data.trials) else None
+    jacobian = descent.jacobian if len(few.trials) == len(data.trials) else None
     last = fits.within(ends[-1], 1.0)
-    problem, named = last.problem(data, there, expected), f"{descent.named} at last".strip()
-    return last.fit(problem, FitStart(descent.x[index], jacobian), fits.last(there), named)
+    problem, named = last.problem(data, vector, expected), f"{descent.named} at last".strip()
+    return last.fit(problem, FitStart(descent.x, jacobian), fits.last(vector), named)
+
+
+def joint_fit_from_rest(data: MeasuredData, vector: FitVector, fits: Fits, at_rest: Fit) -> Fit:
+    """The fit of all frames from where shapes at rest are fitted. What these do not need, or a few trials of what does
+    not act at rest, takes no part in the last fit."""
+    nothing = unneeded(at_rest)
+    there, index = vector.only(set(vector.labels) - nothing)
+    x, few = beginning(vector, at_rest, nothing)[index], _few(data)
+    if len(few.trials) < len(data.trials):
+        early = fits.coarse.within(0.0, _AT_LAST)
+        begun = early.fit(early.problem(few, there), FitStart(x), NEAR, "of few trials")
+        at_rest_too = {label_effect(label) for label in shown(at_rest)}
+        idle = {label for label in unneeded(begun) if label_effect(label) not in at_rest_too}
+        x = begun.x.copy()
+        x[there.parts(idle)] = 0.0
+        there, index = there.only(set(there.labels) - idle)
+        x, fits = x[index], fits.within(_AT_LAST, 1.0)
+    return fits.fit(fits.problem(data, there), FitStart(x), fits.last(there), "at last")
+
+
+def _few(data: MeasuredData) -> MeasuredData:
+    """Return EARLY_TRIALS of the data, spread over them."""
+    return data.only(evenly(len(data.trials), EARLY_TRIALS).tolist())
 
 
 @dataclass(frozen=True, eq=False)

@@ -171,7 +171,7 @@ def _model(path: Path) -> Findings:
 
 
 def _key(path: Path) -> Findings:
-    from studies.rig.ground_truth import read_ground_truth  # here: the rig needs an extra
+    from studies.rig import read_ground_truth  # here: the rig needs an extra
 
     truth = read_ground_truth(path)
     lines = [line for name, factor in truth.parameters.items() for line in beyond(name, factor, FACTOR)]

@@ -19,7 +19,7 @@ from fabdesign.study_files.loop_file import LoopStudy
 from fabdesign.study_files.sensitivity_file import SensitivityStudy
 from fabdesign.study_files.study_file import Study, StudyHead
 from fabdesign.study_files.unseen_file import UnseenStudy
-from studies.rig.ground_truth import GroundTruth
+from studies.rig import GroundTruth
 
 STUDIES: Mapping[str, type] = {
     "optimize": Study,

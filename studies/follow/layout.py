@@ -16,7 +16,7 @@ from optimize.search.evaluations import Evaluations
 from sim import Simulator
 from studies.follow.programs import Regulator
 from studies.follow.wanted import Wanted
-from studies.layout_search.stages import COARSE
+from studies.layout_search.first_layouts import COARSE
 from studies.layouts.run import run_study
 
 FOLDER = "layout"  # of the search, what `optimize` writes

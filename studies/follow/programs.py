@@ -12,7 +12,7 @@ from fabdesign.study_files.follow_file import FollowStudy
 
 Array = NDArray[np.float64]
 UNIT = 1e5  # Pa, that changes are computed in
-ROUGH = 1.0  # of UNIT: prior standard deviation of the second difference of set points from cycle to cycle
+ROUGH = 0.5  # of UNIT: prior standard deviation of the second difference of set points from cycle to cycle
 TURN = 2.0  # of UNIT: that of the first
 TINY = 1e-9
 

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.files.design_file import write_design
 from fabdesign.files.pressure_file import read_csv, write_pressures
-from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model
-from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import require_pressures
 from fabdesign.output import WorkFolder, work_folder
 from fabdesign.runtime import working_time
@@ -41,16 +39,16 @@ from studies.layout_search.target import pose_errors
 from studies.prediction.forward_model import forward_model, without_resistance
 
 Array = NDArray[np.float64]
-ALGORITHM = 1  # of what a study's folder keeps: raised where it is no longer what this code would compute
+ALGORITHM = 2  # of what a study's folder keeps: raised where it is no longer what this code would compute
 PRESSURES = "pressures.csv"
-COARSE = 21  # points a side of the first pass
-STEPS = 4, 4  # of Gauss-Newton, of a window, in each pass
+COARSE = 21  # points a side, with which a pass begins
+QUICK = 1 / 960  # s, the time step of the simulator: twice its own
+# of each pass: steps of Gauss-Newton of a window, time steps in one far from jumps, s of a window
+PASSES = (2, 8, 0.3), (3, 4, 0.4), (3, 4, 0.4), (3, 4, 0.4)
+NOISY = 1.02  # of the noise: an error so small is not lowered further
+GAINED = 0.03  # of the error: a pass that gains less is the last one on its grid
 DRAWS = 4  # of a noise floor, at each instant
-SECONDS = 9.0  # of one core, that a pass takes for a second of motion and a channel at COARSE points
-
-
-class _Used(Exception):
-    """The time limit."""
+SECONDS = 5.0  # of one core, that all takes for a second of motion and a channel at COARSE points
 
 
 def run_follow(
@@ -83,7 +81,7 @@ def run_follow(
             regulator = regulator_of(study)
         run = None if measured is None else _last_run(work, Path(measured), study)
         solver = _Solver(study, wanted, regulator, checkpoint, progress)
-        result = solver.found() if run is None else solver.corrected(*run)
+        result = solver.solution() if run is None else solver.corrected(*run)
         with work.adding() as files:
             if study.layout is not None:
                 write_design(study.design, files / "design.toml")
@@ -113,9 +111,8 @@ def follow_in_words(study: FollowStudy) -> str:
     """Return what a study computes and about how long that takes."""
     wanted = wanted_of(study)
     length = float(wanted.times[-1]) * study.design.channels
-    fine = (study.points_per_side / COARSE) ** 1.2
     what = f"{float(wanted.times[-1]):.3g} s of motion, {len(wanted.times)} instants, {study.design.channels} channels"
-    return in_words(SECONDS * length * (1 + fine), what, on_cores())
+    return in_words(SECONDS * length * max(1.0, study.points_per_side / COARSE), what, on_cores())
 
 
 class _Solver:
@@ -126,23 +123,18 @@ class _Solver:
     ) -> None:
         self._study, self._wanted, self._regulator = study, wanted, regulator
         self._checkpoint, self._progress = checkpoint, progress
-        self._begun = working_time.seconds()
+        self._begun, self._complete = working_time.seconds(), True
         self._model = study.model or Model()
         self._cycles = regulator.cycles(float(wanted.times[-1]))
         self._case = case_of(study, regulator.program(np.zeros((self._cycles, regulator.channels))))
 
-    def found(self) -> FollowResult:
+    def solution(self) -> FollowResult:
         """Return the study's own answer."""
         self._progress("pressures of shapes at rest", 0.0)
         start = self._checkpoint.arrays("start", lambda: {"pressures": self._start()})["pressures"]
-        begun = float(np.mean([own.surface_rms for own in self._errors(self._motion(start))]))
-        program, complete = start, True
-        try:
-            for number, grid in enumerate((COARSE, self._study.points_per_side)):
-                program = self._pass(f"pass_{number}", program, grid, STEPS[number], None)
-        except _Used as used:
-            program, complete = used.args[0], False
-        return self._result(program, begun, complete)
+        best = self._improved("pass", start)
+        begin = self._driven(start)  # not before: a first answer does not wait for it
+        return self._result(min(best, begin, key=lambda own: own.error), begin.error)
 
     def corrected(self, run: MeasuredRun, number: int, program: Array) -> FollowResult:
         """Return the answer to a measured motion of `program`, in which the model's own changes are asked of it
@@ -151,93 +143,94 @@ class _Solver:
         beside, seen = displacements(run, motion, self._wanted.times, face=self._wanted.targets[0].face)
         if not seen.any():
             raise InputError(f"{run.file}: no frame at a wanted instant; expected the motion of this study")
-        measured = self._errors(motion + beside)
-        off = float(np.mean([own.surface_rms for own, there in zip(measured, seen, strict=True) if there]))
-        name = f"run_{number}_{sha256(run.file)[:12]}"
-        corrected = self._pass(name, program, self._study.points_per_side, STEPS[1], beside)
-        result = self._result(corrected, off, complete=True, beside=beside)
-        return replace(result, run=number, measured_error=off)
+        begin = self._driven(program, beside)
+        off = float(self._wanted.errors(self._wanted.times, begin.motion)[seen].mean())
+        best = self._improved(f"run_{number}_{sha256(run.file)[:12]}", program, begin)
+        return replace(self._result(best, off), run=number, measured_error=off)
 
     def _start(self) -> Array:
         if self._study.start is not None:
             return self._regulator.kept(self._regulator.rows(self._study.start, self._cycles))
-        predictor = self._predictor(COARSE)
-        easy = without_resistance(predictor) or predictor
-        case = replace(self._case, effects=())
+        predictor = forward_model(Simulator(COARSE), self._model)
+        case, easy = replace(self._case, effects=()), without_resistance(predictor) or predictor
         return quasi_static(easy, case, self._wanted, self._regulator, self._cycles)
 
-    def _pass(self, name: str, program: Array, grid: int, steps: int, beside: Array | None) -> Array:
-        """Return the program after all windows. Raises _Used, with the program so far, where the time is used."""
-        predictor = self._predictor(grid)
-        lacks = self._lacks(program, grid)
-        if beside is not None:
-            lacks = beside if lacks is None else lacks + beside
-        task = FollowTask(predictor.case(self._case), self._wanted, self._regulator, lacks)
-        so_far = program.copy()
+    def _improved(self, name: str, program: Array, best: "_Driven | None" = None) -> "_Driven":
+        """Return the best program of some passes, as far as the time goes. Once a pass gains little, those that follow
+        go on the study's own grid. best: how `program` moves the cloth, where that is known."""
+        own = self._study.points_per_side
+        grid, beside = min(COARSE, own), 0.0 if best is None else best.beside
+        for number, (steps, calm, length) in enumerate(PASSES):
+            if best is not None and (not self._complete or best.error <= NOISY * self._wanted.noise):
+                break
+            quick = Simulator(grid, time_step=QUICK, calm_steps=calm)
+            program = program if best is None else best.program
+            trial = self._driven(self._pass(f"{name}_{number}", program, best, Effort(quick, steps, length)), beside)
+            gained = 1.0 if best is None else 1 - trial.error / best.error
+            best = trial if best is None or gained > 0 else best
+            if gained < GAINED:
+                if grid == own:
+                    break
+                grid = own
+        assert best is not None
+        return best
 
-        def keep(window: str, compute: Callable[[], Array]) -> Array:
+    def _pass(self, name: str, program: Array, at: "_Driven | None", effort: Effort) -> Array:
+        """Return the program after all windows, as far as the time goes. at: how it moves the cloth, where that is
+        known; what the quick motion lacks of it is added to all that follow."""
+        predictor = forward_model(effort.simulator, self._model.without(["corrector"]))
+        lacks, line = None, f"windows at {effort.simulator.points_per_side} points a side"
+        if at is not None:
+            [quick] = predictor.motions([self._case_of(program)], [self._wanted.times])
+            lacks, line = np.nan_to_num(at.motion - quick), f"{in_mm(at.error):.3f} mm; {line}"
+        task = FollowTask(predictor.case(self._case), self._wanted, self._regulator, lacks)
+        until = np.inf if self._study.seconds is None else self._study.seconds
+
+        def keep(window: str, compute: Callable[[], Array]) -> Array | None:
             piece = f"{name}_{window}"
-            if not self._checkpoint.has(piece) and self._is_over():
-                raise _Used(self._regulator.kept(so_far))
+            if not self._checkpoint.has(piece) and working_time.seconds() - self._begun >= until:
+                self._complete = False
+                return None
             rows: Arrays = self._checkpoint.arrays(piece, lambda: {"pressures": compute()})
-            first = int(window)
-            so_far[first : first + len(rows["pressures"])] = rows["pressures"]
             return rows["pressures"]
 
-        line = f"windows at {grid} points a side"
-        solved = solve(
-            task, program, Effort(Simulator(grid), steps), keep=keep,
-            progress=lambda share: self._progress(line, share),
-        )  # fmt: skip
+        solved = solve(task, program, effort, keep=keep, progress=lambda share: self._progress(line, share))
         return self._regulator.kept(solved)
 
-    def _is_over(self) -> bool:
-        return self._study.seconds is not None and working_time.seconds() - self._begun >= self._study.seconds
-
-    def _lacks(self, program: Array, grid: int) -> Array | None:
-        """(K, 2 n, 3) m that a corrector adds to the motion of a program; None without one."""
-        if self._model.corrector is None:
-            return None
-        case, times = self._driven(program), self._wanted.times
-        corrected, simulated = (
-            forward_model(Simulator(grid), model).motions([case], [times])[0]
-            for model in (self._model, self._model.without(["corrector"]))
-        )
-        return corrected.astype(float) - simulated
-
-    def _driven(self, program: Array) -> Case:
+    def _case_of(self, program: Array) -> Case:
         return replace(self._case, program=self._regulator.program(program))
 
-    def _predictor(self, grid: int) -> Predictor:
-        return forward_model(Simulator(grid), self._model)
-
     def _motion(self, program: Array) -> Array:
-        predictor = self._predictor(self._study.points_per_side)
-        [motion] = predictor.motions([self._driven(program)], [self._wanted.times])
+        predictor = forward_model(Simulator(self._study.points_per_side), self._model)
+        [motion] = predictor.motions([self._case_of(program)], [self._wanted.times])
         if not np.isfinite(motion).all():
             raise SimulationError(f"design {self._study.design.name}: the motion diverges under the program found")
         return motion.astype(float)
 
-    def _errors(self, motion: Array) -> list[Errors]:
-        return pose_errors(self._wanted.targets, motion, seed=self._study.seed, draws=DRAWS)
+    def _driven(self, program: Array, beside: Array | float = 0.0) -> "_Driven":
+        motion = self._motion(program) + beside
+        return _Driven(program, motion, beside, float(self._wanted.errors(self._wanted.times, motion).mean()))
 
-    def _result(self, program: Array, begun: float, complete: bool, beside: Array | None = None) -> FollowResult:
-        motion = self._motion(program)
+    def _result(self, best: "_Driven", begun: float) -> FollowResult:
         self._progress("copies with other pressures and models", 1.0)
-        copies = copies_of(
-            Simulator(COARSE),
-            self._study.model,
-            self._driven(program),
-            self._wanted,
-            self._study.scatter,
-            self._study.seed,
-        )
-        shown = motion if beside is None else motion + beside
+        study, wanted = self._study, self._wanted
+        driven = self._case_of(best.program)
+        copies = copies_of(Simulator(COARSE), study.model, driven, wanted, study.scatter, study.seed)
+        errors = pose_errors(wanted.targets, best.motion, seed=study.seed, draws=DRAWS)
         seconds = working_time.seconds() - self._begun
         return FollowResult(
-            self._study, self._wanted, self._regulator, program, shown, self._errors(shown), begun, copies, complete,
-            seconds,
-        )  # fmt: skip
+            study, wanted, self._regulator, best.program, best.motion, errors, begun, copies, self._complete, seconds
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Driven:
+    """A program and its motion (K, 2 n, 3) m, to which what was measured `beside` it is added. error: m, the mean."""
+
+    program: Array
+    motion: Array
+    beside: Array | float
+    error: float
 
 
 def _last_run(work: WorkFolder, path: Path, study: FollowStudy) -> tuple[MeasuredRun, int, Array]:

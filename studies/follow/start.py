@@ -17,8 +17,8 @@ from studies.follow.wanted import Wanted
 from studies.follow.wanted import moved as moved_distances
 
 Array = NDArray[np.float64]
-APART = 0.15  # s between two instants, at least
-STEPS = 6  # of Gauss-Newton
+APART = 0.3  # s between two instants, at least
+STEPS = 3  # of Gauss-Newton
 BEGIN = 0.2  # of the highest pressures, where the first instant's search begins
 FARTHEST = 0.8  # of UNIT, by which a pressure moves at once
 STIFF = 1.0  # of 1 / UNIT^2: the prior's, about where a pressure is

@@ -80,7 +80,9 @@ def _of_folder(target: MovingTarget, design: Design, seed: int) -> Wanted:
 
 def _wanted(times: Array, frames: list[Array] | tuple[Array, ...], target: MovingTarget, noise: SensorNoise) -> Wanted:
     targets = [
-        LoadedTarget(_few(frame), None, target.file.name, noise, face=target.face, weighting=target.weighting)
+        LoadedTarget(
+            _few(frame), description=target.file.name, noise=noise, face=target.face, weighting=target.weighting
+        )
         for frame in frames
     ]
     return _until(times, targets, target)

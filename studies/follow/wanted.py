@@ -33,12 +33,18 @@ class Distances:
     nodes: Nodes
     weight: Array  # (N,) 1/m^2
     scale: float  # m
+    noise: float  # m, of the target's points
 
     @cached_property
     def robust(self) -> Array:
         """(N,) 1/m^2: the weights where outlying distances count less (Huber 1981)."""
         scale = max(1.4826 * float(np.median(np.abs(self.off))), self.scale)
         return self.weight / np.maximum(1.0, np.abs(self.off) / (HUBER * scale))
+
+    @property
+    def of_noise(self) -> float:
+        """The cost that noise alone has."""
+        return float(self.weight.sum()) * self.noise**2
 
     @property
     def cost(self) -> float:
@@ -88,6 +94,11 @@ class Wanted:
         each = [self.distances(k, points, side) for k, points in enumerate(motion)]
         return float(np.mean([np.inf if own is None else np.sqrt(np.square(own.off).mean()) for own in each]))
 
+    @property
+    def noise(self) -> float:
+        """Return the mean over instants [m] of the noise."""
+        return float(np.mean([0.0 if own.landmarks is not None else own.noise.sigma for own in self.targets]))
+
     @cached_property
     def _few(self) -> list[Array]:
         return [target.points[:: -(-len(target.points) // POINTS)] for target in self.targets]
@@ -110,7 +121,7 @@ def _of_cloud(target: LoadedTarget, points: Array, shape: Floats, side: int) -> 
     if target.weighting is not None:
         counts = np.einsum("nc,nc->n", place.weights, target.weighting.of_points(len(shape))[corners])
     scale = max(target.noise.sigma, SCALE)
-    return Distances(off, nodes, EACH * target.weight * counts / counts.sum() / scale**2, scale)
+    return Distances(off, nodes, EACH * target.weight * counts / counts.sum() / scale**2, scale, target.noise.sigma)
 
 
 def _of_wishes(target: LoadedTarget, shape: Floats, side: int) -> Distances:
@@ -121,7 +132,7 @@ def _of_wishes(target: LoadedTarget, shape: Floats, side: int) -> Distances:
     off = (at_places(Shape.of(shape).middle, landmarks.shares) - landmarks.goals)[place, axis]
     weighted = shares[place][:, :, None] * np.eye(3)[axis][:, None]
     weight = EACH * target.weight * landmarks.weights[place] / WISHED**2
-    return Distances(off, Nodes(node[place], weighted), weight, WISHED)
+    return Distances(off, Nodes(node[place], weighted), weight, WISHED, 0.0)
 
 
 def moved(distances: Distances, changes: Sequence[Floats] | Floats) -> Array:

@@ -20,14 +20,14 @@ from studies.follow.programs import UNIT, Regulator, Roughness, best_change
 from studies.follow.wanted import Distances, Wanted, moved
 
 Array = NDArray[np.float64]
-LENGTH = 0.4  # s of a window
-AHEAD = 0.2  # s of it that are kept; the rest is solved again with what comes
+AHEAD = 0.2  # s of a window that are kept; the rest is solved again with what comes
 STEP = 5e3  # Pa, of the differences
 FARTHEST = 1e5  # Pa, by which a set point may move at once
 SHORTER = 0.3  # of that, after a step that gained nothing
 # Levenberg's damping and the share of the step, of the programs that are tried beside one another
 TRIED = (0.0, 1.0), (0.0, 0.5), (1e-3, 1.0), (1e-2, 1.0), (1e-2, 0.5), (0.1, 1.0)
 ENOUGH = 0.03  # of the cost: where a step by fresh columns gains less, a window is solved
+NOISY = 1.06  # of the cost that noise has: so little is not lowered further
 WORTH = 0.3  # of the cost: after a step that gains less, columns are made anew
 
 
@@ -55,6 +55,7 @@ class Effort:
 
     simulator: Simulator
     steps: int  # of Gauss-Newton, of a window, at most
+    length: float = 0.4  # s of a window
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,11 +94,7 @@ class _Window:
         return with_states(self.simulator, cases, self.state, self.times, ticks, jumping=jumping)
 
 
-Keep = Callable[[str, Callable[[], Array]], Array]  # of a window: its name, and what computes its set points
-
-
-def _computed(name: str, compute: Callable[[], Array]) -> Array:
-    return compute()
+Keep = Callable[[str, Callable[[], Array]], Array | None]  # of a window: its name, and what computes its set points
 
 
 def solve(
@@ -105,19 +102,22 @@ def solve(
     program: Array,
     effort: Effort,
     *,
-    keep: Keep = _computed,
+    keep: Keep = lambda name, compute: compute(),
     progress: Callable[[float], None] = lambda share: None,
 ) -> Array:
     """Return set points (cycles, channels) Pa that bring the motion nearer to what is wanted, beginning with `program`.
-    keep: gives the set points of a window, which it may have kept from before. progress: hears the share of the windows
-    that are done."""
+    keep: gives the set points of a window, which it may have kept from before; None ends the work. progress: hears the
+    share of the windows that are done."""
     program, cycles = program.copy(), len(program)
-    length, ahead = (max(1, round(own / task.regulator.cycle)) for own in (LENGTH, AHEAD))
+    length, ahead = (max(1, round(own / task.regulator.cycle)) for own in (effort.length, AHEAD))
     [case] = task.cases([program])
     state, begin = at_rest(effort.simulator, case), 0
     while begin < cycles:
         window = _Window(task, effort.simulator, begin, _end(task, begin, length, ahead, cycles), state)
-        program[begin : window.end] = keep(f"{begin}", partial(_solved, window, program, effort.steps))
+        rows = keep(f"{begin}", partial(_solved, window, program, effort.steps))
+        if rows is None:
+            break
+        program[begin : window.end] = rows
         following = min(begin + ahead, cycles)
         if following < cycles:
             [kept] = replace(window, end=following).with_states([program])
@@ -145,7 +145,7 @@ def _solved(window: _Window, program: Array, steps: int) -> Array:
     [at] = _Place.all_of(window, [program])
     columns, farthest = None, FARTHEST
     for _ in range(steps):
-        if not np.isfinite(at.cost):
+        if at.is_solved:
             break
         fresh = columns is None
         if columns is None:
@@ -189,6 +189,12 @@ class _Place:
         costs = [np.inf if own is None else own.cost for own in self.distances]
         return float(sum(costs) + self.roughness.value)
 
+    @property
+    def is_solved(self) -> bool:
+        """Whether nothing is to be gained: the distances are noise, or the motion diverged."""
+        costs = [(own.cost, own.of_noise) for own in self.distances if own is not None]
+        return len(costs) < len(self.distances) or sum(c for c, _ in costs) <= NOISY * sum(n for _, n in costs)
+
     def step(self, columns: Sequence[NDArray[np.floating[Any]]], farthest: float, damping: float) -> Array:
         """Return the change (cycles, channels) Pa that Gauss-Newton takes. damping: Levenberg's, of the mean of the
         Hessian's diagonal."""
@@ -212,29 +218,22 @@ def _changed(program: Array, begin: int, change: Array) -> Array:
 
 def _columns(window: _Window, at: _Place) -> list[NDArray[np.floating[Any]]]:
     """(cycles channels, n, n, 3) m per Pa of each instant: how the mid-surface moves with each set point."""
-    task, program, motion, states = window.task, at.program, at.kept.motion, [window.state, *at.kept.states]
-    cases, begins, times, moves = [], [], [], []
-    regulator = task.regulator
-    for k in range(window.begin, window.end):
+    program, motion, states = at.program, at.kept.motion, [window.state, *at.kept.states]
+    regulator, cases, begins, times, moves = window.task.regulator, [], [], [], []
+    for k, state in zip(range(window.begin, window.end), states, strict=False):
         later = window.times[window.times > k * regulator.cycle + 1e-9]
-        for channel in range(regulator.channels):
+        for channel in range(regulator.channels if len(later) else 0):
             by = STEP if program[k, channel] + STEP <= regulator.highest[channel] else -STEP
             trial = program.copy()
             trial[k, channel] += by
             cases.append(trial)
-            begins.append(states[k - window.begin])
+            begins.append(state)
             times.append(later)
             moves.append(by)
-    seen = [k for k, own in enumerate(times) if len(own)]
-    motions = go_on(
-        window.simulator,
-        task.cases([cases[k] for k in seen]),
-        [begins[k] for k in seen],
-        [times[k] for k in seen],
-        jumps=at.kept.jumps,
-    )
-    changes = np.zeros((len(window.times), len(cases), *motion.middle.shape[1:]), np.float32)
-    for k, own in zip(seen, motions, strict=True):
+    motions = go_on(window.simulator, window.task.cases(cases), begins, times, jumps=at.kept.jumps)
+    count = (window.end - window.begin) * regulator.channels
+    changes = np.zeros((len(window.times), count, *motion.middle.shape[1:]), np.float32)
+    for k, own in enumerate(motions):
         rows = len(window.times) - len(times[k])
         changes[rows:, k] = (own.middle - motion.middle[rows:]) / moves[k]
     return list(np.nan_to_num(changes))

@@ -7,15 +7,14 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from fabdesign.formats.json_file import write_json
-from fabdesign.output import write_text
 from fabdesign.units import in_mm
 from fabdesign.version import __version__
-from studies.layout_grid.result import WORDS, CellResult, GridResult
-from studies.layout_search.wish_errors import is_wished, measure_of
+from studies.layout_grid.turns import WORDS, CellResult, GridResult
+from studies.layout_search.target import is_wished, measure_of
 from studies.layouts.report import ERRORS, WISHED, error_cells, target_texts
 from studies.report import page
 from studies.report.shape_picture import shape_png
+from studies.study import write_result
 
 MARKS = {"front": ">", "back": "<", "both": "D"}
 _HOW = """A cell may use any layout with as many muscles or fewer on its faces. Its mark is the nearest of those. A
@@ -26,8 +25,7 @@ muscles. Cells that gained most got more time. Errors, evaluations and seconds a
 
 def write_report(result: GridResult, out: Path) -> None:
     """Write `result.json` and `report.html` into the folder `out`."""
-    write_json(out / "result.json", result.as_json())
-    write_text(out / "report.html", render(result))
+    write_result(out, result.as_json(), result.study.search.name, _blocks(result))
 
 
 def render(result: GridResult) -> str:

@@ -1,14 +1,13 @@
 """A grid of searches for one target, each in a folder of its own, and their front."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
+from typing import Unpack
 
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.formats.json_file import read_json, write_json
 from fabdesign.formats.toml_file import file_stem
-from fabdesign.nouns.forward import ForwardModel
-from fabdesign.output import WorkFolder, work_folder
+from fabdesign.output import WorkFolder
 from fabdesign.runtime import working_time
 from fabdesign.runtime.store import read_kept
 from fabdesign.study_files.layouts_file import Cell, LayoutsStudy, read_layouts
@@ -16,27 +15,21 @@ from optimize.search.evaluations import Evaluations
 from optimize.search.search_state import as_rows, of_rows
 from optimize.search.starts import Start
 from studies.layout_grid.report import write_report
-from studies.layout_grid.result import CellResult, GridResult
-from studies.layout_grid.turns import (
-    FIRST,
-    FIRST_FOLLOWED,
-    FOLLOWED,
-    FURTHER,
-    PAGE,
-    WORTH_A_TURN,
-    CellTurns,
-    best_beneath,
-    next_turn,
-    recent_gain,
-    seeds_of,
-)
-from studies.layout_search.first_layouts import first_starts, limits_of
+from studies.layout_grid.turns import CellResult, CellTurns, GridResult, best_beneath, next_turn, recent_gain, seeds_of
+from studies.layout_search.first_layouts import first_starts
 from studies.layout_search.target import load_target
 from studies.layouts.result import StudyResult
 from studies.layouts.run import run_study
+from studies.study import Simulated, StudyRun
 
 CELLS = "cells"  # the folder of the searches' folders
 TURNS = "turns.json"  # how the time was shared, by which a grid goes on
+FIRST = 0.6  # of the seconds, for the first turns of all cells
+FOLLOWED = 0.12  # of the seconds, at the end, for the motions that lead to the results
+FIRST_FOLLOWED = 16.0  # times what the end of a turn takes: motions of seconds, and what they need is to be compiled
+PAGE = 0.5  # s a cell, for the page
+FURTHER = 0.05  # of the seconds: a further turn
+WORTH_A_TURN = 2.0  # times what an end takes, for a turn to be worth it
 END = 0.25  # of a turn, that its end is thought to take before one was measured
 
 Progress = Callable[[Cell, int, int, Evaluations], None]
@@ -46,11 +39,8 @@ def run_layouts(
     study: LayoutsStudy | Path | str,
     out: Path | str,
     *,
-    forward: ForwardModel | None = None,
-    coarse: ForwardModel | None = None,
-    seconds: float | None = None,
-    force: bool = False,
     progress: Progress = lambda *_: None,
+    **how: Unpack[Simulated],
 ) -> GridResult:
     """Search every cell and write `result.json`, `report.html` and `cells/NAME`, what `optimize` writes, into `out`.
 
@@ -64,16 +54,12 @@ def run_layouts(
     limits is told, not searched. progress: of a cell, its number, how many there are, and how its search stands.
     Raises InputError like `run_study`, SimulationError where no cell has a result.
     """
-    inputs = [] if isinstance(study, LayoutsStudy) else [study]
-    study = study if isinstance(study, LayoutsStudy) else read_layouts(study)
-    if seconds is not None:
-        limits = replace(study.search.limits, seconds=seconds)
-        study = replace(study, search=replace(study.search, limits=limits))
-    for target in study.search.targets:
-        load_target(target, study.search.design, seed=study.search.seed)  # sound, or said at once
-        inputs.append(target.file)
-    with work_folder(out, made_by="layouts", force=force, inputs=inputs) as work:
-        result = _Grid(work, study, forward, coarse, progress).searched()
+    run = StudyRun.of(study, read_layouts, how)
+    search = run.study.search
+    for target in search.targets:
+        load_target(target, search.design, seed=search.seed)  # sound, or said at once
+    with run.folder(out, "layouts", [target.file for target in search.targets]) as work:
+        result = _Grid(work, run.study, how, progress).searched()
         if work.anew and result.interrupted:
             work.complete = False
         with work.adding() as files:
@@ -84,16 +70,8 @@ def run_layouts(
 class _Grid:
     """The turns of a grid in its folder."""
 
-    def __init__(
-        self,
-        work: WorkFolder,
-        study: LayoutsStudy,
-        forward: ForwardModel | None,
-        coarse: ForwardModel | None,
-        progress: Progress,
-    ) -> None:
-        self._work, self._study, self._progress = work, study, progress
-        self._models = forward, coarse
+    def __init__(self, work: WorkFolder, study: LayoutsStudy, how: Simulated, progress: Progress) -> None:
+        self._work, self._study, self._how, self._progress = work, study, how, progress
         self._cells = [*study.cells]
         self._found: list[CellResult] = []
         self._turns, spent = _state(work.folder / TURNS)
@@ -212,14 +190,13 @@ class _Grid:
                 return
             self._progress(cell, self._cells.index(cell) + 1, len(self._cells), evaluations)
 
-        forward, coarse = self._models
         result = run_study(
             cell.study,
             self._work.folder / CELLS / file_stem(cell.name),
-            forward=forward,
-            coarse=coarse,
+            forward=self._how.get("forward"),
+            coarse=self._how.get("coarse"),
             seconds=turns.seconds,
-            starts=[*of_rows(turns.seeds, cell.study.design, limits_of(cell.study)), *(drawn if turns.drawn else [])],
+            starts=[*of_rows(turns.seeds, cell.study.design, cell.study.limits), *(drawn if turns.drawn else [])],
             force=anew,
             follow=follow,
             progress=told,
@@ -236,9 +213,9 @@ class _Grid:
 
 def _state(file: Path) -> tuple[dict[str, CellTurns], float]:
     """Return the turns of each cell and the s spent; none before the first turn."""
-    return read_kept(file, _read_turns, "how the time was shared") or ({}, 0.0)
 
+    def read(file: Path) -> tuple[dict[str, CellTurns], float]:
+        state = read_json(file)
+        return {name: CellTurns(**row) for name, row in state["cells"].items()}, float(state["spent"])
 
-def _read_turns(file: Path) -> tuple[dict[str, CellTurns], float]:
-    state = read_json(file)
-    return {name: CellTurns(**row) for name, row in state["cells"].items()}, float(state["spent"])
+    return read_kept(file, read, "how the time was shared") or ({}, 0.0)

@@ -1,27 +1,138 @@
-"""How the time of a grid is shared: a turn for every cell, then turns for those that still gain."""
+"""The result of a grid of searches, and how its time is shared: a turn for every cell, then turns for those that still
+gain."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
-from fabdesign.study_files.layouts_file import SIDES, Cell
+from fabdesign.study_files.layouts_file import SIDES, Cell, LayoutsStudy
+from fabdesign.units import in_mm
 from optimize.search.design_space import DesignSpace
 from optimize.search.search_state import StartRow
 from optimize.search.starts import Start
 from optimize.search.variations import pulling, with_idle
-from studies.layout_grid.result import CellResult, GridResult
-from studies.layout_search.first_layouts import PULL, limits_of
+from studies.layout_search.first_layouts import PULL
+from studies.layouts.result import StudyResult
 
-FIRST = 0.6  # of the seconds, for the first turns of all cells
-FOLLOWED = 0.12  # of the seconds, at the end, for the motions that lead to the results
-FIRST_FOLLOWED = 16.0  # times what the end of a turn takes: motions of seconds, and what they need is to be compiled
-PAGE = 0.5  # s a cell, for the page
-FURTHER = 0.05  # of the seconds: a further turn
-WORTH_A_TURN = 2.0  # times what an end takes, for a turn to be worth it
+PULLS = 0.05  # of the pressure range, over its lowest, from which on a muscle does something
+WORDS = {"front": "on the front", "back": "on the back", "both": "on both faces"}
+
+
+@dataclass(frozen=True, eq=False)
+class CellResult:
+    """A cell's result, or why there is none."""
+
+    cell: Cell
+    result: StudyResult | None
+    why: str
+
+    @property
+    def objective(self) -> float:
+        """m; infinite without a result."""
+        return self.result.objective if self.result else float("inf")
+
+    @cached_property
+    def pulling(self) -> tuple[int, ...]:
+        """Muscles of the result, from 0, that do something in some pose."""
+        if self.result is None:
+            return ()
+        low, high = self.result.study.limits.pressure
+        highest = self.result.pressures[:, [muscle.channel for muscle in self.result.design.muscles]].max(axis=0)
+        return tuple(np.flatnonzero(highest > low + PULLS * (high - low)).tolist())
+
+    @property
+    def sides_used(self) -> str:
+        """ "front", "back" or "both": the faces of the muscles that pull; empty where none does."""
+        used = {self.result.design.muscles[k].side for k in self.pulling} if self.result else set()
+        return "both" if len(used) == 2 else next(iter(used), "")
+
+
+@dataclass(frozen=True, eq=False)
+class GridResult:
+    """cells: those that were begun, in order; total: how many there are."""
+
+    study: LayoutsStudy
+    cells: tuple[CellResult, ...]
+    total: int
+    wall_s: float = 0.0  # of all of it, earlier sessions included
+
+    @property
+    def interrupted(self) -> bool:
+        return any(f.result is not None and f.result.interrupted for f in self.cells)
+
+    def nearest(self, cell: Cell) -> CellResult | None:
+        """Return the nearest layout that `cell` may have: its own, or that of a cell with fewer muscles or on one
+        face."""
+        may = [f for f in self.cells if f.result is not None and cell.includes(f.cell)]
+        return min(may, key=lambda f: (f.objective, f.cell.muscles), default=None)
+
+    @property
+    def front(self) -> list[CellResult]:
+        """Cells that no other beats with as many muscles or fewer, by rising number of muscles."""
+        kept: list[CellResult] = []
+        for f in sorted(self.cells, key=lambda f: (f.cell.muscles, f.objective)):
+            if f.result and (not kept or f.objective < kept[-1].objective):
+                kept.append(f)
+        return kept
+
+    def statements(self, cell: Cell) -> list[str]:
+        """Return sentences on where more muscles, or a second face, did not help."""
+        this, best = next((f for f in self.cells if f.cell is cell), None), self.nearest(cell)
+        if this is None or best is None:
+            return []
+        statements, count = [], f"{cell.muscles} muscles" if cell.muscles > 1 else "1 muscle"
+        if best is not this:
+            came = f"its own search came to {in_mm(this.objective):.2f} mm" if this.result else this.why
+            statements.append(
+                f"{count} {WORDS[cell.sides]} did not help: {best.cell.muscles} {WORDS[best.cell.sides]} are nearer, "
+                f"at {in_mm(best.objective):.2f} mm; {came}."
+            )
+        idle = len(best.result.design.muscles) - len(best.pulling) if best.result else 0
+        if idle:
+            statements.append(f"{idle} of its {best.cell.muscles} muscles {'is' if idle == 1 else 'are'} idle.")
+        if cell.sides == "both" and best.sides_used in ("front", "back"):
+            statements.append(f"Only the {best.sides_used} pulls: a second face did not help.")
+        return statements
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what result.json holds: mm."""
+        front = self.front
+        return {
+            "cells": [self._cell(f, f in front) for f in self.cells],
+            "front": [f.cell.name for f in front],
+            "objective": self.study.search.objective,
+            "left": self.total - len(self.cells),
+            "interrupted": self.interrupted,
+            "wall_s": self.wall_s,
+            "seed": self.study.search.seed,
+        }
+
+    def _cell(self, one: CellResult, on_front: bool) -> dict[str, Any]:
+        cell, best = one.cell, self.nearest(one.cell)
+        entry: dict[str, Any] = {"name": cell.name, "muscles": cell.muscles, "type": cell.type, "sides": cell.sides}
+        if one.result is None:
+            entry["why_not"] = one.why
+        if best is None or best.result is None:
+            return entry
+        result, searched = best.result, one.result
+        entry |= {
+            "objective_mm": in_mm(result.objective),
+            **result.errors.millimetres(),
+            "outputs": result.output_values,
+        }
+        entry |= {"of": best.cell.name, "sides_used": best.sides_used, "muscles_used": len(best.pulling)}
+        entry |= {"said": [*self.statements(cell), *result.reach.sentences], "front": on_front}
+        if searched is not None:
+            entry |= {"searched_mm": in_mm(searched.objective), "stop_reason": searched.stop_reason}
+            entry |= {"evaluations": len(searched.history), "wall_s": searched.wall_s}
+        return entry
+
+
 GAINS = 0.005  # of the value: less is no gain
 ENDED = ("converged", "at the floor", "ended", "nothing gained", "the limit of", "every design")
 
@@ -97,7 +208,7 @@ def seeds_of(cell: Cell, results: Sequence[CellResult]) -> list[Start]:
     for k, neighbour in enumerate(_nearest(beneath)):
         result = neighbour.result
         assert result is not None
-        space = DesignSpace(_on_cloth_of(cell, result.design.muscles), limits_of(cell.study), result.pressures)
+        space = DesignSpace(_on_cloth_of(cell, result.design.muscles), cell.study.limits, result.pressures)
         start = replace(space, vary_positions=True)
         best = start, start.encode(space.design, result.pressures)
         more = with_idle(

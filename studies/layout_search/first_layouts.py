@@ -1,17 +1,27 @@
-"""Where the search of a study begins, and begins anew."""
+"""Where the search of a study begins, and begins anew; and the stages in which it goes from the coarse model to the
+fine one."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from fabdesign.errors import InputError
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.predictor import Predictor
 from fabdesign.runtime.effort import MUSCLES
 from fabdesign.study_files.study_file import Study
 from optimize.search.design_space import DesignSpace, Vector, by_muscle, start_of
-from optimize.search.margins import Limits
+from optimize.search.evaluations import Stage
+from optimize.search.objective import Objective
 from optimize.search.search_state import FurtherStarts
+from optimize.search.slopes import jacobians_for
 from optimize.search.starts import Start, catalogue_starts, layout_starts, pressure_starts, thinned_starts
 from optimize.search.variations import pulling, variations, with_corners, with_idle
+from studies.layout_search.target import LoadedTarget
+from studies.prediction.forward_model import without_resistance
+from studies.study import Simulated, simulator
 
 PRESSURE_STARTS = 31  # screened before pressures are searched
 LAYOUT_STARTS = 64  # drawn and screened before layouts are searched; a multiple of what the simulator takes at once
@@ -21,21 +31,16 @@ PULL = 0.4  # of the pressure range: past the threshold of a braided muscle, so 
 THINNED_STARTS = 72  # of the design's own muscles, where it has more than the layout may
 
 
-def limits_of(study: Study) -> Limits:
-    limits = study.limits
-    return Limits(limits.pressure, limits.spacing, limits.edge, limits.contraction, limits.channels, limits.air)
-
-
-def own_start(study: Study, limits: Limits) -> tuple[DesignSpace, Vector]:
+def own_start(study: Study) -> tuple[DesignSpace, Vector]:
     """Return the study's own design under its start pressures, by default the middle of the limits."""
     middle = np.mean(study.limits.pressure)
     stated = np.full(study.design.channels, middle) if study.start_pressures is None else study.start_pressures
     pressures = np.tile(stated, (len(study.targets), 1))
-    space = DesignSpace(study.design, limits, pressures, vary_pressures=study.pressures)
+    space = DesignSpace(study.design, study.limits, pressures, vary_pressures=study.pressures)
     return space, space.encode(study.design, pressures)
 
 
-def earlier_starts(study: Study, limits: Limits) -> list[Start]:
+def earlier_starts(study: Study) -> list[Start]:
     """Return the earlier result that the study begins with, if any.
 
     Raises InputError where it is no layout of this study: other muscles where they stay, too many or too few, another
@@ -56,24 +61,24 @@ def earlier_starts(study: Study, limits: Limits) -> list[Start]:
         raise InputError(
             f"{earlier.file}: has {len(design.muscles)} muscles; expected {study.muscles.least} to {study.muscles.most}"
         )
-    if design.channels > (limits.channels or MUSCLES):
-        raise InputError(f"{earlier.file}: has {design.channels} channels; expected at most {limits.channels}")
+    if design.channels > (study.limits.channels or MUSCLES):
+        raise InputError(f"{earlier.file}: has {design.channels} channels; expected at most {study.limits.channels}")
     if unknown := {muscle.type for muscle in design.muscles} - set(design.muscle_types):
         raise InputError(
             f"{earlier.file}: has muscles of type {', '.join(sorted(unknown))}; the study's design has none"
         )
-    space = DesignSpace(design, limits, earlier.pressures, vary_pressures=study.pressures)
+    space = DesignSpace(design, study.limits, earlier.pressures, vary_pressures=study.pressures)
     return [(space, space.encode(design, earlier.pressures))]
 
 
 def first_starts(study: Study) -> list[Start]:
     """Return the study's own design, an earlier result, the catalogue's layouts, and what is drawn by the study's
     seed."""
-    limits, poses = limits_of(study), len(study.targets)
-    space, stated = own_start(study, limits)
+    limits, poses = study.limits, len(study.targets)
+    space, stated = own_start(study)
     if study.muscles is None:
         drawn = pressure_starts(space, PRESSURE_STARTS if study.pressures else 0, study.seed)
-        return [*earlier_starts(study, limits), *drawn]
+        return [*earlier_starts(study), *drawn]
     choice, design = study.muscles, study.design
     drawn = catalogue_starts(design, limits, poses, counts=choice.counts, sides=choice.sides)
     drawn += layout_starts(
@@ -85,7 +90,7 @@ def first_starts(study: Study) -> list[Start]:
     elif len(design.muscles) > choice.most and sides <= set(choice.sides):
         given = space.start_pressures
         drawn += thinned_starts(design, limits, given, choice.most, number=THINNED_STARTS, seed=study.seed)
-    drawn = [*earlier_starts(study, limits), *drawn]
+    drawn = [*earlier_starts(study), *drawn]
     if not drawn:
         raise InputError(f"{study.name}: no layout of {choice.least} muscles keeps the limits; expected wider ones")
     return drawn
@@ -102,7 +107,7 @@ def _on_fewer_channels(start: Start) -> list[Start]:
 
 def further_starts(study: Study) -> FurtherStarts | None:
     """Return starts of further restarts; none where nothing can be drawn anew."""
-    limits, poses, choice = limits_of(study), len(study.targets), study.muscles
+    limits, poses, choice = study.limits, len(study.targets), study.muscles
     if choice is not None:
 
         def added(best: Start, seed: int) -> list[Start]:
@@ -131,9 +136,50 @@ def further_starts(study: Study) -> FurtherStarts | None:
         return layouts
     if not study.pressures:
         return None
-    space, _ = own_start(study, limits)
+    space, _ = own_start(study)
 
     def pressures(restart: int, best: Start) -> tuple[list[Start], bool]:
         return pressure_starts(space, PRESSURE_STARTS, study.seed + 1000 * restart)[1:], True
 
     return pressures
+
+
+COARSE = 21  # points a side, of the simulator on which a search begins
+
+
+def forward_models(
+    how: Simulated, study: Study | None = None, targets: Sequence[LoadedTarget] = ()
+) -> tuple[ForwardModel, ForwardModel]:
+    """Return the fine and the coarse model given, or the simulator, for a study with its targets; a single one given
+    serves for both."""
+    fine, coarse = how.get("forward"), how.get("coarse")
+    if fine is not None:
+        return fine, coarse or fine
+    model = None if study is None else study.model
+    hold = {} if study is None else {"hold": _coarse_hold(study, targets)}
+    fine = simulator((model or Model()).points_per_side, study)
+    return fine, coarse or simulator(COARSE, study, tolerance=1e-6, **hold)
+
+
+def _coarse_hold(study: Study, targets: Sequence[LoadedTarget]) -> float:
+    """Return the seconds for which pressures hold where shapes at rest stand for frames of the targets
+    (optimize.search.objective)."""
+    times = [target.time for target in targets if target.time is not None]
+    return study.hold if len(times) < len(targets) else min(study.hold, max(0.0, max(times) - study.rise))
+
+
+def stages_of(study: Study, coarse: Predictor, fine: Predictor, objective: Objective) -> list[Stage]:
+    """Return the stages. Slopes are those without forces against motion, where derivatives are known."""
+    known = jacobians_for(coarse, objective) is not None
+    bare = without_resistance(coarse) if known else None
+    if study.muscles is not None:
+        return [
+            Stage("pressures of drawn layouts", coarse, keep=10, rounds=1, until=0.4, slopes=bare, at_rest=True),
+            Stage("layouts", coarse, keep=4, rounds=4, vary_positions=study.positions, until=0.5, slopes=bare),
+            Stage("best layouts", coarse, keep=2, rounds=12, vary_positions=study.positions, until=0.65, slopes=bare),
+            Stage("full model", fine, keep=1, rounds=32, vary_positions=study.positions, slopes=bare or coarse),
+        ]
+    return [
+        Stage("coarse model", coarse, keep=2, rounds=8, vary_positions=study.positions, until=0.5, slopes=bare),
+        Stage("full model", fine, keep=2, rounds=8, vary_positions=study.positions, slopes=bare or coarse),
+    ]

@@ -1,11 +1,10 @@
-"""Targets: the clouds that studies come close to, and how close a result came."""
+"""Targets: the clouds and wishes that studies come close to, and how close a result came."""
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fabdesign.clouds.target_file import PlacedTarget, read_target
@@ -13,13 +12,16 @@ from fabdesign.formats.decoder import decode_key
 from fabdesign.formats.table import load_toml
 from fabdesign.geometry.metrics import DRAWS, CloudKind, Errors, landmark_errors, trial_errors
 from fabdesign.geometry.placement import placement_of
-from fabdesign.geometry.regions import Weighting
 from fabdesign.geometry.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
-from fabdesign.geometry.shape import Face
+from fabdesign.geometry.shape import Shape, at_places
 from fabdesign.geometry.wishes import Landmarks
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
+from fabdesign.nouns.fabric import Fabric
 from fabdesign.runtime.fingerprint import sha256
+from fabdesign.study_files.study_file import Study
 from fabdesign.study_files.study_targets import TargetFile
+from fabdesign.units import in_mm
 from optimize.search.objective import Target
 
 ENOUGH = 4000  # points for the same
@@ -27,30 +29,18 @@ NOISELESS = 1e-4  # m: bends that a quadric does not follow look like less noise
 
 
 @dataclass(frozen=True, eq=False)
-class LoadedTarget:
-    """A cloud and where it comes from. time: s after rest, of a trial's frame; None: a shape at equilibrium."""
+class LoadedTarget(Target):
+    """A target and where it comes from."""
 
-    points: NDArray[np.float64]  # (n, 3) m
-    time: float | None
-    description: str
+    description: str = ""
     noise: SensorNoise = NOISE_FREE  # what the cloud shows; none on a mesh
-    markers: bool = False  # so few points, or of a part: only their distances to the cloth count, one way
-    face: Face = "both"  # that the points lie on
     weight: float = 1.0  # among the poses of a study
-    landmarks: Landmarks | None = None  # of wishes, whose goals the points are
-    free: bool = False  # it may stand anywhere
-    weighting: Weighting | None = None  # how much each place of the cloth counts
 
-    @property
-    def sought(self) -> Target:
-        """Return the target that a search comes close to."""
-        return Target(self.points, self.time, self.markers, self.face, self.landmarks, self.free, self.weighting)
-
-    def beside(self, shape: NDArray[np.float64]) -> "LoadedTarget":
+    def beside(self, shape: Array) -> "LoadedTarget":
         """Return a free one where it lies nearest to a shape (2 n, 3) m, with how it was moved; any other as it is."""
         if not self.free:
             return self
-        motion = self.sought.motion(shape)
+        motion = self.motion(shape)
         placed = placement_of(1.0, Rotation.from_matrix(motion.turn.T), -motion.shift @ motion.turn)
         said = f"{self.description}, moved by {placed} while searching"
         return replace(self, points=motion.back(self.points), description=said, free=False)
@@ -62,7 +52,7 @@ class LoadedTarget:
 
     @property
     def synthetic(self) -> bool:
-        """Measured by a synthetic rig, as its description says."""
+        """Return whether a synthetic rig measured it, as its description says."""
         return "synthetic" in self.description
 
     @property
@@ -90,24 +80,21 @@ def load_target(target: TargetFile, design: Design, *, seed: int = 0) -> LoadedT
         parts.append(f"counts {target.weighting.said}")
     if frame.trial:
         parts.append(_set_description(path))
-    noise = _noise(placed, design.fabric.thickness)
-    said = ", ".join(filter(None, parts))
-    markers = placed.markers or target.distances == "one way"
     return LoadedTarget(
         placed.points,
         frame.time,
-        said,
-        noise,
-        markers,
-        target.face,
-        target.weight,
+        markers=placed.markers or target.distances == "one way",
+        face=target.face,
         free=target.free,
         weighting=target.weighting,
+        description=", ".join(filter(None, parts)),
+        noise=_noise(placed, design.fabric.thickness),
+        weight=target.weight,
     )
 
 
 def target_errors(
-    targets: Sequence[LoadedTarget], shapes: NDArray[np.float64], design: Design, *, seed: int = 0, draws: int = DRAWS
+    targets: Sequence[LoadedTarget], shapes: Array, design: Design, *, seed: int = 0, draws: int = DRAWS
 ) -> Errors:
     """Return the mean error over the targets by their weights, of shapes (poses, 2 n, 3) m. The floors take the noise
     that each target shows."""
@@ -116,9 +103,7 @@ def target_errors(
     return Errors(*np.average([astuple(errors) for errors in by_pose], axis=0, weights=weights).tolist())
 
 
-def pose_errors(
-    targets: Sequence[LoadedTarget], shapes: NDArray[np.float64], *, seed: int = 0, draws: int = DRAWS
-) -> list[Errors]:
+def pose_errors(targets: Sequence[LoadedTarget], shapes: Array, *, seed: int = 0, draws: int = DRAWS) -> list[Errors]:
     """Return the errors of each target beside its shape. draws: of each floor."""
     return [
         _errors(target, shape, seed=seed + pose, draws=draws)
@@ -126,7 +111,7 @@ def pose_errors(
     ]
 
 
-def _errors(target: LoadedTarget, shape: NDArray[np.float64], *, seed: int, draws: int) -> Errors:
+def _errors(target: LoadedTarget, shape: Array, *, seed: int, draws: int) -> Errors:
     if target.landmarks is not None:
         return landmark_errors(target.landmarks, shape)
     target = target.beside(shape)
@@ -137,10 +122,8 @@ def _errors(target: LoadedTarget, shape: NDArray[np.float64], *, seed: int, draw
 def _wished(target: TargetFile, design: Design) -> LoadedTarget:
     said = "; ".join(wish.said for wish in target.wishes)
     parts = [target.description, f"wishes ({said}), measured by the mean distance of these places"]
-    landmarks = Landmarks.of(target.wishes, design.fabric)
-    return LoadedTarget(
-        landmarks.goals, None, ", ".join(filter(None, parts)), weight=target.weight, landmarks=landmarks
-    )
+    landmarks, said = Landmarks.of(target.wishes, design.fabric), ", ".join(filter(None, parts))
+    return LoadedTarget(landmarks.goals, landmarks=landmarks, description=said, weight=target.weight)
 
 
 def _placed(target: TargetFile, placed: PlacedTarget) -> list[str]:
@@ -177,3 +160,48 @@ def _set_description(trial: Path) -> str:
             root = load_toml(folder / "set.toml", "fabdesign.measurement-set/1")
             return f"{folder.name}: {decode_key(str, root, 'description', '')}"
     return ""
+
+
+def is_wished(targets: Sequence[TargetFile]) -> bool:
+    """Return whether all poses are wishes, so that there is no cloud and no noise."""
+    return bool(targets) and all(target.wishes for target in targets)
+
+
+def measure_of(study: Study) -> str:
+    """Return the name of what a search makes small."""
+    if is_wished(study.targets):
+        return "distance from what was asked for"
+    return "Chamfer distance" if study.objective == "chamfer" else "surface RMS"
+
+
+def errors_in_words(study: Study, errors: Errors) -> str:
+    """Return the errors of a result in mm, beside its objective."""
+    if is_wished(study.targets):
+        return f"mean distance from what was asked for; root mean square {in_mm(errors.surface_rms):.3f}"
+    return f"Chamfer {in_mm(errors.chamfer):.3f}, noise floor {in_mm(errors.chamfer_floor):.3f}"
+
+
+@dataclass(frozen=True)
+class WishOutcome:
+    """One wish beside a shape."""
+
+    said: str
+    mean: float  # m, over its places, in the coordinates that it gives
+    largest: float
+    weight: float
+
+
+def asked_of(target: TargetFile, shape: Array, fabric: Fabric) -> list[WishOutcome]:
+    """Return the wishes of a pose beside its shape (2 n, 3) m."""
+    rows = []
+    for wish in target.wishes:
+        off = Landmarks.of([wish], fabric).distances(shape)
+        rows.append(WishOutcome(wish.said, float(off.mean()), float(off.max()), wish.weight))
+    return rows
+
+
+def reached_and_asked(landmarks: Landmarks, shape: Array) -> tuple[Array, Array]:
+    """Return the places of a shape (2 n, 3) m and where they were to come, (k, 3) m each: a coordinate that no wish
+    gives is the shape's."""
+    reached = np.asarray(at_places(Shape.of(shape).middle, landmarks.shares))
+    return reached, np.where(landmarks.given, landmarks.goals, reached)

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.formats.json_file import plain
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.pressure import PressureProgram, rising_program, sequence_program
@@ -18,8 +18,6 @@ from studies.prediction.stability import OFF, apart, are_one, sides
 RISES = (0.2, 2.0)  # s, of copies
 SETTLE = 3.0  # s after the rise: a swing is over but for a millimetre
 NEARER = 0.8  # of the value: a copy that comes so much nearer shows where the target lies
-
-Pressures = NDArray[np.float64]  # (poses, channels) Pa
 
 
 @dataclass(frozen=True)
@@ -104,17 +102,17 @@ class LoadingPath:
 def loading_paths(
     objective: Objective,
     forward: ForwardModel,
-    results: Sequence[tuple[Design, Pressures]],
+    results: Sequence[tuple[Design, Array]],
     shapes: Sequence[Poses],
     at_rest: Sequence[Poses],
     *,
     rise: float,
 ) -> list[LoadingPath]:
-    """The loading path of each result, to the `shapes` of the search; all motions in one batch. at_rest: its cloth
-    without pressure. rise: s, of pressures that lead to a shape at rest."""
+    """Return the loading path of each result, to the `shapes` of the search; all motions in one batch. at_rest: its
+    cloth without pressure. rise: s, of pressures that lead to a shape at rest."""
     plans = [_plans(objective, design, pressures, rise) for design, pressures in results]
     cases: list[Case] = []
-    times: list[NDArray[np.float64]] = []
+    times: list[Array] = []
     for (design, _), plan in zip(results, plans, strict=True):
         for _, programs in plan:
             cases += [Case(design, program, order=objective.order) for program in programs]
@@ -124,17 +122,17 @@ def loading_paths(
     for plan, shape, still in zip(plans, shapes, at_rest, strict=True):
         ended = [np.array([next(ends) for _ in programs]) for _, programs in plan]
         off_rest = apart(shape, still)
-        own = [shape, *(ended[:1] if np.isfinite(ended[0]).all() else [shape]) * (len(plan) - 1)]
+        goals = [shape, *(ended[:1] if np.isfinite(ended[0]).all() else [shape]) * (len(plan) - 1)]
         copies = [
             Copy(name, objective.value(end), not are_one(apart(end, other), off_rest))
-            for (name, _), end, other in zip(plan, ended, own, strict=True)
+            for (name, _), end, other in zip(plan, ended, goals, strict=True)
         ]
         paths.append(LoadingPath(copies[0], tuple(copies[1:]), ended[0]))
     return paths
 
 
 def _plans(
-    objective: Objective, design: Design, pressures: Pressures, rise: float
+    objective: Objective, design: Design, pressures: Array, rise: float
 ) -> list[tuple[str, list[PressureProgram]]]:
     """Name of the motion and of each copy, and their programs, one a pose."""
     signs = sides(design)
@@ -154,13 +152,13 @@ def _plans(
         (
             name,
             [
-                rising_program(row * (1 + off), own, own + SETTLE)
+                rising_program(row * (1 + off), within, within + SETTLE)
                 if target.time is None
                 else PressureProgram(np.zeros(1), (row * (1 + off))[None], target.time)
                 for row, target in zip(pressures, objective.targets, strict=True)
             ],
         )
-        for name, off, own in chosen
+        for name, off, within in chosen
     ]
     if len(pressures) > 1 and all(target.time is None for target in objective.targets):
         numbers = range(1, len(pressures) + 1)

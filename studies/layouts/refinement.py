@@ -15,7 +15,6 @@ from optimize.search.evaluations import Evaluations
 from optimize.search.search_state import as_rows, of_rows
 from optimize.search.starts import Start
 from optimize.search.thinning import Fewer, fewer_muscles
-from studies.layout_search.first_layouts import limits_of
 from studies.layouts.robust_search import more_robust
 from studies.layouts.robustness import most_robust, tolerance_of
 
@@ -89,7 +88,7 @@ def kept_fewer(study: Study, state: Mapping[str, Any]) -> Fewer | None:
     known = state.get("fewer")
     if known is None or not _may_shrink(study):
         return None
-    [start] = of_rows([known["row"]], study.design, limits_of(study))
+    [start] = of_rows([known["row"]], study.design, study.limits)
     front = tuple((count, value) for count, value in known.get("front", []))
     return Fewer(start, known["value"], known["before"], known["count"], known["ended"], known["cut"], front)
 
@@ -115,7 +114,7 @@ def made_robust(
         known = {"best": row, "row": as_rows([outcome.start])[0], "doubled": outcome.doubled}
         state["robust"] = known | {"seconds": study.limits.seconds}
         history.save(state, evaluations.elapsed)
-    return [*of_rows([known["row"]], study.design, limits_of(study)), *points], known["doubled"]
+    return [*of_rows([known["row"]], study.design, study.limits), *points], known["doubled"]
 
 
 def _channels(count: int) -> str:

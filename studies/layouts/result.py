@@ -1,35 +1,39 @@
-"""The result of a study, and its files."""
+"""The result of a study, its files, and as its search's history keeps it, so that the same call answers at once."""
 
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.files.design_file import write_design
 from fabdesign.files.pressure_file import SINGLE_ROW_DURATION, constant_program, pressure_file_of, write_pressures
-from fabdesign.formats.json_file import write_json
+from fabdesign.formats.json_file import plain, write_json
 from fabdesign.geometry.metrics import Errors
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import RISE
 from fabdesign.nouns.model_sampling import half_widths, spread_of
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import rising_program
+from fabdesign.runtime.exact_values import as_json, of_json
+from fabdesign.runtime.fingerprint import content_of
 from fabdesign.study_files.study_file import Study
 from fabdesign.units import from_kpa, in_kpa, in_mm
+from fabdesign.version import SIMULATOR, __version__
 from optimize.search.design_space import DesignSpace
 from optimize.search.evaluations import SLOPES
-from optimize.search.history import Entry
+from optimize.search.history import Entry, History
 from optimize.search.multistart import INTERRUPTED
 from optimize.search.objective import Objective
+from optimize.search.search_state import of_rows
 from optimize.search.thinning import Fewer
 from studies.intervals.draws import drawn_models, region_terms
-from studies.layout_search.first_layouts import limits_of
 from studies.layout_search.target import LoadedTarget, pose_errors
 from studies.layouts.loading_path import LoadingPath
 from studies.layouts.reach import Reach
-from studies.layouts.refinement import fewer_said, front_said
+from studies.layouts.refinement import fewer_said, front_said, kept_fewer
 from studies.layouts.robustness import Robustness
 from studies.layouts.robustness import as_json as robust_json
 
@@ -42,10 +46,10 @@ class StudyResult:
 
     study: Study
     design: Design
-    pressures: NDArray[np.float64]  # (poses, channels) Pa
+    pressures: Array  # (poses, channels) Pa
     targets: tuple[LoadedTarget, ...]
-    points: NDArray[np.float64]  # (poses, 2 n, 3) m, the result's shapes: front face, then back face
-    rest: NDArray[np.float64]  # (2 n, 3) m, the same cloth without pressure
+    points: Array  # (poses, 2 n, 3) m, the result's shapes: front face, then back face
+    rest: Array  # (2 n, 3) m, the same cloth without pressure
     errors: Errors  # mean over the poses
     rest_errors: Errors  # its floors from a single draw
     constraints: dict[str, float]  # least margin of every limit, m (Pa for pressure)
@@ -109,10 +113,6 @@ class StudyResult:
             errors.millimetres() | {"weight": target.weight} for errors, target in zip(each, self.targets, strict=True)
         ]
 
-    def _robust(self) -> dict[str, Any] | None:
-        asked = self.study.robust
-        return None if self.robust is None or asked is None else robust_json(self.robust, asked)
-
     def _fewer(self, fewer: Fewer) -> dict[str, Any]:
         return {
             "muscles": len(fewer.start[0].design.muscles),
@@ -147,8 +147,7 @@ class StudyResult:
         `surface_beyond` is a share of the points."""
         return {
             "objective_mm": in_mm(self.objective),
-            **self.errors.millimetres(),
-            "surface_beyond": self.errors.beyond,
+            **plain(self.errors),
             "evaluations": len(self.history),
             "diverged": sum(entry.diverged for entry in self.history),
             "wall_s": self.wall_s,
@@ -163,7 +162,7 @@ class StudyResult:
             "reach": self.reach.as_json(),
             "way": self.loading_path.as_json() if self.loading_path else None,
             "after_a_tenth_mm": self.after_a_tenth and in_mm(self.after_a_tenth),
-            "robust": self._robust(),
+            "robust": self.robust and self.study.robust and robust_json(self.robust, self.study.robust),
             "fewer": self.fewer and self._fewer(self.fewer),
             "seed": self.study.seed,
             "targets": [target.description for target in self.targets],
@@ -174,7 +173,7 @@ class StudyResult:
         write_best(out, self.design, self.pressures, self.as_json(), [t.time for t in self.targets], self.study.rise)
 
 
-def pressures_kpa(pressures: NDArray[np.float64]) -> list[Any]:
+def pressures_kpa(pressures: Array) -> list[Any]:
     """Return one list of kPa for a single pose, else a list a pose."""
     kpa = in_kpa(pressures).tolist()
     return kpa[0] if len(kpa) == 1 else kpa
@@ -183,7 +182,7 @@ def pressures_kpa(pressures: NDArray[np.float64]) -> list[Any]:
 def write_best(
     out: Path,
     design: Design,
-    pressures: NDArray[np.float64],
+    pressures: Array,
     result: dict[str, Any],
     times: list[float | None],
     rise: float = RISE,
@@ -209,8 +208,82 @@ def expected_within(result: StudyResult, objective: Objective, coarse: Predictor
     spread = spread_of(coarse.model)
     if spread is None:
         return None
-    space = DesignSpace(result.design, limits_of(result.study), result.pressures, vary_pressures=False)
+    space = DesignSpace(result.design, result.study.limits, result.pressures, vary_pressures=False)
     models = drawn_models(coarse.model) if spread.covariance else []
     others = [objective.shapes(replace(coarse, model=model), [(space, np.empty(0))])[0] for model in models]
     terms = region_terms(result.rest, result.points, others, result.design.fabric)
     return float(half_widths(spread, *terms).mean())
+
+
+VERSIONS = f"fabdesign {__version__}, simulator {SIMULATOR}"
+_MADE_AGAIN = ("study", "design", "pressures", "targets", "history", "fewer")
+_KEPT = [field.name for field in fields(StudyResult) if field.name not in _MADE_AGAIN]  # as they are
+_RAISED = ("limits.seconds", "limits.evaluations")  # without another result up to there
+_NO_MATTER = ("name", "targets", "outputs")  # the targets' points count, not their files
+_ABSENT = ("limits.contraction", "limits.channels", "limits.air")  # where there is no such limit
+
+
+def study_content(study: Study, targets: Sequence[LoadedTarget]) -> dict[str, str]:
+    """Return field (`limits.spacing`, `design.fabric.thickness`, `target.points`) to value, as text; pressures in
+    kPa."""
+    more: dict[str, Any] = {"limits.pressure": [in_kpa(pressure) for pressure in study.limits.pressure]}
+    if study.start_pressures is not None:
+        more["start_pressures"] = in_kpa(study.start_pressures).tolist()
+    for number, target in enumerate(targets, start=1):
+        name = "target" if len(targets) == 1 else f"target {number}"
+        more[f"{name}.time"] = target.time
+        more[f"{name}.weight"] = target.weight
+        more[f"{name}.points"] = target.sha256
+        if target.markers:
+            more[f"{name}.distances"] = "from markers, one way"
+        if target.landmarks is not None:
+            more[f"{name}.wishes"] = target.landmarks.key
+        if target.free:
+            more[f"{name}.free"] = True
+        if target.weighting is not None:
+            more[f"{name}.regions"] = repr(target.weighting.regions)
+        if target.face != "both":
+            more[f"{name}.face"] = target.face
+    content = content_of(study, _NO_MATTER, more)
+    absent = {name for name in _ABSENT if content.get(name) == "None"}
+    return {name: value for name, value in content.items() if name not in (*_RAISED, *absent)}
+
+
+def keep(history: History, result: StudyResult, *, follow: bool) -> None:
+    """Let the same call answer with this result: what it has beside its study, targets and history, the limits that it
+    was searched within, and whether a search within wider ones would end alike (`complete`)."""
+    study, state = result.study, history.load()
+    if state is None:
+        return
+    kept = {
+        "versions": VERSIONS,
+        "seconds": study.limits.seconds,
+        "evaluations": study.limits.evaluations,
+        "complete": bool(state.get("reason")) and study.robust is None and not (result.fewer and result.fewer.cut),
+        "follow": follow,
+        "layout": {"muscles": result.design.muscles, "pressures": result.pressures.tolist()},
+    }
+    history.keep_answer(as_json(kept | {name: getattr(result, name) for name in _KEPT}))
+
+
+def answer(history: History, study: Study, targets: Sequence[LoadedTarget], *, follow: bool) -> StudyResult | None:
+    """Return the result that is kept, where a search within the study's limits would end with it; None where it may
+    not."""
+    kept, limits, kinds = history.answer(), study.limits, get_type_hints(StudyResult)
+    try:
+        as_far = kept["seconds"] >= limits.seconds and kept["evaluations"] >= limits.evaluations
+        if kept["versions"] != VERSIONS or kept["follow"] != follow or not (kept["complete"] or as_far):
+            return None
+        [(space, _)] = of_rows([kept["layout"]], study.design, study.limits)
+        values = {name: of_json(kinds[name], kept[name]) for name in _KEPT}
+    except (KeyError, TypeError, ValueError, AttributeError):  # none, or of another version
+        return None
+    return StudyResult(
+        study=study,
+        design=space.design,
+        pressures=space.start_pressures,
+        targets=tuple(target.beside(shape) for target, shape in zip(targets, values["points"], strict=True)),
+        history=tuple(history.entries()),
+        **values,
+        fewer=kept_fewer(study, history.load()),
+    )

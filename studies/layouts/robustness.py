@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm, qmc
 
 from fabdesign.formats.json_file import plain
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.study_files.search_terms import Robust
@@ -24,8 +24,6 @@ from optimize.search.step import LinearShape
 from studies.layouts.scatter import Linear, Scatter, linear
 from studies.prediction.stability import copies_elsewhere
 
-Array = NDArray[np.float64]
-
 LINEAR_COPIES = 128  # of a layout, by derivatives; a power of two
 PROBES = 8  # true copies on the coarse model by which derivatives are checked; so many cost no more than one
 NEAR_FOLD = 24  # true copies on the coarse model in place of derivatives
@@ -36,7 +34,7 @@ YIELD_OVER = 0.25  # of the nominal value, within which a copy counts where the 
 
 @dataclass(frozen=True, eq=False)
 class Robustness:
-    """Of one layout, in m of the searched measure. `copies` are true ones.
+    """The robustness of one layout, in m of the searched measure. `copies` are true ones.
 
     expected_linear, yield_linear: by derivatives; holds: whether these agree with the copies. yielded: share within
     `tolerance`. on_another_branch: copies of another stable shape, or diverged. band: (2 n,) m that the points of the
@@ -71,25 +69,25 @@ def first_order(
 
 
 def normals(scatter: Scatter, seed: int) -> Array:
-    """(LINEAR_COPIES, size) of copies, even from the first few on."""
+    """Return (LINEAR_COPIES, size) of copies, even from the first few on."""
     sequence = qmc.Sobol(scatter.size, rng=np.random.default_rng(seed)).random(LINEAR_COPIES)
     return np.asarray(norm.ppf(sequence))
 
 
 def _mean_and_yield(values: Sequence[float], tolerance: float) -> tuple[float, float]:
-    """m; infinite where a copy diverged."""
+    """Return m and a share; infinite m where a copy diverged."""
     counted = np.where(np.isfinite(values), values, np.inf)
     return float(counted.mean()), float((counted <= tolerance).mean())
 
 
 def _holds(linear_values: Sequence[float], values: Sequence[float]) -> bool:
-    """Whether derivatives say of copies what these show, in the mean."""
-    one, other = (float(np.mean(own)) for own in (linear_values, values))
+    """Return whether derivatives say of copies what these show, in the mean."""
+    one, other = (float(np.mean(each)) for each in (linear_values, values))
     return bool(one < HOLDS * other and other < HOLDS * one)  # NaN compares false
 
 
 def tolerance_of(robust: Robust, nominal: float) -> float:
-    """m of the objective within which a copy counts for the yield; nominal: m, of the search's result."""
+    """Return m of the objective within which a copy counts for the yield; nominal: m, of the search's result."""
     return robust.tolerance if robust.tolerance is not None else (1 + YIELD_OVER) * nominal
 
 
@@ -132,7 +130,8 @@ def robustness_of(
     *,
     nominal: float,
 ) -> Robustness:
-    """nominal: m, of the search's nearest result, which the tolerance is counted from where the study states none."""
+    """Return how robust a result is. nominal: m, of the search's nearest result, which the tolerance is counted from
+    where the study states none."""
     scatter, tolerance = Scatter(study, robust, *result), tolerance_of(robust, nominal)
     model, definite = linear(scatter, objective, coarse)
     expected, share = first_order(scatter, model, objective, tolerance, seed=study.seed)
@@ -161,7 +160,8 @@ def robustness_of(
 def _most_delicate(
     scatter: Scatter, model: LinearShape | None, objective: Objective, coarse: Predictor, muscles: int
 ) -> tuple[int, float]:
-    """Of every muscle the worst of four directions; by derivatives, or without a model by shapes on the coarse one."""
+    """Return the muscle whose worst of four directions is worst, and its value; by derivatives, or without a model by
+    shapes on the coarse one."""
     directions = ((1, 0), (-1, 0), (0, 1), (0, -1))
     zs = [scatter.shifted(k, direction, OFF) for k in range(muscles) for direction in directions]
     shapes = scatter.shapes(objective, coarse, zs) if model is None else [model.at(z) for z in zs]

@@ -3,15 +3,14 @@
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.errors import SimulationError
-from fabdesign.nouns.forward import ForwardModel
-from fabdesign.nouns.model import Model
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.predictor import Predictor
-from fabdesign.output import WorkFolder, work_folder, write_text
+from fabdesign.output import WorkFolder, write_text
 from fabdesign.study_files.study_file import Study, read_study, require_searchable
 from fabdesign.units import in_mm
 from optimize.search.design_space import DesignSpace
@@ -22,22 +21,25 @@ from optimize.search.multistart import INTERRUPTED, search
 from optimize.search.objective import Objective
 from optimize.search.starts import Start
 from optimize.search.thinning import Fewer
-from studies.layout_search.first_layouts import first_starts, further_starts, limits_of
-from studies.layout_search.progress import saying_a_tenth
-from studies.layout_search.stages import coarse_hold_of, forward_models, stages_of
+from studies.layout_search.first_layouts import (
+    first_starts,
+    forward_models,
+    further_starts,
+    stages_of,
+)
 from studies.layout_search.target import LoadedTarget, load_target, target_errors
-from studies.layouts.kept_result import answer, keep, study_content
 from studies.layouts.loading_path import loading_paths
-from studies.layouts.out_of_reach import helps_of, missed_at
-from studies.layouts.reach import lacking_of, reach_of
+from studies.layouts.reach import helps_of, lacking_of, missed_at, reach_of
 from studies.layouts.refinement import NEAR as NEAR_ENOUGH
 from studies.layouts.refinement import POOL, made_robust, points_of, search_seconds, shrunk
 from studies.layouts.report import Section, render_report
-from studies.layouts.result import StudyResult, expected_within, pressures_kpa, write_best
+from studies.layouts.result import StudyResult, answer, expected_within, keep, pressures_kpa, study_content, write_best
 from studies.layouts.robustness import robustness_of
 from studies.prediction.forward_model import forward_model, without_resistance
+from studies.study import Simulated, StudyRun
 
 HISTORY = "history.sqlite"
+TENTH = 0.1  # of its limits, after which a search says how far it is
 FILES = "result.json", "design.toml", "pressures.csv", "report.html"  # of every result
 
 
@@ -45,49 +47,36 @@ def run_study(
     study: Study | Path | str,
     out: Path | str,
     *,
-    forward: ForwardModel | None = None,
-    coarse: ForwardModel | None = None,
-    seconds: float | None = None,
-    force: bool = False,
     starts: Sequence[Start] | None = None,
     follow: bool = True,
     progress: Callable[[Evaluations], None] = lambda _: None,
+    **how: Unpack[Simulated],
 ) -> StudyResult:
     """Search, and write `result.json`, `design.toml`, `pressures.csv` and `report.html` into `out`.
 
     The search runs on `coarse` and ends on `forward` (by default the simulator with 21 points a side and with the
     study's model's or 41; `forward` alone serves for both). While it runs, `out` always has the best so far; the same
     call on the same folder goes on after an interruption, and does not search again what is finished. Further poses'
-    pressures are `pressures_2.csv` and so on. `seconds` takes the place of the limit of the study. starts: where the
-    search begins, the same in every call on a folder; by default what `first_starts` gives. follow: whether the
-    motion that leads to the result is computed too, after the search. Ctrl-C ends the search with a result.
+    pressures are `pressures_2.csv` and so on. starts: where the search begins, the same in every call on a folder; by
+    default what `first_starts` gives. follow: whether the motion that leads to the result is computed too, after the
+    search. Ctrl-C ends the search with a result; searched anew by `force`, the same call goes on.
 
     A folder of another study (OtherContent) or of other files, and one where another search runs, are refused:
-    InputError, like other bad input before anything is computed. force: search anew in such a folder of another or of
-    the same study; its old content stays until the search has ended, or, interrupted, goes on by the
-    same call.
+    InputError, like other bad input before anything is computed.
     """
-    out, given = Path(out), study
-    study = study if isinstance(study, Study) else read_study(study)
-    if seconds is not None:
-        study = replace(study, limits=replace(study.limits, seconds=seconds))
+    run = StudyRun.of(study, read_study, how)
+    study = run.study
     require_searchable(study, study.name)
     targets = tuple(load_target(target, study.design, seed=study.seed) for target in study.targets)
-    objective = Objective(
-        [t.sought for t in targets],
-        study.objective,
-        study.order,
-        [t.weight for t in targets],
-    )
     begun = first_starts(study) if starts is None else [*starts]
-    inputs = [*([] if isinstance(given, Study) else [given]), *(target.file for target in study.targets)]
-    with work_folder(out, made_by="optimize", force=force, inputs=inputs) as work:
+    with run.folder(out, "optimize", [target.file for target in study.targets]) as work:
         with History.of_work(work, HISTORY, study_content(study, targets)) as history:
             if (kept := answer(history, study, targets, follow=follow)) is not None:
                 if not all((work.folder / name).is_file() for name in FILES):
                     _write(work, kept)
                 return kept
-            result = _search_in(work, study, targets, objective, begun, forward, coarse, follow, progress, history)
+            report = _reporting(work, study, targets, progress)
+            result = _searched(study, targets, begun, history, report, follow=follow, how=how)
             if not result.interrupted:
                 keep(history, result, follow=follow)
         if work.anew and result.interrupted:
@@ -104,28 +93,18 @@ def _write(work: WorkFolder, result: StudyResult) -> None:
         write_text(files / "report.html", render_report(name, [Section(name, result)]))
 
 
-def _search_in(
-    work: WorkFolder,
+def _searched(
     study: Study,
     targets: tuple[LoadedTarget, ...],
-    objective: Objective,
     starts: list[Start],
-    forward: ForwardModel | None,
-    coarse: ForwardModel | None,
-    follow: bool,
-    progress: Callable[[Evaluations], None],
     history: History,
+    progress: Callable[[Evaluations], None],
+    *,
+    follow: bool,
+    how: Simulated,
 ) -> StudyResult:
-    given = forward_models(
-        forward,
-        coarse,
-        points_per_side=(study.model or Model()).points_per_side,
-        rise=study.rise,
-        hold=study.hold,
-        coarse_hold=coarse_hold_of(study, targets),
-    )
-    floor = _floor(study, targets)
-    fine, quick = (forward_model(simulator, study.model) for simulator in given)
+    objective = Objective(targets, study.objective, study.order, [t.weight for t in targets])
+    fine, quick = (forward_model(engine, study.model) for engine in forward_models(how, study, targets))
     evaluations = Evaluations(
         objective,
         starts,
@@ -133,10 +112,10 @@ def _search_in(
         history,
         seconds=search_seconds(study),
         evaluations=study.limits.evaluations,
-        on_progress=_keeping_best(work, targets, study.rise, saying_a_tenth(floor, progress)),
+        on_progress=progress,
     )
     evaluations.near, evaluations.limit = NEAR_ENOUGH if study.robust else NEAR, study.limits.seconds
-    stop_reason, fewer = search(evaluations, further=further_starts(study), floor=floor), None
+    stop_reason, fewer = search(evaluations, further=further_starts(study), floor=_floor(study, targets)), None
     try:
         fewer = None if stop_reason == INTERRUPTED else shrunk(study, evaluations)
     except KeyboardInterrupt:
@@ -144,56 +123,66 @@ def _search_in(
     if follow:
         evaluations.told = "following the motions that lead to the result; this comes after the limit of seconds"
         progress(evaluations)
-    if study.robust is None or not follow:
-        points = [*points_of(fewer), *evaluations.finalists()][: None if follow else 1]
-        result = _result(study, targets, evaluations, fine, stop_reason, points, follow=follow, fewer=fewer)
-        return replace(result, within=expected_within(result, objective, quick)) if follow else result
-    points = [*points_of(fewer), *evaluations.finalists(POOL)]
-    doubled = 0
-    try:
-        points, doubled = made_robust(study, study.robust, evaluations, points, quick)
-    except KeyboardInterrupt:
-        stop_reason = INTERRUPTED
-    result = _result(study, targets, evaluations, fine, stop_reason, points[:FINALISTS], fewer=fewer)
+    robust, doubled = study.robust if follow else None, 0
+    points = [*points_of(fewer), *evaluations.finalists(FINALISTS if robust is None else POOL)]
+    if robust is not None:
+        try:
+            points, doubled = made_robust(study, robust, evaluations, points, quick)
+        except KeyboardInterrupt:
+            stop_reason = INTERRUPTED
+    chosen = points if follow and robust is None else points[: FINALISTS if follow else 1]
+    result = _result(study, targets, evaluations, fine, stop_reason, chosen, follow=follow, fewer=fewer)
+    if not follow:
+        return result
     result = replace(result, within=expected_within(result, objective, quick))
+    if robust is None:
+        return result
     nearest = evaluations.best.value if evaluations.best else result.objective
     layout = (result.design, result.pressures)
-    robust = robustness_of(study, study.robust, layout, objective, quick, fine, nominal=nearest)
+    outcome = robustness_of(study, robust, layout, objective, quick, fine, nominal=nearest)
     same_count = len(result.design.muscles) == len(points[0][0].design.muscles)
-    return replace(result, robust=replace(robust, doubled=doubled if same_count else 0))
+    return replace(result, robust=replace(outcome, doubled=doubled if same_count else 0))
 
 
-def _keeping_best(
-    work: WorkFolder, targets: tuple[LoadedTarget, ...], rise: float, progress: Callable[[Evaluations], None]
+def _reporting(
+    work: WorkFolder, study: Study, targets: tuple[LoadedTarget, ...], progress: Callable[[Evaluations], None]
 ) -> Callable[[Evaluations], None]:
-    """Return progress that also writes the best so far, as often as it changes."""
+    """Return progress that also writes the best so far, as often as it changes, and tells, after a tenth of the
+    search's limits, how far it is."""
     written: list[float] = []
+    floor = _floor(study, targets)
 
     def report(evaluations: Evaluations) -> None:
-        if evaluations.best is not None and written[-1:] != [evaluations.best.value]:
-            written.append(evaluations.best.value)
+        best, shape = evaluations.best, evaluations.best_shape
+        if best is not None and written[-1:] != [best.value]:
+            written.append(best.value)
             space, x = evaluations.best_point()
             design, pressures = space.decode(x)
-            stage = evaluations.stages[evaluations.best.stage]
             unfinished = {
-                "objective_mm": in_mm(evaluations.best.value),
+                "objective_mm": in_mm(best.value),
                 "evaluations": evaluations.history.evaluations,
                 "wall_s": evaluations.elapsed,
                 "muscles": [asdict(muscle) for muscle in design.muscles],
                 "pressures_kpa": pressures_kpa(pressures),
-                "stop_reason": f"unfinished: the best so far, in stage {stage.name}",
+                "stop_reason": f"unfinished: the best so far, in stage {evaluations.stages[best.stage].name}",
             }
             with work.adding() as files:
-                write_best(files, design, pressures, unfinished, [target.time for target in targets], rise)
+                write_best(files, design, pressures, unfinished, [target.time for target in targets], study.rise)
+        if not evaluations.told and evaluations.share >= TENTH and best is not None and shape is not None:
+            least = floor(shape)
+            over = f", {best.value / least:.2f} times the noise floor" if least > 0 else ""
+            evaluations.told = (
+                f"after a tenth of its time {in_mm(best.value):.2f} mm{over}, in stage {evaluations.stage}"
+            )
         progress(evaluations)
 
     return report
 
 
-def _floor(study: Study, targets: tuple[LoadedTarget, ...]) -> Callable[[NDArray[np.float64]], float]:
+def _floor(study: Study, targets: tuple[LoadedTarget, ...]) -> Callable[[Array], float]:
     """Return the floor [m] of a result's shapes (poses, 2 n, 3) m, in the measure that is searched."""
 
-    def floor(shapes: NDArray[np.float64]) -> float:
+    def floor(shapes: Array) -> float:
         errors = target_errors(targets, shapes, study.design, seed=study.seed)
         return errors.chamfer_floor if study.objective == "chamfer" else errors.surface_floor
 
@@ -218,7 +207,7 @@ def _result(
     points = [*points] or evaluations.finalists()
     layouts = [space.decode(x) for space, x in points]
     still = [
-        (DesignSpace(design, limits_of(study), np.zeros_like(pressures), vary_pressures=False), np.empty(0))
+        (DesignSpace(design, study.limits, np.zeros_like(pressures), vary_pressures=False), np.empty(0))
         for design, pressures in layouts
     ]
     every = objective.shapes(forward, [*points, *still])
@@ -233,7 +222,7 @@ def _result(
         shape = path.shape
     errors = target_errors(targets, shape, design, seed=study.seed)
     targets = tuple(target.beside(one) for target, one in zip(targets, shape, strict=True))
-    margins = constraint_margins(design, pressures, limits_of(study), shape)
+    margins = constraint_margins(design, pressures, study.limits, shape)
     reach = reach_of(study, design, pressures, shape, errors, margins, lacking_of(evaluations))
     if reach.out_of_reach and follow:
         size = design.fabric.width, design.fabric.height

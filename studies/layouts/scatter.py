@@ -9,8 +9,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import Column, corner_or_still
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
@@ -24,10 +24,8 @@ from optimize.search.design_space import DesignSpace
 from optimize.search.objective import Objective, Poses
 from optimize.search.slopes import by_columns
 from optimize.search.step import LinearShape
-from studies.layout_search.first_layouts import limits_of
 from studies.prediction.forward_model import unresisted
 
-Array = NDArray[np.float64]
 STANDARD = "standard deviations"  # unit of a column
 Copy = tuple[Design, Array, Model]
 
@@ -45,7 +43,7 @@ class Scatter:
         self.size: int = self._ends[-1]
 
     def shifted(self, muscle: int, direction: Sequence[float], metres: float) -> Array:
-        """(size,) the copy of which one muscle, from 0, lies off its place."""
+        """Return (size,) of the copy of which one muscle, from 0, lies off its place."""
         z = np.zeros(self.size)
         first = 2 * sum(self._corners[:muscle])
         step = np.tile(np.asarray(direction) * metres, self._corners[muscle])
@@ -62,39 +60,39 @@ class Scatter:
         for k, (muscle, shift) in enumerate(zip(self._design.muscles, shifts, strict=True)):
             moved = np.clip(np.array(muscle.path) + shift, 0.0, [fabric.width, fabric.height])
             muscles.append(replace(muscle, channel=k, path=tuple((float(u), float(v)) for u, v in moved)))
-        own = [muscle.channel for muscle in self._design.muscles]
-        pressures = np.maximum(0.0, self._pressures[:, own] * self.pull(z))
+        at = [muscle.channel for muscle in self._design.muscles]
+        pressures = np.maximum(0.0, self._pressures[:, at] * self.pull(z))
         model = self._ensemble.at(rest) if len(rest) else self._model
         return replace(self._design, muscles=tuple(muscles)), pressures, model
 
     def pull(self, z: Array) -> Array:
-        """(muscles,) factors of one copy on the muscles' pressures, which stand for its pressures and gains."""
+        """Return (muscles,) factors of one copy on the muscles' pressures, which stand for its pressures and gains."""
         _, channels, gains, _ = np.split(z, self._ends[:-1])
-        own = [muscle.channel for muscle in self._design.muscles]
-        return np.asarray((1 + self._robust.pressure * channels[own]) * (1 + self._robust.muscle_gain * gains))
+        at = [muscle.channel for muscle in self._design.muscles]
+        return np.asarray((1 + self._robust.pressure * channels[at]) * (1 + self._robust.muscle_gain * gains))
 
     def copies(self, zs: Sequence[Array]) -> list[Copy]:
         return [self.copy(z) for z in zs]
 
     def shapes(self, objective: Objective, forward: Predictor, zs: Sequence[Array]) -> list[Poses]:
-        """Of copies, in one batch; a diverged one holds NaN."""
+        """Return the shapes of copies, in one batch; a diverged one holds NaN."""
         return self.shapes_of(objective, forward, self.copies(zs))
 
     def shapes_of(self, objective: Objective, forward: Predictor, copies: Sequence[Copy]) -> list[Poses]:
-        """The same of any layouts' copies."""
+        """Return those of any layouts' copies."""
         points, models = [], []
         for design, pressures, model in copies:
-            space = DesignSpace(design, limits_of(self._study), pressures, vary_pressures=False)
+            space = DesignSpace(design, self._study.limits, pressures, vary_pressures=False)
             points.append((space, np.empty(0)))
             models.append(replace(forward, model=model))
         return objective.shapes(replace(forward, model=Model()), points, models)
 
     def case(self, objective: Objective, pose: int) -> Case:
-        """The layout as it should be, as `case_of` gives it."""
+        """Return the layout as it should be, as `case_of` gives it."""
         return self.case_of(objective, pose, self.copy(np.zeros(self.size)))
 
     def case_of(self, objective: Objective, pose: int, copy: Copy) -> Case:
-        """A copy with all that its model adds but forces against motion, of which derivatives know nothing."""
+        """Return a copy with all that its model adds but forces against motion, of which derivatives know nothing."""
         design, pressures, model = copy
         [case] = objective.cases(pose, [(design, pressures)])
         return replace(case, factors=dict(model.factors), effects=unresisted(model).terms)
@@ -109,8 +107,8 @@ class Scatter:
         """How `case` changes with each of the `size` normals. Muscles keep their number of intervals."""
         robust, count = self._robust, len(self._design.muscles)
         corners = [(m, k) for m, many in enumerate(self._corners) for k in range(many)]
-        own = [muscle.channel for muscle in self._design.muscles]
-        by_channel = np.equal.outer(np.arange(self._design.channels), own) * robust.pressure
+        at = [muscle.channel for muscle in self._design.muscles]
+        by_channel = np.equal.outer(np.arange(self._design.channels), at) * robust.pressure
         return [
             *(_placed(m, k, way, robust.placement) for m, k in corners for way in ((1.0, 0.0), (0.0, 1.0))),
             *(_pulling(f"channel {k}", share) for k, share in enumerate(by_channel)),
@@ -127,17 +125,18 @@ class Scatter:
 
 
 def _placed(muscle: int, index: int, along: tuple[float, float], placement: float) -> Column:
-    """A corner off its place, in standard deviations of so many m."""
-    own = corner_or_still(muscle, index, along)
+    """Return the column of a corner off its place, in standard deviations of so many m."""
+    column = corner_or_still(muscle, index, along)
 
     def moved(case: Case, by: float) -> Case:
-        return own.moved(case, by * placement)
+        return column.moved(case, by * placement)
 
-    return Column(own.name, STANDARD, own.step / placement, own.far / placement, moved)
+    return Column(column.name, STANDARD, column.step / placement, column.far / placement, moved)
 
 
 def _pulling(name: str, share: Array) -> Column:
-    """The pressures of muscles, each on its own channel, by a share (muscles,) of them a standard deviation."""
+    """Return the column of muscles' pressures, each on its own channel, by a share (muscles,) of them a standard
+    deviation."""
 
     def moved(case: Case, by: float) -> Case:
         program = case.program
@@ -156,8 +155,9 @@ class Linear(NamedTuple):
 
 
 def linear(scatter: Scatter, objective: Objective, forward: Predictor) -> Linear:
-    """The shape of copies in their standard normals, about none: by derivatives of shapes at rest where the forward
-    model offers them, else by differences of one standard deviation, in one batch. What diverges has no slope."""
+    """Return the shape of copies in their standard normals, about none: by derivatives of shapes at rest where the
+    forward model offers them, else by differences of one standard deviation, in one batch. What diverges has no slope.
+    """
     at_rest = all(target.time is None for target in objective.targets)
     jacobians = replace(forward, model=Model()).faces_jacobian if at_rest else None
     definite = True

@@ -23,7 +23,6 @@ from studies.calibration.result import Calibration
 from studies.loop.record import Learned, TracedEffects
 from studies.measured.sensitive_stretches import GRID
 from studies.prediction.evaluate import evaluate_sets
-from studies.prediction.evaluation_report import DesignResult
 
 MODEL = "model.toml"
 TRACE = "trace"  # the folder of the trace
@@ -69,8 +68,9 @@ def learn(
             model = learned if study.learning.trace_grid == study.points_per_side else None
     if model is None:
         calibration = _calibrated(study, sets, started, simulators, say)
-        said += _of_calibration(calibration)
-        model = calibration.model
+        model, remaining = calibration.model, calibration.as_json()["excess"]["after"]
+        said.append(f"calibrated on {len(model.provenance.fitted)} trials: {remaining:.2f} mm over the noise remain")
+        said += [f"warning: the intervals are not reliable: {why}" for why in calibration.warnings]
     trained = False
     with work.adding() as files:
         (files / name).mkdir()
@@ -159,12 +159,6 @@ def _calibrated(
     )
 
 
-def _of_calibration(calibration: Calibration) -> list[str]:
-    left = calibration.as_json()["excess"]["after"]
-    lines = [f"calibrated on {len(calibration.model.provenance.fitted)} trials: {left:.2f} mm over the noise remain"]
-    return lines + [f"warning: the intervals are not reliable: {why}" for why in calibration.warnings]
-
-
 def _trained(
     study: LoopStudy,
     measured: MeasurementSet,
@@ -176,6 +170,7 @@ def _trained(
 ) -> tuple[str, bool]:
     """Return what a network is worth, in a line, and whether it is used: the model with it takes the place of the one
     without where it brings the trials kept back nearer, of every design."""
+    from studies.training.data import TrainingOptions
     from studies.training.train import train
 
     assert study.learning.train is not None
@@ -188,12 +183,14 @@ def _trained(
                 [measured],
                 simulators(study.points_per_side),
                 files / name / MODEL,
+                TrainingOptions(
+                    base,
+                    network=study.learning.train,
+                    seed=study.search.seed,
+                    coarse=simulators(min(study.points_per_side, GRID)),
+                ),
                 goes_to=work.folder / name / MODEL,
-                base=base,
-                network=study.learning.train,
-                seed=study.search.seed,
                 force=True,
-                coarse=simulators(min(study.points_per_side, GRID)),
                 progress=lambda what, done, total: say(f"training: {what} {done} of {total}"),
             )
         except InputError as error:  # trials that nothing can be learned from
@@ -224,11 +221,8 @@ def _held_out(
         ).designs
     except InputError:
         return None
-    return {
-        state: in_mm(fmean(_means(design, state).excess for design in errors.values())) for state in ("before", "after")
+    means = {
+        state: [Errors(**{name: over.mean for name, over in getattr(of, state).items()}) for of in errors.values()]
+        for state in ("before", "after")
     }
-
-
-def _means(design: DesignResult, state: str) -> Errors:
-    """Return the means over the trials."""
-    return Errors(**{name: over.mean for name, over in getattr(design, state).items()})
+    return {state: in_mm(fmean(one.excess for one in each)) for state, each in means.items()}

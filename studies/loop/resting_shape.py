@@ -15,9 +15,8 @@ from scipy.interpolate import BSpline
 
 from fabdesign.geometry.shape import Shape, normals
 from fabdesign.geometry.surface import Surface, front_triangles
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
-
-Array = NDArray[np.float64]
 
 POINTS = 6_000  # of all frames that are fitted, drawn
 CONTROLS = 11  # a side
@@ -50,15 +49,15 @@ def resting_faces(points: Array, fabric: Fabric, predicted: Array, *, seed: int 
     half = fabric.thickness / 2
     for number in range(_ROUNDS):
         middle = basis @ controls
-        normals, rows, height = _heights(middle, side, points)
+        rows, height = _heights(middle, side, points, basis)
         face = np.tanh(height * half / _SOFT**2) if number >= _SIDED else np.zeros(len(height))
         off = height - half * face
         kept = np.abs(off) < max(_FAR * float(np.median(np.abs(off))), _LEAST_FAR)
         blocks = [
-            (_projected(rows[kept] @ basis, normals[kept]) / _HEIGHT, off[kept] / _HEIGHT),
+            (rows[kept] / _HEIGHT, off[kept] / _HEIGHT),
             _kept(along, controls, lengths),
-            _bending(controls, curved),
-            _pinned(basis[held], controls, start[held]),
+            _towards(curved, _second_differences(), controls, _SMOOTH),
+            _towards(start[held], basis[held], controls, _PINNED),
         ]
         step = _solve(blocks, controls.size)
         controls = controls + step.reshape(controls.shape)
@@ -108,8 +107,8 @@ def _held(fabric: Fabric, side: int) -> NDArray[np.intp]:
     return np.arange(side) if fabric.hung == "top" else np.zeros(0, dtype=np.intp)
 
 
-def _heights(middle: Array, side: int, points: Array) -> tuple[Array, sp.csr_matrix, Array]:
-    """Return (k, 3) normals of the nearest triangles, (k, nodes) weights of the nearest places, (k,) m heights over the
+def _heights(middle: Array, side: int, points: Array, basis: sp.csr_matrix) -> tuple[sp.csr_matrix, Array]:
+    """Return (k, 3 controls) of the nearest places along their triangles' normals, and (k,) m heights over the
     triangles' planes: a point beyond a hem counts by its height alone."""
     triangles = front_triangles(side, side)
     surface = Surface(middle, triangles)
@@ -120,7 +119,7 @@ def _heights(middle: Array, side: int, points: Array) -> tuple[Array, sp.csr_mat
     height = np.einsum("kd,kd->k", points - place, normals)
     index = np.repeat(np.arange(len(points)), 3)
     rows = sp.csr_matrix((nearest.weights.ravel(), (index, corners.ravel())), shape=(len(points), len(middle)))
-    return normals, rows, height
+    return _projected(rows @ basis, normals), height
 
 
 def _projected(rows: sp.csr_matrix, directions: Array) -> sp.csr_matrix:
@@ -140,15 +139,9 @@ def _kept(along: sp.csr_matrix, controls: Array, lengths: Array) -> tuple[sp.csr
     return sp.csr_matrix(rows), weight * (lengths - long)
 
 
-def _bending(controls: Array, curved: Array) -> tuple[sp.csr_matrix, Array]:
-    second = _second_differences()
-    residual = (curved - second @ controls) / _SMOOTH
-    return sp.csr_matrix(sp.kron(second, sp.identity(3)) / _SMOOTH), residual.ravel()
-
-
-def _pinned(held: sp.csr_matrix, controls: Array, where: Array) -> tuple[sp.csr_matrix, Array]:
-    residual = (where - held @ controls) / _PINNED
-    return sp.csr_matrix(sp.kron(held, sp.identity(3)) / _PINNED), residual.ravel()
+def _towards(goal: Array, rows: sp.csr_matrix, controls: Array, scale: float) -> tuple[sp.csr_matrix, Array]:
+    """Return the rows that bring `rows @ controls` to a goal (k, 3), to about a scale."""
+    return sp.csr_matrix(sp.kron(rows, sp.identity(3)) / scale), ((goal - rows @ controls) / scale).ravel()
 
 
 def _solve(blocks: list[tuple[sp.csr_matrix, Array]], size: int) -> Array:

@@ -1,36 +1,188 @@
-"""One turn: a design is chosen with what is known, measured, and evaluated on the device."""
+"""One turn of a loop: a design is chosen with what is known, measured, evaluated on the device, and learned from. Each
+step is kept as a piece of the loop's folder, by which it goes on."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
-from fabdesign.files.design_file import read_design
-from fabdesign.files.pressure_file import read_pressures
-from fabdesign.geometry.metrics import Errors
-from fabdesign.nouns.design import Design
+from fabdesign.files.measurement_set import read_set
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.model import POINTS_PER_SIDE, Model
 from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.output import WorkFolder
-from fabdesign.runtime.store import read_arrays, write_arrays
+from fabdesign.runtime.store import Checkpoint, read_arrays, write_arrays
 from fabdesign.study_files.loop_file import LoopStudy
-from fabdesign.study_files.study_file import EarlierResult
-from fabdesign.units import from_mm, in_mm
+from fabdesign.study_files.study_file import EarlierResult, result_in
+from fabdesign.units import in_mm
+from optimize.fit.descent import Progress
 from optimize.search.evaluations import Evaluations
-from studies.layout_search.stages import COARSE
+from studies.layout_search.first_layouts import COARSE
 from studies.layout_search.target import LoadedTarget, target_errors
 from studies.layouts.run import run_study
-from studies.loop.learning import Simulators
-from studies.loop.record import ChosenDesign, DeviceErrors, ShapeErrors
+from studies.loop.learning import Simulators, learn, model_of
+from studies.loop.measuring import MEASURED, measured, programs_for
+from studies.loop.record import ChosenDesign, Learned, ShapeErrors, shape_errors
 from studies.loop.resting_shape import resting_faces
 
-Array = NDArray[np.float64]
-
-
 AT_REST = 0.5  # s, the last of a trial in which a cloth counts as at rest
+SEARCH = "search"  # the folder of the turn's search, what `optimize` writes
+SHAPES = "shapes.npz"  # believed and device, (poses, 2 n, 3) m
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The study, the record and the rig that all turns share."""
+
+    study: LoopStudy
+    targets: tuple[LoadedTarget, ...]
+    work: WorkFolder
+    checkpoint: Checkpoint
+    simulators: Simulators
+    progress: Progress
+
+
+class _Waiting(Exception):
+    """A turn that waits for a laboratory."""
+
+
+@dataclass(frozen=True)
+class TurnSteps:
+    """The steps of one turn."""
+
+    loop: Loop
+    number: int
+
+    @property
+    def name(self) -> str:
+        return f"turn_{self.number}"
+
+    @property
+    def folder(self) -> Path:
+        return self.loop.work.folder / self.name
+
+    def _say(self, line: str, part: float) -> None:
+        """part: of the turn, done."""
+        share = min(1.0, (self.number + part) / (self.loop.study.stop.turns + 1))
+        self.loop.progress(f"{self.name.replace('_', ' ')}, {line}", share)
+
+    def _kept(self, piece: str, compute: Callable[[], Any], files: Callable[[Any], object] | None = None) -> Any:
+        return self.loop.checkpoint.get(f"{self.name}_{piece}", compute, files=files)
+
+    def choose(self, model: Model | None, earlier: EarlierResult | None) -> ChosenDesign:
+        """Search with `model`, from the design of the turn before besides all else; goes on where it was killed. What
+        the record keeps of it, mm and kPa. Raises KeyboardInterrupt where it is interrupted."""
+        study, simulators = self.loop.study, self.loop.simulators
+        fine = min(study.points_per_side, POINTS_PER_SIDE)
+        if model is not None and model.parameters:  # factors belong to their grid
+            fine = model.points_per_side
+
+        def show(evaluations: Evaluations) -> None:
+            best = "none yet" if evaluations.best is None else f"{in_mm(evaluations.best.value):.2f} mm"
+            self._say(f"choosing a design: best {best}", 0.3 * evaluations.share)
+
+        def search() -> ChosenDesign:
+            result = run_study(
+                replace(study.search, model=model, earlier=earlier or study.search.earlier),
+                self.folder / SEARCH,
+                forward=simulators(fine),
+                coarse=simulators(min(COARSE, study.points_per_side)),
+                progress=show,
+            )
+            if result.interrupted:
+                raise KeyboardInterrupt
+            write_arrays(self.folder / SHAPES, {"believed": result.points.astype(np.float32)})
+            return {
+                "believed": shape_errors(result.errors),
+                "stop_reason": result.stop_reason,
+                "evaluations": len(result.history),
+                "reach": result.reach.sentences,
+                "muscles": len(result.design.muscles),
+            }
+
+        self.loop.work.claim(f"{self.name}/{SHAPES}")
+        kept: ChosenDesign = self._kept("choice", search, files=lambda _: (self.chosen, self._believed))
+        return kept
+
+    @property
+    def chosen(self) -> EarlierResult:
+        """Return the chosen design with its pressures."""
+        return result_in(self.folder / SEARCH)
+
+    @property
+    def _believed(self) -> Array:
+        """Return the shapes (poses, 2 n, 3) m that the search predicted."""
+        return read_arrays(self.folder / SHAPES)["believed"].astype(np.float64)
+
+    def measure(self) -> MeasurementSet | None:
+        """Return what was measured of the chosen design; None where a laboratory was asked for it."""
+        loop, chosen = self.loop, self.chosen
+        times, last = [target.time for target in loop.targets], self.number == loop.study.stop.turns
+        asked = programs_for(loop.study, chosen.design, chosen.pressures, times, seed=self.number, last=last)
+
+        def counted(done: int, total: int) -> None:
+            self._say(f"measuring: {done} of {total} trials", 0.3 + 0.3 * done / total)
+
+        def ask() -> dict[str, int]:
+            self._say("measuring", 0.3)
+            if measured(loop.study, self.name, asked, loop.work, progress=counted) is None:
+                raise _Waiting
+            return {"trials": len(asked.programs)}
+
+        place = self.folder / MEASURED
+        try:
+            self._kept("measurement", ask, files=lambda _: [trial.load() for trial in read_set(place).trials])
+        except _Waiting:
+            return None
+        return read_set(place)
+
+    def evaluate(self, measured: MeasurementSet) -> ShapeErrors:
+        """Return errors of the measured shapes against the targets, mm: the same measures, with the same floors, as of
+        the predicted shapes; and how far they are from those. Raises InputError where no shape was found."""
+        loop, believed = self.loop, self._believed
+        seed = loop.study.search.seed
+
+        def compute() -> ShapeErrors:
+            shapes = measured_shapes(measured, loop.targets, believed, seed=seed)
+            if not np.isfinite(shapes).all():
+                raise InputError(f"{measured.name}: no cloth lies through its points; expected measured clouds of one")
+            errors = target_errors(loop.targets, shapes, measured.trials[0].design, seed=seed)
+            apart = np.sqrt(np.square(shapes - believed).sum(axis=-1).mean())
+            loop.work.claim(f"{self.name}/{SHAPES}")
+            both = {"believed": believed.astype(np.float32), "device": shapes.astype(np.float32)}
+            write_arrays(self.folder / SHAPES, both)
+            return shape_errors(errors, from_believed=in_mm(float(apart)))
+
+        self._say("evaluating the shape on the device", 0.6)
+        kept: ShapeErrors = self._kept("device", compute)
+        return kept
+
+    def learn(self, sets: Sequence[MeasurementSet], known: Model | None) -> Learned:
+        """Learn from the sets of all turns so far. known: the model that the design was chosen with."""
+        loop = self.loop
+        known = known or Model(points_per_side=loop.study.points_per_side)
+        kept: Learned = self._kept(
+            "model",
+            lambda: learn(
+                loop.study,
+                sets,
+                known,
+                loop.work,
+                self.name,
+                loop.simulators,
+                say=lambda line: self._say(line, 0.7),
+            ),
+            files=lambda _: self.model,
+        )
+        return kept
+
+    @property
+    def model(self) -> Model:
+        """Return what was learned in the turn."""
+        return model_of(self.loop.work, self.name)
 
 
 def measured_shapes(measured: MeasurementSet, targets: Sequence[LoadedTarget], predicted: Array, *, seed: int) -> Array:
@@ -42,130 +194,9 @@ def measured_shapes(measured: MeasurementSet, targets: Sequence[LoadedTarget], p
         trial = by_order[pose]
         data = trial.load()
         if target.time is None:
-            chosen = np.flatnonzero(data.time > data.time[-1] - AT_REST)
+            frames = np.flatnonzero(data.time > data.time[-1] - AT_REST)
         else:
-            chosen = np.array([np.abs(data.time - target.time).argmin()])
-        points = np.concatenate([data.frames[int(k)] for k in chosen])
+            frames = np.array([np.abs(data.time - target.time).argmin()])
+        points = np.concatenate([data.frames[int(k)] for k in frames])
         shapes.append(resting_faces(points, trial.design.fabric, predicted[pose], seed=seed))
     return np.array(shapes)
-
-
-def device_errors(targets: Sequence[LoadedTarget], shapes: Array, measured: MeasurementSet, *, seed: int) -> Errors:
-    """Return the errors of the measured shapes (poses, 2 n, 3) m against the targets: the same measures, with the same
-    floors, as of the shapes that the search predicted. Raises InputError where no shape was found."""
-    if not np.isfinite(shapes).all():
-        raise InputError(f"{measured.name}: no cloth lies through its points; expected measured clouds of one")
-    return target_errors(targets, shapes, measured.trials[0].design, seed=seed)
-
-
-SEARCH = "search"  # the folder of the turn's search, what `optimize` writes
-SHAPES = "shapes.npz"
-
-
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """The result of a turn's search. predicted: against the target, m; shapes (poses, 2 n, 3) m."""
-
-    folder: Path
-    design: Design
-    pressures: Array  # (poses, channels) Pa
-    predicted: Errors
-    shapes: Array
-    stop_reason: str
-
-
-def turn_name(number: int) -> str:
-    return f"turn_{number}"
-
-
-def choose(
-    study: LoopStudy,
-    model: Model | None,
-    earlier: Choice | None,
-    folder: Path,
-    simulators: Simulators,
-    *,
-    progress: Callable[[Evaluations], None],
-) -> ChosenDesign:
-    """Search with `model`, from the design of the turn before besides all else; goes on where it was killed. What the
-    record keeps of it, mm and kPa. Raises KeyboardInterrupt where it is interrupted."""
-    search = replace(study.search, model=model)
-    if earlier is not None:
-        search = replace(search, earlier=EarlierResult(earlier.folder, earlier.design, earlier.pressures))
-    result = run_study(
-        search,
-        folder,
-        forward=simulators(_fine(study, model)),
-        coarse=simulators(min(COARSE, study.points_per_side)),
-        progress=progress,
-    )
-    if result.interrupted:
-        raise KeyboardInterrupt
-    write_arrays(folder.parent / SHAPES, {"believed": result.points.astype(np.float32)})
-    return {
-        "believed": as_millimetres(result.errors),
-        "stop_reason": result.stop_reason,
-        "evaluations": len(result.history),
-        "reach": result.reach.sentences,
-        "muscles": len(result.design.muscles),
-    }
-
-
-def chosen(kept: ChosenDesign, folder: Path) -> Choice:
-    """Return a search's result from its folder and what the record kept."""
-    design = read_design(folder / "design.toml")
-    files = sorted(folder.glob("pressures*.csv"), key=lambda file: (len(file.name), file.name))
-    shapes = read_arrays(folder.parent / SHAPES)["believed"].astype(np.float64)
-    return Choice(
-        folder=folder,
-        design=design,
-        pressures=np.array([read_pressures(file, design).pressure[-1] for file in files]),
-        predicted=of_millimetres(kept["believed"]),
-        shapes=shapes,
-        stop_reason=kept["stop_reason"],
-    )
-
-
-def errors_on_device(
-    study: LoopStudy, choice: Choice, measured: MeasurementSet, targets: Sequence[LoadedTarget], work: WorkFolder
-) -> DeviceErrors:
-    """Return errors of the measured shapes against the targets, mm, and how far those are from the predicted ones."""
-    seed = study.search.seed
-    shapes = measured_shapes(measured, targets, choice.shapes, seed=seed)
-    errors = device_errors(targets, shapes, measured, seed=seed)
-    apart = np.sqrt(np.square(shapes - choice.shapes).sum(axis=-1).mean())
-    name = f"{choice.folder.parent.name}/{SHAPES}"
-    work.claim(name)
-    parts = {"believed": choice.shapes, "device": shapes}
-    write_arrays(work.folder / name, {part: points.astype(np.float32) for part, points in parts.items()})
-    return {**as_millimetres(errors), "from_believed": in_mm(float(apart))}
-
-
-def as_millimetres(errors: Errors) -> ShapeErrors:
-    """Return the errors in mm, `beyond` as a share, with the `excess`."""
-    return {
-        "chamfer": in_mm(float(errors.chamfer)),
-        "chamfer_floor": in_mm(float(errors.chamfer_floor)),
-        "surface_rms": in_mm(float(errors.surface_rms)),
-        "surface_floor": in_mm(float(errors.surface_floor)),
-        "surface_beyond": float(errors.beyond),
-        "excess": in_mm(errors.excess),
-    }
-
-
-def of_millimetres(kept: ShapeErrors) -> Errors:
-    """Return the same turned back."""
-    return Errors(
-        chamfer=from_mm(kept["chamfer"]),
-        chamfer_floor=from_mm(kept["chamfer_floor"]),
-        surface_rms=from_mm(kept["surface_rms"]),
-        surface_floor=from_mm(kept["surface_floor"]),
-        beyond=kept["surface_beyond"],
-    )
-
-
-def _fine(study: LoopStudy, model: Model | None) -> int:
-    """Return points a side: a model's factors belong to their grid."""
-    if model is None or not model.parameters:
-        return min(study.points_per_side, POINTS_PER_SIDE)
-    return model.points_per_side

@@ -2,5 +2,6 @@
 
 from studies.rig.ground_truth import EffectSetting, GroundTruth, Sensing, read_ground_truth
 from studies.rig.run import run_rig
+from studies.rig.scene import DEFAULT
 
-__all__ = ["EffectSetting", "GroundTruth", "Sensing", "read_ground_truth", "run_rig"]
+__all__ = ["DEFAULT", "EffectSetting", "GroundTruth", "Sensing", "read_ground_truth", "run_rig"]

@@ -11,13 +11,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, note
 from fabdesign.files.design_file import read_design
 from fabdesign.files.measurement_set import NewTrial, write_set
 from fabdesign.files.pressure_file import read_pressures
 from fabdesign.files.trial_file import TrialData, program_of
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import PressureProgram, require_pressures
 from fabdesign.nouns.trial import Role
@@ -30,7 +30,6 @@ from studies.rig.ground_truth import GroundTruth, read_ground_truth, with_effect
 from studies.rig.scene import DEFAULT, Resolution, control_counts
 from studies.rig.specimen import TrialTask, control_points, prepare
 
-Array = NDArray[np.float64]
 WORKING_STRAIN = 0.02  # up to which a membrane curve's slope is the stiffness of the rig's linear cloth
 THREAD_SETTINGS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -61,7 +60,7 @@ def run_rig(
     cameras of the first program; their true poses go beside it, to RECORDING.truth.json. force: replace folders that
     this program made, and that file. progress(done, of) is called after each trial; say with an
     estimate before. Raises InputError;
-    studies.rig.solver.RigDiverged where a motion has no solution.
+    studies.rig.motion.RigDiverged where a motion has no solution.
     """
     session = [(design, pressures), *more]
     inputs = [g for g in (truth, *(x for d, ps in session for x in (d, *ps))) if isinstance(g, Path | str)]
@@ -98,7 +97,7 @@ def run_rig(
         description = "virtual rig; synthetic"
         write_set(unfinished, designs, measured, name=name, description=description, frame_rate=rate)
         if recorded is not None:
-            from studies.rig.depth_camera import record
+            from studies.rig.cameras import record
 
             record(tasks[0], *recorded)
 
@@ -234,11 +233,11 @@ _FRAME, _POINT = 48, 120  # bytes of a frame: of each control point, and of each
 
 def trial_bytes(task: TrialTask, resolution: Resolution) -> float:
     """Return the bytes at the peak of a trial."""
-    blocks, within, reach = control_counts(task.design, resolution)
-    controls, frames = blocks * within, len(task.times)
+    controls, pairs = control_counts(task.design, resolution)
+    frames = len(task.times)
     steps = float(task.times[-1]) / resolution.step
     kept = frames * (_FRAME * controls + _POINT * task.truth.sensing.points)
-    return steps * controls * _STEP + controls * within * reach * _CONTROL + kept
+    return steps * controls * _STEP + pairs * _CONTROL + kept
 
 
 def require_room(tasks: Sequence[TrialTask], resolution: Resolution) -> int:

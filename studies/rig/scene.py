@@ -12,18 +12,15 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import PARAMETERS
 from fabdesign.nouns.muscle_law import law_of
-from studies.rig.cables import Cables, lace
+from studies.rig.cables import CONTRACTIONS, PRESSURE_STEP, Cables, lace
 from studies.rig.shell import DERIVATIVES
 from studies.rig.spline import Axis, Patch
 
-Array = NDArray[np.float64]
-
 IMPERFECTION = 1e-4  # 1/m, rest curvature by the seed: 2 um over 0.2 m, decides which way a symmetric cloth buckles
-CONTRACTIONS = np.linspace(-0.4, 0.6, 501)  # of the tabulated law; 0, the kink, is one of them
-PRESSURE_STEP = 4e3  # Pa
 PIN_STIFFNESS = 2e5  # N/m, of a hung point's spring: 0.01 mm under the cloth's weight
 
 
@@ -90,7 +87,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class StepReport:
-    """What a hook learns of a finished step."""
+    """A finished step, as hooks get it."""
 
     time: float  # s
     step: float  # s
@@ -100,10 +97,36 @@ class StepReport:
     strain: Array  # (q, 6)
 
 
+Apply = Callable[[Scene, int, Mapping[str, float]], None]
+
+
+@dataclass(frozen=True)
+class RigEffect:
+    """`apply(scene, order, values)` edits the scene; order is the trial's place in the specimen's session."""
+
+    site: str
+    parameters: Mapping[str, tuple[float, str]]  # name -> default, unit
+    apply: Apply
+
+
+EFFECTS: dict[str, RigEffect] = {}
+
+
+def effect(site: str, **parameters: tuple[float, str]) -> Callable[[Apply], Apply]:
+    """Declare a function as the effect of its name."""
+
+    def declared(apply: Apply) -> Apply:
+        EFFECTS[apply.__name__] = RigEffect(site, parameters, apply)
+        return apply
+
+    return declared
+
+
 def build_scene(
     design: Design, factors: Mapping[str, float], resolution: Resolution, *, max_pressure: float, seed: int = 0
 ) -> Scene:
-    """The declared design. `factors` by the names of nouns.forward.PARAMETERS; max_pressure [Pa] sizes tables."""
+    """Return the declared design. `factors` by the names of nouns.forward.PARAMETERS; max_pressure [Pa] sizes
+    tables."""
     f = {name: factors.get(name, 1.0) for name in PARAMETERS}
     cloth = design.fabric
     patch = _patch(design, resolution)
@@ -153,12 +176,13 @@ def build_scene(
     )
 
 
-def control_counts(design: Design, resolution: Resolution) -> tuple[int, int, int]:
-    """Of the patch: blocks of control points, control points of a block, and blocks that one reaches."""
+def control_counts(design: Design, resolution: Resolution) -> tuple[int, int]:
+    """Return of the patch how many control points, and how many pairs of them are in reach of each other at most."""
     fabric, reach = design.fabric, _reach(design)
     sizes = (fabric.width, fabric.height) if reach[0] <= reach[1] else (fabric.height, fabric.width)
     blocks, within = (_elements(length, resolution) + resolution.degree for length in sizes)
-    return blocks, within, min(blocks, int(min(reach) / resolution.element) + resolution.degree + 1)
+    reached = min(blocks, int(min(reach) / resolution.element) + resolution.degree + 1)
+    return blocks * within, blocks * within**2 * reached
 
 
 def _patch(design: Design, resolution: Resolution) -> Patch:
@@ -175,14 +199,14 @@ def _elements(length: float, resolution: Resolution) -> int:
 
 
 def _reach(design: Design) -> tuple[float, float]:
-    """m across and down between neighbouring fixed points at most."""
+    """Return m across and down between neighbouring fixed points at most."""
     spans = [np.abs(np.diff(m.fixed_points(), axis=0)).max(axis=0) for m in design.muscles]
     across, down = np.max(spans, axis=0) if spans else (0.0, 0.0)
     return float(across), float(down)
 
 
 def _moduli(design: Design, membrane: float, shear: float, bending: float) -> Array:
-    """Plane-stress plate of docs/files.md: k / (1 - nu12 nu21) and nu12 / k1 = nu21 / k2, the same for B."""
+    """Return the plane-stress plate of docs/files.md: k / (1 - nu12 nu21) and nu12 / k1 = nu21 / k2, the same for B."""
     cloth = design.fabric
     k1, k2 = (membrane * k for k in cloth.membrane_stiffness)
     b1, b2 = (bending * b for b in cloth.bending_stiffness)
@@ -243,7 +267,7 @@ def _support(design: Design, patch: Patch) -> tuple[NDArray[np.bool_], Array]:
 
 
 def _imperfection(uv: Array, width: float, height: float, seed: int) -> Array:
-    """(n, 3) rest curvatures [1/m]: a few long waves with amplitudes by the seed."""
+    """Return (n, 3) rest curvatures [1/m]: a few long waves with amplitudes by the seed."""
     rng = np.random.default_rng([seed, 7])
     s, t = uv[:, 0] / width, uv[:, 1] / height
     waves = np.stack([np.ones_like(s), np.cos(np.pi * s), np.cos(np.pi * t), np.cos(np.pi * s) * np.cos(np.pi * t)])

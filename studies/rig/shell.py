@@ -11,7 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fabdesign.nouns.array import Array
+
 Ints = NDArray[np.int64]
 DERIVATIVES = ((1, 0), (0, 1), (2, 0), (0, 2), (1, 1))  # of a basis function, in the kernels' order
 

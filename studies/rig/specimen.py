@@ -4,23 +4,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.nouns import muscle_law
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.output import whole_file
 from fabdesign.runtime.fingerprint import sha256
 from fabdesign.runtime.store import kept, user_cache
 from studies.rig.effects import EFFECTS
-from studies.rig.effects.sensing import OF_CLOUDS
+from studies.rig.effects.listed import OF_CLOUDS
 from studies.rig.ground_truth import GroundTruth
-from studies.rig.motion import run
+from studies.rig.motion import RigDiverged, run
 from studies.rig.scene import DEFAULT, Resolution, Scene, build_scene
-from studies.rig.solver import RigDiverged
 
-Array = NDArray[np.float64]
-MECHANICS = ("spline", "shell", "cables", "muscle", "scene", "solver", "motion", "specimen")  # what a motion depends on
+MECHANICS = ("spline", "shell", "cables", "scene", "motion", "specimen")  # what a motion depends on
 
 
 @dataclass(frozen=True, eq=False)

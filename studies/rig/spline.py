@@ -11,7 +11,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-Array = NDArray[np.float64]
+from fabdesign.nouns.array import Array
+
 Ints = NDArray[np.int64]
 GAUSS = 2  # points of an element in each direction: enough for C1 quadratics and C2 cubics
 

@@ -1,14 +1,14 @@
-"""From a point of the unit cube to a case."""
+"""The inputs of a sweep: a point of the unit cube becomes a case."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case, Term
 from fabdesign.nouns.model import Model
@@ -17,14 +17,13 @@ from fabdesign.study_files.sensitivity_file import SensitivityStudy
 from fabdesign.study_files.varied_inputs import moved_paths
 from fabdesign.units import from_kpa
 
-Array = NDArray[np.float64]
 JOINT = "covariance"  # the group of all that the model's covariance covers
 WITHIN = 0.90  # of a normal distribution, what Morris' levels span
 
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """What varies in a study: first its own parameters, then the model's, as independent standard normals.
+    """The inputs that vary in a study: first its own parameters, then the model's, as independent standard normals.
 
     The k-th normal is what the k-th parameter of the covariance has of its own, given those before it.
     """
@@ -42,9 +41,9 @@ class Inputs:
     @property
     def groups(self) -> dict[str, tuple[int, ...]]:
         """Inputs by what a Sobol index is given for: each of them, and the covariance as a whole."""
-        own = {name: (i,) for i, name in enumerate(self.names)}
+        single = {name: (i,) for i, name in enumerate(self.names)}
         together = tuple(range(len(self.study.varied), len(self.names)))
-        return own | ({JOINT: together} if len(together) > 1 else {})
+        return single | ({JOINT: together} if len(together) > 1 else {})
 
     @property
     def _joint(self) -> tuple[str, ...]:
@@ -55,29 +54,29 @@ class Inputs:
         return Ensemble(self.study.model or Model())
 
     def values(self, cube: Array, *, screened: bool = False) -> Array:
-        """(n, inputs) in their units, of points of the unit cube. screened: its edges are those of a 90 % interval
-        where an input is normal, as Morris' levels need it."""
+        """Return (n, inputs) in their units, of points of the unit cube. screened: its edges are those of a 90 %
+        interval where an input is normal, as Morris' levels need it."""
         low, high = (np.array([getattr(v, side) for v in self.study.varied]) for side in ("low", "high"))
-        own = low + (high - low) * cube[:, : len(low)]
+        varied = low + (high - low) * cube[:, : len(low)]
         rest = cube[:, len(low) :]
-        return np.concatenate([own, ndtri((1 - WITHIN) / 2 + WITHIN * rest if screened else rest)], axis=1)
+        return np.concatenate([varied, ndtri((1 - WITHIN) / 2 + WITHIN * rest if screened else rest)], axis=1)
 
     def case(self, values: Array, spread: Array | None = None) -> Case:
-        """The case of (inputs,) values. spread: (channels,) factors on the pressures."""
-        study, own = self.study, dict(zip(self.study.varied, values, strict=False))
+        """Return the case of (inputs,) values. spread: (channels,) factors on the pressures."""
+        study, given = self.study, dict(zip(self.study.varied, values, strict=False))
         model = study.model or Model()
         if study.joint:
-            model = self._ensemble.at(values[len(own) :])
+            model = self._ensemble.at(values[len(given) :])
         pressures = study.pressures.copy()
-        for v, x in own.items():
+        for v, x in given.items():
             if v.kind == "pressure":
                 pressures[int(v.key[0])] = from_kpa(x)
-        factors = {str(v.key[0]): float(x) for v, x in own.items() if v.kind == "factor"}
+        factors = {str(v.key[0]): float(x) for v, x in given.items() if v.kind == "factor"}
         terms = model.terms
-        for v, x in own.items():
+        for v, x in given.items():
             if v.kind == "effect":
                 terms = _with(terms, str(v.key[0]), str(v.key[1]), float(x))
-        shifts = {v.key: float(x) for v, x in own.items() if v.kind == "position"}
+        shifts = {v.key: float(x) for v, x in given.items() if v.kind == "position"}
         program = constant_program(pressures if spread is None else pressures * spread)
         return Case(_moved(study.design, shifts), program, model.factors | factors, terms, study.order)
 
@@ -88,7 +87,7 @@ class Inputs:
 
 
 def _with(terms: tuple[Term, ...], name: str, parameter: str, value: float) -> tuple[Term, ...]:
-    """The effects with one number changed; an effect that is not there comes last."""
+    """Return the effects with one number changed; an effect that is not there comes last."""
     if all(term.name != name for term in terms):
         return (*terms, Term(name, {parameter: value}))
     return tuple(replace(t, values={**t.values, parameter: value}) if t.name == name else t for t in terms)

@@ -1,31 +1,23 @@
 """The outputs of a shape that a sweep watches: numbers for people, in mm, 1/m and N."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.metrics import chamfer_to, distance_to_faces
-from fabdesign.geometry.shape import Shape
+from fabdesign.geometry.shape import mean_curvature, tip
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.study_files.sensitivity_file import Output
 from fabdesign.study_files.shape_output import ShapeOutput, read_shape_output
 from fabdesign.units import in_mm
 from studies.layout_search.target import LoadedTarget
 
-Array = NDArray[np.float64]
-# by output: columns, their unit, and how little of it is rounding
-COLUMNS = {
-    "tip": (("tip_x", "tip_y", "tip_z"), "mm", 1e-2),
-    "mean_curvature": (("mean_curvature",), "1/m", 1e-3),
-    "chamfer": (("chamfer",), "mm", 1e-3),
-    "largest_tension": (("largest_tension",), "N", 1e-3),
-}
 _LEAST_OF_SHAPE = 1e-2  # mm or degrees, of an output that a study says in words
 ROUNDING = 1e-9  # of outputs of unknown unit
-_FREE = {"top": -1, "bottom": 0, "left": -1, "right": 0}  # row or column of the free edge opposite the hung one
 
 
 @dataclass(frozen=True)
@@ -33,6 +25,14 @@ class OutputColumn:
     name: str
     unit: str
     least: float  # standard deviation, in the unit, under which it does not vary
+
+
+COLUMNS = {
+    "tip": [OutputColumn(f"tip_{axis}", "mm", 1e-2) for axis in "xyz"],
+    "mean_curvature": [OutputColumn("mean_curvature", "1/m", 1e-3)],
+    "chamfer": [OutputColumn("chamfer", "mm", 1e-3)],
+    "largest_tension": [OutputColumn("largest_tension", "N", 1e-3)],
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,20 +51,16 @@ class Outputs:
     @property
     def columns(self) -> list[OutputColumn]:
         moments = [f" at {t:g} s" for t in self.at] or [""]
-        asked = [
-            OutputColumn(column + moment, unit, least)
-            for moment in moments
-            for columns, unit, least in map(self._columns_of, self.names)
-            for column in columns
-        ]
+        every = [column for name in self.names for column in self._columns_of(name)]
+        asked = [replace(column, name=column.name + moment) for moment in moments for column in every]
         return asked + [OutputColumn(name, "", ROUNDING) for name in self.functions]
 
     @cached_property
     def _in_words(self) -> dict[str, ShapeOutput]:
         return {name: read_shape_output(name, self.fabric, "outputs") for name in self.names if name not in COLUMNS}
 
-    def _columns_of(self, name: str) -> tuple[tuple[str, ...], str, float]:
-        return COLUMNS[name] if name in COLUMNS else ((name,), self._in_words[name].unit, _LEAST_OF_SHAPE)
+    def _columns_of(self, name: str) -> list[OutputColumn]:
+        return COLUMNS.get(name) or [OutputColumn(name, self._in_words[name].unit, _LEAST_OF_SHAPE)]
 
     def of(self, frames: NDArray[np.float32], tension: NDArray[np.float32] | None) -> Array:
         """Return (columns,) of (T, 3362, 3) m, and of the intervals' tensions (T, intervals) N where they are watched;
@@ -74,7 +70,7 @@ class Outputs:
             lost = not np.isfinite(points).all()
             for name in self.names:
                 if lost:
-                    values += [np.nan] * len(self._columns_of(name)[0])
+                    values += [np.nan] * len(self._columns_of(name))
                 elif name in self._in_words:
                     values.append(self._in_words[name].of(points))
                 elif name == "tip":
@@ -100,36 +96,6 @@ def _distance(target: LoadedTarget, points: NDArray[np.float32]) -> float:
     if target.markers:
         return distance_to_faces(target.points, points, target.face, target.weighting)
     return chamfer_to(points, target.face, target.weighting).of(target.points)
-
-
-def tip(points: NDArray[np.floating], fabric: Fabric) -> Array:
-    """Return (3,) m: mean position of the edge opposite the hung one; of the lower edge where no edge is hung."""
-    middle = Shape.of(points).middle
-    edge = fabric.hung if isinstance(fabric.hung, str) else "top"
-    along = middle[:, _FREE[edge]] if edge in ("left", "right") else middle[_FREE.get(edge, -1)]
-    return np.asarray(along.mean(axis=0))
-
-
-def mean_curvature(points: NDArray[np.floating]) -> float:
-    """Return the mean curvature [1/m] of the mid-surface, mean over its area; positive where it is hollow to the
-    front."""
-    middle = Shape.of(points).middle
-    inner = slice(1, -1)
-    u = (middle[inner, 2:] - middle[inner, :-2]) / 2
-    v = (middle[2:, inner] - middle[:-2, inner]) / 2
-    uu = middle[inner, 2:] - 2 * middle[inner, inner] + middle[inner, :-2]
-    vv = middle[2:, inner] - 2 * middle[inner, inner] + middle[:-2, inner]
-    uv = (middle[2:, 2:] - middle[2:, :-2] - middle[:-2, 2:] + middle[:-2, :-2]) / 4
-    normal = np.cross(v, u)  # v runs down, u to the right: to the front
-    area = np.linalg.norm(normal, axis=-1)
-    normal /= area[..., None]
-    e, f, g = _dot(u, u), _dot(u, v), _dot(v, v)
-    h = (_dot(uu, normal) * g - 2 * _dot(uv, normal) * f + _dot(vv, normal) * e) / (2 * (e * g - f**2))
-    return float((h * area).sum() / area.sum())
-
-
-def _dot(a: Array, b: Array) -> Array:
-    return np.asarray((a * b).sum(axis=-1))
 
 
 def needs_tension(names: Sequence[str]) -> bool:

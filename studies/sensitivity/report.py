@@ -8,12 +8,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fabdesign.formats.csv_table import write_rows
-from fabdesign.formats.json_file import write_json
-from fabdesign.output import write_text
 from fabdesign.study_files.sensitivity_file import SensitivityStudy
 from fabdesign.units import in_kpa
 from studies.report import page
 from studies.sensitivity.result import SensitivityResult
+from studies.study import write_result
 
 FIRST, TOTAL, SIGMA = "#2166ac", "#92c5de", "#b2182b"
 PACKAGES = ("taichi", "numpy", "scipy")
@@ -65,10 +64,9 @@ def bars_figure(result: SensitivityResult, column: int) -> Figure:
 
 def write_report(result: SensitivityResult, out: Path) -> None:
     """Write `result.json`, `samples.csv` and `report.html` into the folder `out`."""
-    write_json(out / "result.json", result.as_json())
+    write_result(out, result.as_json(), result.study.name, _blocks(result))
     header = [*result.inputs.names, *(f"{c.name} [{c.unit}]" for c in result.columns)]
     write_rows(out / "samples.csv", ["method", "row", "sample", *header], _rows(result))
-    write_text(out / "report.html", render(result))
 
 
 def _rows(result: SensitivityResult) -> Iterator[list[Any]]:

@@ -1,28 +1,123 @@
-"""What a sweep found, as numbers."""
+"""The result of a sweep: Morris' and Sobol's measures from computed samples, with bootstrap intervals.
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+scipy.stats.sobol_indices has the same Sobol estimators (the tests compare), but only for complete designs of 2^k rows:
+here rows with a failed sample are left out, and a sweep may end early. SALib has the same too, but no input both alone
+and in a group, and it would bring pandas and multiprocess."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binomtest
+from scipy.stats import binomtest, qmc
 
 from fabdesign.errors import SimulationError
+from fabdesign.nouns.array import Array
 from fabdesign.study_files.sensitivity_file import SensitivityStudy
 from studies.prediction.stability import snaps
-from studies.sensitivity.estimators import INTERVAL, Indices, Screening, indices, screening
 from studies.sensitivity.inputs import Inputs
 from studies.sensitivity.outputs import OutputColumn
 
-Array = NDArray[np.float64]
+LEVELS = 4  # of Morris' grid
+STEP = LEVELS / (2 * (LEVELS - 1))  # of an elementary effect: 2/3, which makes all levels equally likely
+_EDGE = 1e-6  # of the cube, where a normal distribution has no value
+
+
+def trajectories(inputs: int, count: int, seed: int) -> Array:
+    """Return (count, inputs + 1, inputs): one input a step, in a random order, up or down (Morris 1991)."""
+    rng = np.random.default_rng([seed, 1])
+    low = np.arange(LEVELS // 2) / (LEVELS - 1)  # from where a step up stays within the cube
+    paths = np.empty((count, inputs + 1, inputs))
+    for path in paths:
+        up = rng.random(inputs) < 0.5
+        start = rng.choice(low, inputs)
+        moved = rng.permutation(inputs)  # the step at which each input does
+        on = np.arange(inputs + 1)[:, None] > moved
+        path[:] = start + STEP * np.where(up, on, ~on)
+    return paths
+
+
+def saltelli_rows(inputs: int, groups: Sequence[Sequence[int]], count: int, seed: int) -> Array:
+    """Return (count, 2 + groups, inputs): a, b, and a with each group's inputs from b (Saltelli et al. 2010), where (a,
+    b) are scrambled Sobol points."""
+    points = qmc.Sobol(2 * inputs, rng=np.random.default_rng([seed, 2])).random_base2(int(np.ceil(np.log2(count))))
+    a, b = np.clip(points[:count, :inputs], _EDGE, 1 - _EDGE), np.clip(points[:count, inputs:], _EDGE, 1 - _EDGE)
+    rows = np.stack([a, b, *[a] * len(groups)], axis=1)
+    for k, group in enumerate(groups):
+        rows[:, 2 + k, list(group)] = b[:, list(group)]
+    return rows
+
+
+RESAMPLES = 500
+INTERVAL = 5.0, 95.0  # percentiles of a 90 % interval
+
+
+@dataclass(frozen=True, eq=False)
+class Screening:
+    """Morris: elementary effects, changes of the output over an input's whole range. (inputs,) each."""
+
+    mean: Array
+    mu_star: Array  # mean of their absolute values (Campolongo et al. 2007)
+    sigma: Array  # their standard deviation: from interactions and curvature
+    mu_star90: Array  # (inputs, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Indices:
+    """Sobol indices, (groups,) each: shares of the output's variance."""
+
+    first: Array
+    total: Array
+    first90: Array  # (groups, 2)
+    total90: Array
+
+
+def screening(paths: Array, values: Array, *, seed: int = 0) -> Screening:
+    """Return the screening by two trajectories or more (count, inputs + 1, inputs) and their outputs (count, inputs +
+    1), all finite."""
+    steps = np.diff(paths, axis=1)
+    moved = np.abs(steps).argmax(axis=2)  # (count, inputs): which input
+    sign = np.sign(np.take_along_axis(steps, moved[..., None], axis=2)[..., 0])
+    effects = np.empty(moved.shape)
+    np.put_along_axis(effects, moved, np.diff(values, axis=1) * sign / STEP, axis=1)
+    size = np.abs(effects)
+    resampled = np.array([size[pick].mean(axis=0) for pick in _picks(len(size), seed)])
+    return Screening(effects.mean(axis=0), size.mean(axis=0), effects.std(axis=0, ddof=1), _interval(resampled))
+
+
+def indices(values: Array, *, seed: int = 0) -> Indices:
+    """Return the indices by the outputs (rows, 2 + groups) of `saltelli_rows`, all finite and not all equal."""
+    first, total = _indices(values)
+    resampled = np.array([_indices(values[pick]) for pick in _picks(len(values), seed)])
+    return Indices(first, total, _interval(resampled[:, 0]), _interval(resampled[:, 1]))
+
+
+def _indices(values: Array) -> tuple[Array, Array]:
+    """Return the first order by Saltelli et al. 2010, total by Jansen 1999 (their table 2, b and f)."""
+    centred = values - values[:, :2].mean()
+    a, b, mixed = centred[:, :1], centred[:, 1:2], centred[:, 2:]
+    variance = max(float(centred[:, :2].var()), np.finfo(float).tiny)
+    return np.mean(b * (mixed - a), axis=0) / variance, 0.5 * np.mean((a - mixed) ** 2, axis=0) / variance
+
+
+def _picks(count: int, seed: int) -> NDArray[np.int_]:
+    return np.random.default_rng([seed, 3]).integers(count, size=(RESAMPLES, count))
+
+
+def _interval(resampled: Array) -> Array:
+    return np.percentile(resampled, INTERVAL, axis=0).T
+
+
 Measured = TypeVar("Measured", Screening, Indices)
 FEWEST = {"morris": 4, "sobol": 8}  # whole rows or trajectories under which nothing is said
 _FIGURES = {  # keys of result.json, and what they hold
     "morris": {"mu_star": "mu_star", "interval90": "mu_star90", "mu": "mean", "sigma": "sigma"},
     "sobol": {"first": "first", "first_interval90": "first90", "total": "total", "total_interval90": "total90"},
 }
+WIDE = 0.4  # of an output's variance: a wider interval of a Sobol index ranks nothing
+ROWS = {"morris": "trajectories", "sobol": "rows"}
 MANY_SNAP = 0.05  # share of samples that snap above which indices depend partly on chance
 
 
@@ -63,8 +158,6 @@ class SensitivityResult:
     wall_s: float
     cpu_s: float
     interrupted: bool = False  # by Ctrl-C
-    screenings: list[Screening | None] = field(init=False)  # by column; None where it does not vary
-    indices: list[Indices | None] = field(init=False)
 
     def __post_init__(self) -> None:
         for method, samples in self.computed.items():
@@ -72,9 +165,16 @@ class SensitivityResult:
                 rows = f"{samples.sound.sum()} of {len(samples.cube)} {ROWS[method]} are whole"
                 why = f"{samples.failed} samples failed" if samples.failed else "the time was too short"
                 raise SimulationError(f"{self.study.name}: {rows}, {why}; expected at least {FEWEST[method]}")
-        seed = self.study.seed
-        object.__setattr__(self, "screenings", self._measured("morris", partial(screening, seed=seed)))
-        object.__setattr__(self, "indices", self._measured("sobol", lambda _, values: indices(values, seed=seed)))
+
+    @cached_property
+    def screenings(self) -> list[Screening | None]:
+        """Return the screening by column; None where it does not vary."""
+        return self._measured("morris", partial(screening, seed=self.study.seed))
+
+    @cached_property
+    def indices(self) -> list[Indices | None]:
+        """Return the indices by column; None where it does not vary."""
+        return self._measured("sobol", lambda _, values: indices(values, seed=self.study.seed))
 
     def _measured(self, method: str, measure: Callable[[Array, Array], Measured]) -> list[Measured | None]:
         """Return a method's measure of each column that varies, of its sound rows: their points and outputs."""
@@ -106,7 +206,7 @@ class SensitivityResult:
 
     @property
     def sentences(self) -> list[str]:
-        """What must be said beside the indices: warnings first, then what is in order."""
+        """Return what must be said beside the indices: warnings first, then what is in order."""
         return [text for text, _ in sorted(self._statements(), key=lambda statement: not statement[1])]
 
     @property
@@ -152,7 +252,7 @@ class SensitivityResult:
         return {"mean": float(values.mean()), "std": float(values.std()), "low90": float(low), "high90": float(high)}
 
     def as_json(self) -> dict[str, Any]:
-        """What result.json holds."""
+        """Return what result.json holds."""
         return {
             "outputs": {c.name: self._output(k) for k, c in enumerate(self.columns)},
             "inputs": dict(zip(self.inputs.names, self.inputs.units, strict=True)),
@@ -181,7 +281,3 @@ class SensitivityResult:
                     for i, name in enumerate(names)
                 }
         return entry
-
-
-WIDE = 0.4  # of an output's variance: a wider interval of a Sobol index ranks nothing
-ROWS = {"morris": "trajectories", "sobol": "rows"}

@@ -1,31 +1,96 @@
-"""A sweep from its file to its report."""
+"""A sweep from its file to its report. Its samples lie on disk: what is computed stays, whatever ends the process."""
 
-from collections.abc import Callable, Sequence
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.errors import InputError, SimulationError
+from fabdesign.errors import InputError, SimulationError, note
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
-from fabdesign.output import work_folder
 from fabdesign.runtime import working_time
 from fabdesign.runtime.cluster import at_once as machines
 from fabdesign.runtime.effort import duration
-from fabdesign.study_files.sensitivity_file import SensitivityStudy, read_sensitivity
+from fabdesign.runtime.fingerprint import sha256
+from fabdesign.runtime.store import Database
+from fabdesign.study_files.sensitivity_file import Output, SensitivityStudy, read_sensitivity
 from studies.layout_search.target import LoadedTarget, load_target
 from studies.prediction.forward_model import WithMuscleStates, forward_model, knows_muscles
 from studies.prediction.stability import moves, to_either_side
-from studies.sensitivity.estimators import saltelli_rows, trajectories
 from studies.sensitivity.inputs import Inputs
 from studies.sensitivity.outputs import Outputs, needs_tension
 from studies.sensitivity.report import write_report
-from studies.sensitivity.result import Computed, SensitivityResult
-from studies.sensitivity.store import FILE, Samples, sweep_content
+from studies.sensitivity.result import Computed, SensitivityResult, saltelli_rows, trajectories
+from studies.study import Running, StudyRun, kept_content, simulator
 
-Array = NDArray[np.float64]
+FILE = "samples.sqlite"
+ALGORITHM = 1  # of what samples hold: raised where kept ones are no longer what this code would compute
+_RAISED = ("name", "methods", "samples", "trajectories", "seconds")  # what may grow, or changes no sample
+_DROP_DAMAGED = "delete from samples where typeof(numbers) <> 'blob' or length(numbers) = 0 or length(numbers) % 8 <> 0"
+
+
+class Samples(Database):
+    """A SQLite file of one study's samples, by part (a method's design) and number in it."""
+
+    schema = """
+create table if not exists samples (part text, number integer, numbers blob, primary key (part, number));
+create table if not exists spent (id integer primary key check (id = 0), wall real, cpu real);
+insert or ignore into spent values (0, 0, 0);
+"""
+    holds = "another study"
+
+    def __init__(self, path: Path | str, content: Mapping[str, str]) -> None:
+        super().__init__(path, content)
+        with self.writing() as file:
+            dropped = file.execute(_DROP_DAMAGED).rowcount
+        if dropped:
+            note(f"{path}: {dropped} samples are damaged; they are computed again")
+
+    def of(self, part: str) -> dict[int, Array]:
+        """Return the numbers of each sample that is there."""
+        rows = self.rows("select number, numbers from samples where part = ?", part)
+        return {number: np.frombuffer(numbers) for number, numbers in rows}
+
+    def add(self, part: str, values: Mapping[int, Array], *, wall: float, cpu: float) -> None:
+        """Add samples, and the seconds that they took."""
+        rows = [(part, int(n), np.asarray(v, float).tobytes()) for n, v in values.items()]
+        with self.writing() as file:
+            file.executemany("insert or replace into samples values (?, ?, ?)", rows)
+            file.execute("update spent set wall = wall + ?, cpu = cpu + ?", (wall, cpu))
+
+    @property
+    def spent(self) -> tuple[float, float]:
+        """s by the clock and of the processor, all sessions together."""
+        [(wall, cpu)] = self.rows("select wall, cpu from spent")
+        return float(wall), float(cpu)
+
+
+def sweep_content(study: SensitivityStudy, target: Array | None) -> dict[str, str]:
+    """Return what the samples depend on, by field."""
+    more: dict[str, Any] = {f"functions.{name}": _text_of(function) for name, function in study.functions.items()}
+    if target is not None:
+        more["target.points"] = sha256(target)
+    if study.target is not None and study.target.weighting is not None:
+        more["target.regions"] = repr(study.target.weighting.regions)
+    return kept_content(study, (*_RAISED, "target", "functions"), more, ALGORITHM)
+
+
+def _text_of(function: Output) -> str:
+    """Return that by which a function is known again in another session: what it does, not where it lies."""
+
+    def content(code: Any) -> list[Any]:
+        inner = [content(c) if hasattr(c, "co_code") else repr(c) for c in code.co_consts]
+        return [code.co_code.hex(), code.co_names, inner]
+
+    code = getattr(inspect.unwrap(function), "__code__", None)
+    return repr(type(function)) if code is None else sha256(repr(content(code)))
+
+
 BATCH = 128  # samples in one call: twice what the simulator takes side by side
 CHECKED = 8, 32  # samples at least and at most of which it is looked whether they snap
 _SHARE = 16  # every so many-th row is looked at
@@ -50,10 +115,9 @@ def run_sensitivity(
     out: Path | str,
     *,
     forward: ForwardModel | None = None,
-    seconds: float | None = None,
-    force: bool = False,
     progress: Callable[[Progress], None] = lambda _: None,
     interruptible: bool = False,
+    **how: Unpack[Running],
 ) -> SensitivityResult:
     """Compute the samples of a study and write `result.json`, `samples.csv` and `report.html` into `out`.
 
@@ -62,12 +126,10 @@ def run_sensitivity(
     interruptible: Ctrl-C ends with what is done, where that is enough for a statement.
     Raises SimulationError where too many samples fail for a statement.
     """
-    inputs = [] if isinstance(study, SensitivityStudy) else [study]
-    study = study if isinstance(study, SensitivityStudy) else read_sensitivity(study)
-    study = study if seconds is None else replace(study, seconds=seconds)
-    inputs += [study.target.file] if study.target else []
+    run = StudyRun.of(study, read_sensitivity, how)
+    study = run.study
     target = load_target(study.target, study.design, seed=study.seed) if study.target else None
-    with work_folder(out, made_by="sensitivity", force=force, inputs=inputs) as work:
+    with run.folder(out, "sensitivity", [study.target.file] if study.target else []) as work:
         content = sweep_content(study, None if target is None else target.points)
         with Samples.of_work(work, FILE, content) as store:
             result = _Sweep(study, target, store, forward, progress, interruptible).run()
@@ -89,9 +151,7 @@ class _Sweep:
         self._interruptible, self._interrupted = interruptible, False
         self.study, self.inputs, self._store, self._progress = study, Inputs(study), store, progress
         if forward is None:
-            from sim import Simulator  # here: it loads and starts taichi
-
-            forward = Simulator(study.points_per_side, rise=study.rise, hold=study.hold)
+            forward = simulator(study.points_per_side, study)
         if needs_tension(study.outputs) and not knows_muscles(forward):
             raise InputError(f"largest_tension: {type(forward).__name__} knows no tensions; expected the simulator")
         self._tensions = WithMuscleStates(forward) if needs_tension(study.outputs) else None
@@ -139,7 +199,8 @@ class _Sweep:
         )
 
     def _checked(self, parts: dict[str, Array]) -> Array:
-        """(n, inputs) values of the samples of which it is looked whether they snap: those that begin the rows."""
+        """Return (n, inputs) values of the samples of which it is looked whether they snap: those that begin the
+        rows."""
         if not self.study.design.channels:
             return np.empty((0, len(self.inputs.names)))
         part, cube = [*parts.items()][-1]
@@ -149,7 +210,7 @@ class _Sweep:
     def _all(
         self, part: str, values: Array, compute: Callable[[Array], list[Array]], *, cases: int
     ) -> dict[int, Array]:
-        """What the store has of a part, with what is missing computed, as long as there is time."""
+        """Return what the store has of a part, with what is missing computed, as long as there is time."""
         done = self._store.of(part)
         missing = [k for k in range(len(values)) if k not in done]
         self._done += cases * (len(values) - len(missing))
@@ -192,13 +253,13 @@ class _Sweep:
         return [moves(*last[3 * k : 3 * k + 3]) for k in range(len(values))]
 
     def _shapes(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
-        """(T, 3362, 3) m of each case at the study's times, or at rest."""
+        """Return (T, 3362, 3) m of each case at the study's times, or at rest."""
         if not self.study.at:
             return [shape[None] for shape in self._forward.equilibria(cases)]
         return self._forward.motions(cases, [np.array(self.study.at)] * len(cases))
 
     def _at_rest(self) -> Array:
-        """(3362, 3) m without pressure, in the middle of all ranges."""
+        """Return (3362, 3) m without pressure, in the middle of all ranges."""
         case = self.inputs.case(self.inputs.centre, np.zeros(self.study.design.channels))
         shape = self._forward.equilibria([case])[0]
         if not np.isfinite(shape).all():
@@ -207,7 +268,7 @@ class _Sweep:
 
 
 def _filled(outputs: dict[int, Array], shape: tuple[int, ...], columns: int) -> Array:
-    """(whole rows, samples a row, columns): the rows before the first of which a sample is not there."""
+    """Return (whole rows, samples a row, columns): the rows before the first of which a sample is not there."""
     rows, each = shape
     whole = next((k for k in range(rows * each) if k not in outputs), rows * each) // each
     return np.array([outputs[k] for k in range(whole * each)]).reshape(whole, each, columns)

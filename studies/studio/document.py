@@ -8,13 +8,11 @@ from typing import Literal
 from fabdesign.errors import InputError
 from fabdesign.nouns.trial import Trial
 from fabdesign.study_files.study_targets import TargetFile
-from studies.studio.history import DrawingHistory
-from studies.studio.layout import Layout, Point, move_corner, move_muscle, point_name, row_distance, snapped
-from studies.studio.limits import Broken, broken_limits
+from studies.studio import layout as edits
+from studies.studio.drawings import DrawingHistory, Result, Row, Seen
+from studies.studio.layout import Broken, Layout, Point
 from studies.studio.model_choice import ModelChoice
-from studies.studio.opening import Opened
-from studies.studio.results import Result, Row, Seen
-from studies.studio.target import Comparison, ShownTarget, placed_by_hand
+from studies.studio.opening import Comparison, Opened, ShownTarget, placed_by_hand
 
 
 class Document:
@@ -31,7 +29,7 @@ class Document:
         self.targets, self.results = list(opened.targets), list[Result]()
         self.drawn, self.beside = Seen(), True
         self.shown: Result | None = None
-        self.snap, self.row_distance = False, row_distance(opened.layout.design)
+        self.snap, self.row_distance = False, edits.row_distance(opened.layout.design)
         self.selected: int | None = 0 if opened.layout.design.muscles else None
         self.message = "", False
         self.listeners: list[Callable[[], None]] = []
@@ -113,7 +111,7 @@ class Document:
     def broken(self) -> list[Broken]:
         """Return the limits that are broken, worked out once for each layout."""
         if self._broken is None or self._broken[0] is not self.layout:
-            self._broken = self.layout, broken_limits(self.layout, self.limits)
+            self._broken = self.layout, edits.broken_limits(self.layout, self.limits)
         return self._broken[1]
 
     # what is told
@@ -183,9 +181,11 @@ class Document:
             return  # removed meanwhile, in another tab
         self._dragged = None if last else self.layout
         if self.snap:
-            to = snapped(to, (design.fabric.width, design.fabric.height), self.row_distance)
-        name = point_name(design.muscles[index], corner)
-        self.drag(f"move {name} {corner} of muscle {index}", move_corner(self.layout, index, corner, to), last=last)
+            to = edits.snapped(to, (design.fabric.width, design.fabric.height), self.row_distance)
+        name = edits.point_name(design.muscles[index], corner)
+        self.drag(
+            f"move {name} {corner} of muscle {index}", edits.move_corner(self.layout, index, corner, to), last=last
+        )
 
     def drag_muscle(self, index: int, by: Point, *, last: bool) -> None:
         """Move a whole muscle `by` m since the drag began."""
@@ -196,7 +196,7 @@ class Document:
             rows = self.row_distance
             by = (rows * round(by[0] / rows), rows * round(by[1] / rows))
         self._dragged = None if last else start
-        self.drag(f"move muscle {index}", move_muscle(start, index, by), last=last)
+        self.drag(f"move muscle {index}", edits.move_muscle(start, index, by), last=last)
 
     def press(self, channel: int, pressure: float) -> None:
         """Take a slider's value, Pa: a gesture until it is left alone."""

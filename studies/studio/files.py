@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fabdesign.drawings.sewing import export_design
+from fabdesign.drawings.sewing import Exported, export_design
 from fabdesign.errors import InputError
 from fabdesign.files.design_file import read_design, write_design
 from fabdesign.files.pressure_file import pressure_file_of, write_pressures
@@ -21,9 +21,8 @@ from fabdesign.runtime.fingerprint import sha256
 from optimize.search.margins import Limits
 from studies.studio.document import Document
 from studies.studio.layout import Layout
-from studies.studio.opening import Opened
+from studies.studio.opening import Opened, ShownTarget
 from studies.studio.search import study_document
-from studies.studio.target import ShownTarget
 
 FORMAT = "fabdesign.studio-autosave/1"
 SETTLED = 2.0  # s of the motion in pressures.csv after its rise
@@ -147,12 +146,11 @@ class Saving:
         return Saved(tuple(folder / name for name in names if not name.name.startswith(".")), left_out)
 
 
-def save_template(layout: Layout, folder: Path, *, replace: bool) -> Saved:
+def save_template(layout: Layout, folder: Path, *, replace: bool) -> Exported:
     """Write what `fabdesign export` does into a folder. Raises InputError like it."""
     kinds = [layout.design.muscle_types[muscle.type] for muscle in layout.design.muscles]
     tail = _TAIL if any(kind.tail_length is None for kind in kinds) else None
-    made = export_design(layout.design, folder, stem="design", tail_length=tail, force=replace)
-    return Saved(made.files, made.left_out)
+    return export_design(layout.design, folder, stem="design", tail_length=tail, force=replace)
 
 
 def _template(layout: Layout, folder: Path) -> tuple[str, ...]:
@@ -167,13 +165,13 @@ def _template(layout: Layout, folder: Path) -> tuple[str, ...]:
 
 class Files:
     """Saves, restores and follows the file. folder and template_folder: where the design and its templates go, unless
-    other places are typed."""
+    other places are typed. saving: what is known of saved folders."""
 
     def __init__(self, document: Document) -> None:
         self._document, self._file = document, document.opened.file
         self.folder = _folder(document.opened)
         self.template_folder = self._file.with_name(f"{self._file.stem}_template")
-        self._saving, self._autosave = Saving(), Autosave(self._file)
+        self.saving, self._autosave = Saving(), Autosave(self._file)
         self._autosaves = True  # until one fails
         self._known = content_hash(self._file)
 
@@ -233,7 +231,7 @@ class Files:
         document.history.end()
         self._autosave.clear()  # it may lie in the folder, where no other files may be
         try:
-            saved = self._saving.save(
+            saved = self.saving.save(
                 document.layout, folder, targets=document.targets, poses=document.pressures,
                 limits=document.limits, model=document.model_file, replace=replace,
             )  # fmt: skip
@@ -248,9 +246,6 @@ class Files:
             self._known = content_hash(self._file)
         document.tell("; ".join([f"saved {len(saved.files)} files in {folder}", *saved.left_out]))
         return saved
-
-    def would_replace(self, folder: Path) -> str | None:
-        return self._saving.replaces(folder)
 
     def save_template(self, folder: Path, *, replace: bool = False) -> None:
         """Write the sewing template of what is shown, and say so."""

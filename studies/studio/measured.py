@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.files.trial_file import TrialData
 from fabdesign.geometry.metrics import Errors
 from fabdesign.geometry.surface import CAP, Surface, capped_rms
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.trial import Trial
 from fabdesign.units import in_mm
@@ -29,11 +29,11 @@ class TrialMotion:
     is: the cloud is then the next one that is."""
 
     name: str
-    times: NDArray[np.float64]
+    times: Array
     points: NDArray[np.float32]
     clouds: Sequence[NDArray[np.floating[Any]]] | None = None
     correction: Correction | None = None
-    off: NDArray[np.float64] | None = None
+    off: Array | None = None
 
     @property
     def simulated(self) -> NDArray[np.float32] | None:
@@ -48,15 +48,15 @@ class TrialMotion:
             return None
         return self.correction.simulated[frame]
 
-    def cloud(self, frame: int) -> NDArray[np.float64] | None:
+    def cloud(self, frame: int) -> Array | None:
         """Return what was measured or is wanted of a frame, (n_t, 3) m."""
         return None if self.clouds is None else np.asarray(self.clouds[frame], dtype=np.float64)
 
-    def distances(self, frame: int) -> NDArray[np.float64] | None:
+    def distances(self, frame: int) -> Array | None:
         """Return (n_t,) m from each of these points to the shown surface, capped at 10 mm."""
         return self._distances(self.points, frame)
 
-    def _distances(self, points: NDArray[np.float32], frame: int) -> NDArray[np.float64] | None:
+    def _distances(self, points: NDArray[np.float32], frame: int) -> Array | None:
         cloud = self.cloud(frame)
         if cloud is None:
             return None
@@ -132,18 +132,16 @@ class TrialErrors:
                     self._next()
 
         with document.refusals():
-            self._ask(ask_of_trial(document.trials[label], choice.model)[2], arrived)
+            self._ask(ask_of_trial(document.trials[label], choice.model), arrived)
 
 
-def ask_of_trial(trial: Trial, model: Model) -> tuple[Trial, TrialData, Ask]:
-    """Return the trial with what was measured, and the ask for its motion as sensors see it and its errors. Raises
+def ask_of_trial(trial: Trial, model: Model) -> Ask:
+    """Return the ask for a trial's motion as sensors see it, and its errors from what was measured. Raises
     InputError."""
-    data = trial.load()
-    ask = Ask(
-        0, "motion", trial.design, trial.program, model, trial.times, trial.order, sensing=True,
-        measured=tuple(data.frames),
-    )  # fmt: skip
-    return trial, data, ask
+    measured = tuple(trial.load().frames)
+    return Ask(
+        0, "motion", trial.design, trial.program, model, trial.times, trial.order, sensing=True, measured=measured
+    )
 
 
 def errors_table(by_trial: Mapping[str, tuple[Errors, ...]]) -> str:

@@ -9,19 +9,19 @@ from numpy.typing import NDArray
 from fabdesign.effects.registry import EFFECTS, effect_named
 from fabdesign.errors import InputError
 from fabdesign.geometry.shape import Shape
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.model import EffectTerm, Model, Quantity
 from fabdesign.nouns.model_sampling import Ensemble
 
 SHOWN = 2.0  # prior deviations off, for an effect that is switched on to be seen
 NORMAL90 = 1.6449  # standard deviations to either side that hold 90 % of a normal distribution
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class ModelChoice:
-    """What was chosen. given: what `--model` brought, if anything. fitted: whether its factors, effects and corrector
-    hold, or the data sheet. effect_values: of the effects that are on, by name, each parameter in the unit that the
-    effect declares. corrected: whether the corrector acts, where the model has one."""
+    """The choice of a model. given: what `--model` brought, if anything. fitted: whether its factors, effects and
+    corrector hold, or the data sheet. effect_values: of the effects that are on, by name, each parameter in the unit
+    that the effect declares. corrected: whether the corrector acts, where the model has one."""
 
     given: Model | None = None
     fitted: bool = True
@@ -113,8 +113,8 @@ def models_around(model: Model) -> list[Model]:
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """What a model's intervals do to the lower edge, to first order. half: (n, 3) m to either side, which holds 90 %,
-    in x, y and z."""
+    """The effect of a model's intervals on the lower edge, to first order. half: (n, 3) m to either side, which holds
+    90 %, in x, y and z."""
 
     half: Array
 

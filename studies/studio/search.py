@@ -12,18 +12,17 @@ from typing import Any, Literal, get_args
 import tomlkit
 
 from fabdesign.errors import InputError
-from fabdesign.files.design_file import read_design, write_design
-from fabdesign.files.pressure_file import pressure_file_of, read_pressures
+from fabdesign.files.design_file import write_design
 from fabdesign.formats.json_file import read_json
 from fabdesign.output import new_folder
+from fabdesign.study_files.study_file import result_in
 from fabdesign.study_files.study_targets import TargetFile
 from fabdesign.units import from_mm, in_kpa, in_mm
 from optimize.search.margins import Limits
 from studies.studio.document import Document
+from studies.studio.drawings import Result
 from studies.studio.layout import Layout
-from studies.studio.opening import search_limits
-from studies.studio.results import Result
-from studies.studio.target import ShownTarget
+from studies.studio.opening import ShownTarget, search_limits
 
 Vary = Literal["pressures", "pressures and positions", "one more muscle"]
 VARIES: tuple[Vary, ...] = get_args(Vary)
@@ -133,13 +132,13 @@ class Search:
             content = read_json(self.result / "result.json")
             if content == self._seen:
                 return None
-            design = read_design(self.result / "design.toml")
-            files = [self.result / pressure_file_of(pose) for pose in range(1, self._poses + 1)]
-            rows = [read_pressures(file, design).pressure[-1] for file in files]
+            best = result_in(self.result)
         except (OSError, ValueError):  # it is being replaced at this moment
             return None
+        if len(best.pressures) < self._poses:  # so it is
+            return None
         self._seen = content
-        layouts = tuple(Layout.of(design, tuple(map(float, row))) for row in rows)
+        layouts = tuple(Layout.of(best.design, tuple(map(float, row))) for row in best.pressures)
         objective, evaluations = from_mm(float(content["objective_mm"])), int(content["evaluations"])
         return SearchResult(layouts, objective, evaluations, str(content.get("stop_reason", "")))
 

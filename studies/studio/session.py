@@ -5,13 +5,11 @@ from collections.abc import Callable
 
 from studies.studio.document import Document
 from studies.studio.files import Files
-from studies.studio.live import Solves
 from studies.studio.measured import TrialErrors
 from studies.studio.opening import Opened
-from studies.studio.playing import Playing
-from studies.studio.program import ProgramEdit
+from studies.studio.playing import Playing, ProgramEdit
 from studies.studio.search import BackgroundSearch
-from studies.studio.shapes import Shapes
+from studies.studio.shapes import Shapes, Solves
 
 CALM = 0.35  # s without a further value, after which a slider counts as let go
 DUE = 1.0  # s between autosaves, and looks at the file and the search

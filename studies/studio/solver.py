@@ -21,6 +21,7 @@ from fabdesign.files.motion_file import MotionData
 from fabdesign.files.pressure_file import constant_program
 from fabdesign.geometry.metrics import Errors, trial_errors
 from fabdesign.geometry.sensor_noise import NOISE_FREE, estimate_noise
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.corrector import Corrector, Trust, central_hash
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case, Term
@@ -52,7 +53,7 @@ class Ask:
     design: Design
     program: PressureProgram
     model: Model
-    times: NDArray[np.float64] | None = None
+    times: Array | None = None
     order: int = 0
     sensing: bool = False
     measured: tuple[NDArray[np.floating[Any]], ...] = ()  # (n_t, 3) m of each frame, where errors are asked for
@@ -101,7 +102,7 @@ class Answer:
     correction: Correction | None = None
     errors: tuple[Errors, ...] = ()
     laced: MotionData | None = None
-    off: NDArray[np.float64] | None = None  # (T,) m from what is wanted, NaN at instants at which nothing is
+    off: Array | None = None  # (T,) m from what is wanted, NaN at instants at which nothing is
 
     @property
     def simulated(self) -> Points | None:
@@ -120,36 +121,30 @@ class StudioSolver:
         self._program: Any = None  # keeps the states of the program that was simulated last
 
     def answer(self, ask: Ask) -> Answer:
+        """Return the answer; what goes wrong is said in it."""
         begin = working_time.seconds()
-        if ask.kind == "laced":
-            return self._laced(ask)
-        coarse = ask.kind in LOOSE
-        side = COARSE if coarse else ask.model.points_per_side
-        points, correction, error = None, None, None
-        errors: tuple[Errors, ...] = ()
+        side = COARSE if ask.kind in LOOSE else ask.model.points_per_side
+        answer = Answer(ask.number, ask.kind, None, side, 0.0)
         try:
-            points, correction = self._nearby(ask, side) if coarse else self._exact(ask, side)
-            if not np.isfinite(points).all():
-                points, error = None, f"no shape was found: the {ask.kind} calculation diverged"
-            elif ask.measured:
-                errors = _errors(ask, points, correction)
+            answer = self._computed(ask, answer)
         except (InputError, SimulationError) as problem:
-            error = str(problem)
-        off = None
-        if points is not None and ask.wanted is not None and ask.times is not None:
-            off = ask.wanted.errors(ask.times, points)
-        seconds = working_time.seconds() - begin
-        return Answer(ask.number, ask.kind, points, side, seconds, error, correction, errors, off=off)
+            answer = replace(answer, points=None, error=str(problem))
+        return replace(answer, seconds=working_time.seconds() - begin)
 
-    def _laced(self, ask: Ask) -> Answer:
-        assert ask.times is not None
-        side = ask.model.points_per_side
-        try:
+    def _computed(self, ask: Ask, answer: Answer) -> Answer:
+        """Return the answer with what was asked for."""
+        side = answer.points_per_side
+        if ask.kind == "laced":
+            assert ask.times is not None
             forward = self._simulator(side, ask.kind)
             (motion,) = laced_motions(forward, ask.model, [ask.case], [ask.times], sensing=ask.sensing)
-        except (InputError, SimulationError) as problem:
-            return Answer(ask.number, ask.kind, None, side, 0.0, str(problem))
-        return Answer(ask.number, ask.kind, motion.points, side, 0.0, laced=motion)
+            return replace(answer, points=motion.points, laced=motion)
+        points, correction = self._nearby(ask, side) if ask.kind in LOOSE else self._exact(ask, side)
+        if not np.isfinite(points).all():
+            raise SimulationError(f"no shape was found: the {ask.kind} calculation diverged")
+        errors = _errors(ask, points, correction) if ask.measured else ()
+        off = None if ask.wanted is None or ask.times is None else ask.wanted.errors(ask.times, points)
+        return replace(answer, points=points, correction=correction, errors=errors, off=off)
 
     def _nearby(self, ask: Ask, side: int) -> tuple[Points, Correction | None]:
         """Return the shape or motion without the corrector, which acts on exact ones alone, and how far it trusts the
@@ -215,14 +210,14 @@ class _Remembering:
     def __init__(self, simulator: Any) -> None:
         self._simulator = simulator
         self._shapes: list[Points] | None = None
-        self._motion: tuple[NDArray[np.float64], Points] | None = None
+        self._motion: tuple[Array, Points] | None = None
 
     def equilibria(self, cases: Sequence[Case]) -> list[Points]:
         if self._shapes is None:
             self._shapes = self._simulator.equilibria(cases)
         return self._shapes
 
-    def motions(self, cases: Sequence[Case], times: Sequence[NDArray[np.float64]]) -> list[Points]:
+    def motions(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Points]:
         (wanted,) = times
         if self._motion is not None:
             at, points = self._motion
@@ -234,7 +229,7 @@ class _Remembering:
         return [points]
 
 
-def _shown(model: Predictor, case: Case, times: NDArray[np.float64] | None, kind: Kind) -> Points:
+def _shown(model: Predictor, case: Case, times: Array | None, kind: Kind) -> Points:
     if times is None:
         return model.equilibria([case])[0]
     frames = model.motions([case], [times])[0]

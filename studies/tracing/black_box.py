@@ -13,7 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.nouns.lag import first_order
 from fabdesign.nouns.pressure import PressureProgram
+from optimize.fit.clouds import places_on_cloth
 from optimize.fit.cross_validation import Scored
 from optimize.fit.misfit import Array, Indices, frames_of
 from studies.tracing.residuals import Residuals
@@ -24,7 +26,6 @@ SHAPES = 6  # of the model's motion, its main ones
 RIDGES = tuple(np.logspace(-3, 2, 6))
 WIDTHS = 1.0, 3.0  # of the kernel, times the root of the number of features
 MOST_FOLDS = 8  # trained on in turn
-_SIDE = 41
 _POWERS = [(i, d - i) for d in range(BANDS[-1][1] + 1) for i in range(d + 1)]  # of u and v, by degree
 
 
@@ -57,10 +58,7 @@ def frames_at(state: Residuals) -> Frames:
 def basis_of(state: Residuals) -> Array:
     """(N, m): polynomials of the cloth's coordinates at each point's place, along the front's normal; of mean square 1
     over the cloth."""
-    side = state.misfit.vertex % _SIDE**2
-    u = np.einsum("nc,nc->n", state.misfit.weights, 2 * (side % _SIDE) / (_SIDE - 1) - 1)
-    v = np.einsum("nc,nc->n", state.misfit.weights, 2 * (side // _SIDE) / (_SIDE - 1) - 1)
-    front = np.where(state.misfit.vertex[:, 0] < _SIDE**2, 1.0, -1.0)
+    u, v, front = places_on_cloth(state.misfit)
     legendre = np.polynomial.legendre.Legendre.basis
     return np.stack(
         [front * np.sqrt((2 * i + 1) * (2 * j + 1)) * legendre(i)(u) * legendre(j)(v) for i, j in _POWERS], axis=1
@@ -99,10 +97,7 @@ def _lagged(program: PressureProgram, times: Array, channels: int) -> Array:
 
 def lagged(path: Array, tau: float) -> Array:
     """Return a path (k, channels) of one row each 0.01 s through a first-order lag of `tau` [s]."""
-    slow, keep = np.zeros_like(path), np.exp(-0.01 / tau)
-    for k in range(1, len(path)):
-        slow[k] = keep * slow[k - 1] + (1 - keep) * path[k - 1]
-    return slow
+    return first_order(path[:-1], np.full(len(path) - 1, 0.01), tau, start=np.zeros(path.shape[1]))
 
 
 def _main(table: Array) -> Array:

@@ -11,9 +11,10 @@ from optimize.fit.cross_validation import LeftOut, Scored
 from optimize.fit.descent import FitStart
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
+from optimize.fit.problem import widened
 from optimize.fit.significance import NEEDED, alike, does
 from studies.tracing.experiment import Explanation
-from studies.tracing.refits import SURE, SetRefits
+from studies.tracing.refits import ASKED, SetRefits
 from studies.tracing.rules import Selection
 from studies.tracing.task import Task
 
@@ -74,7 +75,9 @@ def same_from_rest(task: Task, selection: Selection) -> dict[str, Explanation]:
         if other and EFFECTS[other].named and other not in taken:
             vector, kept = _in_place(chosen.vector, label, fit_vector([other], designs=task.designs), other)
             start = np.concatenate([chosen.x[kept], chosen.x[chosen.vector.part(label)]])
-            fitted = task.fit(f"{other} for {label}", vector, FitStart(start, inputs=chosen.inputs), SURE)
+            jacobian = widened(chosen.state.jacobian[:, kept], np.arange(len(kept)), len(start))
+            begin = FitStart(start, jacobian, chosen.inputs)
+            fitted = task.fit(f"{other} for {label}", vector, begin, ASKED)
             if not selection.judged.predicts_better(refits.judged(fitted), task.tolerance):
                 found[other] = Explanation(
                     " and ".join(effects_of(vector.labels)), vector, fitted.x, label_effect(label)

@@ -9,18 +9,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from fabdesign.effects.registry import label_effect
 from fabdesign.units import in_mm
-from optimize.fit.clouds import Motion, Sample
+from optimize.fit.clouds import Match, Sample, places_on_cloth
 from optimize.fit.cross_validation import Gain, LeftOut
 from optimize.fit.fitted import Fit
-from optimize.fit.misfit import Array, Indices
-from optimize.fit.parameters import FitVector
-from optimize.fit.policy import STEP
-from optimize.fit.problem import Evaluation, FitProblem, columns
+from optimize.fit.misfit import Array, frames_of
+from optimize.fit.problem import Linearisation
 from optimize.fit.significance import NEEDED, cost
-from studies.tracing.task import Task
 
 TURNS = 2  # decoys of an effect: each trial has the columns of the next of its design, or of the one after that
 CHANCE = 0.95  # quantile of the decoys' gains that an effect must gain more than
@@ -50,42 +47,19 @@ class Decoys:
         )
 
 
-def decoys_beside(task: Task, known: Fit, joint: FitVector) -> Decoys:
-    """Of the effects that `known` has, and of those of a joint fit that it does not have. Kept with the task's fits.
-    None of them where a design has no two trials with different pressures."""
-
-    def judged() -> list[tuple[Gain, bool]]:
-        task.say("decoys: effects driven by other trials' pressures")
-        return _judged(task, known, joint)
-
-    kept = task.checkpoint.get(f"decoys_{' '.join(known.vector.labels)}", judged)
-    return Decoys(tuple((gain, (low, high)) for (gain, (low, high)), _ in kept), tuple(needed for _, needed in kept))
-
-
-def _judged(task: Task, known: Fit, joint: FitVector) -> list[tuple[Gain, bool]]:
-    """Of each decoy: what trials left out gain by it, and whether the data need it."""
-    orders = turned(task.data.samples, task.data.folds)
-    if not orders:
-        return []
-    taken = {label_effect(label) for label in known.vector.labels}
-    others, _ = joint.only([label for label in joint.labels if label_effect(label) not in taken])
-    added = tuple(p for p in others.parameters if not p.is_factor)
-    own = known.vector
-    vector = FitVector((*own.parameters, *added), own.factors, (*own.terms, *others.terms))
-    x = np.concatenate([known.x, np.zeros(len(added))])
-    parts = {label: vector.part(label) for label in vector.labels}
-    problem = task.problem(vector)
-    tables = decoy_columns(problem, Evaluation(x, known.state.misfit, known.state.sheets), parts, orders)
-    trials = LeftOut.of(known, task.data.folds)
-    without, found = trials.scored(), []
-    for table in tables:
-        first = 0
-        for part in parts.values():
-            beside = trials.with_columns(table[:, first : first + len(part)], vector.prior[part])
-            needed = _cost(beside, len(part)) >= NEEDED
-            found.append((trials.gain(without, beside.scored(), task.floor), needed))
-            first += len(part)
-    return found
+def decoys_beside(known: Fit, joint: Fit, samples: Sequence[Sample], folds: Sequence[int], floor: float) -> Decoys:
+    """Return decoys of each effect of a joint fit, judged beside another fit of the same points. floor: noise, m. None
+    where a design has no two trials with different pressures."""
+    trials, vector = LeftOut.of(known, folds), joint.vector
+    without, gains, needed = trials.scored(), list[Gain](), list[bool]()
+    for order in turned(samples, folds):
+        table = exchanged(joint.state, samples, order)
+        for label in vector.labels:
+            part = vector.part(label)
+            beside = trials.with_columns(table[:, part], vector.prior[part])
+            gains.append(trials.gain(without, beside.scored(), floor))
+            needed.append(_cost(beside, len(part)) >= NEEDED)
+    return Decoys(tuple(gains), tuple(needed))
 
 
 def _cost(beside: LeftOut, count: int) -> float:
@@ -95,25 +69,19 @@ def _cost(beside: LeftOut, count: int) -> float:
     return cost(x, np.asarray(covariance, dtype=np.float64), np.arange(len(x) - count, len(x)))
 
 
-def decoy_columns(
-    problem: FitProblem, evaluation: Evaluation, parts: dict[str, Indices], orders: Sequence[Sequence[int]]
-) -> list[Array]:
-    """(N, k) m of each order: the unknowns of all `parts`, one after another, each trial with another's changes."""
-    vector, samples, x = problem.vector, problem.samples, evaluation.x
-    unknowns = np.concatenate([*parts.values()])
-    steps = vector.steps(x, np.diag(STEP * vector.scale))[unknowns]
-    others = [[vector.case(s.trial, x + step) for s in samples] for step in steps]
-    found: list[list[Array]] = [[] for _ in orders]
-    for changes in problem.displacements(evaluation, others):
-        for order, own in zip(orders, found, strict=True):
-            own.append(columns(evaluation, [_at(samples[s], samples[t], changes[t]) for s, t in enumerate(order)]))
-    lengths = steps[np.arange(len(unknowns)), unknowns]
-    return [np.nan_to_num(np.concatenate(own, axis=1)) / lengths for own in found]
-
-
-def _at(sample: Sample, other: Sample, change: Motion) -> Motion:
-    """(k, F, n, n, 3): another sample's changes at the frames of this one, the nearest in time."""
-    return change[:, np.abs(other.times[None] - sample.times[:, None]).argmin(axis=1)]
+def exchanged(state: Linearisation, samples: Sequence[Sample], order: Sequence[int]) -> Array:
+    """Return (N, p) m: the Jacobian with rows of sample order[s] in place of those of sample s, at the frame nearest in
+    time and of it the point nearest on the cloth; along the front's normal, and zero where it is not known."""
+    match = state.misfit
+    assert isinstance(match, Match)
+    u, v, front = places_on_cloth(match)
+    place, source = np.stack([u, v], axis=1), np.zeros(len(u), dtype=np.intp)
+    points = {(int(match.sample[rows[0]]), int(match.frame[rows[0]])): rows for rows in frames_of(match)[1]}
+    for (s, f), rows in points.items():
+        other = order[s]
+        there = points[other, int(np.abs(samples[other].times - samples[s].times[f]).argmin())]
+        source[rows] = there[cKDTree(place[there]).query(place[rows])[1]]
+    return np.nan_to_num(state.jacobian[source]) * (front * front[source])[:, None]
 
 
 def turned(samples: Sequence[Sample], folds: Sequence[int]) -> list[list[int]]:

@@ -12,17 +12,18 @@ from optimize.fit.fitted import Fit
 from optimize.fit.misfit import Array
 from optimize.fit.normal import loss
 from optimize.fit.parameters import FitParameter, FitVector
-from optimize.fit.policy import FitStage, to_the_end
+from optimize.fit.policy import FitStage, Policy
 from optimize.fit.problem import Evaluation, widened
 from optimize.fit.significance import NEEDED, conditioned
 from studies.tracing.decoys import Decoys, decoys_beside
 from studies.tracing.judged import Judged
+from studies.tracing.reduction import promised
 from studies.tracing.rules import Refits
 from studies.tracing.task import Place, Task
 
 # A step is the last that promises less than a quarter, in log likelihood, of what makes an effect needed.
-SURE = to_the_end("fewer effects, sure", FitStage(slight=0.01, least=NEEDED / 4))
-ASKED = to_the_end("fewer effects, asked", FitStage(slight=0.01, least=NEEDED / 4, sure=False))
+_LAST = FitStage(slight=0.01, least=NEEDED / 4, sure=False)
+ASKED = Policy("fewer effects", _LAST, _LAST)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,13 +49,14 @@ class SetRefits(Refits):
         self, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf, sure: bool = False, named: str = ""
     ) -> Fit:
         """Return a fit of these effects alone, from where one with more is, on its Jacobian but for shapes that it has
-        not. hopeless: m RMS, of a fit that need not be refined. sure: whether its Jacobian is made where it ends."""
+        not. hopeless: m RMS, of a fit that need not be refined. sure: whether it begins on a Jacobian of its own."""
         vector, starts = with_shapes(known, labels)
         fewer, index = known.vector.only(labels)
         at = [vector.names.index(name) for name in fewer.names]
-        jacobian = widened(known.state.jacobian[:, index], at, len(vector.names))
+        jacobian = None if sure else widened(known.state.jacobian[:, index], at, len(vector.names))
         named = named or f"{' '.join(vector.labels)}{' at last' if sure else ''}"
-        policy = replace(SURE if sure else ASKED, hopeless=hopeless)
+        content = float(np.hypot(promised(known, to_first_order(known, labels)), 0.5 * self.tolerance))
+        policy = replace(ASKED, hopeless=hopeless, content=content)
         return self.task.fit(named, vector, FitStart(starts, jacobian, known.inputs), policy)
 
     def without(self, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf) -> Fit:
@@ -62,7 +64,7 @@ class SetRefits(Refits):
         return self.of(known, [other for other in known.vector.labels if other not in labels], hopeless=hopeless)
 
     def sure(self, known: Fit) -> Fit:
-        """Return the fit of the same effects with a Jacobian made where it ends."""
+        """Return the fit of the same effects, gone on with by a Jacobian made where it ended."""
         return self.of(known, known.vector.labels, sure=True)
 
     def alone(self, known: Fit, plain: Fit) -> Fit:
@@ -74,7 +76,8 @@ class SetRefits(Refits):
 
     def decoys(self, known: Fit, everything: Fit) -> Decoys:
         """Return effects by chance beside a fit."""
-        return decoys_beside(self.task, known, everything.vector)
+        data = self.task.data
+        return decoys_beside(known, everything, data.samples, data.folds, self.task.floor)
 
     def matters_elsewhere(self, fit: Fit, dropped: Sequence[str], label: str) -> bool:
         """Return whether a fit with terms `dropped` off differs on other layouts where one more is, to first order: by
@@ -97,10 +100,7 @@ def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
     """Return the factors and these terms with all of their parameters that are no choice of a whole number, and (2, p)
     where a joint fit says they are with the others off: to first order, and as they are with the others there, which
     is nearer where these are far from small."""
-    gone = joint.vector.parts(label for label in joint.vector.labels if label not in labels)
-    places = [joint.minimum]
-    if len(gone):
-        places.insert(0, conditioned(joint.minimum, joint.covariance, gone)[0])
+    places = [to_first_order(joint, labels), joint.minimum]
     vector, index = joint.vector.only(labels)
     known = [dict(zip(vector.names, vector.inside(x[index]), strict=True)) for x in places]
     parameters = [p for p in vector.parameters if p.is_factor]
@@ -115,6 +115,12 @@ def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
     terms = tuple(_chosen_only(term) for term in vector.terms)
     whole = FitVector(tuple(parameters), vector.factors, terms)
     return whole, np.array([[of.get(p.name, p.start) for p in parameters] for of in known])
+
+
+def to_first_order(joint: Fit, labels: Sequence[str]) -> Array:
+    """Return (p,) where a joint fit has its unknowns, to first order, with all terms but `labels` off."""
+    gone = joint.vector.parts(label for label in joint.vector.labels if label not in labels)
+    return joint.vector.inside(conditioned(joint.minimum, joint.covariance, gone)[0])
 
 
 def _chosen_only(term: Term) -> Term:

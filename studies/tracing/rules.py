@@ -232,14 +232,20 @@ def too_little(refits: Refits, selection: Selection) -> Selection | None:
 
 def as_well(refits: Refits, selection: Selection) -> Selection | None:
     """Drop an effect where a fit without it does as well: what is not linear may take its place, and which of two gains
-    more to first order may be wrong."""
+    more to first order may be wrong. Not asked of an effect that gains more than enough for certain."""
     known, limit, most = selection.chosen, least(refits, selection), selection.reference
     hopeless, asked = float(np.hypot(most.fit.after, MUCH * limit)), selection.asked
-    for label in sorted(selection.gains.keys() - {*asked}, key=lambda label: selection.gains[label][0]):
-        several = len(selection.gains) > 1
+    several = len(selection.gains) > 1
+    unsure = [label for label, (_, (low, _)) in selection.gains.items() if low < limit and label not in asked]
+    for label in sorted(unsure, key=lambda label: selection.gains[label][0]):
+        cause = is_cause(known, label)
         fit = refits.without(known, [label], hopeless=hopeless) if several else selection.plain
-        if not loses(refits, most, judged := refits.judged(fit), limit, cause=is_cause(known, label)):
-            return selection.without(judged, [label]) if several else selection.none(judged, [label])
+        judged = refits.judged(fit)
+        if several and not loses(refits, most, judged, limit, cause=cause):
+            judged = refits.judged(refits.sure(fit))
+        if not loses(refits, most, judged, limit, cause=cause):
+            dropped = replace(selection.without(judged, [label]), exact=True)
+            return dropped if several else selection.none(judged, [label])
         asked = (*asked, label)
     return replace(selection, asked=asked) if asked != selection.asked else None
 
@@ -282,8 +288,8 @@ ON_BENCHES = (_TOO_LITTLE,)
 ON_SETS = (
     Rule("begin beside", "one effect is left", "false minima of the declared parameters", begin_beside),
     _TOO_LITTLE,
-    Rule("as well without", "the same, by a fit without it", "first order may be wrong of two that are alike", as_well),
     Rule("make sure", "a Jacobian made where the fit ends", "updates drift over several fits", make_sure),
+    Rule("as well without", "the same, by a fit without it", "first order may be wrong of two that are alike", as_well),
     Rule(
         "by chance", f"the {CHANCE:.0%} quantile of decoys' gains", "target-decoy competition, Elias and Gygi 2007",
         by_chance,

@@ -39,7 +39,7 @@ from studies.tracing.surface_errors import errors_of_trials
 from studies.tracing.task import Place, Task
 from studies.tracing.verdict import Evidence, decide
 
-ALGORITHM = 24  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
+ALGORITHM = 25  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
 TOLERANCE = 0.5e-3  # m of excess
 TRIALS = 16  # at most, spread over those allowed
 LEAST_TRIALS = 3  # with different pressures

@@ -3,8 +3,8 @@
 Around the false minimum that a fit without them goes to the wrong names come first.
 """
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -17,51 +17,78 @@ from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
-from optimize.fit.policy import NEAR
-from optimize.fit.problem import widened
+from optimize.fit.policy import AT_REST, NEAR, Policy
 from optimize.fit.significance import NEEDED, cheapest_first, conditioned, cost, needed
 from studies.calibration.intervals import expected_rms
 from studies.calibration.joint_fit import beside, joint_fit
-from studies.calibration.rest_fit import fit_at_rest
+from studies.calibration.rest_fit import beginning, fit_at_rest
 from studies.tracing.judged import Judged, is_certain
 from studies.tracing.reduction import promised, reduced
-from studies.tracing.refits import SetRefits
+from studies.tracing.refits import SetRefits, to_first_order
 from studies.tracing.rules import ON_SETS, Selection, below, follow
 from studies.tracing.task import Task
 from studies.tracing.verdict import so_far
 
 SLIGHT = 2.0  # times the tolerance: what leaves no more is near the minimum, and the joint fit begins there
+PROMISING = 0.5  # of what the declared parameters leave: where one effect promises to leave more, it is not all
 HOPELESS = 4.0  # times the tolerance: what leaves more is not refined before the joint fit
 
 
 def select(task: Task) -> Selection:
-    """One joint fit from the data sheet, then backwards, to first order: dropped is what its joint covariance does not
-    need, then what trials left out gain too little by. What stays is fitted with its shapes and asked once more, and of
-    several each by a fit without it.
-
-    Where the declared parameters leave little, the residuals are nearly linear about them, and the joint fit begins
-    there: from the data sheet a cloth that snaps leads it astray. Not where they had to go where no specimen is: an
-    effect hides in them then."""
+    """One joint fit, then backwards, to first order: dropped is what its joint covariance does not need, then what
+    trials left out gain too little by. What stays is fitted with its shapes and asked once more, and of several each by
+    a fit without it."""
     every = fit_vector(["all"], factors=task.factors, designs=task.designs)
     vector = without(every, task.known)
-    hopeless = expected_rms(task.data.noise, HOPELESS * task.tolerance)
-    factors = fit_at_rest(task.data, task.fits, vector.without_effects)
-    begin = FitStart(None if factors is None else factors.x)
-    plain = task.fit("plain", vector.without_effects, begin, replace(NEAR, hopeless=hopeless))
-    excess = _excess(task, plain)
-    plausible = plain.vector.is_plausible(plain.x)
-    if excess <= task.tolerance and plausible:
+    at_rest = fit_at_rest(task.data, task.fits, vector)
+    begun = _Begun.over_horizons(task, vector) if at_rest is None else _Begun.at_rest(task, vector, at_rest)
+    excess = _excess(task, begun.plain)
+    if excess <= task.tolerance and begun.plain.vector.is_plausible(begun.plain.x):
         task.say(so_far(()))
-        begin = FitStart(plain.minimum, inputs=plain.inputs)
-        return _adequate(task, vector, task.fit("plain to its end", plain.vector, begin))
-    start = beside(vector, plain.x) if excess <= SLIGHT * task.tolerance and plausible else vector.start
-    rested = fit_at_rest(task.data, task.fits, vector)
-    everything = joint_fit(task.data, vector, start, replace(task.fits, named="every effect"), rested)
-    if rested is not None:  # what the shapes do not need may be what motions do
-        everything = _with_all(task, vector, everything)
+        begin = FitStart(begun.plain.minimum, inputs=begun.plain.inputs)
+        return _adequate(task, vector, task.fit("plain to its end", begun.plain.vector, begin))
+    everything = begun.joint(excess)
     task.say(so_far(needed(everything.minimum, everything.covariance, everything.vector, NEEDED)))
-    selection = backwards(SetRefits(task), everything, task.weighed(plain, everything.inputs))
-    return replace(selection, at_rest=rested)
+    selection = backwards(SetRefits(task), everything, task.weighed(begun.plain, everything.inputs))
+    return replace(selection, at_rest=at_rest)
+
+
+@dataclass(frozen=True)
+class _Begun:
+    """Where a trace begins. plain: the declared parameters alone, as far as they are not hopeless. joint: makes the fit
+    of every effect, told what the plain one leaves of trials left out [m]."""
+
+    plain: Fit
+    joint: Callable[[float], Fit]
+
+    @staticmethod
+    def over_horizons(task: Task, vector: FitVector) -> "_Begun":
+        """Begin at the data sheet. Where the declared parameters leave little, the residuals are nearly linear about
+        them, and the joint fit begins there: from the data sheet a cloth that snaps leads it astray. Not where they had
+        to go where no specimen is: an effect hides in them then."""
+        plain = task.fit("plain", vector.without_effects, FitStart(), _hopeful(task))
+
+        def joint(excess: float) -> Fit:
+            near = excess <= SLIGHT * task.tolerance and plain.vector.is_plausible(plain.x)
+            start = beside(vector, plain.x) if near else vector.start
+            return joint_fit(task.data, vector, start, replace(task.fits, named="every effect"))
+
+        return _Begun(plain, joint)
+
+    @staticmethod
+    def at_rest(task: Task, vector: FitVector, at_rest: Fit) -> "_Begun":
+        """Begin where shapes at rest are fitted: so near that no horizon is looked at, and that one Jacobian leads."""
+        begin = beginning(vector, at_rest, ())
+        inputs = task.input_errors(vector, begin)
+        factors = np.stack([x[vector.are_factors] for x in (beginning(vector, at_rest, at_rest.vector.labels), begin)])
+        plain = task.fit("plain", vector.without_effects, FitStart(factors, inputs=inputs), _hopeful(task))
+        start = FitStart(begin, inputs=inputs)
+        return _Begun(plain, lambda _: task.fit("every effect", vector, start, AT_REST))
+
+
+def _hopeful(task: Task) -> Policy:
+    """Return how the declared parameters are fitted before any effect is looked at."""
+    return replace(NEAR, hopeless=expected_rms(task.data.noise, HOPELESS * task.tolerance))
 
 
 def backwards(refits: SetRefits, everything: Fit, plain: Fit) -> Selection:
@@ -71,21 +98,14 @@ def backwards(refits: SetRefits, everything: Fit, plain: Fit) -> Selection:
     if not labels:
         alone = refits.alone(everything, plain)
         return Selection(everything, alone, refits.judged(alone), small=tuple(small))
-    known = enough(refits, everything, labels)
+    known = enough(refits, everything, labels, plain)
+    exact = known is not None
     if known is None:
         fewer, labels = reduced(refits.task, everything, labels)
-        known = refits.of(fewer, labels, sure=True)
+        known = refits.of(fewer, labels)
     judged, of_all = refits.judged(known), refits.judged(everything).excess
-    return follow(ON_SETS, refits, Selection(everything, plain, judged, of_all, tuple(small), most=judged))
-
-
-def _with_all(task: Task, vector: FitVector, joint: Fit) -> Fit:
-    """Return a joint fit to first order with all unknowns of a vector, those that it has not at nothing."""
-    _, at = vector.only([k for k, term in zip(vector.labels, vector.terms, strict=True) if term in joint.vector.terms])
-    x = np.zeros(len(vector.parameters))
-    x[at] = joint.x
-    jacobian = widened(joint.state.jacobian, at, len(x))
-    return task.linearised("every effect beside them", vector, FitStart(x, jacobian, joint.inputs))
+    begun = Selection(everything, plain, judged, of_all, tuple(small), most=judged, exact=exact)
+    return follow(ON_SETS, refits, begun)
 
 
 def _excess(task: Task, fitted: Fit) -> float:
@@ -148,14 +168,18 @@ def sparse(everything: Fit, labels: Sequence[str]) -> list[str]:
     return [label for label in labels if label in best.values()]
 
 
-def enough(refits: SetRefits, everything: Fit, labels: Sequence[str]) -> Fit | None:
+def enough(refits: SetRefits, everything: Fit, labels: Sequence[str], plain: Fit) -> Fit | None:
     """The fit with one of the effects alone, that which costs most to drop, if it leaves as little as all together do,
-    to first order: the joint fit shares out what it does, and one by one the others go only slowly."""
+    to first order: the joint fit shares out what it does, and one by one the others go only slowly. Not tried where it
+    promises to leave more, and over half of what `plain` leaves."""
     vector = everything.vector
     gone = vector.parts(label for label in vector.labels if label not in labels)
     there = conditioned(everything.minimum, everything.covariance, gone)
     *_, (strongest, _, _) = cheapest_first(*there, {label: vector.part(label) for label in labels})
     least = promised(everything, everything.minimum)
+    promise = promised(everything, to_first_order(everything, [strongest]))
+    if promise > PROMISING * plain.after and over(promise, least) > refits.tolerance:
+        return None
     hopeless = float(np.hypot(least, refits.tolerance))
     one = refits.of(everything, [strongest], hopeless=hopeless, sure=True, named=f"{strongest} alone")
     fits = over(one.after, least) <= 0.5 * refits.tolerance

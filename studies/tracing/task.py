@@ -83,6 +83,17 @@ class Task:
         """As `optimize.fit.descent.fit`. named: in the folder and in what is said."""
         return self.fits.fit(self.problem(vector), start, policy, named)
 
+    def input_errors(self, vector: FitVector, x: Array) -> InputErrors | None:
+        """Return what errors of the inputs do to the trials fitted, at the unknowns x (p,) of a vector; None where the
+        inputs are exact. Kept."""
+        if self.data.weighed is None:
+            return None
+        problem = self.problem(vector)
+        self.say("what errors of the pressures and of the frame's level do")
+        return InputErrors(
+            **self.checkpoint.arrays("inputs", lambda: vars(problem.input_errors(problem.evaluate([x])[0])))
+        )
+
     def nearest(self, vector: FitVector, xs: Sequence[Array]) -> tuple[float, Array]:
         """m RMS of the residuals capped at 10 mm, and the place of `xs` where that is least."""
         best = min(self.problem(vector).evaluate(xs), key=lambda one: one.misfit.rms)

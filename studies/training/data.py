@@ -1,13 +1,15 @@
 """Training data from measured sets: trials chosen, a base fitted to them, its motions, each once."""
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, SimulationError
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.corrector import with_history
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
@@ -21,10 +23,31 @@ from studies.measured.sensitive_stretches import find_used_frames
 from studies.measured.splits import split
 from studies.measured.used_frames import UsedFrames
 
+Network = Literal["field", "paper"]
+KEPT_BACK = 0.15  # share of the trials that are not learned from and say what the corrector is worth
 _AT_ONCE = 32  # motions in memory
 FRAMES = 8  # of a trial that are learned from, spread over it: neighbours say the same
 
 Progress = Callable[[str, int, int], None]  # what is done, how many of how many
+
+
+@dataclass(frozen=True)
+class TrainingOptions:
+    """The options of a training. base: whose parameters and effects the motions have. vector: fit these unknowns to the
+    trials that are learned from first, and take that model for the base; slopes: the fit's cheaper engine. plan: of the
+    network; by default its own. hold_out: designs, and kept_back: the share of the other trials, that are not learned
+    from. coarse: a cheap simulator that finds sensitive stretches, which are left out, and asks drawn models for the
+    intervals, which are calibrated on the trials kept back."""
+
+    base: Model = field(default_factory=Model)
+    vector: FitVector | None = None
+    slopes: ForwardModel | None = None
+    network: Network = "field"
+    plan: Any = None
+    hold_out: Collection[str] = ()
+    kept_back: float = KEPT_BACK
+    seed: int = 0
+    coarse: ForwardModel | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +61,14 @@ class Chosen:
     used: NDArray[np.bool_]  # (T,) mask of its frames; sensitive ones are left out
 
 
+class TrialSplit(NamedTuple):
+    """Trials to learn from and trials held out, and which of their frames are used."""
+
+    learned: list[Chosen]
+    held_out: list[Chosen]
+    used: UsedFrames
+
+
 def choose(
     sets: Sequence[MeasurementSet],
     base: Model,
@@ -46,7 +77,7 @@ def choose(
     kept_back: float,
     seed: int,
     coarse: ForwardModel | None = None,
-) -> tuple[list[Chosen], list[Chosen], UsedFrames]:
+) -> TrialSplit:
     """Return trials to learn from and trials held out, of role `fit`: all of the designs `hold_out`, and about the
     share `kept_back` of the others, whole trials, those with the same pressures on one side; and which of their frames
     are used (coarse: as `studies.prediction.evaluate` takes it). A trial without a frame that is used is in neither.
@@ -76,7 +107,7 @@ def choose(
             ]
     if not learned:
         raise InputError("no trial of role fit is left to learn from; expected at least two")
-    return learned, held, used
+    return TrialSplit(learned, held, used)
 
 
 def case_of(trial: Trial, base: Model) -> Case:
@@ -105,30 +136,31 @@ def frames_learned(chosen: Chosen) -> NDArray[np.intp]:
 def fitted_base(
     sets: Sequence[MeasurementSet],
     learned: Sequence[Chosen],
-    vector: FitVector,
+    options: TrainingOptions,
     forward: ForwardModel,
     checkpoint: Checkpoint,
     *,
-    slopes: ForwardModel | None,
-    points_per_side: int,
-    seed: int,
     progress: Progress,
 ) -> Model:
-    """Return the model that a corrector stands on, as `calibrate` fits it, but to none of the trials that are held
-    out."""
+    """Return the model that a corrector stands on; where unknowns are fitted, as `calibrate` does, but to none of the
+    trials that are held out."""
+    if options.vector is None:
+        return options.base
     taking_part = {chosen.trial.file for chosen in learned}
-    own = [replace(one, trials=tuple(t for t in one.trials if t.file in taking_part)) for one in sets]
+    learning = [replace(one, trials=tuple(t for t in one.trials if t.file in taking_part)) for one in sets]
     return calibrate(
-        [one for one in own if one.trials],
+        [one for one in learning if one.trials],
         forward,
-        vector=vector,
+        vector=options.vector,
         checkpoint=checkpoint,
         progress=lambda line, share: progress(f"base: {line}", round(100 * share), 100),
-        options=CalibrationOptions(slopes=slopes, points_per_side=points_per_side, seed=seed),
+        options=CalibrationOptions(
+            slopes=options.slopes, points_per_side=options.base.points_per_side, seed=options.seed
+        ),
     ).model
 
 
-def _all_times(chosen: Chosen) -> NDArray[np.float64]:
+def _all_times(chosen: Chosen) -> Array:
     return chosen.trial.times
 
 
@@ -140,7 +172,7 @@ class KeptMotions:
     forward: ForwardModel
     checkpoint: Checkpoint
     progress: Progress
-    times: Callable[[Chosen], NDArray[np.float64]] = _all_times
+    times: Callable[[Chosen], Array] = _all_times
     history: tuple[float, ...] = ()
 
     def simulate(self, trials: Sequence[Chosen]) -> None:
@@ -167,8 +199,8 @@ class KeptMotions:
 
     def _simulated(self, some: Sequence[Chosen]) -> list[Arrays]:
         wanted = [with_history(self.times(chosen), self.history)[0] for chosen in some]
-        found = self.forward.motions([chosen.case for chosen in some], wanted)
-        for chosen, motion in zip(some, found, strict=True):
+        simulated = self.forward.motions([chosen.case for chosen in some], wanted)
+        for chosen, motion in zip(some, simulated, strict=True):
             if not np.isfinite(motion).all():
                 raise SimulationError(f"{chosen.name}: the motion diverged; nothing written")
-        return [{"points": motion} for motion in found]
+        return [{"points": motion} for motion in simulated]

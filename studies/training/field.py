@@ -11,14 +11,13 @@ from corrector.basis import anywhere, least_effects, names
 from corrector.inputs import HISTORY, MuscleFields
 from corrector.layout import described, distance
 from corrector.regression import Examples, Regression, best_penalty, coefficients_of, relative_error
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.runtime.store import Arrays, Checkpoint
 from studies.measured.splits import by_program, folds
 from studies.training.data import Chosen, KeptMotions, Progress, check_one_cloth, frames_learned
 
 _GAIN = 0.95  # of the error before, at most, where a correction counts as of use
-
-Coefficients = NDArray[np.float64]
 
 
 def train(
@@ -101,7 +100,7 @@ def _for_unseen(
     return penalty, share, left_out
 
 
-def errors_mm(examples: Sequence[Examples], coefficients: Coefficients | None = None) -> float:
+def errors_mm(examples: Sequence[Examples], coefficients: Array | None = None) -> float:
     """Return in mm the RMS over the nodes of how far the cloth is off along the normal, mean over frames."""
     return float(np.mean(np.concatenate([e.errors(coefficients) for e in examples])))
 
@@ -131,10 +130,10 @@ def _examples(
     return collected
 
 
-def _times_learned(chosen: Chosen) -> NDArray[np.float64]:
+def _times_learned(chosen: Chosen) -> Array:
     return chosen.trial.times[frames_learned(chosen)]
 
 
-def _clouds(chosen: Chosen) -> list[NDArray[np.float64]]:
+def _clouds(chosen: Chosen) -> list[Array]:
     frames = chosen.trial.load().frames
     return [frames[i] for i in frames_learned(chosen)]

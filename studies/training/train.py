@@ -3,10 +3,10 @@
 import importlib.metadata
 import platform
 import shutil
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,11 +31,17 @@ from studies.intervals.calibrate import spread_json, with_spread
 from studies.measured.fit_data import noise_of
 from studies.measured.used_frames import UsedFrames
 from studies.prediction.evaluation_report import ERRORS
-from studies.training.data import Chosen, KeptMotions, Progress, case_of, choose, fitted_base
+from studies.training.data import (
+    Chosen,
+    KeptMotions,
+    Progress,
+    TrainingOptions,
+    case_of,
+    choose,
+    fitted_base,
+)
 
-Network = Literal["field", "paper"]
-KEPT_BACK = 0.15  # share of the trials that are not learned from and say what the corrector is worth
-ALGORITHM = 13  # of what an unfinished training keeps: raised where it is no longer what this code would compute
+ALGORITHM = 14  # of what an unfinished training keeps: raised where it is no longer what this code would compute
 
 
 @dataclass(frozen=True)
@@ -105,53 +111,32 @@ def train(
     sets: Sequence[MeasurementSet],
     forward: ForwardModel,
     output: Path,
+    options: TrainingOptions,
     *,
     goes_to: Path,
-    base: Model | None = None,
-    vector: FitVector | None = None,
-    slopes: ForwardModel | None = None,
-    network: Network = "field",
-    plan: Any = None,
-    hold_out: Collection[str] = (),
-    kept_back: float = KEPT_BACK,
-    seed: int = 0,
     force: bool = False,
-    coarse: ForwardModel | None = None,
     progress: Progress = lambda what, done, total: None,
 ) -> TrainingResult:
-    """Train on the trials of role `fit` but for the designs `hold_out` and a share `kept_back`, and write the model
-    `output` with its weights beside it, both named after `goes_to`, where they will lie.
+    """Train on the trials of role `fit` but for those that are held out, and write the model `output` with its weights
+    beside it, both named after `goes_to`, where they will lie.
 
-    base: whose parameters and effects the motions have; by default the data sheet's. vector: fit these unknowns to the
-    trials that are learned from first, and take that model for the base; slopes: the fit's cheaper engine. coarse: a
-    cheap simulator that finds sensitive stretches, which are left out, and asks drawn models for the intervals, which
-    are calibrated on the trials kept back. Work goes on in the folder `goes_to` without its ending plus `.training`, if
-    an earlier call like this one was stopped there, and the folder goes when all is done.
+    Work goes on in the folder `goes_to` without its ending plus `.training`, if an earlier call like this one was
+    stopped there, and the folder goes when all is done.
     Raises InputError, also for a folder of another training unless `force`, SimulationError where a motion diverges.
     """
-    base = (base or Model()).without(["corrector"])
-    learned, held, used = choose(sets, base, hold_out=hold_out, kept_back=kept_back, seed=seed, coarse=coarse)
-    simulator = forward
-    forward = Predictor(forward, sensing=True)  # what was measured went through the sensors; cases bring their effects
-    train_network, plan = _network(network, plan, seed)
+    base, seed, coarse = options.base.without(["corrector"]), options.seed, options.coarse
+    train_network, plan = _network(options)
+    options = replace(options, base=base, plan=plan)
+    learned, held, used = choose(
+        sets, base, hold_out=options.hold_out, kept_back=options.kept_back, seed=seed, coarse=coarse
+    )
+    sensed = Predictor(forward, sensing=True)  # what was measured went through the sensors; cases bring their effects
     folder = goes_to.with_suffix(".training")
-    content = _content(learned, base, vector, network, plan)
     with work_folder(folder, made_by="train") as work:
-        checkpoint = Checkpoint(work, content, force=force)
-        if vector is not None:
-            base = fitted_base(
-                sets,
-                learned,
-                vector,
-                simulator,
-                checkpoint,
-                slopes=slopes,
-                points_per_side=base.points_per_side,
-                seed=seed,
-                progress=progress,
-            )
-            learned, held = ([replace(c, case=case_of(c.trial, base)) for c in side] for side in (learned, held))
-        weights, about = train_network(learned, forward, plan, checkpoint, progress=progress)
+        checkpoint = Checkpoint(work, _content(learned, options), force=force)
+        base = fitted_base(sets, learned, options, forward, checkpoint, progress=progress)
+        learned, held = ([replace(c, case=case_of(c.trial, base)) for c in side] for side in (learned, held))
+        weights, about = train_network(learned, sensed, plan, checkpoint, progress=progress)
         about = dict(about) | {"trained_on": central_hash(base)}
         beside = output.with_suffix(".safetensors")
         write_weights(beside, weights, about)
@@ -159,14 +144,14 @@ def train(
             base,
             corrector=beside,
             corrector_hash=central_hash(base),
-            provenance=_provenance(base, sets, learned, held, seed, network),
+            provenance=_provenance(base, sets, learned, held, options),
         )
-        tested = _tested(model, held, forward, checkpoint, seed, progress) if held else {}
-        model, intervals = _with_spread(model, held, simulator, coarse, progress)
+        tested = _tested(model, held, KeptMotions(sensed, checkpoint, progress), seed) if held else {}
+        model, intervals = _with_spread(model, held, forward, coarse, progress)
         write_model(model, output)
     if next(others_in(folder), None) is None:
         shutil.rmtree(folder)
-    return TrainingResult(model, about, tested, len(learned), _in_words(base, vector), used, intervals)
+    return TrainingResult(model, about, tested, len(learned), _in_words(base, options.vector), used, intervals)
 
 
 def _with_spread(
@@ -191,47 +176,38 @@ def _in_words(base: Model, vector: FitVector | None) -> str:
     return "the model's parameters" if base.parameters else "the data sheet's parameters"
 
 
-def _network(network: Network, plan: Any, seed: int) -> tuple[Callable[..., Any], Any]:
+def _network(options: TrainingOptions) -> tuple[Callable[..., Any], Any]:
     """Return the function that trains, and how."""
-    if network == "field":
+    if options.network == "field":
         from corrector.regression import Regression
         from studies.training import field
 
-        return field.train, plan or Regression(seed=seed)
+        return field.train, options.plan or Regression(seed=options.seed)
     from corrector.paper_training import PaperTraining
     from studies.training import paper
 
-    return paper.train, plan or PaperTraining.here(seed)
+    return paper.train, options.plan or PaperTraining.here(options.seed)
 
 
-def _content(
-    learned: Sequence[Chosen], base: Model, vector: FitVector | None, network: Network, plan: Any
-) -> dict[str, str]:
+def _content(learned: Sequence[Chosen], options: TrainingOptions) -> dict[str, str]:
     """Return what makes a training the same."""
     return {
-        "network": network,
+        "network": options.network,
         "trials": ", ".join(chosen.name for chosen in learned),
         "unjudged": repr([np.flatnonzero(~chosen.used).tolist() for chosen in learned]),
-        "model": central_hash(base),
-        "points_per_side": str(base.points_per_side),
-        "free": repr(vector),
-        "plan": repr(plan),
+        "model": central_hash(options.base),
+        "points_per_side": str(options.base.points_per_side),
+        "free": repr(options.vector),
+        "plan": repr(options.plan),
         "files": ", ".join(sha256(chosen.trial.file) for chosen in learned),
         "simulator": str(SIMULATOR),
         "algorithm": str(ALGORITHM),
     }
 
 
-def _tested(
-    model: Model,
-    held: Sequence[Chosen],
-    forward: ForwardModel,
-    checkpoint: Checkpoint,
-    seed: int,
-    progress: Progress,
-) -> dict[str, HeldOutErrors]:
+def _tested(model: Model, held: Sequence[Chosen], motions: KeptMotions, seed: int) -> dict[str, HeldOutErrors]:
     """Return errors on the trials held out, with and without the corrector."""
-    corrector, motions = load_corrector(model), KeptMotions(forward, checkpoint, progress)
+    corrector = load_corrector(model)
     errors: dict[str, HeldOutErrors] = {}
     for name in sorted({chosen.trial.design_name for chosen in held}):
         of_design = [chosen for chosen in held if chosen.trial.design_name == name]
@@ -283,10 +259,9 @@ def _provenance(
     sets: Sequence[MeasurementSet],
     learned: Sequence[Chosen],
     held: Sequence[Chosen],
-    seed: int,
-    network: Network,
+    options: TrainingOptions,
 ) -> Any:
-    names = ("numpy", "safetensors", *(["torch"] if network == "paper" else []))
+    names = ("numpy", "safetensors", *(["torch"] if options.network == "paper" else []))
     origin = base.provenance
     return replace(
         origin,
@@ -296,5 +271,5 @@ def _provenance(
         versions=dict(origin.versions)
         | {"python": platform.python_version(), "fabdesign": __version__}
         | {name: importlib.metadata.version(name) for name in names},
-        seed=origin.seed if origin.seed is not None else seed,
+        seed=origin.seed if origin.seed is not None else options.seed,
     )

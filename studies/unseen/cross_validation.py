@@ -12,6 +12,7 @@ from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.output import whole_file
+from fabdesign.study_files.unseen_file import UnseenStudy
 from fabdesign.units import in_mm
 from optimize.fit.clouds import evenly
 from optimize.fit.descent import Progress, parts
@@ -25,36 +26,28 @@ _FIT = 0.8  # of the work, beside the evaluation
 
 
 def left_out(
-    measured: MeasurementSet,
-    name: str,
-    forward: ForwardModel,
-    *,
-    coarse: ForwardModel,
-    trials: int,
-    free: Sequence[str] = (),
-    points_per_side: int,
-    seed: int,
-    picture: Path,
-    progress: Progress,
+    study: UnseenStudy, name: str, forward: ForwardModel, coarse: ForwardModel, picture: Path, *, progress: Progress
 ) -> dict[str, Any]:
-    """Return errors of the data sheet and of what the other designs' trials of role `fit` gave, on at most `trials`
-    trials of the design `name`; an overlay of one of them goes to `picture` (PNG). free: effects fitted besides
-    (`free_parameters.fit_vector`); the errors without them, of factors fitted alone, are then said too. coarse: as
-    `calibrate` and `evaluate` take it; sensitive stretches are neither fitted nor evaluated. What `evaluate` says of a
-    design and of these stretches, the model's factors and effects, and how many trials were fitted. Raises InputError
-    where nothing is left to fit or to evaluate."""
+    """Return errors of the data sheet and of what the other designs' trials of role `fit` gave, on at most
+    `study.trials` trials of the design `name`; an overlay of one of them goes to `picture` (PNG). With effects fitted
+    besides (`study.free`) the errors without them, of factors fitted alone, are said too. coarse: as `calibrate` and
+    `evaluate` take it; sensitive stretches are neither fitted nor evaluated. What `evaluate` says of a design and of
+    these stretches, the model's factors and effects, and how many trials were fitted. Raises InputError where nothing
+    is left to fit or to evaluate."""
+    measured = study.measured
+    assert measured is not None
     others = tuple(trial for trial in measured.trials if trial.design_name != name and trial.role == "fit")
-    own = [trial for trial in measured.trials if trial.design_name == name]
-    if not others or not own:
+    of_design = [trial for trial in measured.trials if trial.design_name == name]
+    if not others or not of_design:
         raise InputError(f"{measured.name}: without {name}, no trial is left to {'evaluate' if others else 'fit'}")
-    tests = tuple(replace(own[i], role="test") for i in evenly(len(own), trials))
+    tests = tuple(replace(of_design[i], role="test") for i in evenly(len(of_design), study.trials))
     fitting, judging = parts(progress, _FIT)
     calibration = calibrate(
         replace(measured, trials=others),
         forward,
-        vector=fit_vector(free, designs=[trial.design for trial in others]),
+        vector=fit_vector(study.free, designs=[trial.design for trial in others]),
         progress=lambda line, share: fitting(f"without {name}: {line}", share),
-        options=CalibrationOptions(coarse=coarse, points_per_side=points_per_side, seed=seed),
+        options=CalibrationOptions(coarse=coarse, points_per_side=study.points_per_side, seed=study.seed),
     )
     model = replace(calibration.model, without_effects={})  # before is the data sheet
 
@@ -64,7 +57,7 @@ def left_out(
             [replace(measured, trials=tests)],
             forward,
             coarse=coarse,
-            seed=seed,
+            seed=study.seed,
             progress=lambda done, total: judging(
                 f"without {name}{what}: evaluated {done} of {total} trials", done / total
             ),
@@ -77,13 +70,13 @@ def left_out(
         said["without_effects"] = evaluated(calibration.model.before, ", factors alone").as_json()["designs"][name][
             "after"
         ]
-    told = calibration.as_json()
+    content = calibration.as_json()
     return said | {
-        "factors": {k: {key: p[key] for key in ("factor", "interval90")} for k, p in told["parameters"].items()},
-        "effects": told["effects"],
+        "factors": {k: {key: p[key] for key in ("factor", "interval90")} for k, p in content["parameters"].items()},
+        "effects": content["effects"],
         "fitted": len(calibration.model.provenance.fitted),
-        "fit_unjudged": told["unjudged"],
-        "doubts": told["doubts"],
+        "fit_unjudged": content["unjudged"],
+        "doubts": content["doubts"],
     }
 
 
@@ -103,8 +96,8 @@ def _overlay(trial: Trial, k: int, model: Model, forward: ForwardModel, path: Pa
     clouds = trial.load().frames
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     axes = figure.subplots(1, 4, sharey=True)
-    for column, (said, own) in enumerate((("before", model.before), ("after", model))):
-        predictor = forward_model(forward, own, sensing=True)
+    for column, (said, shown) in enumerate((("before", model.before), ("after", model))):
+        predictor = forward_model(forward, shown, sensing=True)
         motion = predictor.motions([Case(trial.design, trial.program, order=trial.order)], [trial.times])[0]
         for view, (axis, label) in enumerate(((2, "z"), (0, "x"))):
             panel = axes[2 * column + view]

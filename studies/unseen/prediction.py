@@ -1,30 +1,76 @@
-"""Shapes of what is not sewn yet, with what the model does not know as intervals."""
+"""Shapes of what is not sewn yet, of models drawn jointly, with what a model does not know as intervals; and which
+measurement would narrow them most: expected information, linear and Gaussian.
 
-from collections.abc import Callable
+About the model, shapes are linear in z, whose prior is the unit normal: a pose's shape is B z, a measurement's frames
+are A z plus noise. After it z has covariance (1 + A^T A / noise^2)^-1, whatever is measured (Lindley 1956; Chaloner and
+Verdinelli 1995), and the shape that times B on both sides."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import SimulationError
 from fabdesign.files.pressure_file import constant_program
-from fabdesign.nouns.forward import ForwardModel
+from fabdesign.geometry.shape import mean_curvature, tip
+from fabdesign.nouns.array import Array
+from fabdesign.nouns.design import Design
+from fabdesign.nouns.forward import MUSCLE_TYPES, OF_MUSCLES, Case, ForwardModel
 from fabdesign.nouns.model import Model
-from fabdesign.nouns.model_sampling import spread_of
-from fabdesign.study_files.unseen_file import Unsewn
+from fabdesign.nouns.model_sampling import Ensemble, spread_of
+from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.study_files.rig_limits_file import RigLimits
+from fabdesign.study_files.unseen_file import CandidateMeasurement, Unsewn
 from fabdesign.units import in_kpa, in_mm
+from optimize.fit.parameters import PRIOR
 from studies.intervals.band import shapes_with_error
 from studies.prediction.stability import moves, snaps, to_either_side
-from studies.sensitivity.outputs import mean_curvature, tip
-from studies.unseen.draws import Draws
-from studies.unseen.result import CorrectorStatement, Percentiles, PoseResult
+from studies.tracing.experiment import programs
+from studies.unseen.report import Measurement, Percentiles, PoseResult
 
-Array = NDArray[np.float64]
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Independent standard normals z stand for a model: first its covariance's, then, for each number of a muscle type
+    that the model does not have, the data sheet's prior."""
+
+    model: Model
+    design: Design
+
+    @cached_property
+    def unknown(self) -> tuple[str, ...]:
+        """Factors of the design's muscle types that the model says nothing of."""
+        known = self.model.factors
+        types = dict.fromkeys(muscle.type for muscle in self.design.muscles)
+        names = [(f"{MUSCLE_TYPES}{kind}.{factor}", factor) for kind in types for factor in OF_MUSCLES]
+        return tuple(name for name, factor in names if name not in known and factor not in known)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return (*self._ensemble.names, *self.unknown)
+
+    @cached_property
+    def _ensemble(self) -> Ensemble:
+        return Ensemble(self.model)
+
+    def case(self, z: Array, program: PressureProgram, design: Design | None = None) -> Case:
+        """Return the case of (n,) z; on the design, or on another one."""
+        count = self._ensemble.size
+        model = self._ensemble.at(z[:count])
+        names = zip(self.unknown, z[count:], strict=True)
+        drawn = {name: float(np.exp(PRIOR[name.rpartition(".")[2]] * x)) for name, x in names}
+        return Case(design or self.design, program, model.factors | drawn, model.terms)
+
+
 _PERCENTILES = 5.0, 50.0, 95.0
 
 
 def predicted(unsewn: Unsewn, draws: Draws, forward: ForwardModel, samples: int, seed: int) -> list[PoseResult]:
-    """Of each pose: the shape's band, tip, mean curvature and the study's outputs over drawn models, and whether it
-    snaps. mm, 1/m, degrees, kPa.
+    """Return of each pose the shape's band, tip, mean curvature and the study's outputs over drawn models, and whether
+    it snaps. mm, 1/m, degrees, kPa.
 
     band: m RMS over points that a drawn model's shape lies from their mean, in mm. A drawn shape has the error of a
     model with calibrated intervals too. Raises SimulationError where most
@@ -37,19 +83,21 @@ def predicted(unsewn: Unsewn, draws: Draws, forward: ForwardModel, samples: int,
     for pose in unsewn.poses:
         cases += [draws.case(z, constant_program(pose)) for z in zs]
         cases += [draws.case(zs[0], constant_program(pose * factor)) for factor in factors]
-    own, spread = len(zs) + len(factors), spread_of(unsewn.model)
+    each, spread = len(zs) + len(factors), spread_of(unsewn.model)
     cases += [] if spread is None else [draws.case(zs[0], constant_program(np.zeros(unsewn.design.channels)))]
     shapes = [np.asarray(shape, float) for shape in forward.equilibria(cases)]
 
     def with_error(drawn: Array, predicted: Array) -> Array:
-        """What the model lacks too, where its intervals are calibrated."""
+        """Add what the model lacks, where its intervals are calibrated."""
         if spread is None or not (np.isfinite(shapes[-1]).all() and np.isfinite(predicted).all()):
             return drawn
         least = 1.0 if draws.unknown else 0.0  # a tolerance of the data sheet was not calibrated
         return shapes_with_error(drawn, shapes[-1], predicted, spread, unsewn.design.fabric, rng, least=least)
 
     return [
-        _pose(unsewn, pose, shapes[k * own : k * own + len(zs)], shapes[k * own + len(zs) : (k + 1) * own], with_error)
+        _pose(
+            unsewn, pose, shapes[k * each : k * each + len(zs)], shapes[k * each + len(zs) : (k + 1) * each], with_error
+        )
         for k, pose in enumerate(unsewn.poses)
     ]
 
@@ -80,18 +128,18 @@ def _pose(
 
 
 def _column(shapes: Array) -> Array:
-    """(models, 41, 2) m: z and y down the cloth's middle line."""
+    """Return (models, 41, 2) m: z and y down the cloth's middle line."""
     faces = shapes.reshape(len(shapes), 2, 41, 41, 3).mean(axis=1)
     return np.asarray(faces[:, :, 20, [2, 1]])
 
 
 def _percentiles(values: Array) -> Percentiles:
-    """5 %, middle, 95 %."""
+    """Return 5 %, middle, 95 %."""
     return [float(x) for x in np.percentile(values, _PERCENTILES)]
 
 
 def intervals_statement(model: Model) -> str:
-    """What the shapes' intervals are from, in words."""
+    """Return what the shapes' intervals are from, in words."""
     spread = spread_of(model)
     if spread is None:
         changed = "; the model was changed since its intervals were calibrated" if model.spread else ""
@@ -102,8 +150,8 @@ def intervals_statement(model: Model) -> str:
     )
 
 
-def corrector_statement(model: Model, unsewn: Unsewn) -> CorrectorStatement:
-    """Whether the model's corrector applies to the design, and in words."""
+def corrector_statement(model: Model, unsewn: Unsewn) -> dict[str, Any]:
+    """Return whether the model's corrector applies to the design, and in words."""
     if model.corrector is None:
         return {"applies": None, "said": "no corrector in this model"}
     from corrector.field import load_corrector  # here: it loads the weights
@@ -112,3 +160,97 @@ def corrector_statement(model: Model, unsewn: Unsewn) -> CorrectorStatement:
     far = f"{trust.distance:.2f} from the designs that it learned from, its limit is {trust.limit:.2f}"
     statement = f"the corrector applies: {far}" if trust.applies else f"the corrector does not apply: {far}"
     return {"applies": trust.applies, "distance": trust.distance, "limit": trust.limit, "said": statement}
+
+
+STEP = 0.5  # of z, in differences
+FRAMES = 6  # of a measurement
+NOISE = 1e-3  # m a coordinate: the sensor's and what the model cannot follow
+IN_TURN = 3  # measurements that are proposed together
+INDEPENDENT = 40  # points of a frame: what the model cannot follow is smooth over the cloth
+_THIN = 8  # every so many-th point
+
+
+def slopes(shapes: Sequence[NDArray[np.float32]]) -> Array:
+    """Return (values, n) m by z, of shapes at +STEP and -STEP of each z in turn; every few points."""
+    flat = [np.asarray(shape[..., ::_THIN, :], float).ravel() for shape in shapes]
+    return np.stack([(up - down) / (2 * STEP) for up, down in zip(flat[::2], flat[1::2], strict=True)], axis=1)
+
+
+def directions(count: int) -> list[Array]:
+    """Return +STEP and -STEP of each z in turn."""
+    return [sign * STEP * row for row in np.eye(count) for sign in (1, -1)]
+
+
+def pose_slopes(unsewn: Unsewn, draws: Draws, forward: ForwardModel) -> Array:
+    """Return (values, n) m: B, all poses one after another."""
+    zs = directions(len(draws.names))
+    cases = [draws.case(z, constant_program(pose)) for pose in unsewn.poses for z in zs]
+    shapes = forward.equilibria(cases)
+    return np.concatenate([slopes(shapes[k : k + len(zs)]) for k in range(0, len(shapes), len(zs))])
+
+
+def information(candidates: Sequence[CandidateMeasurement], draws: Draws, forward: ForwardModel) -> list[Array]:
+    """Return (n, n) A^T A / noise^2 of each candidate's motion; NaN where one diverged."""
+    zs = directions(len(draws.names))
+    cases = [draws.case(z, c.program, c.design) for c in candidates for z in zs]
+    times = [c.program.duration * (np.arange(FRAMES) + 1) / FRAMES for c in candidates for _ in zs]
+    motions = forward.motions(cases, times)
+    matrices = []
+    for k in range(0, len(motions), len(zs)):
+        a = slopes(motions[k : k + len(zs)])
+        points = len(a) / 3 / FRAMES
+        matrices.append(a.T @ a * (INDEPENDENT / points) / NOISE**2)
+    return matrices
+
+
+def spread(b: Array, covariance: Array) -> float:
+    """Return the RMS [m] over points, of shapes B z with z of this covariance."""
+    return float(np.sqrt(3 * np.einsum("ij,jk,ik->i", b, covariance, b).mean()))
+
+
+def after(b: Array, gained: Array) -> float:
+    """Return the RMS [m] of what a measurement of this information leaves of the shapes' spread."""
+    return spread(b, np.asarray(np.linalg.inv(np.eye(len(gained)) + gained)))
+
+
+def in_turn(b: Array, gained: Mapping[str, Array], count: int) -> dict[str, float]:
+    """Return at most `count` measurements, each the one that tells most beside those before it, and m RMS that they
+    leave together. gained: (n, n), what `information` says of each."""
+    chosen: dict[str, float] = {}
+    known = np.zeros((b.shape[1], b.shape[1]))
+    while len(chosen) < min(count, len(gained)):
+        remaining = {name: after(b, known + information) for name, information in gained.items() if name not in chosen}
+        best = min(remaining, key=lambda name: remaining[name])
+        chosen[best], known = remaining[best], known + gained[best]
+    return chosen
+
+
+def measurement(
+    unsewn: Unsewn, draws: Draws, forward: ForwardModel, candidates: Sequence[CandidateMeasurement]
+) -> Measurement:
+    """Return what each measurement would leave of the shapes' spread, and which tell most together."""
+    b, by_name = pose_slopes(unsewn, draws, forward), {candidate.name: candidate for candidate in candidates}
+    gained = dict(zip(by_name, information(candidates, draws, forward), strict=True))
+    gained = {name: matrix for name, matrix in gained.items() if np.isfinite(matrix).all()}
+    left = {name: in_mm(after(b, matrix)) for name, matrix in gained.items()}
+    ranked = sorted(left, key=lambda name: left[name])
+    best = by_name[ranked[0]].program if ranked else None
+    return {
+        "spread_mm": in_mm(spread(b, np.eye(len(draws.names)))),
+        "due_to_mm": {name: in_mm(spread(b[:, k : k + 1], np.eye(1))) for k, name in enumerate(draws.names)},
+        "candidates": {name: {"design": by_name[name].design.name, "left_mm": left[name]} for name in ranked},
+        "program": None if best is None else {
+            "time_s": best.time.tolist(),
+            "pressure_kpa": in_kpa(best.pressure).round(3).tolist(),
+            "duration_s": best.duration,
+        },
+        "in_turn_mm": {name: in_mm(value) for name, value in in_turn(b, gained, IN_TURN).items()},
+    }  # fmt: skip
+
+
+def candidates_of(unsewn: Unsewn, rig: RigLimits) -> list[CandidateMeasurement]:
+    """Return the study's measurements; else steps, staircases and ramps on the design that the rig can do."""
+    if unsewn.candidates:
+        return [*unsewn.candidates]
+    named = programs(unsewn.design, rig)
+    return [CandidateMeasurement(name, unsewn.design, program) for name, program in named.items()]

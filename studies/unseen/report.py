@@ -1,21 +1,73 @@
-"""The folder of a study of what is not measured yet: numbers and a page."""
+"""The result of a study of what is not measured yet: `result.json` in mm, kPa and 1/m, and a page."""
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NotRequired, TypedDict
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from fabdesign.formats.json_file import write_json
 from fabdesign.formats.toml_file import file_stem
-from fabdesign.output import write_text
 from fabdesign.units import in_mm
 from fabdesign.version import __version__
 from studies.prediction.evaluation_report import ERROR_NAMES
 from studies.report import page
-from studies.unseen.result import Measurement, PoseResult, UnseenResult
+from studies.study import write_result
+
+Percentiles = list[float]  # 5, 50 and 95 % over the drawn models
+
+
+class PoseResult(TypedDict):
+    """Shapes at rest under one row of pressures. band: RMS that a drawn model's shape lies from the mean shape; widest:
+    where that is most. snaps: near a bifurcation. middle: m, each model's z and y down the middle line, for the picture
+    alone. failed: models that found no shape at rest. outputs: by what the study asks for, `unit` and `percentiles`."""
+
+    pressures_kpa: list[float]
+    band_mm: float
+    widest_mm: float
+    tip_mm: dict[str, Percentiles]
+    outputs: dict[str, dict[str, Any]]
+    mean_curvature: Percentiles
+    failed: int
+    snaps: bool
+    middle: NotRequired[list[list[list[float]]]]
+
+
+class Measurement(TypedDict):
+    """The information of a measurement. due_to: spread by each unknown's own part, in the covariance's order;
+    candidates: the best first, each `design` and the spread `left_mm` after it, and its program (`time_s`,
+    `pressure_kpa`, `duration_s`). in_turn: those that tell most together, each beside those before it,
+    and the spread that they leave."""
+
+    spread_mm: float
+    due_to_mm: dict[str, float]
+    candidates: dict[str, dict[str, Any]]
+    program: dict[str, Any] | None
+    in_turn_mm: dict[str, float]
+
+
+class UnseenResult(TypedDict):
+    """design to measurement: of a layout before it is sewn. free and left_out: of designs left out in turn. None: not
+    begun, because the time was used. calibrated: whether the shapes' intervals are; intervals: what they are from, in
+    words."""
+
+    name: str
+    seed: int
+    points_per_side: int
+    design: NotRequired[str]
+    model_points_per_side: NotRequired[int]
+    doubted: NotRequired[list[str]]
+    poses: NotRequired[list[PoseResult] | None]
+    unknown: NotRequired[list[str]]
+    calibrated: NotRequired[bool]
+    intervals: NotRequired[str]
+    corrector: NotRequired[dict[str, Any]]
+    measurement: NotRequired[Measurement | None]
+    free: NotRequired[list[str]]
+    left_out: NotRequired[dict[str, dict[str, Any] | None]]
+    wall_s: NotRequired[float]
+
 
 _STATISTICS = ("mean", "max", "min", "std")
 _SNAPS = "Near a bifurcation: the cloth may buckle to either side. Pressures 2 % off lead to another stable shape."
@@ -26,11 +78,10 @@ points of a frame. The set points of the first program are in result.json, <code
 
 def write_report(result: UnseenResult, out: Path, *, pictures: Path) -> None:
     """Write `result.json` and `report.html` into `out`; `pictures` holds the overlays."""
-    write_json(out / "result.json", without_lines(result))
     ended = f"seed {result['seed']}, {result.get('wall_s', 0.0):.0f} s. fabdesign {__version__}"
     last = page.Text(f"{result['points_per_side']} grid points a side, {ended}.", "quiet")
     blocks = [page.Title(result["name"], 1), *_shapes(result), *_left_out(result, pictures), last]
-    write_text(out / "report.html", page.html_of(result["name"], blocks))
+    write_result(out, without_lines(result), result["name"], blocks)
 
 
 def _shapes(result: UnseenResult) -> Iterator[page.Block]:

@@ -1,72 +1,66 @@
 """A study of what is not measured yet, from its file to its report."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
 from fabdesign.formats.toml_file import file_stem
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.model_sampling import spread_of
-from fabdesign.output import WorkFolder, work_folder
+from fabdesign.output import WorkFolder
 from fabdesign.runtime.effort import CALIBRATION, fit_seconds, in_words, on_cores, unseen_seconds
-from fabdesign.runtime.fingerprint import content_of, sha256
+from fabdesign.runtime.fingerprint import sha256
 from fabdesign.runtime.store import Checkpoint
-from fabdesign.study_files.unseen_file import FREE, UnseenStudy, Unsewn, read_unseen
-from fabdesign.units import in_kpa, in_mm
-from fabdesign.version import SIMULATOR
+from fabdesign.study_files.unseen_file import FREE, UnseenStudy, read_unseen
 from optimize.fit.descent import Progress, parts
 from optimize.fit.free_parameters import fit_vector
 from studies.measured.sensitive_stretches import GRID
 from studies.prediction.forward_model import forward_model
 from studies.prediction.stability import to_either_side
+from studies.study import Simulated, StudyRun, kept_content, simulator
 from studies.unseen.cross_validation import left_out
-from studies.unseen.draws import Draws
-from studies.unseen.measurement import Array, after, candidates_of, in_turn, information, pose_slopes, spread
-from studies.unseen.prediction import corrector_statement, intervals_statement, predicted
-from studies.unseen.report import write_report
-from studies.unseen.result import CandidateResult, Measurement, PoseResult, ProposedProgram, UnseenResult
+from studies.unseen.prediction import (
+    Draws,
+    candidates_of,
+    corrector_statement,
+    intervals_statement,
+    measurement,
+    predicted,
+)
+from studies.unseen.report import Measurement, UnseenResult, write_report
 
 _UNSEWN = 0.5  # of the work, that predictions of a layout that is not sewn take beside measured designs
 _DERIVATIVES = 0.3  # of it, after which measurements are compared
-IN_TURN = 3  # measurements that are proposed together
-ALGORITHM = 12  # of what a study's folder keeps: raised where it is no longer what this code would compute
+ALGORITHM = 13  # of what a study's folder keeps: raised where it is no longer what this code would compute
 
 
 def run_unseen(
     study: UnseenStudy | Path | str,
     out: Path | str,
     *,
-    forward: ForwardModel | None = None,
-    coarse: ForwardModel | None = None,
-    seconds: float | None = None,
-    force: bool = False,
     progress: Progress = lambda line, share: None,
+    **how: Unpack[Simulated],
 ) -> UnseenResult:
-    """Evaluate what the study names and write `result.json` and `report.html` into `out`; what result.json holds.
+    """Evaluate what the study names and write `result.json` and `report.html` into `out`. Return what result.json
+    holds. The same study goes on in its folder, piece by piece.
 
-    forward: by default the simulator with the study's grid. coarse: finds the sensitive stretches of the measured
-    set (studies.measured.sensitive_stretches), by default one of its own, or `forward` where that is given. The
-    same study goes on in its folder, piece by piece.
+    coarse: finds the sensitive stretches of the measured set (studies.measured.sensitive_stretches).
     Raises InputError, and SimulationError where shapes cannot be computed.
     """
-    inputs = [] if isinstance(study, UnseenStudy) else [study]
-    study = study if isinstance(study, UnseenStudy) else read_unseen(study)
-    study = study if seconds is None else replace(study, seconds=seconds)
-    inputs += sorted({trial.file.parent.parent for trial in study.measured.trials}) if study.measured else []
+    run = StudyRun.of(study, read_unseen, how)
+    study, forward, coarse = run.study, how.get("forward"), how.get("coarse")
+    inputs = sorted({trial.file.parent.parent for trial in study.measured.trials}) if study.measured else []
     fit_vector(study.free, where=FREE)  # before anything is computed: it raises
-    with work_folder(out, made_by="unseen", force=force, inputs=inputs) as work:
+    with run.folder(out, "unseen", inputs) as work:
         checkpoint = Checkpoint(work, _content(study), seconds=study.seconds)
         if forward is None:
-            from sim import Simulator  # here: it loads and starts taichi
-
-            forward = Simulator(study.points_per_side, rise=study.rise, hold=study.hold)
-            coarse = coarse or Simulator(GRID)
+            forward, coarse = simulator(study.points_per_side, study), coarse or simulator(GRID)
         result: UnseenResult = {"name": study.name, "seed": study.seed, "points_per_side": study.points_per_side}
         before = parts(progress, _UNSEWN)[0] if study.measured is not None else progress
-        if study.unsewn is not None:
-            _add_unsewn(result, study, study.unsewn, forward, checkpoint, before)
+        result = _unsewn(result, study, forward, checkpoint, before)
         if study.measured is not None:
             result["free"] = list(study.free)
             result["left_out"] = _left_out(study, work, forward, coarse or forward, checkpoint, progress)
@@ -93,53 +87,35 @@ def unseen_in_words(study: UnseenStudy) -> str:
     return in_words(seconds, *what, on_cores())
 
 
-def _add_unsewn(
-    result: UnseenResult,
-    study: UnseenStudy,
-    unsewn: Unsewn,
-    simulator: ForwardModel,
-    checkpoint: Checkpoint,
-    progress: Progress,
-) -> None:
+def _unsewn(
+    result: UnseenResult, study: UnseenStudy, engine: ForwardModel, checkpoint: Checkpoint, progress: Progress
+) -> UnseenResult:
+    """Return the result with what there is to say of a layout before it is sewn."""
+    if (unsewn := study.unsewn) is None:
+        return result
     draws = Draws(unsewn.model, unsewn.design)
     bare = replace(unsewn.model, parameters={}, effects=())  # a case brings all of it
-    forward = replace(forward_model(simulator, unsewn.model), model=bare)
+    forward = replace(forward_model(engine, unsewn.model), model=bare)
     progress(f"shapes of {study.samples} models, {len(unsewn.poses)} poses", 0.0)
-    poses: list[PoseResult] | None = checkpoint.get(
-        "poses", lambda: predicted(unsewn, draws, forward, study.samples, study.seed)
-    )
+    poses = checkpoint.get("poses", lambda: predicted(unsewn, draws, forward, study.samples, study.seed))
 
-    def measurement() -> Measurement:
-        b = pose_slopes(unsewn, draws, forward)
+    def measure() -> Measurement:
         candidates = candidates_of(unsewn, study.rig)
         progress(f"what {len(candidates)} measurements would tell", _DERIVATIVES)
-        left: dict[str, CandidateResult] = {}
-        told: dict[str, Array] = {}
-        for candidate, gained in zip(candidates, information(candidates, draws, forward), strict=True):
-            if np.isfinite(gained).all():
-                left[candidate.name] = {"design": candidate.design.name, "left_mm": in_mm(after(b, gained))}
-                told[candidate.name] = gained
-        ranked = dict(sorted(left.items(), key=lambda item: item[1]["left_mm"]))
-        now = in_mm(spread(b, np.eye(len(draws.names))))
-        best = next((c for c in candidates if ranked and c.name == next(iter(ranked))), None)
-        program: ProposedProgram | None = None if best is None else {
-            "time_s": best.program.time.tolist(),
-            "pressure_kpa": in_kpa(best.program.pressure).round(3).tolist(),
-            "duration_s": best.program.duration,
-        }  # fmt: skip
-        shares = {name: in_mm(spread(b[:, k : k + 1], np.eye(1))) for k, name in enumerate(draws.names)}
-        several = {name: in_mm(value) for name, value in in_turn(b, told, IN_TURN).items()}
-        return {"spread_mm": now, "due_to_mm": shares, "candidates": ranked, "program": program, "in_turn_mm": several}
+        return measurement(unsewn, draws, forward, candidates)
 
-    result["design"] = unsewn.design.name
-    result["model_points_per_side"] = unsewn.model.points_per_side
-    result["doubted"] = list(unsewn.model.unreliable)
-    result["poses"] = poses
-    result["unknown"] = list(draws.unknown)
-    result["calibrated"] = spread_of(unsewn.model) is not None
-    result["intervals"] = intervals_statement(unsewn.model)
-    result["corrector"] = corrector_statement(unsewn.model, unsewn)
-    result["measurement"] = checkpoint.get("measurement", measurement)
+    return {
+        **result,
+        "design": unsewn.design.name,
+        "model_points_per_side": unsewn.model.points_per_side,
+        "doubted": list(unsewn.model.unreliable),
+        "poses": poses,
+        "unknown": list(draws.unknown),
+        "calibrated": spread_of(unsewn.model) is not None,
+        "intervals": intervals_statement(unsewn.model),
+        "corrector": corrector_statement(unsewn.model, unsewn),
+        "measurement": checkpoint.get("measurement", measure),
+    }
 
 
 def _left_out(
@@ -150,39 +126,24 @@ def _left_out(
     checkpoint: Checkpoint,
     progress: Progress,
 ) -> dict[str, Any]:
-    measured = study.measured
-    assert measured is not None
+    """Return each design of the measured set as those of the others predict it, by name."""
+    assert study.measured is not None
     results = {}
-    names, begin = sorted(measured.designs), 0.0 if study.unsewn is None else _UNSEWN
+    names, begin = sorted(study.measured.designs), 0.0 if study.unsewn is None else _UNSEWN
     ends = np.linspace(begin, 1.0, len(names) + 1)[:-1]
-    for name, own in zip(names, parts(progress, *ends.tolist())[1:], strict=True):
-        picture = f"left_out_{file_stem(name)}.png"
-        work.claim(picture)
-
-        def compute(name: str = name, picture: str = picture, own: Progress = own) -> dict[str, Any]:
-            return left_out(
-                measured,
-                name,
-                forward,
-                coarse=coarse,
-                trials=study.trials,
-                free=study.free,
-                points_per_side=study.points_per_side,
-                seed=study.seed,
-                picture=work.folder / picture,
-                progress=own,
-            )
-
-        results[name] = checkpoint.get(f"left_out_{file_stem(name)}", compute)
+    for name, part in zip(names, parts(progress, *ends.tolist())[1:], strict=True):
+        piece = f"left_out_{file_stem(name)}"
+        work.claim(f"{piece}.png")
+        compute = partial(left_out, study, name, forward, coarse, work.folder / f"{piece}.png", progress=part)
+        results[name] = checkpoint.get(piece, compute)
     return results
 
 
 def _content(study: UnseenStudy) -> dict[str, str]:
-    """What the pieces depend on, by field."""
+    """Return what the pieces depend on, by field."""
     measured = {}
     if study.measured is not None:
         measured["unjudged"] = f"found with {GRID} points a side"
         for trial in study.measured.trials:
             measured[f"measured.{trial.file.name}"] = f"{trial.design_name}, {trial.role}, {sha256(trial.file)}"
-    content = content_of(study, ("name", "seconds", "measured"), measured)
-    return {"simulator": str(SIMULATOR), "algorithm": str(ALGORITHM)} | content
+    return kept_content(study, ("name", "seconds", "measured"), measured, ALGORITHM)

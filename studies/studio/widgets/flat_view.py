@@ -1,16 +1,153 @@
-"""The flat cloth as on the sewing table, front and back: muscles that are clicked and dragged, and lacing rows."""
+"""Where the pieces stand in the one scene, from where one looks at first, and the colours; and the flat cloth as on the
+sewing table, front and back: muscles that are clicked and dragged, and lacing rows."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from fabdesign.geometry.shape import Shape, at_places
+from fabdesign.nouns.array import Array
+from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.muscle import Muscle
 from studies.studio.document import Document
 from studies.studio.layout import Point, rows
 from studies.studio.widgets.declared import Node, Post
-from studies.studio.widgets.scene import BACK, BROKEN, FRONT, LIFT, Array, Colour, Places, colour, on_plane, ribbon
+
+Colour = tuple[int, int, int]
+LIFT = 0.0015  # m, of muscles above the flat cloth
+# of channels, one after another; distinct also to most who see no red or green
+COLOURS = (
+    (0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167),
+    (86, 180, 233), (160, 110, 60), (90, 90, 200), (120, 150, 40),
+)  # fmt: skip
+BROKEN = (220, 30, 30)
+FRONT, BACK = (214, 222, 232), (196, 204, 190)  # of the cloth's faces
+VIEW, ASPECT = 0.6, 1.3  # rad that is seen from top to bottom; width over height of what the panel leaves, mostly
+_FILLED = 0.97  # of the picture, by what is to be in view
+_PLOT = 0.5  # of the cloth's height, that a program's plot has
+_GAP = 0.25  # of the cloth's longer side, between the pieces
+_BENT = 0.2  # of the cloth's height, that a bent one comes forward or back, and is in view at first
+_TURN, _TILT = -40.0, 15.0  # degrees about y and then x: the hung cloth is seen in three-quarters view, where it bends
+
+
+@dataclass(frozen=True)
+class Places:
+    """A cloth of width and height [m]: its front lies above its back, the hung cloth to their right. The origin is the
+    middle of all of it."""
+
+    width: float
+    height: float
+
+    @staticmethod
+    def of(fabric: Fabric) -> "Places":
+        return Places(fabric.width, fabric.height)
+
+    @property
+    def gap(self) -> float:
+        """Return the distance [m] between the pieces."""
+        return _GAP * max(self.width, self.height)
+
+    def flat_origin(self, side: str) -> tuple[float, float]:
+        """Return (x, y) m of the upper left corner of a flat face."""
+        left = -self.width - self.gap
+        return left, (self.height + self.gap / 2 if side == "front" else -self.gap / 2)
+
+    @property
+    def hung_origin(self) -> tuple[float, float, float]:
+        """Return the middle [m] of the hung cloth's top edge."""
+        return (self.gap + self.width / 2, self.height / 2 + self.gap / 2, 0.0)
+
+    @property
+    def plot(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Return (x, y) m of the lower left corner of a program's plot, and its width and height, below the hung
+        cloth."""
+        return (self.gap, -self.height - self.gap / 2), (self.width, _PLOT * self.height)
+
+    @property
+    def hung_turn(self) -> tuple[float, float, float, float]:
+        """Return w, x, y, z of the hung cloth's turn in the scene."""
+        y, x = np.radians([_TURN, _TILT]) / 2
+        w = float(np.cos(x) * np.cos(y))
+        return w, float(np.sin(x) * np.cos(y)), float(np.cos(x) * np.sin(y)), float(np.sin(x) * np.sin(y))
+
+    @property
+    def outline(self) -> Array:
+        """Return the corners (n, 3) m of all of it: flat faces, titles, the room of the hung cloth when it bends."""
+        title, corners = 0.6 * self.gap, np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * [self.width, self.height]
+        flat = np.concatenate([self.flat(corners, side) for side in ("front", "back")])
+        x, y, z = (1.08 * self.width / 2, self.height, _BENT * self.height)
+        box = np.array([(i, j, k) for i in (-x, x) for j in (0, -y) for k in ((-z, z) if j else (0,))], dtype=float)
+        w, *axis = self.hung_turn
+        turned = box + 2 * np.cross(axis, np.cross(axis, box) + w * box)
+        return np.concatenate([flat, flat + [0, title, 0], turned + self.hung_origin])
+
+    def flat(self, points: Array, side: str, *, lift: float = LIFT) -> Array:
+        """Return (n, 3) m of points (n, 2) in fabric coordinates; from behind, right is left."""
+        (x, y), u, v = self.flat_origin(side), points[:, 0], points[:, 1]
+        across = u if side == "front" else self.width - u
+        return np.stack([x + across, y - v, np.full_like(u, lift)], axis=1)
+
+    def fabric_point(self, at: Array, side: str) -> Point:
+        """Return (u, v) m of a place (3,) on a flat face."""
+        x, y = self.flat_origin(side)
+        across = float(at[0]) - x
+        return (across if side == "front" else self.width - across), y - float(at[1])
+
+
+def on_plane(eye: Array, through: Array, z: float) -> Array | None:
+    """Return (3,) m where the ray from `eye` through another point meets the plane z; None where it does not."""
+    direction = through - eye
+    if abs(direction[2]) < 1e-9 or (t := (z - eye[2]) / direction[2]) <= 0:
+        return None
+    return np.asarray(eye + t * direction)
+
+
+def colour(channel: int) -> Colour:
+    return COLOURS[channel % len(COLOURS)]
+
+
+def ribbon(path: Array, width: float) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+    """Return vertices (4 n, 3) m and triangles (2 n, 3) of a flat band, `width` m wide, along (n + 1, 3) m."""
+    legs = np.diff(path, axis=0)
+    length = np.maximum(np.linalg.norm(legs, axis=1, keepdims=True), 1e-9)
+    along = legs / length * width / 2
+    across = np.stack([-along[:, 1], along[:, 0], np.zeros(len(along))], axis=1)
+    a, b = path[:-1] - along, path[1:] + along
+    vertices = np.stack([a + across, a - across, b - across, b + across], axis=1).reshape(-1, 3)
+    first = 4 * np.arange(len(legs))[:, None]
+    triangles = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]], axis=1).reshape(-1, 3)
+    return vertices.astype(np.float32), triangles.astype(np.uint32)
+
+
+def laced(points: NDArray[np.float32], muscle: Muscle, fabric: Fabric) -> Array:
+    """Return a muscle's fixed points (n, 3) m on a shape (2 m^2, 3) m of the cloth, a little off its face."""
+    faces = at_places(Shape.of(points).faces, muscle.fixed_points() / [fabric.width, fabric.height])
+    face, behind = faces if muscle.side == "front" else faces[::-1]
+    return np.asarray(face + 0.75 * (face - behind))
+
+
+def heat(values: Array, largest: float) -> NDArray[np.uint8]:
+    """Return (n, 3) colours of values from 0 to `largest`: white to dark red."""
+    stops = np.array([(247, 247, 247), (253, 219, 146), (239, 101, 72), (127, 0, 0)], dtype=float)
+    share = np.clip(values / max(largest, 1e-12), 0, 1) * (len(stops) - 1)
+    low = np.minimum(share.astype(int), len(stops) - 2)
+    return np.rint(stops[low] + (share - low)[:, None] * (stops[low + 1] - stops[low])).astype(np.uint8)
+
+
+def eye_of(places: Places, aspect: float = ASPECT) -> tuple[float, float, float]:
+    """Return where [m] one looks from at first, towards the origin: all is in view, a little from the right and above.
+    aspect: width over height of the picture."""
+    back = np.array([0.12, 0.1, 1.0]) / np.linalg.norm([0.12, 0.1, 1.0])
+    right = np.cross([0, 1, 0], back) / np.linalg.norm(np.cross([0, 1, 0], back))
+    points, high = places.outline, _FILLED * np.tan(VIEW / 2)
+    across, up = np.abs(points @ right) / aspect, np.abs(points @ np.cross(back, right))
+    x, y, z = back * (np.maximum(across, up) / high + points @ back).max()
+    return float(x), float(y), float(z)
+
 
 _HANDLE = 0.0035  # m, radius of an end or corner
 _LEAST_WIDTH = 0.0035  # m, of a muscle's band: thinner ones are hard to hit

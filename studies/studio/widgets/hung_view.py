@@ -1,19 +1,22 @@
-"""The cloth as it hangs, with its muscles, and what is shown beside it: target, measured points, other shapes."""
+"""The cloth as it hangs, with its muscles, and what is shown beside it: target, measured points, other shapes; and
+below it the program under edit, a line for each channel, with knots that are dragged."""
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.surface import face_triangles, front_triangles
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
-from studies.studio.live import LiveShape
+from fabdesign.units import in_kpa
+from studies.studio.drawings import LiveShape
 from studies.studio.measured import TrialMotion
+from studies.studio.opening import Comparison
 from studies.studio.session import Session
-from studies.studio.target import Comparison
-from studies.studio.widgets.declared import Node
-from studies.studio.widgets.scene import BACK, FRONT, Colour, Places, colour, heat, laced
+from studies.studio.widgets.declared import Node, Post
+from studies.studio.widgets.flat_view import BACK, FRONT, LIFT, Colour, Places, colour, heat, laced, on_plane
 
 LEAST_SCALE = 0.002  # m, the least end of a scale of distances
 _OTHER, _BEFORE = (60, 90, 200), (230, 140, 40)  # of another drawing's shape; of one before a jump or a correction
@@ -45,7 +48,8 @@ def hung_nodes(session: Session) -> dict[str, Node]:
     if other is not None and other[1].shape is not None:
         nodes |= _beside("other", other[1].shape.points, _OTHER)
     if document.target is not None:
-        nodes |= _cloud("target", document.target.points, _grey(len(document.target.points)))
+        points = document.target.points
+        nodes |= _cloud("target", points, np.tile(np.array(_PLAIN, np.uint8), (len(points), 1)))
     largest = largest_distance(session)
     if largest is not None and shape is not None and document.comparison is not None:
         nodes["/hung/distances"] = _distances(shape, document.comparison, largest)
@@ -112,11 +116,7 @@ def _measured(motion: TrialMotion, frame: int) -> dict[str, Node]:
     return _cloud("measured", cloud, heat(distances, max(LEAST_SCALE, motion.largest or 0.0)))
 
 
-def _grey(count: int) -> NDArray[np.uint8]:
-    return np.tile(np.array(_PLAIN, np.uint8), (count, 1))
-
-
-def _cloud(name: str, points: NDArray[np.float64], colours: NDArray[np.uint8]) -> dict[str, Node]:
+def _cloud(name: str, points: Array, colours: NDArray[np.uint8]) -> dict[str, Node]:
     look = {"point_size": _POINT, "point_shape": "circle", "precision": "float32", "point_shading": "flat"}
     return {f"/hung/{name}": Node("point_cloud", {"points": points.astype(np.float32), "colors": colours, **look})}
 
@@ -134,3 +134,77 @@ def _distances(shape: LiveShape, comparison: Comparison, largest: float) -> Node
     colours = np.concatenate([heat(comparison.of_cloth, largest), opaque], axis=1)
     mesh = trimesh.Trimesh(raised, face_triangles(side, side), vertex_colors=colours, process=False)
     return Node("mesh_trimesh", {"mesh": mesh})
+
+
+Floats = NDArray[np.floating[Any]]
+_KNOT = 0.0035  # m, radius
+_DARK, _GREY = (20, 20, 20), (120, 130, 142)
+
+
+class ProgramView:
+    """Draws the program in the scene, and hands on what a hand does to it. post: runs a function on the session's
+    thread."""
+
+    def __init__(self, session: Session, post: Post) -> None:
+        self._session, self._post = session, post
+
+    def nodes(self) -> dict[str, Node]:
+        """Return the plot; nothing where no program is edited."""
+        edit, playing = self._session.program, self._session.playing
+        if edit is None:
+            return {}
+        rows, cycle = edit.pressures, edit.moving.regulator.cycle
+        most, end = float(edit.moving.regulator.highest.max()), len(rows) * cycle
+
+        def line(times: Floats, pressures: Floats, shade: tuple[int, int, int], thickness: float = 1.0) -> Node:
+            path = self._places(times / end, pressures / most)
+            look = {"colors": shade, "thickness": thickness, "thickness_units": "screen"}
+            return Node("line_segments", {"points": np.stack([path[:-1], path[1:]], axis=1), **look})
+
+        def label(text: str, x: float, y: float, anchor: str) -> Node:
+            at = tuple(self._places(np.array([x]), np.array([y]))[0])
+            return Node("label", {"text": text, "position": at, "anchor": anchor})
+
+        nodes = {
+            "/program/axes": line(np.array([0.0, 0.0, end]), np.array([most, 0.0, 0.0]), _GREY),
+            "/program/most": label(f"{in_kpa(most):.0f} kPa", 0.0, 1.0, "center-right"),
+            "/program/end": label(f"{end:.2f} s", 1.0, 0.0, "top-center"),
+            "/program/title": label(f"program, channel {edit.channel}", 0.5, 1.0, "bottom-center"),
+        }
+        if playing.motion is not None and playing.motion.off is not None:
+            now = np.full(2, playing.motion.times[playing.frame])
+            nodes["/program/now"] = line(now, np.array([0.0, most]), _GREY)
+        held = cycle * np.repeat(np.arange(len(rows) + 1), 2)[1:-1]
+        for channel, steps in enumerate(np.repeat(rows, 2, axis=0).T):
+            thickness = 3.0 if channel == edit.channel else 1.0
+            nodes[f"/program/line_{channel}"] = line(held, steps, colour(channel), thickness)
+        for k, at in enumerate(self._places(cycle * edit.knots / end, rows[edit.knots, edit.channel] / most)):
+            shade, larger = (_DARK, 1.3) if k == edit.knot else (colour(edit.channel), 1.0)
+            ball = {"radius": larger * _KNOT, "color": shade, "position": tuple(at), "subdivisions": 2}
+            nodes[f"/program/knot_{k}"] = Node("icosphere", ball, partial(self._select, k), partial(self.drag, k))
+        return nodes
+
+    def drag(self, knot: int, event: Any) -> None:
+        """Give a knot the pressure under the pointer."""
+        eye = np.asarray(event.client.camera.position, dtype=float)
+        at, edit = on_plane(eye, np.asarray(event.end_position, dtype=float), LIFT), self._session.program
+        if at is None or edit is None:
+            return
+        if event.phase == "start":
+            self._select(knot, event)
+        (_, y), (_, height) = self._box
+        pressure = float(edit.moving.regulator.highest.max()) * (float(at[1]) - y) / height
+        self._post(lambda: edit.put(pressure))
+
+    def _select(self, knot: int, _: Any) -> None:
+        if (edit := self._session.program) is not None:
+            self._post(lambda: edit.select(edit.channel, knot))
+
+    @property
+    def _box(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        return Places.of(self._session.document.layout.design.fabric).plot
+
+    def _places(self, x: Floats, y: Floats) -> Floats:
+        """Return (n, 3) m of shares (n,) of the plot."""
+        origin, size = map(np.array, self._box)
+        return np.concatenate([origin + size * np.stack([x, y], axis=1), np.full((len(x), 1), LIFT)], axis=1)

@@ -6,11 +6,9 @@ import numpy as np
 
 from studies.studio.session import Session
 from studies.studio.widgets.declared import Node, Post, SceneNodes, Widgets
-from studies.studio.widgets.flat_view import FlatView
-from studies.studio.widgets.hung_view import hung_nodes
+from studies.studio.widgets.flat_view import VIEW, FlatView, Places, eye_of
+from studies.studio.widgets.hung_view import ProgramView, hung_nodes
 from studies.studio.widgets.panels import Panel
-from studies.studio.widgets.program_view import ProgramView
-from studies.studio.widgets.scene import VIEW, Places, eye_of
 
 
 class Page:

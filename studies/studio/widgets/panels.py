@@ -10,14 +10,13 @@ from fabdesign.clouds.target_file import AsTarget
 from fabdesign.geometry.placement import UNITS
 from fabdesign.output import read_mark
 from fabdesign.units import in_kpa, in_mm
+from studies.studio.drawings import Row, one_more_buys
 from studies.studio.measured import errors_table
-from studies.studio.results import Row, one_more_buys
 from studies.studio.search import VARIES
 from studies.studio.session import Session
 from studies.studio.widgets.declared import MM, Widget, Widgets, button, buttons, choice, entry, folder, html, words
-from studies.studio.widgets.design_panels import NONE, model, muscle, pressures
+from studies.studio.widgets.design_panels import NONE, model, muscle, pressures, program
 from studies.studio.widgets.hung_view import LEAST_SCALE
-from studies.studio.widgets.program_view import program
 from studies.studio.widgets.status import profile, scale_bar, status
 
 OWN = "own drawing"
@@ -183,7 +182,7 @@ class Panel:
 
         def save() -> None:
             folder = Path(typed("Folder").strip())
-            self._made.unless_lost(files.would_replace(folder), partial(files.save, folder))
+            self._made.unless_lost(files.saving.replaces(folder), partial(files.save, folder))
 
         def export() -> None:
             folder = Path(typed(_TEMPLATE, "Folder").strip())

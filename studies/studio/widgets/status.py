@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 
 from fabdesign.units import in_mm
-from studies.studio.live import LiveShape
+from studies.studio.drawings import LiveShape
 from studies.studio.model_choice import lower_edge
 from studies.studio.session import Session
 from studies.studio.solver import Correction
 from studies.studio.widgets.declared import Widget, html
+from studies.studio.widgets.flat_view import heat
 from studies.studio.widgets.hung_view import LEAST_SCALE, largest_distance
-from studies.studio.widgets.scene import heat
 
 _LINE = 1.4  # em
 _STYLE = f"font-size:0.86em; line-height:{_LINE}; padding:0.2em 0.9em"
