@@ -35,7 +35,8 @@ def quasi_static(predictor: Predictor, case: Case, wanted: Wanted, regulator: Re
     jacobians = predictor.faces_jacobian
     assert jacobians is not None
     for _ in range(STEPS):
-        shapes = jacobians([_held(case, row) for row in pressures], columns)
+        held = [replace(case, program=PressureProgram(np.zeros(1), row[None], 1.0)) for row in pressures]
+        shapes = jacobians(held, columns)
         for k, (moment, shape) in enumerate(zip(moments, shapes, strict=True)):
             side = isqrt(len(shape.points) // 2)
             distances = wanted.distances(int(moment), shape.points, side)
@@ -61,7 +62,3 @@ def _apart(times: Array) -> Sequence[int]:
         if not chosen or times[chosen[-1]] - times[k] >= APART - 1e-9:
             chosen.append(k)
     return chosen[::-1]
-
-
-def _held(case: Case, row: Array) -> Case:
-    return replace(case, program=PressureProgram(np.zeros(1), row[None], 1.0))
