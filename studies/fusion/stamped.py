@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from fabdesign.clouds.recording import Recording
 from fabdesign.depth.sensor import Sensor
 from fabdesign.errors import InputError, note
-from fabdesign.files.pressure_log import steps_of
+from fabdesign.files.pressure_file import steps_of
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.nouns.trial import RecordingTiming, SensorTiming
