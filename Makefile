@@ -1,7 +1,7 @@
 # `make demo` and `make test` do their own set-up, from nothing but Python and a Debian underneath.
 
 PYTHON := .venv/bin/python
-EXTRAS := clouds,cluster,corrector,dev,dxf,export,mocap,optuna,realsense,ros,studio,tables# without corrector, tests that need PyTorch skip
+EXTRAS := board,clouds,cluster,corrector,dev,dxf,export,mocap,optuna,realsense,ros,studio,tables# without corrector, tests that need PyTorch skip
 SETUP := pyproject.toml constraints.txt scripts/setup.sh
 
 .PHONY: demo test coverage lint clean docs reference wheel wheel-test verify-sim verify-cluster verify-trace bench-sim bench-search bench-recordings bench-follow loop

@@ -143,7 +143,7 @@ def main() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         write_text(folder / "commit", commit(PAGE))
         study = study_of(case, number, folder)
-        run_loop(study, folder / "out", progress=lambda line, share: print(f"  {share:.0%} {line}", flush=True))
+        run_loop(study, folder / "out", progress=lambda line, share: print(f"  {share or 0.0:.0%} {line}", flush=True))
         write_text(PAGE, page(options.work))
     write_text(PAGE, page(options.work))
 

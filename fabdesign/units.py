@@ -1,9 +1,8 @@
 """Units at the border. The code computes in SI; people and files get millimetres and kilopascals. The factors stand
 here and nowhere else."""
 
-from dataclasses import dataclass
 from decimal import Decimal
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:  # the help of a command needs no numpy, which takes a fifth of a second to load
     from typing import Any
@@ -11,17 +10,6 @@ if TYPE_CHECKING:  # the help of a command needs no numpy, which takes a fifth o
     from numpy.typing import NDArray
 
 Number = TypeVar("Number", float, "NDArray[Any]")
-
-
-@dataclass(frozen=True)
-class InFile:
-    """How a field of a result stands in a JSON file: under what key, where it is another one, and times what."""
-
-    key: str = ""
-    factor: float = 1.0
-
-
-Millimetres = Annotated[float, InFile(factor=1e3)]  # m, in files mm
 
 
 def in_mm(metres: Number) -> Number:

@@ -2,8 +2,8 @@
 
 The SDK's software device and recorder need no camera. pyrealsense2 2.56.5 writes `.bag`, 2.59.1 writes `.db3`. The npz
 has `depth` (n, rows, columns) uint16, `stamps` (n,) s, `numbers` (n,), `unit` m, `pinhole` fx, fy, cx, cy, `model` and
-`coefficients` of the distortion, and may have `colour` (n, rows, columns, 3) uint8 with `depth_to_colour` (3, 4), and a
-`serial`.
+`coefficients` of the distortion, and may have `colour` (n, rows, columns, 3) uint8 with `depth_to_colour` (3, 4),
+`accel` (n, 3) m/s^2 in the depth camera's axes, and a `serial`.
 """
 
 import gc
@@ -30,6 +30,13 @@ def stream(rs: Any, kind: Any, uid: int, form: Any, size: int, optics: Any) -> A
     made = rs.video_stream()
     made.type, made.index, made.uid, made.fmt, made.bpp = kind, 0, uid, form, size
     made.width, made.height, made.fps, made.intrinsics = optics.width, optics.height, 30, optics
+    return made
+
+
+def vector(rs: Any, values: Any) -> Any:
+    """Return the SDK's vector of three numbers."""
+    made = rs.vector()
+    made.x, made.y, made.z = (float(x) for x in values)
     return made
 
 
@@ -60,6 +67,11 @@ def write(arrays: Any, out: Path) -> None:
             placed.rotation = [float(x) for x in arrays["depth_to_colour"][:, :3].T.ravel()]  # column by column
             placed.translation = [float(x) for x in arrays["depth_to_colour"][:, 3]]
             profile.register_extrinsics_to(shown, placed)
+    accel = arrays.get("accel")
+    if accel is not None:
+        motion, moved = device.add_sensor("Motion Module"), rs.motion_stream()
+        moved.type, moved.index, moved.uid, moved.fps, moved.fmt = rs.stream.accel, 0, 3, 63, rs.format.motion_xyz32f
+        felt = motion.add_motion_stream(moved).as_motion_stream_profile()
     recorder = rs.recorder(str(out), device)
     sensors = recorder.query_sensors()
     for sensor in sensors:
@@ -81,6 +93,11 @@ def write(arrays: Any, out: Path) -> None:
         module.on_video_frame(image)
         if colour is not None:
             camera.on_video_frame(frame(colour[place], place, 3, shown))
+        if accel is not None:
+            sample = rs.software_motion_frame()
+            sample.data, sample.profile, sample.domain = vector(rs, accel[place]), felt, image.domain
+            sample.timestamp, sample.frame_number = image.timestamp, image.frame_number
+            motion.on_motion_frame(sample)
         time.sleep(0.012)  # the recorder drops what comes faster than it writes
     time.sleep(0.5)
     for sensor in sensors:

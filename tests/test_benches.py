@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from benchmarks.benches import straight_line
 from fabdesign.errors import InputError
 from fabdesign.files.bench_file import read_bench
-from fabdesign.files.bench_law_file import TABLES, BenchLaw, read_bench_law, write_bench_law
 from fabdesign.files.design_file import read_design
+from fabdesign.files.law_tables import TABLES, BenchLaw, read_bench_law, write_bench_law
 from fabdesign.nouns.bench import Bench, BenchRecord
 from studies.benches.actuator import StaticCurve
 from studies.benches.calibrate import calibrate_bench, errors_in_words

@@ -13,9 +13,9 @@ from fabdesign.clouds.ply import write_ply
 from fabdesign.files.design_file import write_design
 from fabdesign.nouns.catalogue import LAYOUTS, build, standard
 from fabdesign.nouns.muscle import BenchTable, Muscle
-from studies.check import inspect
 from studies.check.design import design_findings
-from studies.check.ranges import FABRIC, MUSCLE_TYPE, beyond
+from studies.check.files import inspect
+from studies.check.findings import FABRIC, MUSCLE_TYPE, beyond
 
 ONE = build("vertical", muscles=1)
 KIND = ONE.muscle_types["EM20"]

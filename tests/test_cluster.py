@@ -20,9 +20,8 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.runtime import cluster as machines
 from fabdesign.runtime.cluster import Cluster, current, on_cluster
-from fabdesign.study_files.sensitivity_file import SensitivityStudy
-from fabdesign.study_files.study_file import read_cluster
-from fabdesign.study_files.varied_inputs import Varied
+from fabdesign.study_files.sensitivity_file import SensitivityStudy, Varied
+from fabdesign.study_files.study_file import read_head
 from sim import Simulator
 from sim.on_cluster import OnCluster, batches
 from studies.rig import GroundTruth
@@ -152,7 +151,7 @@ def test_nobody_there_is_bad_input(run: Run, folder: Path, monkeypatch: pytest.M
     monkeypatch.setenv("FABDESIGN_CLUSTER", "tcp://127.0.0.1:10")
     one_line(run(*command), "tcp://127.0.0.1:10: no scheduler answers")
     (folder / "s.toml").write_text('kind = "layouts"\ncluster = "tcp://127.0.0.1:11"\n')
-    assert read_cluster(folder / "s.toml") == "tcp://127.0.0.1:11"
+    assert read_head(folder / "s.toml").cluster == "tcp://127.0.0.1:11"
     one_line(run("study", "s.toml", "-o", "out"), "tcp://127.0.0.1:10: no scheduler answers")
     monkeypatch.delenv("FABDESIGN_CLUSTER")
     one_line(run("study", "s.toml", "-o", "out"), "tcp://127.0.0.1:11: no scheduler answers")

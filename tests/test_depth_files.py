@@ -90,6 +90,15 @@ def test_a_recording_of_the_sdk_is_read(ending: str) -> None:
         read_realsense(SAMPLES / f"sample.{ending}", serial="7")
 
 
+@pytest.mark.parametrize("ending", ["bag", "db3"])
+def test_the_accelerometer_says_where_gravity_points(ending: str) -> None:
+    """Written by scripts/write_realsense.py; a D435i at rest feels 9.8 m/s^2 upwards, -y of its axes."""
+    pytest.importorskip("rosbags", reason="the extra realsense is not installed")
+    gravity = read_realsense(SAMPLES / f"accel.{ending}").gravity
+    np.testing.assert_allclose(gravity, [-0.5, 9.7, -1.2], atol=0.02)
+    assert read_realsense(SAMPLES / f"sample.{ending}").gravity is None
+
+
 def test_what_the_sdk_writes_now_is_read(tmp_path: Path) -> None:
     pytest.importorskip("pyrealsense2", reason="the SDK's wheel is not installed")
     pytest.importorskip("rosbags")

@@ -13,11 +13,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from fabdesign.drawings.drawing import Words
-from fabdesign.drawings.pages import NAMES, OVERLAP, PAPERS, joints, page_name, tiled, window
-from fabdesign.drawings.pdf import _axes, _draw, _figure, _overview, _page
+from fabdesign.drawings.pages import (
+    NAMES,
+    OVERLAP,
+    PAPERS,
+    _axes,
+    _draw,
+    _figure,
+    _overview,
+    _page,
+    joints,
+    page_name,
+    tiled,
+    window,
+)
 from fabdesign.drawings.sewing import export_design, pressures_beside, write_cut_list
-from fabdesign.drawings.template import face_drawing, what_it_shows, whole_template
+from fabdesign.drawings.template import Words, face_drawing, what_it_shows, whole_template
 from fabdesign.errors import InputError, InputNote
 from fabdesign.files.pressure_file import constant_program, write_pressures
 from fabdesign.formats.csv_table import write_rows

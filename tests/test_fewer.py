@@ -14,9 +14,8 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.muscle import Muscle
-from fabdesign.study_files.search_terms import Price
 from fabdesign.study_files.study_file import MuscleChoice, Study, read_study
-from fabdesign.study_files.study_targets import TargetFile
+from fabdesign.study_files.study_targets import Price, TargetFile
 from optimize.search.design_space import DesignSpace, Limits, with_shared_channels
 from optimize.search.evaluations import Evaluations, Stage
 from optimize.search.history import History

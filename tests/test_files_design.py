@@ -9,8 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fabdesign.errors import InputError
-from fabdesign.files.curve_file import MembraneCurve
 from fabdesign.files.design_file import read_design, read_part, write_design
+from fabdesign.files.law_tables import MembraneCurve
 from fabdesign.nouns.catalogue import LAYOUTS, build, standard
 from fabdesign.nouns.design import Design, Term
 from fabdesign.nouns.fabric import Fabric

@@ -19,7 +19,7 @@ from fabdesign.files.design_file import read_design, write_design
 from fabdesign.files.motion_file import write_motion
 from fabdesign.nouns.catalogue import build
 from fabdesign.output import new_file, read_mark, sweep, whole_file
-from fabdesign.runtime import cache_folder
+from fabdesign.runtime import shortage
 from studies.check.files import inspect
 from studies.report.charts import chart, curve
 from studies.report.page import html_of
@@ -226,9 +226,9 @@ def test_a_full_cache_folder_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyP
         def write(self, content: bytes) -> int:
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    assert cache_folder._is_writable(tmp_path)
+    assert shortage._is_writable(tmp_path)
     monkeypatch.setattr(tempfile, "TemporaryFile", lambda dir: Full())
-    assert not cache_folder._is_writable(tmp_path)
+    assert not shortage._is_writable(tmp_path)
 
 
 def test_the_line_of_a_full_disk_names_the_file_and_counts_what_is_free(

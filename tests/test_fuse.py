@@ -214,14 +214,13 @@ def test_several_recordings_become_one_set(three: list[Path], tmp_path: Path) ->
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fusing without registration: a flat cloth for every frame; of a recording without frames, what fusing says."""
 
-    def fused(recording: Recording, *_: object) -> SimpleNamespace:
+    def fused(recording: Recording, *_: object) -> tuple[SimpleNamespace, FusionReport]:
         recording.frame(recording.sensors[0], 0)
         rng = np.random.default_rng(0)
         frames = tuple(rng.uniform([-0.1, -0.2, -1e-3], [0.1, 0, 1e-3], (200, 3)) for _ in recording.times)
         data = TrialData(recording.times, recording.program.at(recording.times), frames)
         report = FusionReport(recording.name, len(frames), (), 2.0, 2.0, (), 0.0)
-        fusion = SimpleNamespace(data=lambda: data, draw=lambda path, measured: None)
-        return SimpleNamespace(fusion=fusion, report=report, measured=None, stamped=None)
+        return SimpleNamespace(data=lambda: data, draw=lambda *_: None), report
 
     monkeypatch.setattr("studies.fusion.fuse._fused", fused)
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from fabdesign.errors import InputError
 from fabdesign.files.measurement_set import NewTrial, TrialData, read_set, write_set
-from fabdesign.formats.measured_units import require_measured_pressures, require_seconds
+from fabdesign.formats.lab_table import require_measured_pressures, require_seconds
 from fabdesign.geometry.hung_cloth import require_on_cloth
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.fabric import Fabric

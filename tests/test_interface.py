@@ -323,15 +323,13 @@ def test_optimize(run: Run, asked: Callable[[], list[str]], monkeypatch: pytest.
     Path("study.toml").write_text(STUDY)
     seen: list[Any] = []
 
-    def note(work: Any, study: Any, targets: Any, objective: Any, starts: Any, *_: Any) -> None:
+    def note(study: Any, targets: Any, starts: Any, *_: Any, **__: Any) -> None:
         target = targets[0].points.tolist(), targets[0].noise
         content = {f.name: getattr(study, f.name) for f in fields(study) if f.name not in ("name", "targets")}
-        seen.append(
-            ({k: repr(v) for k, v in content.items()}, target, objective.measure, [x.tolist() for _, x in starts])
-        )
+        seen.append(({k: repr(v) for k, v in content.items()}, target, [x.tolist() for _, x in starts]))
         raise InputError("seen")
 
-    monkeypatch.setattr("studies.layouts.run._search_in", note)
+    monkeypatch.setattr("studies.layouts.run._searched", note)
     assert run("optimize", "study.toml", "-o", "out", "--seconds", 50)[2].endswith("fabdesign: seen\n")
     with pytest.raises(InputError, match=r"^seen$"):
         fabdesign.optimize(
@@ -349,7 +347,7 @@ def test_optimize_ends_with_a_design_and_its_table(asked: Callable[[], list[str]
     vertical, told = fabdesign.build("vertical", muscles=1), [0.0]
     goal = AnalyticCloth().equilibria([Case(vertical, constant_program([2e5]))])[0]
     found = fabdesign.optimize(vertical, goal[::4], evaluations=40, progress=lambda line, share: told.append(share))
-    assert found.pressures == pytest.approx(np.array([[200.0]]), abs=5)
+    assert found.pressures_kpa == pytest.approx(np.array([[200.0]]), abs=5)
     assert len(found.to_table()) == found.to_json()["evaluations"] and told[-1] > 0
     assert found.shapes[0].points.shape[0] == 1 and found.objective < 5e-3
 
@@ -370,7 +368,7 @@ STUDIES = {
         ),
     ),
     "unseen": (
-        "studies.unseen.run._add_unsewn",
+        "studies.unseen.run._unsewn",
         "pressures = [[200.5, 0]]\nsamples = 9\npoints_per_side = 15\n[rig_limits]\nrate = 400\n"
         '[measured]\nset = "pair"\ntrials = 2\nfree = ["air_drag"]\n',
         lambda: fabdesign.unseen(
@@ -420,7 +418,7 @@ def test_layouts_side_by_side_end_as_a_table(asked: Callable[[], list[str]]) -> 
     found = fabdesign.layouts(vertical, goal[::4], muscles=[1], sides=["front"], evaluations=30, outputs=[OUTPUT])
     table = found.to_table()
     assert table["name"].tolist() == ["1_EM20_front"] and table["front"].tolist() == [True]
-    shape = found.front[0].shapes[0]
+    shape = found.front[0].result.shapes[0]
     assert table[OUTPUT][0] == pytest.approx(1e3 * shape.faces[0, :, -1, -1, 1].mean(), abs=1e-3)
 
 

@@ -20,12 +20,11 @@ from fabdesign.clouds.recording import Recording, Sensor
 from fabdesign.clouds.target_file import PlacedTarget, read_target
 from fabdesign.errors import InputError, InputNote
 from fabdesign.files.bench_file import read_record
-from fabdesign.files.bench_table_file import read_bench_table, write_bench_table
-from fabdesign.files.curve_file import read_membrane_curve
+from fabdesign.files.law_tables import read_bench_table, read_membrane_curve, write_bench_table
 from fabdesign.files.pressure_file import constant_program, read_csv
 from fabdesign.files.trial_file import read_trial
 from fabdesign.formats.csv_table import read_raw_table
-from fabdesign.formats.headings import parse_heading
+from fabdesign.formats.lab_table import parse_heading
 from fabdesign.geometry.distances import nearest_distances
 from fabdesign.geometry.metrics import distance_to_faces
 from fabdesign.nouns.catalogue import build

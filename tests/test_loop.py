@@ -135,7 +135,7 @@ def test_a_turn_brings_the_device_nearer_also_when_it_is_killed_on_the_way(
     monkeypatch.setattr("studies.loop.measuring._on_rig", device)
     for at in ("turn 0, measuring: ", "turn 1, evaluating the shape"):
 
-        def killing(line: str, share: float, at: str = at) -> None:
+        def killing(line: str, share: float | None, at: str = at) -> None:
             if line.startswith(at):
                 raise Killed
 

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from fabdesign.cli import progress
+from fabdesign.cli import console
 from fabdesign.files.bench_file import read_bench
 from fabdesign.runtime import effort
 from fabdesign.study_files.loop_file import read_loop
@@ -18,7 +18,7 @@ from tests.conftest import ROOT
 
 COUNT = """
 import time
-from fabdesign.cli.progress import described
+from fabdesign.cli.console import described
 from fabdesign.runtime.working_time import not_counted
 with described("predicted") as shown:
     for done in range(1, 4):
@@ -33,7 +33,7 @@ print("over")
 SEARCH = """
 import time
 from types import SimpleNamespace
-from fabdesign.cli.progress import LiveLine
+from fabdesign.cli.console import LiveLine
 with LiveLine("sheet") as line:
     history, best = SimpleNamespace(evaluations=64), SimpleNamespace(value=0.0123)
     line.show(SimpleNamespace(stage="layouts", best=best, history=history, elapsed=20.0, seconds=60.0, share=1 / 3,
@@ -85,9 +85,9 @@ def test_a_search_shows_its_best_and_the_seconds_left():
 
 def test_an_estimate_stays_and_a_step_is_followed_by_the_time_left(monkeypatch, capsys):
     clock = iter([0.0, 0.0, 10.0, 12.0, 25.0])
-    monkeypatch.setattr(progress.working_time, "seconds", lambda: next(clock))
-    monkeypatch.setattr(progress, "_on_terminal", lambda: False)
-    with progress.described("tracing", interval=5.0) as shown:
+    monkeypatch.setattr(console.working_time, "seconds", lambda: next(clock))
+    monkeypatch.setattr(console, "_on_terminal", lambda: False)
+    with console.described("tracing", interval=5.0) as shown:
         shown("8 trials, 45 unknowns, 2 cores: about 4 min", None)
         shown("every effect, iteration 1", 0.25)
         shown("every effect, iteration 2", 0.3)  # too soon

@@ -11,11 +11,10 @@ import pytest
 from matplotlib.figure import Figure
 
 from fabdesign.formats.json_file import json_text, write_json
-from fabdesign.units import InFile
+from fabdesign.formats.schema import Key, Millimetre
 from studies.report import page
-from studies.report.charts import Gain, chart, curve, gains
+from studies.report.charts import Gain, chart, cloud, curve, gains, scene
 from studies.report.page import gain_in_words, html_of, kpa, mm, png_address, sentence, svg_of
-from studies.report.scene import cloud, scene
 from tests.conftest import ROOT
 
 
@@ -72,7 +71,7 @@ def test_the_same_figure_gives_the_same_svg() -> None:
 class Inner:
     value: float
     points: np.ndarray
-    off: Annotated[float, InFile("off_mm", 1e3)] = 0.002
+    off: Annotated[Millimetre, Key("off_mm")] = 0.002
 
 
 def test_json_of_results_knows_no_nan(tmp_path: Path) -> None:

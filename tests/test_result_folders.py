@@ -14,8 +14,7 @@ from fabdesign.cli.console import commands
 from fabdesign.errors import InputError
 from fabdesign.nouns.catalogue import build
 from fabdesign.output import write_mark
-from fabdesign.study_files.sensitivity_file import SensitivityStudy
-from fabdesign.study_files.varied_inputs import Varied
+from fabdesign.study_files.sensitivity_file import SensitivityStudy, Varied
 from optimize.search.history import Entry, History
 from studies.sensitivity.run import run_sensitivity
 from tests.analytic_cloth import AnalyticCloth

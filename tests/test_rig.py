@@ -17,8 +17,8 @@ from scipy.optimize import fsolve
 from scipy.special import j0
 
 from fabdesign.errors import InputError
-from fabdesign.files.curve_file import MembraneCurve
 from fabdesign.files.design_file import write_design
+from fabdesign.files.law_tables import MembraneCurve
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.pressure_file import constant_program
 from fabdesign.nouns.catalogue import build

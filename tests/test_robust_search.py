@@ -13,9 +13,8 @@ from fabdesign.geometry.wishes import Landmarks
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import EffectTerm, Model, Quantity
-from fabdesign.study_files.search_terms import Price
 from fabdesign.study_files.study_file import MuscleChoice
-from fabdesign.study_files.study_targets import TargetFile
+from fabdesign.study_files.study_targets import Price, TargetFile
 from optimize.search.objective import Objective, Target
 from optimize.search.variations import doubled
 from studies.layouts.robust_search import COPIES, YIELD_GAIN, Copies, MoreRobust, descend, more_robust

@@ -15,9 +15,8 @@ from fabdesign.nouns.column import Column, FacesJacobian
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Covariance, Model, Parameter
-from fabdesign.study_files.search_terms import Robust
 from fabdesign.study_files.study_file import Study
-from fabdesign.study_files.study_targets import TargetFile
+from fabdesign.study_files.study_targets import Robust, TargetFile
 from optimize.search.design_space import DesignSpace, Limits
 from optimize.search.objective import Objective, Target
 from optimize.search.starts import Start

@@ -15,8 +15,7 @@ import tomlkit
 from fabdesign.errors import InputError
 from fabdesign.formats.decoder import decode
 from fabdesign.formats.encoder import Encoder
-from fabdesign.formats.json_schema import json_schema
-from fabdesign.formats.schema import FileUnit, Key, Kilopascal, Millimetre, Within
+from fabdesign.formats.schema import FileUnit, Key, Kilopascal, Millimetre, Within, json_schema
 from fabdesign.formats.table import Table, load_toml
 from studies.check.kinds import KINDS, STUDIES, schema_of
 from tests.command_line import Run, one_line
@@ -158,8 +157,8 @@ def test_examples_in_the_docs_fit_their_schema() -> None:
 
 
 def test_tables_in_the_docs_are_current() -> None:
-    tables = runpy.run_path(str(ROOT / "scripts" / "file_tables.py"))
+    tables = runpy.run_path(str(ROOT / "scripts" / "reference.py"))
     pages = [page.read_text(encoding="utf-8") for page in tables["PAGES"]]
-    assert [tables["with_tables"](page) for page in pages] == pages, "run scripts/file_tables.py"
+    assert [tables["with_tables"](page) for page in pages] == pages, "run scripts/reference.py"
     listed = set(re.findall("<!-- keys: ([a-z -]+) -->", "".join(pages)))
     assert listed == ({*KINDS} - {"study"}) | {f"study {kind}" for kind in STUDIES}

@@ -17,9 +17,8 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Covariance, EffectTerm, Model, Parameter, Quantity
 from fabdesign.nouns.model_sampling import Ensemble
-from fabdesign.study_files.sensitivity_file import SensitivityStudy, read_sensitivity
-from fabdesign.study_files.shape_output import read_shape_output
-from fabdesign.study_files.varied_inputs import Varied
+from fabdesign.study_files.sensitivity_file import SensitivityStudy, Varied, read_sensitivity
+from fabdesign.study_files.study_targets import read_shape_output
 from studies.prediction.stability import snaps
 from studies.sensitivity.inputs import Inputs
 from studies.sensitivity.outputs import Outputs, mean_curvature, tip

@@ -10,13 +10,13 @@ import pytest
 import fabdesign
 from fabdesign.errors import InputError
 from fabdesign.files.bench_file import read_record
-from fabdesign.files.bench_table_file import read_bench_table
 from fabdesign.files.design_file import read_design, write_design
-from fabdesign.interface.results import Motion, Optimized
+from fabdesign.files.law_tables import read_bench_table
+from fabdesign.files.motion_file import Motion
 from fabdesign.nouns.bench import Bench, BenchRecord
 from fabdesign.nouns.catalogue import build, standard
 from fabdesign.nouns.model import Model, Parameter
-from fabdesign.study_files.study_file import read_kind, read_study
+from fabdesign.study_files.study_file import read_head, read_study
 from studies.benches.write import _origin
 from studies.check.design import design_findings
 from studies.layouts.result import write_best
@@ -53,7 +53,7 @@ def test_a_bench_without_source_ends_its_comment() -> None:
 
 def test_print_and_a_notebook_show_some_lines() -> None:
     design = build("vertical", muscles=3)
-    result = Optimized(search_result(0.24, 0.15))
+    result = search_result(0.24, 0.15)
     motion = Motion(np.arange(3.0), np.zeros((3, 3362, 3), np.float32))
     for shown in (design, result, motion):
         assert 3 <= len(str(shown).splitlines()) <= 12, shown
@@ -102,7 +102,7 @@ def test_a_heading_without_its_unit_is_told_how_to_write_it(tmp_path: Path) -> N
 
 def test_a_design_where_a_study_is_expected_is_told_what_to_write(tmp_path: Path) -> None:
     write_design(build("basic"), tmp_path / "d.toml")
-    for read in (read_kind, read_study):
+    for read in (read_head, read_study):
         with pytest.raises(InputError, match=r'd\.toml: a design; expected a study.*design = "d\.toml"') as caught:
             read(tmp_path / "d.toml")
         assert "\n" not in str(caught.value)

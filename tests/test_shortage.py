@@ -17,8 +17,7 @@ from fabdesign.formats.json_file import read_json
 from fabdesign.nouns.catalogue import build
 from fabdesign.output import work_folder
 from fabdesign.runtime.store import ASIDE, Checkpoint, read_kept
-from fabdesign.study_files.sensitivity_file import SensitivityStudy
-from fabdesign.study_files.varied_inputs import Varied
+from fabdesign.study_files.sensitivity_file import SensitivityStudy, Varied
 from optimize.search.history import History
 from optimize.search.multistart import search
 from studies.sensitivity.run import run_sensitivity

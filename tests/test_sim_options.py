@@ -9,9 +9,9 @@ import pytest
 import fabdesign
 import sim.simulator
 from fabdesign.errors import InputError
+from fabdesign.files import motion_file
 from fabdesign.files.pressure_file import constant_program
 from fabdesign.interface import motions as interface_motions
-from fabdesign.interface import results as interface_results
 from fabdesign.nouns import design, model, muscle
 from fabdesign.nouns.forward import Case
 from sim import Simulator
@@ -59,7 +59,7 @@ def test_a_motion_has_tensions_and_contractions():
 
 @pytest.mark.parametrize(
     "module",
-    [sim.simulator, design, model, muscle, fabdesign, interface_motions, interface_results],
+    [sim.simulator, design, model, muscle, fabdesign, interface_motions, motion_file],
     ids=lambda module: module.__name__,
 )
 def test_example_runs(module):

@@ -15,8 +15,8 @@ from fabdesign.clouds.measured_points import require_room
 from fabdesign.clouds.recording import Sensor, read_recording, write_recording
 from fabdesign.clouds.target_file import read_target
 from fabdesign.errors import InputError, InputNote
-from fabdesign.files.curve_file import read_membrane_curve
 from fabdesign.files.design_file import write_design
+from fabdesign.files.law_tables import read_membrane_curve
 from fabdesign.files.measurement_set import NewTrial, read_set, write_set
 from fabdesign.files.model_file import read_model
 from fabdesign.files.pressure_file import constant_program, read_csv
@@ -26,8 +26,8 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.study_files.study_targets import TargetFile
 from studies.check.files import inspect
 from studies.prediction.predict import folders_of
-from studies.report import evaluations_table
-from studies.report.evaluations_table import EvaluationsTable, write_optuna_store
+from studies.report import result_folders
+from studies.report.result_folders import EvaluationsTable, write_optuna_store
 
 OPERATIONAL = sqlite3.OperationalError
 POINTS = np.random.default_rng(3).uniform([-0.1, -0.2, 0.0], [0.1, 0.0, 0.02], (12, 3)).round(4)
@@ -267,7 +267,7 @@ def test_a_full_disk_under_an_optuna_store_is_one_line(tmp_path: Path, monkeypat
         connection.execute("pragma max_page_count = 4")
         return connection
 
-    monkeypatch.setattr(evaluations_table, "sqlite3", SimpleNamespace(connect=small, OperationalError=OPERATIONAL))
+    monkeypatch.setattr(result_folders, "sqlite3", SimpleNamespace(connect=small, OperationalError=OPERATIONAL))
     table = EvaluationsTable(["part", "evaluation", "seconds", "stage", "objective_mm", "diverged"], [])
     with pytest.raises(InputError, match=r"cannot be written \(database or disk is full\)"):
         write_optuna_store(table, tmp_path / "t.db", "x")

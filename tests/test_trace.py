@@ -24,10 +24,9 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import PARAMETERS, Case, Term
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
-from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.nouns.pressure import PressureProgram, RigLimits
 from fabdesign.output import work_folder
 from fabdesign.runtime.store import Checkpoint
-from fabdesign.study_files.rig_limits_file import RigLimits
 from optimize.fit.cross_validation import LeftOut
 from optimize.fit.descent import FitStart, _updated, fit
 from optimize.fit.free_parameters import fit_vector

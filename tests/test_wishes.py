@@ -11,7 +11,6 @@ from fabdesign.errors import InputError
 from fabdesign.files.design_file import write_design
 from fabdesign.files.pressure_file import constant_program
 from fabdesign.geometry.wishes import Landmarks
-from fabdesign.interface.results import Optimized
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.study_files.study_file import read_study
@@ -149,7 +148,7 @@ def test_a_wish_that_a_limit_ended_says_so(study, tmp_path: Path) -> None:
     assert words.startswith("mean distance from what was asked for; root mean square ") and "Chamfer" not in words
     said = json.loads((tmp_path / "out" / "result.json").read_text())["reach"]["said"]
     assert said[0].startswith("The search ended before it converged") and "not known" in said[0]
-    shown = str(Optimized(found))
+    shown = str(found)
     assert said[0] in shown and "the limit of 12 evaluations is reached" in shown
     assert re.search(r"^\d+ of at most 77 s of search time \(without compilation\)", shown, re.M)
 

@@ -17,9 +17,8 @@ from fabdesign.files.model_file import read_model
 from fabdesign.geometry.distances import chamfer
 from fabdesign.nouns.catalogue import build
 from fabdesign.study_files.layouts_file import LayoutsStudy
-from fabdesign.study_files.search_terms import Robust
 from fabdesign.study_files.study_file import MuscleChoice, Study, StudyLimits
-from fabdesign.study_files.study_targets import TargetFile
+from fabdesign.study_files.study_targets import Robust, TargetFile
 from optimize.search.evaluations import SLOPES
 from optimize.search.objective import Objective, Target
 from studies.layout_grid.run import run_layouts

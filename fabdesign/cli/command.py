@@ -1,35 +1,114 @@
-"""A verb becomes a command: its options from the function's signature, their help from the docstring and WORDS."""
+"""A verb becomes a command: its options from the function's signature, their help from the docstring and WORDS, their
+kinds, such as numbers within limits, paths and files to write, from the annotations."""
 
 import ast
 import inspect
+import os
 import re
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from functools import partial
+from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
 
-from fabdesign.cli import kinds
-from fabdesign.cli.console import commands, print_result, tell
-from fabdesign.cli.progress import LiveLine, described
+from fabdesign.cli.console import LiveLine, commands, described, print_result, tell
+from fabdesign.errors import InputError
 from fabdesign.interface import verb as declared
 from fabdesign.interface.verb import VERBS, WORDS, Verb, Word
+
+
+class _Finite(click.types.FloatParamType):
+    """A float that is neither infinite nor NaN."""
+
+    name = "number"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        number = super().convert(value, param, ctx)
+        if not isfinite(number):
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
+        return number
+
+
+class _NumberRange(_Finite, click.FloatRange):
+    """A number within limits, which the help shows."""
+
+
+class _IntegerRange(click.IntRange):
+    """A whole number within limits, which the help shows."""
+
+    name = "integer"
+
+
+class _NamedPath(click.Path):
+    """A path that has a name: a variable of the shell that is not set is none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if not os.fspath(value):
+            raise InputError("an empty name; expected that of a file or folder")
+        return super().convert(value, param, ctx)
+
+
+class _OutputPath(_NamedPath):
+    """A file to write, whose name ends in `ending` or in nothing that is another format's; without `ending` a folder.
+
+    `view` makes what shows a motion.
+    """
+
+    _SHOWN = (".html", ".png", ".gif", ".mp4", ".glb", ".pvd", ".rrd")
+    _FORMATS = (
+        *_SHOWN, ".npz", ".npy", ".csv", ".tsv", ".txt", ".json", ".toml", ".svg", ".pdf", ".dxf", ".jpg", ".jpeg",
+        ".mov", ".avi", ".webm", ".mkv", ".vtu", ".vtk", ".gltf", ".ply", ".obj", ".stl", ".pcd", ".xyz", ".zip", ".db",
+        ".sqlite", ".parquet", ".xlsx", ".bag", ".mcap", ".safetensors", ".md", ".yaml",
+    )  # fmt: skip
+
+    def __init__(self, ending: str | None = None) -> None:
+        super().__init__(path_type=Path)
+        self._ending = ending
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
+        ending = path.suffix.lower()
+        if ending in self._FORMATS and ending != self._ending:
+            expected = "the name of a folder" if self._ending is None else f"a name that ends in {self._ending}"
+            more = ""
+            if self._ending == ".npz" and ending in self._SHOWN:
+                more = f"; fabdesign view {path.with_suffix('.npz')} -o {path} then makes that"
+            raise InputError(f"{path}: ends in {ending}, another format; expected {expected}{more}")
+        return path
+
+
+class _Turn(click.ParamType[tuple[float, ...]]):
+    """Three angles."""
+
+    name = "X,Y,Z"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        try:
+            angles = tuple(float(cell) for cell in str(value).split(","))
+        except ValueError:
+            angles = ()
+        if len(angles) != 3 or not all(abs(angle) <= 360 for angle in angles):
+            raise InputError(f"--rotation {value}: expected three angles X,Y,Z in degrees, such as -90,0,0")
+        return angles
+
 
 # click's types, by how a parameter is annotated
 _TYPES: Mapping[str, click.ParamType[Any]] = {
     "bool": click.BOOL,
-    "float": kinds.FINITE,
+    "float": _Finite(),
     "int": click.INT,
     "str": click.STRING,
     "Pressures": click.STRING,
-    "Folder": kinds.FOLDER,
-    "Npz": kinds.OutputPath(".npz"),
-    "Toml": kinds.OutputPath(".toml"),
-    **dict.fromkeys(("File", "DesignLike", "ModelLike", "SetLike"), kinds.FILE),
+    "Folder": _OutputPath(),
+    "Npz": _OutputPath(".npz"),
+    "Toml": _OutputPath(".toml"),
+    **dict.fromkeys(("File", "DesignLike", "ModelLike", "SetLike"), _NamedPath(path_type=Path)),
 }
-_BY_NAME = {"rotation": kinds.TURN, "seconds": kinds.SECONDS, "tolerance": kinds.SECONDS}
+_ABOVE_0 = _NumberRange(min=0, min_open=True)
+_BY_NAME = {"rotation": _Turn(), "seconds": _ABOVE_0, "tolerance": _ABOVE_0}
 _LAST = {"effects": 1, "cluster": 2, "out": 3, "force": 4}  # options that many share
 _GROUPS = {"studies": "List, show and compare results."}
 _NONE = inspect.Parameter.empty
@@ -47,7 +126,7 @@ class _Parameter(NamedTuple):
 
     @property
     def type(self) -> click.ParamType[Any]:
-        ranges: dict[str, Any] = {"int": kinds.IntegerRange, "float": kinds.NumberRange}
+        ranges: dict[str, Any] = {"int": _IntegerRange, "float": _NumberRange}
         if self.name in _BY_NAME:
             return _BY_NAME[self.name]
         if self.kind.startswith("Literal"):

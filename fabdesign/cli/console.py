@@ -1,16 +1,34 @@
-"""Parts that the commands share: the group, how they print, and how notes are shown."""
+"""Parts that the commands share: the group, how they print, how notes are shown, and progress on standard error: on a
+terminal a bar with the time left, elsewhere lines. While kernels compile, the bar says so, and that time is not
+extrapolated."""
 
+import time
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from math import inf
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
 
 import click
 
 from fabdesign.errors import InputNote, printable
 from fabdesign.formats.json_file import json_text
-from fabdesign.runtime.cache_folder import ensure_cache_folder
+from fabdesign.runtime import working_time
+from fabdesign.runtime.effort import duration
+from fabdesign.runtime.shortage import ensure_cache_folder
+from fabdesign.units import in_mm
 from fabdesign.version import __version__
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from optimize.search.evaluations import Evaluations
+
+_QUIET = 10.0  # s between a search's lines where standard error is no terminal
+MOST = 10  # notes of a command: a set may have one a trial
+_SETTLED = 5.0  # s, before which a share does not tell the time left
+_PERIOD = 600.0  # s of steps that the time left is taken from: a step of a fit may last a minute
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -34,9 +52,6 @@ def tell(line: str) -> None:
     click.echo(printable(line), err=True)
 
 
-MOST = 10  # lines of a command: a set may have one a trial
-
-
 @contextmanager
 def notes_told() -> Iterator[None]:
     """Show each `InputNote` once, as "note: ...", and MOST of them; other warnings as Python does."""
@@ -57,3 +72,115 @@ def notes_told() -> Iterator[None]:
         warnings.simplefilter("always", InputNote)
         warnings.showwarning = show
         yield
+
+
+@contextmanager
+def described(title: str, *, interval: float = 0.0) -> Iterator[Callable[[str, float | None], None]]:
+    """Return a context for work that says what it does, and about what share of it is done; without a share a line is
+    an answer or an estimate, which stays. Elsewhere than on a terminal steps follow at least `interval` s apart, and
+    end with the time that is left."""
+    if not _on_terminal():
+        begin, shown_at = working_time.seconds(), -inf
+
+        def tell_step(line: str, share: float | None) -> None:
+            nonlocal shown_at
+            now = working_time.seconds()
+            if share is not None and now - shown_at < interval:
+                return
+            shown_at, elapsed = now, now - begin
+            known = share is not None and 0 < share < 1 and elapsed > _SETTLED
+            rest = f"; about {duration(elapsed * (1 / share - 1))} left" if known and share else ""
+            tell(line + rest)
+
+        yield tell_step
+        return
+    with bar() as shown:
+        task = shown.add_task(title, total=1.0)
+
+        def show(line: str, share: float | None) -> None:
+            if share is None:
+                shown.console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
+            else:
+                shown.update(task, description=printable(line), completed=share)
+
+        yield show
+
+
+def bar() -> "Progress":
+    """Return a bar on standard error, gone when it is closed: what is done is told by the command's result."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, Task, TextColumn, TimeRemainingColumn
+    from rich.text import Text
+
+    class Left(TimeRemainingColumn):
+        """The time left by the clock that stands still while kernels compile, or that they do."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.max_refresh = -1.0  # s: never kept, for that clock stands still
+
+        def render(self, task: Task) -> Text:
+            if working_time.compiling():
+                return Text("compiling the simulator")
+            return Text.assemble(super().render(task), " left")
+
+    return Progress(
+        TextColumn("{task.description}", markup=False),  # names may look like it
+        BarColumn(),
+        Left(),
+        console=Console(stderr=True),
+        transient=True,
+        speed_estimate_period=_PERIOD,
+        get_time=working_time.seconds,
+    )
+
+
+def _on_terminal() -> bool:
+    from rich.console import Console
+
+    return Console(stderr=True).is_terminal
+
+
+class LiveLine:
+    """A context that shows `stage, best, evaluations, seconds` while a search calls `show`: on a terminal beside a bar
+    and the seconds that are left at most."""
+
+    def __init__(self, title: str) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn
+
+        self._title, self._console = title, Console(stderr=True)
+        columns = TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[left]}")
+        self._bar = Progress(*columns, console=self._console, transient=True) if self._console.is_terminal else None
+        self._task = None if self._bar is None else self._bar.add_task(title, total=1.0, left="")
+        self._shown = -_QUIET
+        self._told = ""
+
+    def show(self, evaluations: "Evaluations") -> None:
+        if evaluations.told != self._told:
+            self._told = evaluations.told
+            self._console.print(f"{self._title}: {self._told}", highlight=False, markup=False, soft_wrap=True)
+        best = "none yet" if evaluations.best is None else f"{in_mm(evaluations.best.value):.3f} mm"
+        done = f"{evaluations.history.evaluations} evaluations, {evaluations.elapsed:.0f} s"
+        remaining = f"{max(0.0, evaluations.seconds - evaluations.elapsed):.0f} s left at most"
+        self.say(f"{evaluations.stage}: best {best}, {done}", share=evaluations.share, left=remaining)
+
+    def say(self, text: str, *, share: float | None = None, left: str = "") -> None:
+        """Show `title: text`; on a terminal a bar with the share done and what is said of the time left."""
+        line = f"{self._title}: {text}"
+        if self._bar is not None and self._task is not None:
+            self._bar.update(self._task, description=line, completed=share, left=left)
+        elif time.monotonic() - self._shown > _QUIET:
+            self._shown = time.monotonic()
+            self._console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+    def __enter__(self) -> Self:
+        if self._bar is not None:
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()

@@ -13,16 +13,14 @@ from numpy.typing import NDArray
 
 from fabdesign.clouds.mcap_file import read_mcap
 from fabdesign.clouds.measured_points import names_instants, require_cloud, require_one_instant, sound_cloud
-from fabdesign.clouds.mesh_file import KINDS as MESHES
 from fabdesign.clouds.mesh_file import read_mesh
-from fabdesign.clouds.obj import read_obj
 from fabdesign.clouds.pcd import read_pcd
 from fabdesign.clouds.ply import read_ply
 from fabdesign.clouds.xyz import read_pts, read_xyz
 from fabdesign.errors import InputError
 from fabdesign.files.trial_file import read_trial
-from fabdesign.formats.bounded_file import read_bytes, require_few
 from fabdesign.formats.npz_file import open_npz, read_npy
+from fabdesign.formats.toml_file import read_bytes, require_few
 from fabdesign.geometry.placement import Unit
 from fabdesign.geometry.surface import Surface
 
@@ -31,7 +29,7 @@ POINTS = 3362  # drawn on a mesh by default: as many as the simulator's faces ha
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """What a file holds, in the file's own unit and frame."""
+    """The content of a file, in the file's own unit and frame."""
 
     points: NDArray[np.float64]  # (n, 3), finite, n > 0; of a mesh its vertices
     triangles: NDArray[np.intp] = field(default_factory=lambda: np.zeros((0, 3), dtype=np.intp))  # none of a cloud
@@ -45,7 +43,7 @@ class Geometry:
         return len(self.triangles) > 0
 
     def sample(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """A cloud's points as they are; of a mesh (count, 3) even draws."""
+        """Return a cloud's points as they are; of a mesh (count, 3) even draws."""
         return Surface(self.points, self.triangles).sample(count, rng)[0] if self.is_mesh else self.points
 
 
@@ -64,7 +62,10 @@ def read_geometry(path: Path | str, *, frame: int = -1) -> Geometry:
     geometry = read(path, frame)
     if geometry.is_mesh:
         require_cloud(geometry.points, str(path), size=np.inf)
-        return _with_area(geometry, path)
+        areas = Surface(geometry.points, geometry.triangles).areas
+        if not np.isfinite(areas.sum()) or areas.sum() <= 0:
+            raise InputError(f"{path}: its triangles have no area; expected a mesh")
+        return Geometry(geometry.points, geometry.triangles[areas > 0])  # without those that are a line or a point
     if geometry.trial:
         return geometry
     return replace(geometry, points=sound_cloud(geometry.points, str(path), unit_known=False))
@@ -73,7 +74,7 @@ def read_geometry(path: Path | str, *, frame: int = -1) -> Geometry:
 def read_cloud(
     path: Path | str, *, frame: int = -1, points: int = POINTS, seed: int = 0, size: float | None = None
 ) -> NDArray[np.float64]:
-    """(n, 3) m of a file in metres, as `read_geometry` takes it; a mesh gives `points` even draws with `seed`.
+    """Return (n, 3) m of a file in metres that `read_geometry` takes; of a mesh `points` even draws with `seed`.
 
     size: the cloth's longer side [m], for the hint that a cloud is in millimetres. Raises InputError.
     """
@@ -94,20 +95,17 @@ def _npz(path: Path, frame: int) -> Geometry:
                     f"{path}: has {beside} beside points, and no offsets as a trial has; expected points alone"
                 )
             require_few(math.prod(arrays.shape("points")) // 3, path, "points")
-            points = arrays.get("points")
+            points = arrays.sound("points", "numbers (n, 3)", lambda a: a.ndim <= 2)
             require_one_instant({name: arrays.get(name) for name in filter(names_instants, arrays.names)}, str(path))
     if trial:
         data = read_trial(path, size=np.inf)
         index = _frame(frame, len(data.frames), path)
         return Geometry(data.frames[index], trial=True, time=float(data.time[index]), frame=index)
-    if points.dtype.kind not in "fiu" or points.ndim > 2:
-        raise InputError(f"{path}: points is {points.shape} {points.dtype}; expected numbers (n, 3)")
     return Geometry(points)
 
 
-def _text(path: Path, _: int) -> Geometry:
-    points, unit = read_xyz(path)
-    return Geometry(points, unit=unit)
+def _mesh(path: Path, _: int) -> Geometry:
+    return Geometry(*read_mesh(path))
 
 
 def _mcap(path: Path, frame: int) -> Geometry:
@@ -156,13 +154,13 @@ _READERS: Mapping[str, Callable[[Path, int], Geometry]] = {
     ".ply": lambda path, _: Geometry(*read_ply(path)),
     ".pcd": lambda path, _: Geometry(read_pcd(path)),
     ".pts": lambda path, _: Geometry(read_pts(path)),
-    ".obj": lambda path, _: Geometry(*read_obj(path)),
+    ".obj": _mesh,
     ".npy": lambda path, _: Geometry(read_npy(path)),
     ".npz": _npz,
     ".c3d": _c3d,
     ".mcap": _mcap,
-    **dict.fromkeys((".xyz", ".csv", ".txt", ".tsv", ".asc"), _text),
-    **dict.fromkeys(MESHES, lambda path, _: Geometry(*read_mesh(path))),
+    **dict.fromkeys((".xyz", ".csv", ".txt", ".tsv", ".asc"), lambda path, _: Geometry(**read_xyz(path)._asdict())),
+    **dict.fromkeys((".stl", ".off", ".glb", ".gltf"), _mesh),
 }
 KINDS = tuple(_READERS)
 
@@ -171,11 +169,3 @@ def _frame(frame: int, count: int, path: Path) -> int:
     if not -count <= frame < count:
         raise InputError(f"{path}: frame {frame}; expected -{count} to {count - 1}")
     return frame % count
-
-
-def _with_area(mesh: Geometry, path: Path) -> Geometry:
-    """The mesh without triangles that are a line or a point."""
-    areas = Surface(mesh.points, mesh.triangles).areas
-    if not np.isfinite(areas.sum()) or areas.sum() <= 0:
-        raise InputError(f"{path}: its triangles have no area; expected a mesh")
-    return Geometry(mesh.points, mesh.triangles[areas > 0])

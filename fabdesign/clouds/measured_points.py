@@ -1,4 +1,4 @@
-"""What every measured cloud must satisfy before anything computes with it, and what a sensor adds to one.
+"""Checks that every measured cloud passes before anything computes with it; what a sensor adds to one is left out.
 
 A depth sensor writes NaN, pixels without depth at its own origin, and now and then a point far away. Up to half of a
 frame is left out for that, counted and said; where more would go, the frame is refused.
@@ -6,14 +6,13 @@ frame is left out for that, counted and said; where more would go, the frame is 
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, note
-from fabdesign.formats.headings import parse_heading
+from fabdesign.formats.lab_table import parse_heading
 
 Points = NDArray[np.float64]
 
@@ -29,45 +28,31 @@ _LARGEST = 1e5  # of a coordinate in any unit: 100 m in millimetres
 _REPEATED, _REPEATED_SHARE = 8, 0.01  # points at exactly one place, which a measured surface never has
 
 
-@dataclass(frozen=True)
-class RemovedPoints:
-    """How many points were left out of a cloud."""
+_REMOVED = ("not finite", "without depth", "far off")  # at the sensor's origin: without depth
 
-    not_finite: int = 0
-    without_depth: int = 0  # at the sensor's origin
-    far: int = 0
 
-    def __add__(self, other: "RemovedPoints") -> "RemovedPoints":
-        return RemovedPoints(
-            self.not_finite + other.not_finite, self.without_depth + other.without_depth, self.far + other.far
-        )
+def note_removed(removed: NDArray[np.intp], of: int, where: str) -> None:
+    """Say what was left out of so many points; nothing where nothing was."""
+    if removed.any():
+        note(f"{where}: {removed.sum()} of {of} points are left out ({_said(removed)})")
 
-    @property
-    def count(self) -> int:
-        return self.not_finite + self.without_depth + self.far
 
-    def __str__(self) -> str:
-        parts = [(self.not_finite, "not finite"), (self.without_depth, "without depth"), (self.far, "far off")]
-        return ", ".join(f"{count} {what}" for count, what in parts if count)
-
-    def tell(self, of: int, where: str) -> None:
-        """Say what was left out of so many points; nothing where nothing was."""
-        if self.count:
-            note(f"{where}: {self.count} of {of} points are left out ({self})")
+def _said(removed: NDArray[np.intp]) -> str:
+    return ", ".join(f"{count} {what}" for count, what in zip(removed, _REMOVED, strict=True) if count)
 
 
 def sound_cloud(points: NDArray[Any], where: str, *, size: float | None = None, unit_known: bool = True) -> Points:
     """Return the points of `sound_points`; say which are left out."""
-    kept, left_out = sound_points(points, where, size=size, unit_known=unit_known)
-    left_out.tell(points.size // 3, where)
+    kept, removed = sound_points(points, where, size=size, unit_known=unit_known)
+    note_removed(removed, points.size // 3, where)
     return kept
 
 
 def sound_points(
     points: NDArray[Any], where: str, *, size: float | None = None, unit_known: bool = True
-) -> tuple[Points, RemovedPoints]:
+) -> tuple[Points, NDArray[np.intp]]:
     """Return the points of a cloud (n, 3) m, or of a depth image (rows, columns, 3), that can be the cloth's, and how
-    many others there were.
+    many others there were, (3,) as _REMOVED.
 
     size: the cloth's longer side [m]; without one, only what is far off by the cloud's own measure goes. unit_known:
     False of a file that may be in another unit than m. Raises InputError where integers wrapped, where an image is
@@ -89,12 +74,12 @@ def sound_points(
         far = kept & (off > (_BEYOND * size if size is not None else _ALONE * np.median(off[kept])))
         if far.sum() <= len(points) / 2:  # else it is the unit: `require_cloud` says so
             near = ~far
-    left_out = RemovedPoints(int((~finite).sum()), int((~depth).sum()), int((~near).sum()))
-    if 2 * left_out.count > len(points):
-        raise InputError(f"{where}: of {len(points)} points {left_out}; expected at least half of them sound")
+    removed = np.array([(~sound).sum() for sound in (finite, depth, near)])
+    if 2 * removed.sum() > len(points):
+        raise InputError(f"{where}: of {len(points)} points {_said(removed)}; expected at least half of them sound")
     points = points[kept & near]
     require_cloud(points, where, size=size if unit_known else np.inf)
-    return points, left_out
+    return points, removed
 
 
 def require_cloud(points: Points, where: str, *, size: float | None = None) -> None:
@@ -137,7 +122,7 @@ def require_room(points: NDArray[Any], where: str) -> None:
 
 
 def names_instants(name: str) -> bool:
-    """Whether a column or array of that name says when a point was there: `frame`, `Frame #`, `time_s`."""
+    """Return whether a column or array of that name says when a point was there: `frame`, `Frame #`, `time_s`."""
     return re.sub(r"[^a-z]+|nr$|no$|number|index|idx|id$", "", parse_heading(name).name) in _INSTANTS
 
 
@@ -179,7 +164,7 @@ def _require_points(points: Points, where: str) -> None:
 
 
 def _have_depth(points: Points) -> NDArray[np.bool_]:
-    """(n,) False where a pixel has none: of two and more points at the file's origin, and of many at another place."""
+    """Return (n,) False where a pixel has none: two and more points at the file's origin, or many at another place."""
     origin = ~points.any(axis=1)
     without = np.zeros(len(points), dtype=np.bool_)
     if origin.sum() >= 2:

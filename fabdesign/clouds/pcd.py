@@ -3,59 +3,49 @@
 Format: Point Cloud Library, The PCD file format, versions .5 to .7.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.clouds.measured_points import require_one_instant
 from fabdesign.errors import InputError
-from fabdesign.formats.bounded_file import LARGEST, read_bytes, require_few
+from fabdesign.formats.toml_file import LARGEST, read_bytes, require_few
 
-_KINDS = {"F4": "f4", "F8": "f8", **{f"{t}{n}": f"{t.lower()}{n}" for t in "IU" for n in (1, 2, 4, 8)}}
+_KINDS = {"F4", "F8", *(f"{letter}{size}" for letter in "IU" for size in (1, 2, 4, 8))}
 _KEYS = {"VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"}
 _NO_VIEWPOINT = ["0", "0", "0", "1", "0", "0", "0"]  # a translation and a quaternion
 _LONGEST_HEADER = 65536  # bytes
 
 
-@dataclass(frozen=True)
-class _Header:
-    names: list[str]
-    kinds: list[str]  # numpy types without byte order
-    counts: list[int]  # values a field
-    points: int
-    data: str
-    start: int  # of the body
-
-    @property
-    def row(self) -> np.dtype[np.void]:
-        fields = zip(self.names, self.kinds, self.counts, strict=True)
-        return np.dtype([(f"{i} {name}", "<" + kind, (count,)) for i, (name, kind, count) in enumerate(fields)])
+class _Field(NamedTuple):
+    name: str
+    kind: str  # a numpy type
+    values: int  # a point
 
 
 def read_pcd(path: Path | str) -> NDArray[np.float64]:
-    """(n, 3) points in the file's unit, NaN where the sensor saw nothing.
+    """Return (n, 3) points in the file's unit, NaN where the sensor saw nothing.
 
     Raises InputError, with one line, for anything that is not exactly a sound file, and for a viewpoint: some programs
     move the points by it, others have moved them before they wrote it.
     """
     path = Path(path)
     content = read_bytes(path, "a PCD")
-    header = _header(content, path)
-    body = content[header.start :]
-    read = {"ascii": _ascii, "binary": _binary, "binary_compressed": _compressed}[header.data]
-    columns = {name: column[:, :1] for name, column in zip(header.names, read(body, header, path), strict=True)}
-    require_one_instant(columns, str(path))
-    return np.concatenate([columns[axis] for axis in "xyz"], axis=1, dtype=np.float64)
+    fields, count, data, start = _header(content, path)
+    columns = _columns(content[start:], fields, count, data, path)
+    firsts = {field.name: column[:, :1] for field, column in zip(fields, columns, strict=True)}
+    require_one_instant(firsts, str(path))
+    return np.concatenate([firsts[axis] for axis in "xyz"], axis=1, dtype=np.float64)
 
 
 def _refuse(path: Path, why: str) -> NoReturn:
     raise InputError(f"{path}: {why}; expected a sound PCD")
 
 
-def _header(content: bytes, path: Path) -> _Header:
+def _header(content: bytes, path: Path) -> tuple[list[_Field], int, str, int]:
+    """Return the fields, the number of points, how they stand there, and where they begin."""
     values: dict[str, list[str]] = {}
     at = 0
     while "DATA" not in values:
@@ -74,9 +64,9 @@ def _header(content: bytes, path: Path) -> _Header:
     counts = values.get("COUNT", ["1"] * len(names))
     if not names or not len(names) == len(sizes) == len(types) == len(counts):
         _refuse(path, "its header does not name as many fields, sizes, types and counts")
-    kinds = [_KINDS.get(kind + size) for kind, size in zip(types, sizes, strict=True)]
-    whole = [*counts, *(values.get(key, ["?"])[0] for key in ("WIDTH", "HEIGHT", "POINTS") if values.get(key))]
-    if None in kinds or not all(number.isdecimal() and len(number) < 10 for number in whole):
+    kinds = [letter + size for letter, size in zip(types, sizes, strict=True)]
+    whole = [*counts, *(values[key][0] for key in ("WIDTH", "HEIGHT", "POINTS") if values.get(key))]
+    if not _KINDS.issuperset(kinds) or not all(number.isdecimal() and len(number) < 10 for number in whole):
         _refuse(path, "its header has a size, type or number that is none")
     if [names.count(axis) for axis in "xyz"] != [1, 1, 1]:
         _refuse(path, "its fields are not x, y, z")
@@ -98,39 +88,28 @@ def _header(content: bytes, path: Path) -> _Header:
     if values.get("POINTS") and int(values["POINTS"][0]) != points:
         _refuse(path, f"its header says {values['POINTS'][0]} points, and width times height is {points}")
     require_few(points, path, "points")
-    if sum(int(count) * int(size) for count, size in zip(counts, sizes, strict=True)) > LARGEST:
+    fields = [
+        _Field(*each) for each in zip(names, (f"<{kind.lower()}" for kind in kinds), map(int, counts), strict=True)
+    ]
+    if sum(field.values * np.dtype(field.kind).itemsize for field in fields) > LARGEST:
         _refuse(path, "its header says that a point is larger than a file may be")
     data = " ".join(values["DATA"])
     if data not in ("ascii", "binary", "binary_compressed"):
         _refuse(path, f"its data are {data[:40]}")
-    return _Header(names, [str(kind) for kind in kinds], [int(count) for count in counts], points, data, at)
+    return fields, points, data, at
 
 
-def _ascii(body: bytes, header: _Header, path: Path) -> list[NDArray[Any]]:
-    """Return (points, count) values of each field, as `_binary` and `_compressed` do."""
-    lines = [line for line in body.decode("latin-1").splitlines() if line.strip()]
-    if len(lines) != header.points:
-        _refuse(path, f"has {len(lines)} rows; its header says {header.points} points")
-    try:
-        table = np.loadtxt(lines, comments=None, ndmin=2) if lines else np.zeros((0, sum(header.counts)))
-    except ValueError:
-        _refuse(path, "a row is no row of numbers, or not as long as the others")
-    if table.shape[1] != sum(header.counts):
-        _refuse(path, f"has {table.shape[1]} values a row; its header says {sum(header.counts)}")
-    return np.split(table, np.cumsum(header.counts[:-1]), axis=1)
-
-
-def _binary(body: bytes, header: _Header, path: Path) -> list[NDArray[Any]]:
-    size = header.row.itemsize * header.points
-    if len(body) != size:
-        _refuse(path, f"has {len(body)} bytes of points; its header says {size}")
-    rows = np.frombuffer(body, header.row, header.points)
-    return [rows[name] for name in header.row.names or ()]
-
-
-def _compressed(body: bytes, header: _Header, path: Path) -> list[NDArray[Any]]:
-    """Columns one after another, compressed together."""
-    size = header.row.itemsize * header.points
+def _columns(body: bytes, fields: list[_Field], points: int, data: str, path: Path) -> list[NDArray[Any]]:
+    """Return (points, count) values of each field."""
+    if data == "ascii":
+        return _ascii(body, [field.values for field in fields], points, path)
+    row = np.dtype([(str(number), field.kind, (field.values,)) for number, field in enumerate(fields)])
+    size = row.itemsize * points
+    if data == "binary":
+        if len(body) != size:
+            _refuse(path, f"has {len(body)} bytes of points; its header says {size}")
+        rows = np.frombuffer(body, row, points)
+        return [rows[name] for name in row.names or ()]
     packed, unpacked = (int.from_bytes(body[i : i + 4], "little") for i in (0, 4))
     if len(body) < 8 or len(body) != 8 + packed or unpacked != size or size > LARGEST:
         _refuse(path, f"has {max(len(body) - 8, 0)} bytes of points that unpack to {unpacked}; its header says {size}")
@@ -139,14 +118,28 @@ def _compressed(body: bytes, header: _Header, path: Path) -> list[NDArray[Any]]:
         _refuse(path, "its compressed points are damaged")
     columns: list[NDArray[Any]] = []
     at = 0
-    for kind, count in zip(header.kinds, header.counts, strict=True):
-        columns.append(np.frombuffer(content, "<" + kind, header.points * count, at).reshape(header.points, count))
+    for field in fields:  # one column after another
+        columns.append(np.frombuffer(content, field.kind, points * field.values, at).reshape(points, field.values))
         at += columns[-1].nbytes
     return columns
 
 
+def _ascii(body: bytes, counts: list[int], points: int, path: Path) -> list[NDArray[Any]]:
+    lines = [line for line in body.decode("latin-1").splitlines() if line.strip()]
+    if len(lines) != points:
+        _refuse(path, f"has {len(lines)} rows; its header says {points} points")
+    try:
+        table = np.loadtxt(lines, comments=None, ndmin=2) if lines else np.zeros((0, sum(counts)))
+    except ValueError:
+        _refuse(path, "a row is no row of numbers, or not as long as the others")
+    if table.shape[1] != sum(counts):
+        _refuse(path, f"has {table.shape[1]} values a row; its header says {sum(counts)}")
+    return np.split(table, np.cumsum(counts[:-1]), axis=1)
+
+
 def _unpacked(packed: bytes, size: int) -> bytes | None:
-    """LZF: a control byte, then a run of new bytes, or a length and how far back the bytes stand. None: damaged."""
+    """Return what LZF has packed: a control byte, then a run of new bytes, or a length and how far back the bytes
+    stand. None: damaged."""
     out = bytearray()
     at, end = 0, len(packed)
     while at < end and len(out) <= size:

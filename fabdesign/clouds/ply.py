@@ -1,18 +1,22 @@
 """Strict PLY: ascii and binary, either byte order. What is short, long or odd is refused, never guessed.
 
+An ascii element is taken as a binary one of float64, so that both are bytes in which rows follow one another.
 Format: Greg Turk, The PLY Polygon File Format (1994).
 """
 
 import re
+from collections.abc import Sequence
+from itertools import accumulate, chain
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.clouds.measured_points import require_one_instant
-from fabdesign.clouds.ply_body import Body, Element, PlyColumn, Property, refuse
-from fabdesign.formats.bounded_file import read_bytes, require_few
+from fabdesign.errors import InputError
+from fabdesign.formats.csv_table import is_number
+from fabdesign.formats.toml_file import read_bytes, require_few
 from fabdesign.geometry.surface import fans_of
 from fabdesign.output import whole_file
 
@@ -23,6 +27,8 @@ _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _LONGEST_HEADER = 65536  # bytes
 _END = re.compile(rb"^end_header[ \t]*\r?\n", re.MULTILINE)  # a line of its own: a comment may name it
 _CORNERS = ("vertex_indices", "vertex_index")
+_TOGETHER = 65536  # lines that become numbers at once
+_LONGEST_LIST = 10**9
 
 
 class Ply(NamedTuple):
@@ -30,25 +36,43 @@ class Ply(NamedTuple):
     triangles: NDArray[np.intp]  # (t, 3); polygons are cut into fans; (0, 3) for a cloud
 
 
+class Property(NamedTuple):
+    """A property of an element. kind: a numpy type without byte order. count_kind: of a list, its length's."""
+
+    name: str
+    kind: str
+    count_kind: str | None = None
+
+
+class PlyColumn(NamedTuple):
+    """A property of all rows: the values one after another, and how many a row has."""
+
+    values: NDArray[Any]
+    lengths: NDArray[np.intp]
+
+
+Element = tuple[str, int, list[Property]]  # name, rows, properties
+
+
 def read_ply(path: Path | str) -> Ply:
-    """Vertices and faces of a PLY. Raises InputError, with one line, for anything that is not exactly a sound file."""
+    """Return vertices and faces of a PLY. Raises InputError, with one line, for anything that is not a sound file."""
     path = Path(path)
     content = read_bytes(path, "a PLY")
     order, elements, start = _header(content, path)
-    body = Body(content[start:], order, path)
+    body = _Body(content[start:], order, path)
     points, corners = None, PlyColumn(np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp))
-    for element in elements:
-        require_few(element.count, path, f"{element.name} rows")
-        columns = body.read(element)
-        if element.name == "vertex":
-            points = _points(columns, element, path)
-        elif element.name == "face" and element.count:
-            corners = next(columns[name] for name in _CORNERS if name in columns)
+    for name, count, properties in elements:
+        require_few(count, path, f"{name} rows")
+        columns = body.read(name, count, properties)
+        if name == "vertex":
+            points = _points(columns, properties, path)
+        elif name == "face" and count:
+            corners = next(columns[corner] for corner in _CORNERS if corner in columns)
     body.finish()
     if points is None:
-        refuse(path, "it has no vertices")
+        _refuse(path, "it has no vertices")
     if not np.all((np.abs(corners.values) < 2**31) & (corners.values == np.rint(corners.values))):
-        refuse(path, "its faces are no lists of whole numbers")
+        _refuse(path, "its faces are no lists of whole numbers")
     return Ply(points, fans_of(points, corners.values, corners.lengths, path))
 
 
@@ -60,7 +84,7 @@ def write_ply(path: Path | str, points: NDArray[np.floating], triangles: NDArray
 
 
 def ply_bytes(points: NDArray[np.floating], triangles: NDArray[np.integer] | None = None) -> bytes:
-    """The content that `write_ply` writes."""
+    """Return the content that `write_ply` writes."""
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
     header += [f"property float {axis}" for axis in "xyz"]
     body = np.asarray(points, dtype="<f4").tobytes()
@@ -72,54 +96,152 @@ def ply_bytes(points: NDArray[np.floating], triangles: NDArray[np.integer] | Non
     return "\n".join([*header, "end_header\n"]).encode("ascii") + body
 
 
+def _refuse(path: Path, why: str) -> NoReturn:
+    raise InputError(f"{path}: {why}; expected a sound PLY")
+
+
 def _header(content: bytes, path: Path) -> tuple[str, list[Element], int]:
-    """Byte order ('' for ascii), elements, and where the body starts."""
+    """Return the byte order ('' for ascii), the elements, and where the body starts."""
     end = _END.search(content, 0, _LONGEST_HEADER)
     if not content.startswith(b"ply") or end is None:
-        refuse(path, "has no PLY header")
-    lines = [line.split() for line in content[: end.start()].decode("latin-1").splitlines()]
+        _refuse(path, "has no PLY header")
     order: str | None = None
     elements: list[Element] = []
-    for words in lines[1:]:
+    for words in (line.split() for line in content[: end.start()].decode("latin-1").splitlines()[1:]):
         match words:
             case [] | ["comment" | "obj_info", *_]:
                 pass
             case ["format", name, "1.0"] if name in _ORDERS and order is None:
                 order = _ORDERS[name]
             case ["element", name, count] if count.isdecimal():
-                elements.append(Element(name, int(count[:18]), ()))
+                elements.append((name, int(count[:18]), []))
             case ["property", kind, name] if kind in _TYPES and elements:
-                elements[-1] = _with(elements[-1], Property(name, _TYPES[kind]))
+                elements[-1][2].append(Property(name, _TYPES[kind]))
             case ["property", "list", n, kind, name] if (
                 n in _TYPES and _TYPES[n][0] != "f" and kind in _TYPES and elements
             ):
-                elements[-1] = _with(elements[-1], Property(name, _TYPES[kind], _TYPES[n]))
+                elements[-1][2].append(Property(name, _TYPES[kind], _TYPES[n]))
             case _:
-                refuse(path, f'its header has the line "{" ".join(words)[:60]}"')
+                _refuse(path, f'its header has the line "{" ".join(words)[:60]}"')
     if order is None:
-        refuse(path, "its header names no format")
-    if len({element.name for element in elements}) < len(elements):
-        refuse(path, "its header has two elements of one name")
-    for element in elements:
-        names = [p.name for p in element.properties]
-        if not names or len(set(names)) < len(names):
-            refuse(path, f"its {element.name} has no properties, or two of one name")
-        lists = [p.name for p in element.properties if p.count_kind is not None and p.name in _CORNERS]
-        if (element.name == "face") != bool(lists) and element.count:  # else a mesh is taken for a cloud
-            named = f"{element.name} rows with {lists[0]}" if lists else "face rows without vertex_indices"
-            refuse(path, f"has {named}, which are not read")
+        _refuse(path, "its header names no format")
+    if len({name for name, *_ in elements}) < len(elements):
+        _refuse(path, "its header has two elements of one name")
+    for element, rows, properties in elements:
+        names = {p.name for p in properties}
+        if not names or len(names) < len(properties):
+            _refuse(path, f"its {element} has no properties, or two of one name")
+        lists = [p.name for p in properties if p.count_kind is not None and p.name in _CORNERS]
+        if (element == "face") != bool(lists) and rows:  # else a mesh is taken for a cloud
+            unread = f"{element} rows with {lists[0]}" if lists else "face rows without vertex_indices"
+            _refuse(path, f"has {unread}, which are not read")
     return order, elements, end.end()
 
 
-def _with(element: Element, new: Property) -> Element:
-    return Element(element.name, element.count, (*element.properties, new))
-
-
-def _points(columns: dict[str, PlyColumn], element: Element, path: Path) -> NDArray[np.float64]:
+def _points(columns: dict[str, PlyColumn], properties: Sequence[Property], path: Path) -> NDArray[np.float64]:
     if not {"x", "y", "z"} <= columns.keys():
-        refuse(path, "its vertices have no x, y, z")
-    scalars = {p.name: columns[p.name].values for p in element.properties if p.count_kind is None}
+        _refuse(path, "its vertices have no x, y, z")
+    scalars = {p.name: columns[p.name].values for p in properties if p.count_kind is None}
     if not {"x", "y", "z"} <= scalars.keys():
-        refuse(path, "its vertices have lists for x, y, z")
+        _refuse(path, "its vertices have lists for x, y, z")
     require_one_instant(scalars, str(path))
     return np.stack([scalars[axis].astype(np.float64) for axis in "xyz"], axis=1)
+
+
+class _Body:
+    """The rows below the header. order: of bytes, "<" or ">"; "" for ascii."""
+
+    def __init__(self, body: bytes, order: str, path: Path) -> None:
+        self._body, self._order, self._path = body, order, path
+        self._at = 0  # byte or, of an ascii body, line
+        self._lines: list[str] = []
+        if not order:
+            require_few(body.count(b"\n"), path, "lines")
+            text = body.decode("latin-1").replace("_", "?")  # Python takes 1_000 for a number
+            self._lines = [line for line in text.splitlines() if line.strip()]
+
+    def read(self, name: str, count: int, properties: Sequence[Property]) -> dict[str, PlyColumn]:
+        """Return the columns of the next element by their names. Raises InputError."""
+        if self._order:
+            starts = _starts(properties, count, self._body, self._order, self._at)
+            if len(starts) <= count:
+                _refuse(self._path, f"ends after {len(starts) - 1} of {count} {name} rows")
+            self._at = int(starts[-1])
+            return _columns(properties, self._body, self._order, starts[:-1])
+        body, widths = self._numbers(name, count)
+        properties = [Property(p.name, "f8", p.count_kind and "f8") for p in properties]
+        starts, lines = _starts(properties, count, body, "<", 0), 8 * np.array([0, *accumulate(widths)])
+        if not np.array_equal(starts, lines):
+            same = starts == lines[: len(starts)]
+            row = int(np.argmin(same)) - 1 if not same.all() else len(starts) - 1
+            _refuse(self._path, f"{name} row {row} has {widths[row]} values; the header says others")
+        return _columns(properties, body, "<", starts[:-1])
+
+    def _numbers(self, name: str, count: int) -> tuple[bytes, list[int]]:
+        """Return the next lines as float64, and how many each has."""
+        lines = self._lines[self._at : self._at + count]
+        if len(lines) < count:
+            _refuse(self._path, f"ends after {len(lines)} of {count} {name} rows")
+        self._at += count
+        parts, widths = bytearray(), list[int]()
+        for first in range(0, len(lines), _TOGETHER):
+            rows = [line.split() for line in lines[first : first + _TOGETHER]]
+            widths += map(len, rows)
+            try:
+                parts += np.array([*map(float, chain.from_iterable(rows))], dtype="<f8").tobytes()
+            except ValueError:
+                row = next(i for i, row in enumerate(rows) if not all(map(is_number, row)))
+                _refuse(self._path, f"{name} row {first + row} is no row of numbers")
+        return bytes(parts), widths
+
+    def finish(self) -> None:
+        """Raise InputError where something is left."""
+        unread = (len(self._body) if self._order else len(self._lines)) - self._at
+        if unread:
+            _refuse(self._path, f"has {unread} {'bytes' if self._order else 'rows'} more than its header says")
+
+
+def _at_every_byte(body: bytes, kind: str) -> NDArray[Any]:
+    """Return the value that would begin at each byte."""
+    return np.ndarray(max(len(body) - np.dtype(kind).itemsize + 1, 0), kind, body, strides=(1,))
+
+
+def _starts(properties: Sequence[Property], count: int, body: bytes, order: str, at: int) -> NDArray[np.intp]:
+    """Return where the rows begin, with the end of the last; fewer where the body ends, or a list's length is none."""
+    steps: list[tuple[int, NDArray[Any], int, int]] = []  # bytes before a length, lengths, their bytes, a value's
+    fixed = 0
+    for p in properties:
+        size = np.dtype(p.kind).itemsize
+        if p.count_kind is None:
+            fixed += size
+        else:
+            steps.append((fixed, _at_every_byte(body, order + p.count_kind), np.dtype(p.count_kind).itemsize, size))
+            fixed = 0
+    if not steps:
+        return at + fixed * np.arange(min(count, (len(body) - at) // fixed) + 1)
+    starts = [at]
+    for _ in range(count):
+        for before, lengths, bytes_of_length, size in steps:
+            at += before
+            if at >= len(lengths) or not 0 <= (number := lengths[at].item()) < _LONGEST_LIST or number % 1:
+                return np.array(starts)
+            at += bytes_of_length + int(number) * size
+        at += fixed
+        if at > len(body):
+            break
+        starts.append(at)
+    return np.array(starts)
+
+
+def _columns(properties: Sequence[Property], body: bytes, order: str, at: NDArray[np.intp]) -> dict[str, PlyColumn]:
+    columns = {}
+    for p in properties:
+        size, lengths, places = np.dtype(p.kind).itemsize, np.ones(len(at), dtype=np.intp), at
+        if p.count_kind is not None:
+            lengths = _at_every_byte(body, order + p.count_kind)[at].astype(np.intp)
+            at = at + np.dtype(p.count_kind).itemsize
+            places = np.repeat(at - size * (np.cumsum(lengths) - lengths), lengths)
+            places = places + size * np.arange(len(places))
+        columns[p.name] = PlyColumn(_at_every_byte(body, order + p.kind)[places], lengths)
+        at = at + size * lengths
+    return columns

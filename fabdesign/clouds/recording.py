@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tomlkit
@@ -21,11 +21,10 @@ from fabdesign.depth.sensor import SeenTarget, Sensor, depth_stream
 from fabdesign.depth.stream import DepthStream, paired_as_stamped
 from fabdesign.errors import InputError, note
 from fabdesign.files.design_file import read_design, write_design
-from fabdesign.files.pressure_file import write_pressures
-from fabdesign.files.pressure_log import NO_LOG, PressureLog, read_pressure_log
+from fabdesign.files.pressure_file import NO_LOG, PressureLog, read_pressure_log, write_pressures
 from fabdesign.formats.decoder import decode
 from fabdesign.formats.encoder import Encoder
-from fabdesign.formats.measured_units import require_seconds
+from fabdesign.formats.lab_table import require_seconds
 from fabdesign.formats.schema import ABOVE_0, FileUnit, Key, Second
 from fabdesign.formats.table import Table, load_toml
 from fabdesign.formats.toml_file import file_name, file_stem
@@ -45,7 +44,7 @@ _SIZE = 4.0  # m; a cloud ten times as far from its camera is in another unit
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What a folder holds; clouds are read when asked for."""
+    """The content of a folder; clouds are read when asked for."""
 
     folder: Path
     name: str
@@ -64,7 +63,7 @@ class Recording:
 
     @cached_property
     def topics(self) -> Mapping[str, tuple[Array, ...]]:
-        """The clouds of the MCAP: one of each topic for each of `times`. Raises InputError."""
+        """Return the clouds of the MCAP: one of each topic for each of `times`. Raises InputError."""
         assert self.mcap is not None
         by_topic = dict(read_mcap(self.mcap))
         for column, topic in enumerate(str(sensor.topic) for sensor in self.sensors):
@@ -77,7 +76,7 @@ class Recording:
         return by_topic
 
     def frame(self, sensor: Sensor, index: int) -> Array:
-        """(n, 3) m, in the camera's own frame, z forward and y down. Raises InputError."""
+        """Return (n, 3) m, in the camera's own frame, z forward and y down. Raises InputError."""
         if self.depth:
             column = self.sensors.index(sensor)
             return self.depth[column].cloud(index if self.chosen is None else int(self.chosen[index, column]))
@@ -99,12 +98,12 @@ class Recording:
         return (self.folder / "reference").is_dir()
 
     def reference(self, sensor: Sensor) -> Array:
-        """(n, 3) m: the unloaded cloth as the sensor sees it. Raises InputError."""
+        """Return (n, 3) m: the unloaded cloth as the sensor sees it. Raises InputError."""
         file = _cloud_file((self.folder / "reference" / sensor.name,), "reference", sensor)
         return self._ahead(read_cloud(file, size=_SIZE), str(file))
 
     def _ahead(self, cloud: Array, what: str) -> Array:
-        """With z forward and y down; points that lie behind the camera are refused."""
+        """Return it with z forward and y down; points that lie behind the camera are refused."""
         if self.convention == "backward":
             cloud = cloud * [1.0, -1.0, -1.0]
         if np.median(cloud[:, 2]) <= 0:
@@ -170,15 +169,6 @@ class RecordingKeys:
         return self
 
 
-@dataclass(frozen=True, eq=False)
-class _Frames:
-    """As the fields of a Recording."""
-
-    times: Array
-    chosen: NDArray[np.intp] | None = None
-    left_out: str = ""
-
-
 def read_recording(path: Path | str, *, convention: Convention = "forward") -> Recording:
     """Read a recording: its folder or its `recording.toml`. Raises InputError.
 
@@ -188,33 +178,28 @@ def read_recording(path: Path | str, *, convention: Convention = "forward") -> R
     path = Path(path)
     if path.is_dir():
         path = path / "recording.toml"
-    keys, folder = decode(RecordingKeys, load_toml(path, FORMAT)), path.parent
-    mcap = folder / file_name(keys.mcap, str(path)) if keys.mcap else None
+    keys, folder, where = decode(RecordingKeys, load_toml(path, FORMAT)), path.parent, str(path)
+    mcap = folder / file_name(keys.mcap, where) if keys.mcap else None
     streams = tuple(filter(None, (depth_stream(sensor, folder, mcap) for sensor in keys.sensors)))
+    depth: dict[str, Any] = {}
+    chosen, left_out = None, ""
     if streams:
-        return _with_depth(keys, folder, streams, convention)
-    frames = _stamped(keys, mcap) if mcap is not None else _Frames(_times(keys, folder))
+        if len(streams) != len(keys.sensors):
+            raise InputError(f"{where}: some sensors have depth images, others clouds; expected one kind")
+        paired, chosen = paired_as_stamped(streams, keys.frame_rate, where)
+        times = paired[0].stamps[chosen[:, 0]] - paired[0].stamps.min()
+        require_seconds(times, where)
+        depth = {"depth": paired, "cut": keys.cut, "log": keys.pressure, "target": keys.target}
+    elif mcap is not None:
+        times, chosen, left_out = _stamped(keys, mcap)
+    else:
+        times = _times(keys, folder)
     program = read_pressure_log(keys.pressure, folder, keys.design)
-    if frames.times[-1] > program.duration + 1.5 * float(np.diff(frames.times, prepend=0.0).max()):
-        note(f"{folder / keys.pressure.file}: ends at {program.duration:.3g} s, the frames at {frames.times[-1]:.3g} s")
-    paired = (frames.chosen, frames.left_out)
-    return Recording(folder, keys.name, keys.design, frames.times, keys.sensors, program, convention, mcap, *paired)
-
-
-def _with_depth(
-    keys: RecordingKeys, folder: Path, streams: tuple[DepthStream, ...], convention: Convention
-) -> Recording:
-    where = str(folder / "recording.toml")
-    if len(streams) != len(keys.sensors):
-        raise InputError(f"{where}: some sensors have depth images, others clouds; expected one kind")
-    depth, chosen = paired_as_stamped(streams, keys.frame_rate, where)
-    times = depth[0].stamps[chosen[:, 0]] - depth[0].stamps.min()
-    require_seconds(times, where)
-    program = read_pressure_log(keys.pressure, folder, keys.design)
-    return Recording(
-        folder, keys.name, keys.design, times, keys.sensors, program, convention, chosen=chosen, depth=depth,
-        cut=keys.cut, log=keys.pressure, target=keys.target,
-    )  # fmt: skip
+    if not streams and times[-1] > program.duration + 1.5 * float(np.diff(times, prepend=0.0).max()):
+        note(f"{folder / keys.pressure.file}: ends at {program.duration:.3g} s, the frames at {times[-1]:.3g} s")
+    clouds = None if streams else mcap
+    parts = (folder, keys.name, keys.design, times, keys.sensors, program, convention, clouds, chosen, left_out)
+    return Recording(*parts, **depth)
 
 
 def write_recording(
@@ -243,9 +228,10 @@ def write_recording(
     file.write_text(tomlkit.dumps(document), encoding="utf-8", newline="\n")
 
 
-def _stamped(keys: RecordingKeys, mcap: Path) -> _Frames:
-    """The times of an MCAP's frames, and their clouds: by the stamps, where these say something, else in the order of
-    the first sensor's clouds, from one interval after rest on. Raises InputError."""
+def _stamped(keys: RecordingKeys, mcap: Path) -> tuple[Array, NDArray[np.intp] | None, str]:
+    """Return the times of an MCAP's frames, their clouds, and a line on frames that are left out: by the stamps, where
+    these say something, else in the order of the first sensor's clouds, from one interval after rest on. Raises
+    InputError."""
     given, stamps = None if keys.times is None else np.array(keys.times), read_stamps(mcap)
     rate = keys.frame_rate if given is None else None
     topics = [str(sensor.topic) for sensor in keys.sensors]
@@ -258,7 +244,7 @@ def _stamped(keys: RecordingKeys, mcap: Path) -> _Frames:
             note(f"{mcap}: its stamps do not say which clouds are of one frame; they are paired in their order")
         times = given if given is not None else np.arange(1, len(stamps[topics[0]]) + 1) / (rate or 1.0)
         require_seconds(times, str(mcap))
-        return _Frames(times)
+        return times, None, ""
     whole = pairs.whole
     if rate is not None and not 1 / _OTHER_RATE < rate * pairs.interval < _OTHER_RATE:
         raise InputError(f"{mcap}: a cloud every {pairs.interval:.4g} s by their stamps; expected {1 / rate:.4g} s")
@@ -269,12 +255,12 @@ def _stamped(keys: RecordingKeys, mcap: Path) -> _Frames:
     left_out = left_out_line(pairs, topics, times, str(mcap))
     if left_out:
         note(left_out)
-    return _Frames(times[whole], pairs.clouds[whole], left_out)
+    return times[whole], pairs.clouds[whole], left_out
 
 
 def _times(keys: RecordingKeys, folder: Path) -> Array:
-    """The frames' times; with a `frame_rate` as many as there are frame folders, or files of the first sensor. Of more
-    of these than times it says which are left out."""
+    """Return the frames' times; with a `frame_rate` as many as there are frame folders, or files of the first sensor.
+    Where there are more than times it says which are left out."""
     given = None if keys.times is None else np.array(keys.times)
     frames = folder / "frames"
     by_sensor = frames / keys.sensors[0].name

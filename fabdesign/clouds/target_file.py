@@ -45,7 +45,11 @@ def read_target(target: TargetFile, fabric: Fabric, *, seed: int = 0) -> PlacedT
     `read_geometry` refuses, for fewer points than FEWEST, and for a target that cannot be a cloth held as `fabric`,
     with the unit, or the registration, that would do.
     """
-    geometry, rng = read_geometry(target.file, frame=target.frame), np.random.default_rng(seed)
+    if target.points is None:
+        geometry = read_geometry(target.file, frame=target.frame)
+    else:
+        geometry = Geometry(sound_cloud(target.points, str(target.file), unit_known=False))
+    rng = np.random.default_rng(seed)
     if geometry.trial and (target.unit != "m" or target.scale != 1):
         raise InputError(f"{target.file}: unit or scale for a trial, which says its own; expected none")
     if geometry.frame is None and target.frame != -1:
@@ -126,7 +130,8 @@ def keys_as_options() -> Iterator[None]:
 
 
 def _without_far(geometry: Geometry, factor: float, fabric: Fabric, target: TargetFile) -> Geometry:
-    """A cloud without what lies too far from the rest to be of this cloth; in another unit it is left as it is."""
+    """Return a cloud without what lies too far from the rest to be of this cloth; in another unit it is left as it
+    is."""
     if geometry.is_mesh:
         return geometry
     size = max(fabric.width, fabric.height)
@@ -135,8 +140,8 @@ def _without_far(geometry: Geometry, factor: float, fabric: Fabric, target: Targ
 
 
 def _fit(geometry: Geometry, raw: Array, fabric: Fabric, factor: float, target: TargetFile) -> PlacementFit:
-    """With the vertices of a mesh, and points drawn on it closely: its edge is then known exactly. A trial's axes are
-    the world's."""
+    """Register it with the vertices of a mesh, and points drawn on it closely: its edge is then known exactly. A
+    trial's axes are the world's."""
     if fabric.hung != "top":
         raise InputError(f'{target.file}: place = "fit" for a cloth held elsewhere; expected one hung by its top edge')
     rotation = target.rotation or ((0.0, 0.0, 0.0) if geometry.trial else None)
@@ -150,7 +155,7 @@ def _fit(geometry: Geometry, raw: Array, fabric: Fabric, factor: float, target: 
 
 
 def _remedies(geometry: Geometry, raw: Array, fabric: Fabric, target: TargetFile) -> Iterator[str]:
-    """What would make the target one that the cloth could take, the least change first, as hints."""
+    """Yield what would make the target one that the cloth could take, the least change first, as hints."""
     others: list[Unit] = [] if geometry.trial else [unit for unit in UNITS if unit != target.unit]
     for unit in others:
         placement = Placement(UNITS[unit] * target.scale, target.rotation or (0.0, 0.0, 0.0), target.translation)

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from fabdesign.clouds.measured_points import names_instants, require_one_instant
 from fabdesign.errors import InputError, note
-from fabdesign.formats.bounded_file import LARGEST, decode_any, read_bytes, require_few
 from fabdesign.formats.csv_table import is_number, require_decimals, separator, without_separator_line
-from fabdesign.formats.headings import parse_heading, parse_units_row
+from fabdesign.formats.lab_table import parse_heading, parse_units_row
+from fabdesign.formats.toml_file import LARGEST, decode_any, read_bytes, require_few
 from fabdesign.geometry.placement import Unit
 
 _AXES = ["x", "y", "z"]
@@ -68,7 +68,7 @@ def is_text_cloud(path: Path) -> bool:
 
 
 def read_pts(path: Path | str) -> NDArray[np.float64]:
-    """(n, 3) points of a PTS: their count, then as many lines of x y z, with an intensity, a colour, or both, or none.
+    """Return (n, 3) points of a PTS: their count, then as many lines of x y z, with an intensity, a colour or both.
 
     Raises InputError."""
     path = Path(path)
@@ -102,11 +102,14 @@ def _lines(path: Path) -> Lines:
 
 
 def _with_header(lines: Lines, path: Path) -> Lines:
-    """Without comments, but with one above the points that names their columns as their header: "//X Y Z" of
+    """Return them without comments, but with one above the points that names their columns as a header: "//X Y Z" of
     CloudCompare, whose count of points may follow, "# z y x" of numpy's savetxt. Raises InputError where there are not
-    so many points."""
+    so many points, and where comments part several frames."""
     rest = [line for line in lines if not line[1].startswith(_COMMENTS)]
-    _require_one_block(lines, path)
+    words = (line.lstrip("#/ ").lower() for _, line in lines if line.startswith(_COMMENTS))
+    frames = {word for word in words if names_instants(word.rstrip("0123456789.:=+- smµ[]()"))}
+    if len(frames) > 1:  # as "# frame 0" and "# frame 1" do above their points
+        raise InputError(f"{path}: its comments part several frames ({min(frames)[:40]}, ...); expected one")
     for number, line in lines:
         if not line.startswith(_COMMENTS):
             break
@@ -117,21 +120,15 @@ def _with_header(lines: Lines, path: Path) -> Lines:
                     _refuse(path, rest[0], f"is the count of points, of which there are {len(rest) - 1}")
                 rest = rest[1:]
             mark = _mark(rest[0][1]) if rest else None
-            if line.startswith("//") or (rest and len(_split(rest[0][1], mark)) == len(cells) and _is_row(rest[0][1])):
+            row = _split(rest[0][1], mark) if rest else []
+            numbers = all(is_number(cell.replace(",", ".")) for cell in row[:3])
+            if line.startswith("//") or (rest and len(row) == len(cells) and numbers):
                 return [(number, (mark or " ").join(cell.replace(" ", "") + unit for cell in cells)), *rest]
     return rest
 
 
-def _require_one_block(lines: Lines, path: Path) -> None:
-    """Raise InputError where several comments name a frame, as "# frame 0" and "# frame 1" do above their points."""
-    words = (line.lstrip("#/ ").lower() for _, line in lines if line.startswith(_COMMENTS))
-    blocks = {word for word in words if names_instants(word.rstrip("0123456789.:=+- smµ[]()"))}
-    if len(blocks) > 1:
-        raise InputError(f"{path}: its comments part several frames ({min(blocks)[:40]}, ...); expected one")
-
-
 def _commented(line: str) -> tuple[list[str], str]:
-    """The headings in a comment, and the unit that may stand behind all of them, in brackets; "" for none."""
+    """Return the headings in a comment, and the unit that may stand behind all of them, in brackets; "" for none."""
     header = line.lstrip("#/ ")
     cells = _split(header, _mark(header))
     last = cells[-1].strip("[]()")
@@ -139,12 +136,8 @@ def _commented(line: str) -> tuple[list[str], str]:
     return (cells[:-1], f"[{last}]") if is_unit else (cells, "")
 
 
-def _is_row(line: str) -> bool:
-    return all(is_number(cell.replace(",", ".")) for cell in _split(line, _mark(line))[:3])
-
-
 def _mark(line: str) -> str | None:
-    """What parts the cells; None: blanks."""
+    """Return what parts the cells; None: blanks."""
     mark = separator(line)
     return None if mark == " " or mark not in line else mark
 
@@ -154,7 +147,7 @@ def _split(line: str, mark: str | None) -> list[str]:
 
 
 def _named(path: Path, lines: Lines, mark: str | None) -> tuple[list[int], Unit | None, Lines]:
-    """The places of x, y and z, their unit, and the lines below the header and its units."""
+    """Return the places of x, y and z, their unit, and the lines below the header and its units."""
     headings = [parse_heading(cell) for cell in _split(lines[0][1], mark)]
     names = [heading.name for heading in headings]
     if len(set(names)) < len(names) or not set(_AXES) <= set(names):

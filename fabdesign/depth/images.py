@@ -13,8 +13,8 @@ from fabdesign.depth.intrinsics import Intrinsics, intrinsics_of, intrinsics_of_
 from fabdesign.depth.png import colour_image, depth_image
 from fabdesign.depth.stream import MOST_FRAMES, DepthStream
 from fabdesign.errors import InputError
-from fabdesign.formats.bounded_file import decode, read_bytes
 from fabdesign.formats.npz_file import open_npz
+from fabdesign.formats.toml_file import read_bytes, read_text
 
 _ENDINGS = (".png", ".tif", ".tiff")
 _COLOUR_ENDINGS = (*_ENDINGS, ".jpg", ".jpeg")
@@ -61,7 +61,7 @@ def read_image_folder(
 
 def read_intrinsics(path: Path, size: tuple[int, int] | None = None) -> Intrinsics:
     """Return the intrinsics of a JSON for images of a size (width, height). Raises InputError."""
-    text = decode(read_bytes(path, "a JSON of intrinsics", largest=1_000_000), path)
+    text = read_text(path, "a JSON of intrinsics", largest=1_000_000)
     try:
         content = json.loads(text)
     except (ValueError, RecursionError):
@@ -118,7 +118,7 @@ def _numbers(files: list[Path]) -> NDArray[np.int64] | None:
 
 def _stamps(path: Path, count: int) -> NDArray[np.float64]:
     """Return the first number of each line. Raises InputError."""
-    lines = decode(read_bytes(path, "a text of stamps", largest=10_000_000), path).splitlines()
+    lines = read_text(path, "a text of stamps", largest=10_000_000).splitlines()
     words = [re.split(r"[,;\s]+", line.strip()) for line in lines if line.strip() and not line.startswith("#")]
     try:
         values = np.array([float(row[0]) for row in words])

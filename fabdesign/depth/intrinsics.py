@@ -7,9 +7,9 @@ Modified Brown-Conrady (it leaves the distortion away) and for f-theta (its scal
 one whose projection by the SDK is the pixel.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -128,8 +128,6 @@ def intrinsics_of_json(content: Any, size: tuple[int, int] | None, where: str) -
 
 
 _KEYS = (("fx", "fx"), ("fy", "fy"), ("ppx", "cx"), ("ppy", "cy"))
-
-
 # modes of Azure Kinect by their image's size: the binned sensor's size, and where the image begins in it
 _MODES = {(640, 576): (1024, 192, 180), (320, 288): (512, 96, 90), (512, 512): (512, 0, 0), (1024, 1024): (1024, 0, 0)}
 
@@ -208,22 +206,16 @@ def _un_ftheta(distorted: Array, c: Array) -> Array:
     return np.asarray(distorted * np.tan(np.clip(c[0] * r, -1.55, 1.55)) / (2 * np.tan(c[0] / 2) or 1.0) / r)
 
 
-def _plain(slope: Array, c: Array) -> Array:
-    return _brown(slope, c, False)
-
-
-def _modified(slope: Array, c: Array) -> Array:
-    return _brown(slope, c, True)
-
-
-_DISTORT = {
+_plain, _modified = partial(_brown, tangential_on_radial=False), partial(_brown, tangential_on_radial=True)
+_Lens = Callable[[Array, Array], Array]
+_DISTORT: Mapping[str, _Lens] = {
     "brown_conrady": _plain,
     "inverse_brown_conrady": _modified,
     "modified_brown_conrady": _modified,
     "kannala_brandt4": _kannala_brandt,
     "ftheta": _ftheta,
 }
-_UNDISTORT = {
+_UNDISTORT: Mapping[str, _Lens] = {
     "brown_conrady": _inverse(_plain),
     "inverse_brown_conrady": _inverse(_modified),
     "modified_brown_conrady": _inverse(_modified),

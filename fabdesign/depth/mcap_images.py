@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fabdesign.clouds.mcap_file import messages_of
 from fabdesign.depth.intrinsics import Intrinsics
-from fabdesign.depth.ros_image import camera_of_info, cdr_stamp, depth_of
+from fabdesign.depth.ros_image import METRES, camera_of_info, cdr_stamp, depth_of, plain_image
 from fabdesign.depth.stream import DepthStream
 from fabdesign.errors import InputError
 
@@ -33,7 +33,7 @@ def read_mcap_depth(path: Path, topic: str, *, unit: float | None = None) -> Dep
         raise InputError(f"{path}: no depth images on {topic}; expected sensor_msgs/msg/Image or CompressedImage")
     where = f"{path}: {topic}"
     camera = _camera(infos, topic, where)
-    fine = kind == "32FC1"
+    fine = kind == METRES[0]
 
     def read(index: int) -> NDArray[np.uint16]:
         return _image(records[index][1](), f"{where}, image {index}")
@@ -64,13 +64,7 @@ def _shared(name: str, other: str) -> int:
 
 
 def _image(message: Any, where: str) -> NDArray[np.uint16]:
-    if getattr(message, "encoding", "") != "32FC1":
+    if getattr(message, "encoding", "") != METRES[0]:
         return depth_of(message, where)
-    rows, columns, step = int(message.height), int(message.width), int(message.step)
-    data = np.frombuffer(bytes(message.data), np.uint8)
-    if len(data) != rows * step or columns * 4 > step:
-        raise InputError(f"{where}: {rows} x {columns} pixels have {len(data)} bytes; expected {rows} rows of {step}")
-    lines = np.ascontiguousarray(data.reshape(rows, step)[:, : columns * 4])
-    metres = lines.view(">f4" if message.is_bigendian else "<f4").astype(np.float64)
-    steps = np.nan_to_num(metres / _FINE, nan=0.0, posinf=0.0, neginf=0.0)
+    steps = np.nan_to_num(plain_image(message, METRES, where) / _FINE, nan=0.0, posinf=0.0, neginf=0.0)
     return np.asarray(np.where((steps < 0) | (steps >= 2**16), 0, steps).round().astype(np.uint16))

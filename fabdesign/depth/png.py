@@ -15,11 +15,7 @@ _COLOUR_MODES = ("RGB", "L", "RGBA", "P")
 
 def depth_image(content: bytes, where: str) -> NDArray[np.uint16]:
     """Return (rows, columns) of a 16-bit PNG or TIFF. Raises InputError."""
-    image = _opened(content, where)
-    with image:
-        if image.mode not in _DEPTH_MODES:
-            raise InputError(f"{where}: an image of kind {image.mode}; expected 16 bits, one channel (is it colour?)")
-        values = _pixels(image, where)
+    values = _pixels(content, where, _DEPTH_MODES, "16 bits, one channel (is it colour?)", None)
     if values.dtype != np.uint16 and values.size and not 0 <= values.min() <= values.max() < 2**16:
         raise InputError(f"{where}: depths from {values.min()} to {values.max()}; expected 16 bits")
     return np.asarray(values.astype(np.uint16))
@@ -27,42 +23,27 @@ def depth_image(content: bytes, where: str) -> NDArray[np.uint16]:
 
 def colour_image(content: bytes, where: str) -> NDArray[np.uint8]:
     """Return (rows, columns, 3) of a PNG, TIFF or JPEG with 8 bits a channel. Raises InputError."""
-    image = _opened(content, where)
-    with image:
-        if image.mode not in _COLOUR_MODES:
-            raise InputError(f"{where}: an image of kind {image.mode}; expected red, green and blue of 8 bits")
-        _require_size(image, where)
-        try:
-            return np.asarray(image.convert("RGB"), dtype=np.uint8)
-        except Exception as error:
-            raise _damaged(where, error) from None
+    return _pixels(content, where, _COLOUR_MODES, "red, green and blue of 8 bits", "RGB")
 
 
-def _opened(content: bytes, where: str) -> Any:
+def _pixels(content: bytes, where: str, modes: tuple[str, ...], expected: str, mode: str | None) -> NDArray[Any]:
+    """Return an image's pixels, converted to a mode of PIL. Raises InputError."""
     from PIL import Image
 
     try:
-        image = Image.open(io.BytesIO(content), formats=("PNG", "TIFF", "JPEG"))
-    except Exception as error:  # it raises whatever its parsers meet
-        raise _damaged(where, error) from None
-    _require_size(image, where)
-    return image
-
-
-def _require_size(image: Any, where: str) -> None:
-    width, height = image.size
-    if width * height > MOST_PIXELS:
-        raise InputError(f"{where}: {width} x {height} pixels; expected at most {MOST_PIXELS / 1e6:.1f} million")
-    if getattr(image, "n_frames", 1) != 1:
-        raise InputError(f"{where}: holds {image.n_frames} images; expected one")
-
-
-def _pixels(image: Any, where: str) -> NDArray[Any]:
-    try:
-        return np.asarray(image)
-    except Exception as error:
-        raise _damaged(where, error) from None
-
-
-def _damaged(where: str, error: Exception) -> InputError:
-    return InputError(f"{where}: cannot be read as an image ({type(error).__name__}); expected a whole PNG or TIFF")
+        opened: Any = Image.open(io.BytesIO(content), formats=("PNG", "TIFF", "JPEG"))
+        with opened as image:
+            width, height = image.size
+            if width * height > MOST_PIXELS:
+                most = f"{MOST_PIXELS / 1e6:.1f} million"
+                raise InputError(f"{where}: {width} x {height} pixels; expected at most {most}")
+            if getattr(image, "n_frames", 1) != 1:
+                raise InputError(f"{where}: holds {image.n_frames} images; expected one")
+            if image.mode not in modes:
+                raise InputError(f"{where}: an image of kind {image.mode}; expected {expected}")
+            return np.asarray(image if mode is None else image.convert(mode))
+    except InputError:
+        raise
+    except Exception as error:  # PIL raises whatever its parsers meet
+        line = f"{where}: cannot be read as an image ({type(error).__name__}); expected a whole PNG or TIFF"
+        raise InputError(line) from None

@@ -8,10 +8,10 @@ metadata as "key=value;...". In both the messages of a frame have one log time.
 
 import re
 import struct
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +22,11 @@ from fabdesign.depth.realsense_info import (
     camera_of,
     depth_to_colour,
     depth_unit,
+    gravity_of,
     metadata_of,
     serial_of,
 )
-from fabdesign.depth.ros_image import bound_chunks, cdr_stamp, depth_of, ros1_image, ros1_stamp
+from fabdesign.depth.ros_image import COLOUR, bound_chunks, cdr_stamp, depth_of, plain_image, ros1_image, ros1_stamp
 from fabdesign.depth.stream import MOST_FRAMES, DepthStream
 from fabdesign.errors import InputError
 
@@ -53,7 +54,8 @@ def read_realsense(path: Path | str, *, serial: str = "") -> DepthStream:
                 f"{path}: depth streams of {held}; expected "
                 + (f"one of the camera {serial[:40]!r}" if serial else "one, or a serial that chooses")
             )
-        return _stream(reader, path, depths[chosen[0]], _colour_of(streams, chosen[0][0]), devices[chosen[0]])
+        colour = next((stream for key, stream in streams.items() if key[:2] == (chosen[0][0], "Color")), None)
+        return _stream(reader, path, depths[chosen[0]], colour, devices[chosen[0]])
     except InputError:
         raise
     except Exception as error:  # rosbags raises whatever its parsers meet
@@ -102,25 +104,18 @@ def _image_part(parts: Mapping[str, Any]) -> str | None:
     return next((p for p in ("image/data", "image/data/compressedDepth", "image/data/compressed") if p in parts), None)
 
 
-def _colour_of(streams: Mapping[tuple[int, str, int], BagStream], device: int) -> BagStream | None:
-    return next((stream for key, stream in streams.items() if key[:2] == (device, "Color")), None)
-
-
 def _stream(reader: Any, path: Path, depth: BagStream, colour: BagStream | None, serial: str) -> DepthStream:
     where = f"{path}: depth"
     camera = camera_of(reader, depth, where)
-    part = _image_part(depth.parts)
-    images = depth.parts[str(part)]
+    images = depth.parts[str(_image_part(depth.parts))]
     if images.msgcount > MOST_FRAMES:
         raise InputError(f"{where}: {images.msgcount} images; expected at most {MOST_FRAMES}")
     metadata = metadata_of(reader, depth)
-    headers = [*_headers(reader, images)]
-    times = [header.time for header in headers]
-    stamps, clock = _stamps(headers, metadata)
+    times, stamps, numbers = _counted(reader, images, metadata)
+    domains = {each["timestamp_domain"].strip().lower() for each in metadata.values() if "timestamp_domain" in each}
+    clock = "global" if domains and domains <= set(_GLOBAL) else "device"
     units = [float(each["depth_units"]) for each in metadata.values() if "depth_units" in each]
     unit = units[0] if units else depth_unit(reader, depth)
-    device = [float(metadata.get(t, {}).get("Frame Timestamp", "nan")) * 1e-6 for t in times]
-    numbers = _numbers(headers, metadata)
     read = _reader(reader, images, times, where)
     shown = None
     if colour is not None:
@@ -132,58 +127,48 @@ def _stream(reader: Any, path: Path, depth: BagStream, colour: BagStream | None,
         stamps,
         read,
         clock,
-        np.array(device) if np.isfinite(device).all() else None,
         numbers,
         shown,
         None if colour is None else camera_of(reader, colour, f"{path}: colour"),
         None if colour is None else depth_to_colour(reader, depth, colour),
         serial,
+        gravity_of(reader, depth),
     )
 
 
-class _Header(NamedTuple):
-    """Of an image: its log time [ns], and the stamp [s] and the counter that it begins with; ROS 2 has no counter."""
-
-    time: int
-    stamp: float
-    counter: int | None
-
-
-def _headers(reader: Any, images: Any) -> Iterator[_Header]:
-    """Yield those of every image, by one pass through the file."""
+def _counted(
+    reader: Any, images: Any, metadata: Mapping[int, Mapping[str, str]]
+) -> tuple[list[int], NDArray[np.float64], NDArray[np.int64] | None]:
+    """Return of every image the log time [ns], and the frame's own stamp [s] and number; None where nothing says it. Of
+    a `.db3` they stand in the metadata, of a `.bag` the message begins with them."""
+    times, stamps, counters = [], [], []
     for _, time, raw in reader.messages(connections=[images]):
         if len(raw) < 16:
             raise InputError(f"{reader.paths[0]}: an image of {len(raw)} bytes; expected a header")
-        if reader.is2:
-            yield _Header(time, cdr_stamp(raw), None)
-        else:
-            yield _Header(time, ros1_stamp(raw), struct.unpack_from("<I", raw)[0])
+        times.append(time)
+        stamps.append(cdr_stamp(raw) if reader.is2 else ros1_stamp(raw))
+        counters.append(None if reader.is2 else str(struct.unpack_from("<I", raw)[0]))
+
+    def said(key: str) -> list[str | None]:
+        return [metadata.get(time, {}).get(key) for time in times]
+
+    milliseconds, numbers = said("timestamp"), said("Frame number")
+    if None not in milliseconds:
+        stamps = [1e-3 * float(str(each)) for each in milliseconds]
+    numbers = counters if None in numbers else numbers
+    return times, np.array(stamps), None if None in numbers else np.array([int(str(n)) for n in numbers], np.int64)
 
 
-def _stamps(headers: Sequence[_Header], metadata: Mapping[int, Mapping[str, str]]) -> tuple[NDArray[np.float64], str]:
-    """Return the frames' own stamps [s], and of which clock: of a `.db3` they stand in the metadata [ms]."""
-    domains = {each["timestamp_domain"].strip().lower() for each in metadata.values() if "timestamp_domain" in each}
-    clock = "global" if domains and domains <= set(_GLOBAL) else "device"
-    said = [metadata.get(header.time, {}).get("timestamp") for header in headers]
-    if all(each is not None for each in said):
-        return np.array([1e-3 * float(str(each)) for each in said]), clock
-    return np.array([header.stamp for header in headers]), clock
-
-
-def _numbers(headers: Sequence[_Header], metadata: Mapping[int, Mapping[str, str]]) -> NDArray[np.int64] | None:
-    """Return the frames' own numbers; None where nothing says them."""
-    said = [metadata.get(header.time, {}).get("Frame number") for header in headers]
-    if all(each is not None for each in said):
-        return np.array([int(str(each)) for each in said], dtype=np.int64)
-    counters = [header.counter for header in headers if header.counter is not None]
-    return np.array(counters, dtype=np.int64) if len(counters) == len(headers) else None
-
-
-def _raw(reader: Any, images: Any, time: int, repeat: int, where: str) -> bytes:
-    """Return the bytes of the image at a log time, the `repeat`-th of several."""
-    for k, (_, _, raw) in enumerate(reader.messages(connections=[images], start=time, stop=time + 1)):
-        if k == repeat:
-            return bytes(raw)
+def _message(reader: Any, images: Any, time: int, repeat: int, where: str) -> Any:
+    """Return the image at a log time, the `repeat`-th of several. Raises InputError."""
+    try:
+        for k, (_, _, raw) in enumerate(reader.messages(connections=[images], start=time, stop=time + 1)):
+            if k == repeat:
+                return reader.deserialize(raw, images.msgtype) if reader.is2 else ros1_image(bytes(raw), where)
+    except InputError:
+        raise
+    except Exception as error:
+        raise _unreadable(where, error) from None
     raise InputError(f"{where}: an image is gone; has the file changed?")
 
 
@@ -193,36 +178,21 @@ def _reader(reader: Any, images: Any, times: Sequence[int], where: str) -> Calla
     @lru_cache(maxsize=2)
     def read(index: int) -> NDArray[np.uint16]:
         what = f"{where}, image {index}"
-        try:
-            raw = _raw(reader, images, *places[index], what)
-            if not reader.is2:
-                return ros1_image(raw, ("mono16", "16UC1"), 2, what).view("<u2")[..., 0]
-            return depth_of(reader.deserialize(raw, images.msgtype), what)
-        except InputError:
-            raise
-        except Exception as error:
-            raise _unreadable(Path(what), error) from None
+        return depth_of(_message(reader, images, *places[index], what), what)
 
     return read
 
 
 def _colours(reader: Any, images: Any, times: Sequence[int], where: str) -> Callable[[int], NDArray[np.uint8]]:
     """Return what reads the colour image that was logged nearest to a depth image."""
-    logged = np.array([header.time for header in _headers(reader, images)], dtype=np.int64)
+    logged = np.array([time for _, time, _ in reader.messages(connections=[images])], dtype=np.int64)
 
     def read(index: int) -> NDArray[np.uint8]:
         what = f"{where} beside image {index}"
         if not len(logged):
             raise InputError(f"{what}: no images")
-        try:
-            raw = _raw(reader, images, int(logged[np.abs(logged - times[index]).argmin()]), 0, what)
-            if not reader.is2:
-                return ros1_image(raw, ("rgb8", "bgr8"), 3, what)
-            return colour_image(bytes(reader.deserialize(raw, images.msgtype).data), what)
-        except InputError:
-            raise
-        except Exception as error:
-            raise _unreadable(Path(what), error) from None
+        message = _message(reader, images, int(logged[np.abs(logged - times[index]).argmin()]), 0, what)
+        return colour_image(bytes(message.data), what) if reader.is2 else plain_image(message, COLOUR, what)
 
     return read
 

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,8 @@ from scipy.spatial.transform import Rotation
 from fabdesign.depth.intrinsics import Intrinsics, intrinsics_of
 from fabdesign.depth.ros_image import camera_of_info
 from fabdesign.errors import InputError
+
+_SAMPLES = 100  # of an accelerometer: 0.4 to 1.6 s
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,24 @@ def depth_to_colour(reader: Any, depth: BagStream, colour: BagStream) -> NDArray
     if of_depth is None or of_colour is None:
         return None
     return np.asarray((of_colour @ np.linalg.inv(of_depth))[:3])
+
+
+def gravity_of(reader: Any, depth: BagStream) -> NDArray[np.float64] | None:
+    """Return where gravity points in the depth camera's frame, (3,) m/s^2, by its accelerometer in the recording's
+    beginning, when nothing moves; None where there is none."""
+    accel: dict[str, Any] = {}
+    for connection in reader.connections:
+        if matched := re.fullmatch(rf"/device_{depth.device}/sensor_\d+/Accel_\d+/(.*)", connection.topic):
+            accel[matched[1]] = connection
+    samples = islice(messages(reader, accel["imu/data"]), _SAMPLES) if "imu/data" in accel else ()
+    felt = [(each.x, each.y, each.z) for each in (message.linear_acceleration for _, message in samples)]
+    if not felt or not np.isfinite(felt).all():
+        return None
+    turn = np.eye(3)
+    of_depth, of_accel = _placed(reader, depth), _placed(reader, BagStream(depth.device, accel))
+    if of_depth is not None and of_accel is not None:
+        turn = of_depth[:3, :3] @ of_accel[:3, :3].T
+    return np.asarray(-turn @ np.median(felt, axis=0))
 
 
 def _placed(reader: Any, stream: BagStream) -> NDArray[np.float64] | None:

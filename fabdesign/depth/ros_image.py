@@ -5,6 +5,7 @@ import bz2
 import struct
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from fabdesign.depth.png import depth_image
 from fabdesign.errors import InputError
 
 _COMPRESSED_DEPTH = 12  # bytes before the PNG of a compressedDepth message
+_ENCODINGS = {"16UC1": ("u2", 1), "mono16": ("u2", 1), "32FC1": ("f4", 1), "rgb8": ("u1", 3), "bgr8": ("u1", 3)}
+DEPTH, COLOUR, METRES = ("16UC1", "mono16"), ("rgb8", "bgr8"), ("32FC1",)
 _CHUNK = 256_000_000  # bytes of a chunk, unpacked
 
 
@@ -56,8 +59,8 @@ def cdr_stamp(raw: bytes) -> float:
     return float(seconds + 1e-9 * nanoseconds)
 
 
-def ros1_image(raw: bytes, encodings: tuple[str, ...], size: int, where: str) -> NDArray[np.uint8]:
-    """Return (rows, columns, bytes of a pixel) of a sensor_msgs/Image, which the SDK writes a byte longer than ROS."""
+def ros1_image(raw: bytes, where: str) -> Any:
+    """Return the fields of a sensor_msgs/Image, which the SDK writes longer than ROS, so that rosbags refuses it."""
 
     def text(at: int) -> tuple[str, int]:
         (length,) = struct.unpack_from("<I", raw, at)
@@ -69,21 +72,15 @@ def ros1_image(raw: bytes, encodings: tuple[str, ...], size: int, where: str) ->
     rows, columns = struct.unpack_from("<II", raw, at)
     encoding, at = text(at + 8)
     big, step, length = struct.unpack_from("<BII", raw, at)
-    data = memoryview(raw)[at + 9 :]
-    if encoding not in encodings or big:
-        raise InputError(f"{where}: encoding {encoding[:20]!r}; expected {' or '.join(encodings)}, little-endian")
-    if length != rows * step or length > len(data) or columns * size > step:
-        raise InputError(f"{where}: {rows} x {columns} pixels have {len(data)} bytes; expected {rows} rows of {step}")
-    lines = np.frombuffer(data[:length], np.uint8).reshape(rows, step)[:, : columns * size]
-    image = np.ascontiguousarray(lines).reshape(rows, columns, size)
-    return image[..., ::-1] if encoding == "bgr8" else image
+    data = memoryview(raw)[at + 9 : at + 9 + length]
+    return SimpleNamespace(height=rows, width=columns, encoding=encoding, is_bigendian=big, step=step, data=data)
 
 
 def depth_of(message: Any, where: str) -> NDArray[np.uint16]:
     """Return (rows, columns) of a sensor_msgs/msg/Image of 16 bits, or of a CompressedImage, bare or as
     `compressedDepth`. Raises InputError."""
     if not hasattr(message, "format"):
-        return plain_image(message, where)
+        return plain_image(message, DEPTH, where)
     skip = _COMPRESSED_DEPTH if "compresseddepth" in str(message.format).lower() else 0
     return depth_image(bytes(message.data)[skip:], where)
 
@@ -98,14 +95,18 @@ def camera_of_info(message: Any, where: str, name: str = "CameraInfo") -> Intrin
     return intrinsics_of((int(message.width), int(message.height)), (k[0], k[4], k[2], k[5]), model, tuple(d), where)
 
 
-def plain_image(message: Any, where: str) -> NDArray[np.uint16]:
-    """Return (rows, columns) of a sensor_msgs/msg/Image of 16 bits. Raises InputError."""
+def plain_image(message: Any, encodings: tuple[str, ...], where: str) -> NDArray[Any]:
+    """Return (rows, columns), of colours (rows, columns, 3), of a sensor_msgs/Image. Raises InputError."""
     rows, columns, step = int(message.height), int(message.width), int(message.step)
     data = np.frombuffer(bytes(message.data), np.uint8)
     encoding = str(message.encoding)
-    if encoding not in ("16UC1", "mono16"):
-        raise InputError(f"{where}: encoding {encoding[:20]!r}; expected 16UC1 or mono16")
-    if len(data) != rows * step or columns * 2 > step:
+    if encoding not in encodings:
+        raise InputError(f"{where}: encoding {encoding[:20]!r}; expected {' or '.join(encodings)}")
+    number, channels = _ENCODINGS[encoding]
+    size = int(number[1]) * channels
+    if len(data) != rows * step or columns * size > step:
         raise InputError(f"{where}: {rows} x {columns} pixels have {len(data)} bytes; expected {rows} rows of {step}")
-    lines = np.ascontiguousarray(data.reshape(rows, step)[:, : columns * 2])
-    return np.asarray(lines.view(">u2" if message.is_bigendian else "<u2").astype(np.uint16))
+    lines = np.ascontiguousarray(data.reshape(rows, step)[:, : columns * size])
+    values = lines.view((">" if message.is_bigendian else "<") + number).astype(number)
+    image = values if channels == 1 else values.reshape(rows, columns, channels)
+    return image[..., ::-1] if encoding == "bgr8" else image

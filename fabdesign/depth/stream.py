@@ -25,12 +25,12 @@ class DepthStream:
     stamps: Array  # (n,) s, of every image, in the order of the file
     read: Callable[[int], NDArray[np.uint16]]  # (height, width) of one image; 0: no depth there. Raises InputError
     clock: str = "device"  # "device", "global" (of the computer, shared by its cameras), or "none": no stamps
-    device_stamps: Array | None = None  # (n,) s on the camera's own clock, where they are there too
     numbers: NDArray[np.int64] | None = None  # (n,) the camera's frame counter
     colour: Callable[[int], NDArray[np.uint8]] | None = None  # (rows, columns, 3) beside an image, where it was kept
     colour_camera: Intrinsics | None = None
     depth_to_colour: Array | None = None  # (3, 4) turn and shift [m] of points; None: the images lie on each other
     serial: str = ""
+    gravity: Array | None = None  # (3,) m/s^2 in the camera's frame, where an accelerometer says it
 
     def __post_init__(self) -> None:
         """Raise InputError for no images, too many, and another unit than a camera's."""

@@ -1,10 +1,29 @@
-"""A drawing on pages of a home printer, at 1:1: which part goes on which page, and what joins them."""
+"""Sewing templates as a PDF for a home printer: an overview, then every face on pages at 1:1: which part goes on which
+page, and what joins them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import ceil
+from pathlib import Path
+from typing import Any
 
-from fabdesign.drawings.drawing import Circle, Drawing, Line, Point, Shape, Words, cross
+from fabdesign.drawings.template import (
+    Circle,
+    Drawing,
+    Line,
+    Point,
+    Shape,
+    Words,
+    cross,
+    face_drawing,
+    laced_sides,
+    scale_bar,
+    size_within,
+    what_it_shows,
+)
+from fabdesign.errors import InputError
+from fabdesign.nouns.design import Design
+from fabdesign.output import whole_file
 
 PAPERS = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}  # mm, upright
 NAMES = {"a4": "A4", "letter": "Letter"}
@@ -16,6 +35,15 @@ _MARK = 5.0  # mm, a registration mark from end to end
 _GREY = "#666666"
 
 Box = tuple[float, float, float, float]  # left, top, right, bottom, mm
+MOST_PAGES = 200
+_MM = 1 / 25.4  # in
+_POINT = 72 / 25.4  # points in a mm
+_HOW = (
+    "Print all pages at 100 % (actual size, not fitted to the page) and measure the bars: 100 mm each way.",
+    "Cut each page along its left and upper joint line, where it has them, from crop mark to crop mark.",
+    "Lay it onto its neighbour so that lines, crosses and half circles meet, and glue.",
+)
+_HA = {"start": "left", "middle": "center", "end": "right"}
 
 
 @dataclass(frozen=True)
@@ -120,3 +148,131 @@ def grid_drawing(face: Drawing, tiling: Tiling) -> Drawing:
         shapes.append(Words(middle, page_name(row, column), size, "#bbbbbb", "middle", bold=True))
     (left, top), (right, bottom) = boxes[0][:2], boxes[-1][2:]
     return Drawing((*shapes, *face.shapes), (left - 2, top - 2, right + 2, bottom + 2))
+
+
+def write_pages(design: Design, path: Path, *, paper: str, seam_allowance: float) -> int:
+    """Write the faces that have muscles (the front where none has) on `paper` (a key of PAPERS); the number of pages.
+
+    seam_allowance: [m]. Raises InputError for a cloth that takes more than 200 pages and where `path` cannot be
+    written.
+    """
+    sides = laced_sides(design)
+    faces = [face_drawing(design, side, seam_allowance=seam_allowance) for side in sides]
+    tilings = [tiled(face.box, paper) for face in faces]
+    count = 1 + sum(tiling.rows * tiling.columns for tiling in tilings)
+    if count > MOST_PAGES:
+        size = f"{design.fabric.width:g} x {design.fabric.height:g} m"
+        raise InputError(
+            f"design {design.name}: {count} pages of {NAMES[paper]} for a cloth of {size}; "
+            f"expected at most {MOST_PAGES}, or --paper none for whole templates alone"
+        )
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_pdf import PdfPages
+
+    with whole_file(path) as unfinished, rc_context({"pdf.fonttype": 42}):  # words stay words
+        about = {"Title": f"{design.name}, sewing template", "CreationDate": None}
+        with PdfPages(unfinished, metadata=about) as pdf:
+            pdf.savefig(_overview(design, list(zip(sides, faces, tilings, strict=True)), paper, count))
+            number = 1
+            for side, face, tiling in zip(sides, faces, tilings, strict=True):
+                shown = what_it_shows(design, side, seam_allowance)
+                for row, column in tiling.pages():
+                    number += 1
+                    title = f"{design.name}, {side} face: page {page_name(row, column)}"
+                    foot = f"print at 100 % on {NAMES[paper]}; sheet {number} of {count}"
+                    pdf.savefig(_page(face, tiling, row, column, (title, shown, foot)))
+    return count
+
+
+def _page(face: Drawing, tiling: Tiling, row: int, column: int, words: tuple[str, str, str]) -> Any:
+    """Return one page with its part of a face. words: its title, what it shows, and what stands beside the bar."""
+    figure = _figure(tiling.page)
+    page, part = tiling.page, tiling.box_of(row, column)
+    inside, outside = joints(tiling, row, column)
+    within = _axes(figure, page, (MARGIN, HEAD, page[0] - MARGIN, page[1] - FOOT), part)
+    _draw(within, [*face.shapes, *inside])
+    # the whole page, in the drawing's frame
+    whole = (part[0] - MARGIN, part[1] - HEAD, part[2] + MARGIN, part[3] + FOOT)
+    around = _axes(figure, page, (0, 0, *page), whole)
+    left, top, right, bottom = part
+    left += 8 if column else 0  # beside the crop mark
+    title, shown = (size_within(text, right - left - 8, size) for text, size in zip(words, (4.0, 2.7), strict=False))
+    heading = [Words((left, top - 5.6), words[0], title, bold=True), Words((left, top - 1.6), words[1], shown)]
+    beside = Words((left + 104, bottom + 5), words[2], 2.7)
+    _draw(around, [*heading, *outside, *scale_bar((left, bottom + 5)), beside])
+    return figure
+
+
+def _overview(design: Design, faces: list[tuple[str, Drawing, Tiling]], paper: str, count: int) -> Any:
+    """Return the first page: what to do, how the pages lie together, and a bar in each direction."""
+    page = PAPERS[paper]
+    figure = _figure(page)
+    around = _axes(figure, page, (0, 0, *page), (0, 0, *page))
+    title = f"{design.name}: sewing template"
+    size = size_within(title, page[0] - 2 * MARGIN, 6)
+    shapes: list[Shape] = [Words((MARGIN, 18), title, size, bold=True)]
+    shapes.append(Words((MARGIN, 25), f"{count} sheets of {NAMES[paper]}, this one included", 3.2))
+    shapes += [Words((MARGIN, 33 + 5 * i), f"{i + 1}. {line}", 3.2) for i, line in enumerate(_HOW)]
+    low = page[1] - 18.0
+    shapes += scale_bar((MARGIN + 12, low))
+    shapes += [Line(((MARGIN + 4, low), (MARGIN + 4, low - 100)), 0.4)]
+    for i in range(11):
+        long = 4.0 if i % 5 == 0 else 2.0
+        shapes.append(Line(((MARGIN + 4, low - 10 * i), (MARGIN + 4 + long, low - 10 * i)), 0.3))
+    shapes.append(Words((MARGIN + 2, low - 50), "measure this: 100 mm", 3.2, anchor="middle", turn=-90))
+    _draw(around, shapes)
+    top, left, right = 56.0, MARGIN + 14, page[0] - MARGIN
+    each = (low - 12 - top) / len(faces)
+    for i, (side, face, tiling) in enumerate(faces):
+        laid = grid_drawing(face, tiling)
+        x0, y0, x1, y1 = laid.box
+        room = (right - left, each - 10)
+        scale = min(room[0] / (x1 - x0), room[1] / (y1 - y0))
+        head = top + i * each
+        names = f"{page_name(0, 0)} to {page_name(tiling.rows - 1, tiling.columns - 1)}"
+        words = f"{side} face, pages {names}" if tiling.rows * tiling.columns > 1 else f"{side} face, page {names[:2]}"
+        _draw(around, [Words((left, head), words, 3.6, bold=True)])
+        place = (left, head + 3, left + scale * (x1 - x0), head + 3 + scale * (y1 - y0))
+        _draw(_axes(figure, page, place, laid.box), laid.shapes, scale)
+    return figure
+
+
+def _figure(page: tuple[float, float]) -> Any:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(page[0] * _MM, page[1] * _MM))
+
+
+def _axes(
+    figure: Any,
+    page: tuple[float, float],
+    place: tuple[float, float, float, float],
+    box: tuple[float, float, float, float],
+) -> Any:
+    """Return a window at `place` on the page (left, top, right, bottom, mm) onto `box` of a drawing."""
+    left, top, right, bottom = place
+    share = (left / page[0], 1 - bottom / page[1], (right - left) / page[0], (bottom - top) / page[1])
+    axes = figure.add_axes(share, xlim=(box[0], box[2]), ylim=(box[3], box[1]))
+    axes.set_axis_off()
+    return axes
+
+
+def _draw(axes: Any, shapes: Any, scale: float = 1.0) -> None:
+    """Shapes in their order. scale: page millimetres to a unit of the drawing."""
+    from matplotlib.patches import Circle as Disc
+    from matplotlib.patches import Polygon
+
+    unit = scale * _POINT
+    for order, shape in enumerate(shapes):
+        if isinstance(shape, Line):
+            dash = (0, (3 / shape.width, 2 / shape.width)) if shape.dashed else "solid"
+            style = {"fill": False, "edgecolor": shape.colour, "linewidth": shape.width * unit, "linestyle": dash}
+            axes.add_patch(Polygon(shape.points, closed=shape.closed, zorder=order, **style))
+        elif isinstance(shape, Circle):
+            style = {"facecolor": shape.fill, "edgecolor": shape.colour, "linewidth": shape.width * unit}
+            axes.add_patch(Disc(shape.centre, shape.radius, zorder=order, **style))
+        else:
+            style = {"fontsize": shape.size * unit, "color": shape.colour, "ha": _HA[shape.anchor], "va": "baseline"}
+            weight = "bold" if shape.bold else "normal"
+            turned = {"rotation": -shape.turn, "rotation_mode": "anchor", "clip_on": True, "zorder": order}
+            axes.text(*shape.at, shape.text, weight=weight, parse_math=False, **style, **turned)

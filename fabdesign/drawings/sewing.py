@@ -10,17 +10,17 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.drawings.drawing import Circle, Drawing, Line, Shape
-from fabdesign.drawings.pages import PAPERS
-from fabdesign.drawings.pdf import write_pages
-from fabdesign.drawings.template import laced_sides, whole_template
+from fabdesign.drawings.pages import PAPERS, write_pages
+from fabdesign.drawings.template import Circle, Drawing, Line, Shape, laced_sides, whole_template
 from fabdesign.errors import InputError, note
 from fabdesign.files.pressure_file import pressure_file_of, read_pressures, write_pressures
 from fabdesign.formats.csv_table import write_rows
 from fabdesign.nouns.design import Design
-from fabdesign.nouns.muscle import MuscleType
 from fabdesign.output import Inputs, new_folder, whole_file, write_text
 from fabdesign.units import in_mm
+
+COLUMNS = ["muscle", "type", "side", "channel", "laced_mm", "tail_mm", "cut_mm", "fixed_points"]
+_LONGEST = {"seam allowance": 0.1, "tail length": 1.0}  # m; what is longer was surely meant in millimetres
 
 
 def write_svg(drawing: Drawing, path: Path, *, title: str) -> None:
@@ -98,9 +98,6 @@ def write_dxf(design: Design, path: Path, *, seam_allowance: float) -> None:
         drawing.saveas(unfinished)
 
 
-COLUMNS = ["muscle", "type", "side", "channel", "laced_mm", "tail_mm", "cut_mm", "fixed_points"]
-
-
 def write_cut_list(design: Design, path: Path, *, tail_length: float | None = None) -> None:
     """Write a row a muscle: its laced length, the tail at each end, the length to cut and the number of fixed points.
 
@@ -110,7 +107,12 @@ def write_cut_list(design: Design, path: Path, *, tail_length: float | None = No
     rows = []
     for number, muscle in enumerate(design.muscles):
         kind = design.muscle_types[muscle.type]
-        tail = _tail(design, kind, tail_length)
+        tail = kind.tail_length if tail_length is None else tail_length
+        if tail is None:
+            raise InputError(
+                f"design {design.name}: muscle type {kind.name} has no tail_length, and a cut list without tails is "
+                "too short; expected --tail-length, in m, what stays free at each end for tube and knot"
+            )
         cut = muscle.length + 2 * tail
         if kind.stock_length is not None and cut > kind.stock_length:
             raise InputError(
@@ -120,19 +122,6 @@ def write_cut_list(design: Design, path: Path, *, tail_length: float | None = No
         lengths = (f"{in_mm(value):.1f}" for value in (muscle.length, tail, cut))
         rows.append((number, muscle.type, muscle.side, muscle.channel, *lengths, len(muscle.fixed_points())))
     write_rows(path, COLUMNS, rows)
-
-
-def _tail(design: Design, kind: MuscleType, asked: float | None) -> float:
-    tail = kind.tail_length if asked is None else asked
-    if tail is None:
-        raise InputError(
-            f"design {design.name}: muscle type {kind.name} has no tail_length, and a cut list without tails is too "
-            "short; expected --tail-length, in m, what stays free at each end for tube and knot"
-        )
-    return tail
-
-
-_LONGEST = {"seam allowance": 0.1, "tail length": 1.0}  # m; what is longer was surely meant in millimetres
 
 
 def pressures_beside(design: Path) -> list[Path]:

@@ -1,23 +1,17 @@
-"""Sewing templates: what is to be cut, hung and laced, a face of the design in millimetres as that face is seen."""
+"""Sewing templates: what is to be cut, hung and laced, a face of the design as it is seen, drawn flat in millimetres, x
+right and y down. SVG and PDF pages are made of such drawings."""
 
+from dataclasses import dataclass
 from math import atan2, cos, degrees, dist, radians, sin
+from textwrap import wrap
+from typing import Literal
 
-from fabdesign.drawings.drawing import (
-    Circle,
-    Drawing,
-    Line,
-    Point,
-    Shape,
-    Words,
-    cross,
-    lines_within,
-    scale_bar,
-    size_within,
-)
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.units import in_mm
 
+Point = tuple[float, float]  # mm
+_LETTER = 0.62  # of the size, a letter's width, wide ones and bold among them
 _MARGIN = 15.0  # mm around the cloth that is cut
 _HEAD = 12.0  # mm above it, for the title
 _LINE = 4.4  # mm, of its further lines
@@ -26,6 +20,72 @@ _BAR = 100.0  # mm
 _TWO_LABELS = 60.0  # mm: a muscle as long as this is labelled at both ends
 # Okabe and Ito's colours: they differ for colour-blind people too
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8a7a00")
+
+
+@dataclass(frozen=True)
+class Line:
+    """Straight from point to point."""
+
+    points: tuple[Point, ...]
+    width: float  # mm
+    colour: str = "black"
+    closed: bool = False
+    dashed: bool = False
+
+
+@dataclass(frozen=True)
+class Circle:
+    centre: Point
+    radius: float  # mm
+    width: float  # mm, of its line
+    colour: str = "black"
+    fill: str = "white"
+
+
+@dataclass(frozen=True)
+class Words:
+    at: Point  # on the base line
+    text: str
+    size: float  # mm
+    colour: str = "black"
+    anchor: Literal["start", "middle", "end"] = "start"
+    turn: float = 0.0  # degrees, clockwise
+    bold: bool = False
+
+
+Shape = Line | Circle | Words
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Shapes, in the order in which they are drawn, and the box (left, top, right, bottom) that holds them, mm."""
+
+    shapes: tuple[Shape, ...]
+    box: tuple[float, float, float, float]
+
+
+def scale_bar(start: Point, length: float = 100.0) -> list[Shape]:
+    """Return a bar to check a print by: ticks every 10 mm above the line, and what to measure below it."""
+    x, y = start
+    shapes: list[Shape] = [Line(((x, y), (x + length, y)), 0.4)]
+    for i in range(round(length / 10) + 1):
+        high = 4.0 if i % 5 == 0 else 2.0
+        shapes.append(Line(((x + 10 * i, y), (x + 10 * i, y - high)), 0.3))
+    return [*shapes, Words((x, y + 4.2), f"measure this: {length:g} mm", 3.2)]
+
+
+def size_within(text: str, width: float, size: float) -> float:
+    """Return the size [mm] of words, at most `size`, at which they fit a width [mm]."""
+    return min(size, width / (_LETTER * max(len(text), 1)))
+
+
+def cross(centre: Point, size: float, width: float, colour: str) -> list[Shape]:
+    """Return an upright cross, `size` from arm's end to arm's end."""
+    (x, y), half = centre, size / 2
+    return [
+        Line(((x - half, y), (x + half, y)), width, colour),
+        Line(((x, y - half), (x, y + half)), width, colour),
+    ]
 
 
 def laced_sides(design: Design) -> list[str]:
@@ -55,7 +115,9 @@ def whole_template(design: Design, side: str, *, seam_allowance: float) -> Drawi
     face = face_drawing(design, side, seam_allowance=seam_allowance)
     left, top, right, bottom = face.box
     width = max(right - left, _BAR)
-    lines = lines_within(f"{what_it_shows(design, side, seam_allowance)}; print at 100 %", width, 3.2)
+    lines = wrap(
+        f"{what_it_shows(design, side, seam_allowance)}; print at 100 %", max(int(width / (_LETTER * 3.2)), 12)
+    )
     title = f"{design.name}: {side} face"
     head = top - _HEAD - _LINE * (len(lines) - 1)
     shapes: list[Shape] = [

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects.declaration import Array, Effect, EffectParameter, Specimen, Values, to_constants
-from fabdesign.files.curve_file import MembraneCurve
+from fabdesign.files.law_tables import MembraneCurve
 
 
 # Orthotropy: the cloth is stiffer one way than its data sheet says.

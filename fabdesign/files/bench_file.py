@@ -10,10 +10,8 @@ from typing import Annotated, Any, Literal, cast
 import numpy as np
 
 from fabdesign.errors import InputError
+from fabdesign.formats import lab_table
 from fabdesign.formats.decoder import as_number, decode
-from fabdesign.formats.headings import DIMENSIONS, Heading, without_unit
-from fabdesign.formats.lab_table import LabTable, TableColumn
-from fabdesign.formats.measured_units import require_measured_pressures
 from fabdesign.formats.schema import Key
 from fabdesign.formats.table import Table, load_toml
 from fabdesign.nouns.bench import Array, Bench, BenchRecord, Specimen
@@ -108,7 +106,7 @@ def read_record(file: Path, needed: tuple[str, ...] = (), rest_length: float | N
     """Return columns (n,) of a record's CSV, SI, by their names without unit. rest_length: m, makes contraction and
     stretch of a length. Raises InputError where a `needed` one is not there, for two of one name, a value that is no
     finite number and a time that does not rise."""
-    table = LabTable(file, "columns such as time_s,pressure_kpa,force_n")
+    table = lab_table.LabTable(file, "columns such as time_s,pressure_kpa,force_n")
     columns: dict[str, Array] = {}
     for i, heading in enumerate(table.headings):
         bare, column = _column(table, i, heading)
@@ -119,11 +117,11 @@ def read_record(file: Path, needed: tuple[str, ...] = (), rest_length: float | N
         columns.setdefault(name, values)
     for name in needed:
         quantity = _bare(name)[0]
-        dimension = DIMENSIONS.get(quantity)
+        dimension = lab_table.DIMENSIONS.get(quantity)
         said = quantity != name or dimension == "ratio"  # in which unit
         if name not in table.header and not (said and quantity in columns):
             plain = [h.text for h in table.headings if h.symbol is None and h.quantity == quantity]
-            unit = f" ({without_unit(plain[0], dimension)})" if plain and dimension else _RATIOS.get(name, "")
+            unit = f" ({lab_table.without_unit(plain[0], dimension)})" if plain and dimension else _RATIOS.get(name, "")
             raise InputError(f"{file}: no column {name}; it has {', '.join(table.header)}{unit}")
     table.say([] if table.taken else table.header)
     if "time" in columns and (np.diff(columns["time"]) <= 0).any():
@@ -144,14 +142,14 @@ def _ratios(columns: dict[str, Array], rest_length: float | None) -> dict[str, A
     return {"stretch": 1 + columns["displacement"] / rest_length} if "displacement" in columns else {}
 
 
-def _column(table: LabTable, index: int, heading: Heading) -> tuple[str, TableColumn]:
+def _column(table: lab_table.LabTable, index: int, heading: lab_table.Heading) -> tuple[str, lab_table.TableColumn]:
     """Return a column and its name: as the format writes it, or as a laboratory does where that names a quantity."""
     text = table.header[index]
     bare, power = _bare(text)
     renamed = power or bare != text or heading.symbol is None
     quantity = heading.quantity
     if renamed or quantity is None or heading.unit is None:
-        return bare, TableColumn(index, heading, Decimal(1).scaleb(power))
+        return bare, lab_table.TableColumn(index, heading, Decimal(1).scaleb(power))
     return quantity, table.take(index, quantity)
 
 
@@ -159,7 +157,7 @@ def _require_units(records: tuple[BenchRecord, ...], path: Path, specimen: Speci
     """Require plausible units over all records, for one of them may be taken at no pressure or at rest."""
     pressures = [c for record in records for name, c in record.columns.items() if name.startswith("pressure")]
     if pressures:
-        require_measured_pressures(np.concatenate(pressures), str(path))
+        lab_table.require_measured_pressures(np.concatenate(pressures), str(path))
         lowest, highest = (float(f(np.concatenate(pressures))) for f in (np.min, np.max))
         if specimen == "muscle" and lowest < -_GAUGE * highest:
             raise InputError(

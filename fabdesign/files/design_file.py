@@ -1,26 +1,27 @@
-"""Design files: `fabdesign.design/1`. Read here, written by `design_writer`."""
+"""Design files: `fabdesign.design/1`, read, and written as a commented TOML with its tables beside it."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Annotated, Any
 
+import tomlkit
+
 from fabdesign.effects.registry import effect_named
 from fabdesign.errors import InputError
-from fabdesign.files.bench_law_file import FORMAT as BENCH_LAW
-from fabdesign.files.bench_law_file import why_not_included
-from fabdesign.files.design_writer import write_design
+from fabdesign.files import law_tables
 from fabdesign.formats.decoder import decode, decode_key, decode_part
+from fabdesign.formats.encoder import Encoder, plain
 from fabdesign.formats.table import DESIGN, Table, load_toml
 from fabdesign.formats.toml_file import file_name, parse_toml
 from fabdesign.nouns.design import MUSCLE_TYPES, Design, Term
 from fabdesign.nouns.fabric import Fabric
-from fabdesign.nouns.model import EffectTerm
+from fabdesign.nouns.model import EffectTerm, Quantity
 from fabdesign.nouns.muscle import Muscle, MuscleType
+from fabdesign.output import whole_file
 from fabdesign.runtime.effort import MUSCLES
-
-__all__ = ["DesignPart", "is_part", "read_design", "read_part", "write_design"]
 
 FORMAT = DESIGN
 
@@ -117,8 +118,8 @@ def _contents(root: Table, above: tuple[Path, ...]) -> tuple[list[Table], dict[s
         included = path.parent / file_name(name, str(path))
         if included.resolve() in above:
             raise InputError(f"{path}: include {name} comes back to a file that includes it")
-        if parse_toml(included).get("format") == BENCH_LAW:
-            raise InputError(f"{path}: include {name}: {included} {why_not_included(included)}")
+        if parse_toml(included).get("format") == law_tables.FORMAT:
+            raise InputError(f"{path}: include {name}: {included} {law_tables.why_not_included(included)}")
         table = load_toml(included, FORMAT, partial=True)
         more_fabrics, more_types, more_effects = _contents(table, above)
         table.finish()
@@ -166,3 +167,70 @@ def _merged(tables: list[Table], scene: dict[str, Any]) -> Table:
             of_file = key == "membrane_curve" and isinstance(value, str)
             values[key] = table.file.parent / file_name(value, table.where) if of_file else value
     return Table(values, tables[-1].where, tables[-1].file)
+
+
+def write_design(design: Design, path: Path | str) -> None:
+    """Write a design; reading it gives an equal one.
+
+    Bench tables go beside it as `TYPE_bench.csv` (`STEM_TYPE_bench.csv` where another table has that name already),
+    a membrane curve as `STEM_membrane.csv`. Raises InputError where `path` cannot be written.
+    """
+    path = Path(path)
+    with whole_file(path) as unfinished:  # first, so that nothing lies beside a file that cannot be written
+        unfinished.write_text(_document(design, path), encoding="utf-8", newline="\n")
+
+
+def _document(design: Design, path: Path) -> str:
+    """Return the TOML text; the tables that it names are written beside `path`."""
+    benches = iter(_place_bench(kind, path, i) for i, kind in enumerate(design.muscle_types.values()))
+    names = {
+        law_tables.BenchTable: lambda bench: next(benches),
+        law_tables.MembraneCurve: lambda curve: _place_curve(curve, path),
+    }
+    encoder = Encoder(path, names, comments=True)
+    document = tomlkit.document()
+    document["format"] = "fabdesign.design/1"
+    document["name"] = design.name
+    document["fabric"] = encoder.encode(design.fabric)
+    if design.muscle_types:
+        types = tomlkit.table(is_super_table=True)
+        for kind in design.muscle_types.values():
+            types[kind.name] = encoder.encode(kind)
+        document["muscle_types"] = types
+    if design.muscles:
+        muscles = tomlkit.aot()
+        for muscle in design.muscles:  # what keys mean is said once
+            muscles.append(Encoder(path, comments=not muscles).encode(muscle))
+        document["muscles"] = muscles
+    if design.effects:
+        effects = []
+        for term in design.effects:
+            declared = effect_named(term.name, "design").parameters
+            values = {name: Quantity(value, declared[name].unit) for name, value in term.values.items()}
+            effects.append(plain(EffectTerm(term.name, values, term.scope)))
+        document["effects"] = effects
+    return tomlkit.dumps(document)
+
+
+def _place_bench(kind: MuscleType, path: Path, index: int) -> str:
+    """Write a bench table to the first place that is free or holds it already; the last place is overwritten."""
+    bench, word = kind.bench, re.sub(r"[^a-z0-9]+", "_", kind.name.lower()).strip("_") or "muscle"
+    stems = (word, f"{path.stem}_{word}", f"{path.stem}_{word}_{index}")
+    places = [path.with_name(f"{stem}_bench.csv") for stem in stems]
+    for place in places[:-1]:
+        if not place.exists():
+            law_tables.write_bench_table(bench, place)
+            return place.name
+        try:
+            if law_tables.read_bench_table(place) == bench:
+                return place.name
+        except InputError:
+            continue
+    law_tables.write_bench_table(bench, places[-1])
+    return places[-1].name
+
+
+def _place_curve(curve: law_tables.MembraneCurve, path: Path) -> str:
+    place = path.with_name(f"{path.stem}_membrane.csv")
+    law_tables.write_membrane_curve(curve, place)
+    return place.name

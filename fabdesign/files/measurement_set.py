@@ -16,7 +16,7 @@ from fabdesign.formats.table import load_toml
 from fabdesign.formats.toml_file import file_stem
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.trial import USUAL, Accuracy, MeasurementSet, RecordingTiming, Role, Trial
-from fabdesign.output import Inputs, new_folder
+from fabdesign.output import new_folder
 
 __all__ = ["MeasurementSet", "NewTrial", "Trial", "TrialData", "read_set", "write_set"]
 
@@ -55,25 +55,22 @@ def write_set(
     description: str = "",
     frame_rate: float | None = None,
     accuracy: Accuracy = USUAL,
-    scale: float = 1e-4,
     made_by: str = "write_set",
     force: bool = False,
-    inputs: Inputs = (),
 ) -> None:
     """Write a set, whole or not at all; `trials` may be a generator, one is held at a time.
 
-    Points are stored in units of `scale` [m]. made_by, force, inputs: as `new_folder` takes them. Raises InputError
-    like it.
+    made_by, force: as `new_folder` takes them. Raises InputError like it.
     """
     files = (f"{file_stem(key)}.toml" for key in designs)
     listed: list[Trial] = []
     timings: dict[str, RecordingTiming] = {}
-    with new_folder(folder, made_by=made_by, force=force, inputs=inputs) as unfinished:
+    with new_folder(folder, made_by=made_by, force=force) as unfinished:
         for key, design in designs.items():
             write_design(design, unfinished / f"{file_stem(key)}.toml")
         for trial in trials:
             file = unfinished / "trials" / f"{file_stem(trial.name)}.npz"
-            write_trial(trial.data, file, scale=scale)
+            write_trial(trial.data, file)
             if trial.timing is not None:
                 timings[file.stem] = trial.timing
             listed.append(Trial(file, trial.design_name, designs[trial.design_name], trial.order, trial.role))

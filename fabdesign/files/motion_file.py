@@ -1,32 +1,25 @@
-"""A motion's npz, which `simulate` and `predict` write, and its frames as meshes."""
+"""Motions, their npz, which `simulate` and `predict` write, and their frames as meshes."""
+
+from __future__ import annotations
 
 from dataclasses import dataclass
 from math import isqrt
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.clouds.ply import ply_bytes
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, needs
 from fabdesign.formats.npz_file import NpzArrays, open_npz
+from fabdesign.formats.result_tables import Columns, Summary, Tabled
 from fabdesign.geometry.shape import LacedMuscles
 from fabdesign.geometry.surface import face_triangles
 from fabdesign.runtime.effort import LONGEST
 
-
-@dataclass(frozen=True, eq=False)
-class MotionData:
-    """The frames of one motion, all with the same points."""
-
-    time: NDArray[np.float64]  # (T,) s after rest
-    points: NDArray[np.float32]  # (T, n, 3) m
-    triangles: NDArray[np.intp] | None  # (m, 3), outer side off the sheet; None: not known
-    size: tuple[float, float] | None = None  # m, width and height of the flat cloth; None: not known
-    muscles: LacedMuscles | None = None  # None: not known
-    band: NDArray[np.float64] | None = None  # (T, 3, 3) m, half-widths of 90 % intervals by region; None: not known
-
+if TYPE_CHECKING:
+    import xarray
 
 _FARTHEST = 100.0  # m, of what can be no cloth
 # optional arrays of a motion's file, by the field of LacedMuscles
@@ -39,6 +32,77 @@ _OF_MUSCLES = {
     "tension": "tension",
 }
 _KNOWN_OF_SIMULATOR = ("contraction", "tension")
+SUFFIXES = (".ply", ".obj")
+
+
+@dataclass(frozen=True, eq=False)
+class Motion(Tabled):
+    """A motion: frames with the same points, of a cloth front face, then back face. A shape at rest has one frame, at
+    the end of its pressures. band: how far 90 % of motions lie at most from it along its normal, in the mean of each of
+    nine regions; None where the model has no intervals, or was not asked for them."""
+
+    time: NDArray[np.float64]  # (T,) s after rest
+    points: NDArray[np.float32]  # (T, n, 3) m
+    triangles: NDArray[np.intp] | None = None  # (m, 3), outer side off the sheet; None: not known
+    size: tuple[float, float] | None = None  # m, width and height of the flat cloth; None: not known
+    muscles: LacedMuscles | None = None  # None: not known
+    band: NDArray[np.float64] | None = None  # (T, 3, 3) m
+
+    @property
+    def faces(self) -> NDArray[np.float32]:
+        """(T, face, row, column, 3) m: face 0 in front, 1 behind; rows from the top edge, columns from the left.
+
+        >>> import numpy as np
+        >>> Motion(np.zeros(5), np.zeros((5, 3362, 3), np.float32)).faces.shape
+        (5, 2, 41, 41, 3)
+        """
+        side = round(float(np.sqrt(self.points.shape[1] / 2)))
+        return self.points.reshape(len(self.points), 2, side, side, 3)
+
+    @property
+    def tension(self) -> NDArray[np.float32] | None:
+        """(T, intervals) N, between the muscles' fixed points; `muscles.owners` says of which muscle each is. None
+        where it is not known."""
+        return None if self.muscles is None else self.muscles.tension
+
+    @property
+    def contraction(self) -> NDArray[np.float32] | None:
+        """(T, intervals), 1 - l / l0 of the same intervals."""
+        return None if self.muscles is None else self.muscles.contraction
+
+    def to_array(self) -> xarray.DataArray:
+        """Return `faces` with named axes: time [s], face, row, column, axis. Needs the extra `tables`."""
+        try:
+            import xarray
+        except ModuleNotFoundError as error:
+            raise InputError(needs(error)) from None
+        names = ("time", "face", "row", "column", "axis")
+        places = {"time": self.time, "face": ["front", "back"], "axis": ["x", "y", "z"]}
+        return xarray.DataArray(self.faces, dims=names, coords=places, name="points", attrs={"units": "m"})
+
+    def summary(self) -> Summary:
+        """Return the number of frames and points, what box holds them, and the cloth at three instants."""
+        from fabdesign.drawings.oblique import wires_svg
+
+        low, high = (end(self.points, axis=(0, 1)) for end in (np.min, np.max))
+        head = (
+            f"Motion: {len(self.time)} frames of {self.points.shape[1]} points, {self.time[0]:g} to {self.time[-1]:g} s"
+        )
+        instants = sorted({0, len(self.time) // 2, len(self.time) - 1})
+        picture = wires_svg(self.faces[instants, 0])
+        return Summary([head], {"axis": ["x", "y", "z"], "lowest m": low, "highest m": high}, [picture])
+
+    def columns(self) -> Columns:
+        """Return a row for every point of every frame: time [s], face, row, column, x, y, z [m]."""
+        frames, faces, rows, columns, _ = self.faces.shape
+        at = np.indices((frames, faces, rows, columns)).reshape(4, -1)
+        x, y, z = self.points.reshape(-1, 3).T
+        names = np.array(["front", "back"])
+        return {"time": self.time[at[0]], "face": names[at[1]], "row": at[2], "column": at[3], "x": x, "y": y, "z": z}
+
+    def to_json(self) -> dict[str, Any]:
+        """Return how much there is of it."""
+        return {"frames": len(self.time), "points": self.points.shape[1]}
 
 
 def write_motion(
@@ -69,41 +133,39 @@ def write_motion(
         )
 
 
-def read_motion(path: Path) -> MotionData:
+def read_motion(path: Path) -> Motion:
     """Return a motion; the triangles of a file without them are those of two square faces, if its points can be that.
 
     Raises InputError for a damaged file, a missing array and one of another shape or type.
     """
     with open_npz(path, "a motion's arrays") as arrays:
-        points, time = _points(arrays, path), arrays.get("time")
-        triangles = arrays.get("triangles") if "triangles" in arrays else None
-        size, muscles = _size(arrays, path), _muscles(arrays, path, len(points))
-    count = points.shape[1]
-    if time.shape != (len(points),) or time.dtype.kind not in "fiu":
-        raise InputError(f"{path}: time is {time.shape} {time.dtype}; expected ({len(points)},) float64")
-    time = time.astype(np.float64)
+        points = _points(arrays, path)
+        frames, count = points.shape[:2]
+        time = arrays.sound("time", f"({frames},) float64", lambda a: a.shape == (frames,)).astype(np.float64)
+        triangles = None
+        if "triangles" in arrays:
+            triangles = arrays.sound("triangles", "(m, 3) int32", lambda a: a.ndim == 2 and a.shape[1] == 3, "iu")
+        size, muscles = _size(arrays, path), _muscles(arrays, path, frames)
     if not np.isfinite(time).all() or (np.diff(time) <= 0).any():
         raise InputError(f"{path}: time does not rise frame by frame")
     if time[-1] - time[0] > LONGEST:
         raise InputError(f"{path}: time spans {time[-1] - time[0]:g} s; expected at most {LONGEST:g} s (is it in ms?)")
     if triangles is None:
         square = 2 * isqrt(count // 2) ** 2 == count and count >= 8
-        return MotionData(time, points, square_triangles(count) if square else None, size, muscles)
-    if triangles.ndim != 2 or triangles.shape[1] != 3 or triangles.dtype.kind not in "iu":
-        raise InputError(f"{path}: triangles is {triangles.shape} {triangles.dtype}; expected (m, 3) int32")
+        return Motion(time, points, square_triangles(count) if square else None, size, muscles)
     if len(triangles) and not 0 <= triangles.min() <= triangles.max() < count:
         raise InputError(f"{path}: triangles name point {triangles.max()}; expected 0 to {count - 1}")
-    return MotionData(time, points, triangles.astype(np.intp), size, muscles)
+    return Motion(time, points, triangles.astype(np.intp), size, muscles)
 
 
 def read_band(path: Path) -> NDArray[np.float64] | None:
     """Return (T, 3, 3) m of a file of `predict`; None where its model had no intervals."""
     with open_npz(path, "a motion's arrays") as arrays:
-        band = arrays.get("band90") if "band90" in arrays else None
-    if band is None:
-        return None
-    if band.ndim != 3 or band.shape[1:] != (3, 3) or band.dtype.kind not in "fiu" or not np.isfinite(band).all():
-        raise InputError(f"{path}: band90 is {band.shape} {band.dtype}; expected (frames, 3, 3), finite")
+        if "band90" not in arrays:
+            return None
+        band = arrays.sound(
+            "band90", "(frames, 3, 3), finite", lambda a: a.shape[1:] == (3, 3) and np.isfinite(a).all()
+        )
     return band.astype(np.float64)
 
 
@@ -114,9 +176,8 @@ def square_triangles(count: int) -> NDArray[np.intp]:
 
 
 def _points(arrays: NpzArrays, path: Path) -> NDArray[np.float32]:
-    points: NDArray[Any] = arrays.get("points", becomes=np.float32)
-    if points.ndim != 3 or points.shape[2] != 3 or not points.size or points.dtype.kind not in "fiu":
-        raise InputError(f"{path}: points is {points.shape} {points.dtype}; expected (frames, points, 3) float32")
+    expected = "(frames, points, 3) float32"
+    points = arrays.sound("points", expected, lambda a: a.ndim == 3 and a.shape[2] == 3 and a.size, becomes=np.float32)
     bad = ~np.isfinite(points).all(axis=(1, 2))
     if bad.any():
         raise InputError(f"{path}: {int(bad.sum())} of {len(points)} frames are not finite; expected metres")
@@ -162,9 +223,6 @@ def _muscles(arrays: NpzArrays, path: Path, frames: int) -> LacedMuscles | None:
     if begins[0] != 0 or begins[-1] != most or (np.diff(begins) < 2).any():
         raise InputError(f"{path}: muscle_begins is {begins.tolist()}; expected 0, ..., {most}, two points a muscle")
     return LacedMuscles(**states)
-
-
-SUFFIXES = (".ply", ".obj")
 
 
 def mesh_paths(path: Path, frames: int) -> list[Path]:

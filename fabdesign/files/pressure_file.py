@@ -1,18 +1,21 @@
 """Pressures in: a CSV, a trial's npz, or one constant row such as "400,0,200" (kPa) or "2bar,0,29psi". Pressures out:
-the CSV."""
+the CSV. Logs of a regulator or a DAQ: pressures or volts, at any rate, on their own clock."""
 
 import re
+from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, note
 from fabdesign.files.trial_file import program_of, read_trial_pressures
 from fabdesign.formats.csv_table import write_rows
-from fabdesign.formats.headings import UNITS, Unit, unit_of
-from fabdesign.formats.lab_table import LabTable, TableColumn
+from fabdesign.formats.lab_table import UNITS, LabTable, TableColumn, Unit, require_measured_pressures, unit_of
+from fabdesign.formats.schema import FileUnit, Kilopascal, Within
+from fabdesign.formats.table import Table
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import PressureProgram, require_pressures
 from fabdesign.runtime.effort import LONGEST
@@ -26,43 +29,49 @@ _CONSTANT = re.compile(r"\s*[-+.\w]+(\s+[a-zA-Z]+)?(\s*,\s*[-+.\w]+(\s+[a-zA-Z]+
 _CELL = re.compile(r"([-+]?(?:[\d.]+(?:e[-+]?\d+)?|nan|inf))\s*([a-z]*)", re.IGNORECASE)
 _WHICH = {"set", "setpoint", "soll", "command", "cmd", "target", "ref", "ist", "meas", "measured", "actual", "feedback"}
 _SLIGHT = 1 / 40  # of the benches' largest pressure: 400 kPa written in bar is a hundredth of it
+Array = NDArray[np.float64]
+_SHIFT = "of the log's clock: the cameras' common time of its first row; absent: found by the steps"
+_NOISE = 0.02  # of the largest pressure: below it a channel is at rest
+_ROWS = 5_000_000
 
 
 def pressure_file_of(pose: int) -> str:
-    """The file's name in a folder of a design with several poses, which count from 1."""
+    """Return the file's name in a folder of a design with several poses, which count from 1."""
     return "pressures.csv" if pose == 1 else f"pressures_{pose}.csv"
 
 
 def read_pressures(spec: str | Path, design: Design) -> PressureProgram:
-    """The program that `spec` names (docs/files.md), checked against the design's channels and limits.
+    """Return the program that `spec` names (docs/files.md), checked against the design's channels and limits.
 
     A CSV's motion ends one row interval after its last row (1.5 s for a single row), a trial's with its last frame.
     Raises InputError.
     """
-    program = _read(spec)
+    path = Path(spec)
+    row = isinstance(spec, str) and path.suffix.lower() not in TABLES and not _exists(path)
+    if path.suffix == ".npz":
+        program = program_of(*read_trial_pressures(path))
+    elif row and _CONSTANT.fullmatch(str(spec)):
+        program = _read_constant(str(spec))
+    else:
+        program = read_csv(path)
     require_pressures(program, design, str(spec))
     return program
 
 
-def told_slight(program: PressureProgram, design: Design, spec: str | Path) -> str:
-    """Return a line where the pressures move next to nothing, as 2 bar written as kPa; else nothing."""
-    return told_slight_pressure(float(program.pressure.max(initial=0.0)), design, str(spec))
-
-
-def told_slight_pressure(highest: float, design: Design, where: str) -> str:
-    """Return the line for the highest of some pressures [Pa]."""
+def note_slight(highest: float, design: Design, where: str) -> None:
+    """Say where the highest of some pressures [Pa] moves next to nothing, as 2 bar written as kPa."""
     benches = [max(design.muscle_types[muscle.type].bench.pressure) for muscle in design.muscles]
     most = max(benches, default=0.0)
-    if not 0 < highest < _SLIGHT * most:
-        return ""
-    return (
-        f"{where}: the largest pressure is {in_kpa(highest):g} kPa, and the muscles' benches go to {in_kpa(most):g} "
-        "kPa: next to nothing moves; a number without a unit is in kPa (2bar, 0.2MPa and 29psi are read too)"
-    )
+    if 0 < highest < _SLIGHT * most:
+        note(
+            f"{where}: the largest pressure is {in_kpa(highest):g} kPa, and the muscles' benches go to "
+            f"{in_kpa(most):g} kPa: next to nothing moves; a number without a unit is in kPa (2bar, 0.2MPa and 29psi "
+            "are read too)"
+        )
 
 
 def constant_program(pressure: ArrayLike, duration: float = SINGLE_ROW_DURATION) -> PressureProgram:
-    """One row of set points [Pa], (channels,), held for `duration` s."""
+    """Return one row of set points [Pa], (channels,), held for `duration` s."""
     return PressureProgram(np.zeros(1), np.atleast_2d(np.asarray(pressure, np.float64)), duration)
 
 
@@ -80,21 +89,10 @@ def write_pressures(program: PressureProgram, path: Path) -> None:
         time.append(time[-1] + rest / 2)
         rows.append(rows[-1])
     header = ["time_s", *(f"channel_{i}" for i in range(program.pressure.shape[1]))]
-    lines = [(repr(float(t)), *(_shortest(p) for p in row)) for t, row in zip(time, rows, strict=True)]
+    lines = [
+        (repr(float(t)), *(f"{kilopascals(p).normalize():f}" for p in row)) for t, row in zip(time, rows, strict=True)
+    ]
     write_rows(path, header, lines)
-
-
-def _shortest(pressure: float) -> str:
-    return f"{kilopascals(pressure).normalize():f}"
-
-
-def _read(spec: str | Path) -> PressureProgram:
-    path = Path(spec)
-    if path.suffix == ".npz":
-        return program_of(*read_trial_pressures(path))
-    if isinstance(spec, str) and path.suffix.lower() not in TABLES and _CONSTANT.fullmatch(spec) and not _exists(path):
-        return _read_constant(spec)
-    return read_csv(path)
 
 
 def _exists(path: Path) -> bool:
@@ -105,7 +103,7 @@ def _exists(path: Path) -> bool:
 
 
 def _read_constant(spec: str) -> PressureProgram:
-    """The program of one row; its cells are in kPa, or each in the unit that it names."""
+    """Return the program of one row; its cells are in kPa, or each in the unit that it names."""
     cells = [_CELL.fullmatch(cell.strip()) for cell in spec.strip().rstrip(",").split(",")]
     units = [None if cell is None else unit_of(cell[2]) if cell[2] else _KPA for cell in cells]
     try:
@@ -121,14 +119,14 @@ def _read_constant(spec: str) -> PressureProgram:
 
 
 def _in_pascals(cell: "re.Match[str] | None", unit: Unit | None) -> float:
-    """Raises ArithmeticError for what is no pressure."""
+    """Return a cell's pressure. Raises ArithmeticError for what is none."""
     if cell is None or unit is None or unit.dimension != "pressure":
         raise ArithmeticError
     return float(Decimal(cell[1]) * unit.factor)
 
 
 def read_csv(path: Path) -> PressureProgram:
-    """The program of a pressure CSV, not yet checked against a design. Raises InputError."""
+    """Return the program of a pressure CSV, not yet checked against a design. Raises InputError."""
     table = LabTable(path, "time_s,channel_0,channel_1,...")
     time_column = table.find("time")
     channels = _channels(table, time_column)
@@ -152,9 +150,9 @@ def read_csv(path: Path) -> PressureProgram:
 
 
 def _channels(table: LabTable, time: TableColumn) -> list[TableColumn]:
-    """Every other column, in the order of their numbers; of columns under other names that have units of pressure, as
-    they stand. Raises InputError where the numbers are not 0, 1, ..., where those of other names do not rise one by
-    one, or a column is neither."""
+    """Return every other column, in the order of their numbers; of columns under other names that have units of
+    pressure, as they stand. Raises InputError where the numbers are not 0, 1, ..., where those of other names do not
+    rise one by one, or a column is neither."""
     others = [i for i in range(len(table.headings)) if i != time.index]
     names = [table.headings[i].quantity for i in others]
     if all(name in (None, "pressure") for name in names):
@@ -172,3 +170,89 @@ def _channels(table: LabTable, time: TableColumn) -> list[TableColumn]:
         table.find(name, default=_KILO if name in table.header else None)
         for name in sorted(by_name, key=lambda name: int(name.rpartition("_")[2]))
     ]
+
+
+@dataclass(frozen=True)
+class PressureLog:
+    """The way a log is written; by default a pressure.csv as everywhere."""
+
+    file: Annotated[str, "in the recording's folder"] = "pressure.csv"
+    per_volt: Annotated[tuple[Kilopascal, ...], "of columns in V; one, or one a channel"] = ()
+    zero: Annotated[tuple[Annotated[float, FileUnit("V")], ...], "at 0 kPa; one, or one a channel"] = (0.0,)
+    shift: Annotated[float | None, FileUnit("s"), Within(least=-LONGEST, most=LONGEST), _SHIFT] = None
+
+    def resolved(self, table: Table) -> "PressureLog":
+        """Raise InputError for a scale of nothing."""
+        if any(scale == 0 for scale in self.per_volt):
+            raise table.bad("per_volt", "kPa per V, not 0")
+        return self
+
+
+NO_LOG = PressureLog()
+
+
+def read_pressure_log(log: PressureLog, folder: Path, design: Design) -> PressureProgram:
+    """Return the pressures of a log, the first row at 0 s, checked against the design. Raises InputError."""
+    path = folder / log.file
+    if not log.per_volt:
+        program = read_pressures(path, design)
+    else:
+        program = _of_volts(log, path, design)
+        require_pressures(program, design, str(path))
+    require_measured_pressures(program.pressure, str(path))
+    return program
+
+
+def _of_volts(log: PressureLog, path: Path, design: Design) -> PressureProgram:
+    table = LabTable(path, "time_s and a column in V for each channel")
+    time_column = table.find("time")
+    columns = [i for i, heading in enumerate(table.headings) if heading.unit and heading.unit.dimension == "voltage"]
+    if len(columns) != design.channels:
+        raise table.bad(f"{len(columns)} columns in V for {design.channels} channels")
+    numbers = [heading.number for heading in (table.headings[i] for i in columns)]
+    if None not in numbers and numbers != sorted(numbers, key=lambda n: n or 0):
+        columns = [i for _, i in sorted(zip(numbers, columns, strict=True))]
+        note(f"{path}: its columns in V are taken in the order of their numbers")
+    scale, zero = (
+        _for_each(values, name, design, path) for values, name in ((log.per_volt, "per_volt"), (log.zero, "zero"))
+    )
+    if len(table.rows) > _ROWS:
+        raise InputError(f"{path}: has {len(table.rows)} rows; expected at most {_ROWS}")
+    time = np.array([float(value) for _, _, value in table.cells(time_column)])
+    volts = np.array([[float(v) for _, _, v in table.cells(table.take(i, "voltage"))] for i in columns]).T
+    if (np.diff(time) <= 0).any():
+        row = int(np.flatnonzero(np.diff(time) <= 0)[0]) + 1
+        raise InputError(f"{path} line {table.rows[row][0]}: time = {time[row]:g} does not rise from the row before")
+    if time[-1] - time[0] > LONGEST:
+        raise InputError(f"{path}: lasts {time[-1] - time[0]:g} s; expected at most {LONGEST:g} s")
+    pressure = (volts - zero) * scale
+    return _sound(time - time[0], pressure, path)
+
+
+def _for_each(values: tuple[float, ...], name: str, design: Design, path: Path) -> Array:
+    if len(values) not in (1, design.channels):
+        raise InputError(f"{path}: {name} has {len(values)} numbers; expected one, or {design.channels}, one a channel")
+    return np.broadcast_to(np.array(values, dtype=np.float64), (design.channels,))
+
+
+def _sound(time: Array, pressure: Array, path: Path) -> PressureProgram:
+    """Return the pressures without the noise about 0. Raises InputError where a pressure lies below it."""
+    highest = float(pressure.max(initial=0.0))
+    lowest = float(pressure.min(initial=0.0))
+    if highest <= 0 or lowest < -max(5 * _NOISE * highest, 1e3):
+        raise InputError(
+            f"{path}: volts become {in_kpa(lowest):.3g} to {in_kpa(highest):.3g} kPa; expected gauge pressures from 0 "
+            "(per_volt, zero?)"
+        )
+    duration = 2 * time[-1] - time[-2] if len(time) > 1 else SINGLE_ROW_DURATION
+    return PressureProgram.of_rows(
+        time, np.where(pressure < _NOISE * highest, 0.0, pressure), duration=round(duration, 9)
+    )
+
+
+def steps_of(program: PressureProgram, least: float = 0.1) -> list[tuple[float, float]]:
+    """Return the instants [s] at which a pressure jumps by at least that share of the highest, and by how much [Pa]."""
+    highest = float(program.pressure.max(initial=0.0))
+    before = np.concatenate([np.zeros((1, program.pressure.shape[1])), program.pressure[:-1]])
+    jump = np.abs(program.pressure - before).max(axis=1)
+    return [(float(t), float(j)) for t, j in zip(program.time, jump, strict=True) if highest and j >= least * highest]

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.clouds.measured_points import RemovedPoints, require_room, sound_points
+from fabdesign.clouds.measured_points import note_removed, require_room, sound_points
 from fabdesign.errors import InputError
-from fabdesign.formats.bounded_file import require_few
-from fabdesign.formats.measured_units import require_measured_pressures, require_seconds
+from fabdesign.formats.lab_table import require_measured_pressures, require_seconds
 from fabdesign.formats.npz_file import NpzArrays, open_npz
+from fabdesign.formats.toml_file import require_few
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.output import whole_file
 from fabdesign.runtime.effort import LONGEST
@@ -43,25 +43,24 @@ def read_trial(path: Path, *, size: float | None = None) -> TrialData:
     """
     with open_npz(path, "a trial's arrays") as arrays:
         time, pressure = _time_and_pressure(arrays, path)
-        points, scale, offsets = (arrays.get(name) for name in ("points", "scale", "offsets"))
+        points = arrays.sound("points", "(n, 3) int16 or float", lambda a: a.ndim == 2 and a.shape[1] == 3)
+        expected = f"({len(time) + 1},) int64, frames and one"
+        offsets = arrays.sound("offsets", expected, lambda a: a.shape == (len(time) + 1,), "iu")
+        scale = arrays.get("scale")
     if scale.shape != () or scale.dtype.kind not in "fiu" or not (np.isfinite(scale) and scale > 0):
         raise InputError(f"{path}: scale has shape {scale.shape}; expected one number above 0, metres per unit")
-    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
-        raise InputError(f"{path}: points is {_shape(points)}; expected (n, 3) int16 or float")
-    if offsets.shape != (len(time) + 1,) or offsets.dtype.kind not in "iu":
-        raise InputError(f"{path}: offsets is {_shape(offsets)}; expected ({len(time) + 1},) int64, frames and one")
     if offsets[0] != 0 or offsets[-1] != len(points) or (np.diff(offsets.astype(np.int64)) < 0).any():
         raise InputError(f"{path}: offsets do not rise from 0 to the number of points, {len(points)}")
     require_few(int(np.diff(offsets.astype(np.int64)).max()), path, "points in a frame")
     require_room(points, str(path))
     frames: list[Floats] = []
-    left_out, hit = RemovedPoints(), 0
+    removed, hit = np.zeros(3, dtype=np.intp), 0
     for t, (a, b) in enumerate(pairwise(offsets)):  # one at a time, or all points would lie here three times
         metres = points[a:b].astype(np.float64) * float(scale)
         frame, without = sound_points(metres, f"{path} frame {t}", size=size)
         frames.append(frame)
-        left_out, hit = left_out + without, hit + (without.count > 0)
-    left_out.tell(len(points), f"{path}, {hit} of {len(frames)} frames")
+        removed, hit = removed + without, hit + bool(without.any())
+    note_removed(removed, len(points), f"{path}, {hit} of {len(frames)} frames")
     return TrialData(time, pressure, tuple(frames))
 
 
@@ -101,22 +100,15 @@ def write_trial(data: TrialData, path: Path, *, scale: float = 1e-4) -> None:
 def _time_and_pressure(arrays: NpzArrays, path: Path) -> tuple[Floats, Floats]:
     for name in ("time", "pressure"):
         require_few(math.prod(arrays.shape(name)), path, f"values of {name}")
-    time, kilopascal = arrays.get("time"), arrays.get("pressure")
-    if time.ndim != 1 or len(time) == 0 or time.dtype.kind not in "fiu":
-        raise InputError(f"{path}: time is {_shape(time)}; expected (T,) float64")
-    seconds = time.astype(np.float64)
+    seconds = arrays.sound("time", "(T,) float64", lambda a: a.ndim == 1 and len(a)).astype(np.float64)
     if not np.isfinite(seconds).all() or seconds[0] < 0 or (np.diff(seconds) <= 0).any():
         raise InputError(f"{path}: time does not rise from 0 s or later, frame by frame")
     require_seconds(seconds, str(path))
     if seconds[-1] > LONGEST:
         raise InputError(f"{path}: time goes to {seconds[-1]:g} s; expected at most {LONGEST:g} s")
-    if kilopascal.ndim != 2 or len(kilopascal) != len(time) or kilopascal.dtype.kind not in "fiu":
-        raise InputError(f"{path}: pressure is {_shape(kilopascal)}; expected ({len(time)}, channels) float32, kPa")
+    rows = f"({len(seconds)}, channels) float32, kPa"
+    kilopascal = arrays.sound("pressure", rows, lambda a: a.ndim == 2 and len(a) == len(seconds))
     # a tenth of a pascal, a thousandth of the regulator's step: takes off what float32 adds
     pressure = np.round(from_kpa(kilopascal.astype(np.float64)), 1)
     require_measured_pressures(pressure, str(path))
     return seconds, pressure
-
-
-def _shape(array: NDArray[np.generic]) -> str:
-    return f"{array.shape} {array.dtype}"

@@ -14,8 +14,7 @@ from math import isfinite
 from pathlib import Path
 
 from fabdesign.errors import InputError, note
-from fabdesign.formats.bounded_file import decode_any, read_bytes
-from fabdesign.formats.toml_file import LARGEST_TEXT
+from fabdesign.formats.toml_file import LARGEST_TEXT, decode_any, read_bytes
 from fabdesign.output import write_text
 
 _MARKS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}

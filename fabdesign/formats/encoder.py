@@ -10,7 +10,7 @@ from typing import Any
 import tomlkit
 from tomlkit.items import Float, Trivia
 
-from fabdesign.formats.schema import FileKey, FileUnit, file_keys, unit_of
+from fabdesign.formats.schema import FileUnit, file_keys, unit_of
 
 NamesOfFiles = Mapping[type, Callable[[Any], str]]  # writes an object's own file, and returns what the key says
 
@@ -33,7 +33,8 @@ class Encoder:
             for outer in each.tables:
                 table = table.setdefault(outer, {})
             table[name] = self._item(value, unit_of(each.type, each.notes))
-            if self._comments and (comment := _comment(each)):
+            comment = ", ".join(filter(None, (each.notes.unit.symbol if each.notes.unit else "", each.sentence)))
+            if self._comments and comment:
                 table[name].comment(comment)
         return root
 
@@ -66,7 +67,3 @@ def _decimal(number: Decimal) -> Float:
     """Return a number with all its digits, and no zeros behind them."""
     text = f"{number.normalize():f}"
     return Float(float(number), Trivia(), text if "." in text else text + ".0")
-
-
-def _comment(each: FileKey) -> str:
-    return ", ".join(filter(None, (each.notes.unit.symbol if each.notes.unit else "", each.sentence)))

@@ -1,16 +1,25 @@
-"""Results as JSON, written and read in one way. Their values are in the border's units, mm and kPa: a field of a
-dataclass declares its unit and its key in the file where they differ (`Annotated` with `fabdesign.units.InFile`)."""
+"""Values as JSON, written and read in one way.
 
+Results stand there in the border's units, mm and kPa: a field of a dataclass declares key and unit where they differ
+(`Key` and `FileUnit` of `schema`), as in any other file. What is kept between runs stands there `exact`, to the last
+bit: SI, by the fields' own names, arrays as their bytes. Nothing but what a declared type says is made of it again, so
+that a file of others can do no harm.
+"""
+
+import base64
 import json
 from collections.abc import Mapping
 from dataclasses import Field, fields, is_dataclass
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from types import NoneType
+from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from fabdesign.errors import InputError
+from fabdesign.formats.schema import annotated, members
 from fabdesign.output import write_text
-from fabdesign.units import InFile
+
+T = TypeVar("T")
 
 
 def json_text(content: Any, *, indent: int | None = None) -> str:
@@ -35,22 +44,63 @@ def read_json(path: Path, kind: type = dict) -> Any:
     return content
 
 
-def plain(value: Any) -> Any:
-    """Return what a file holds of a value: of a dataclass a table of its fields, as they declare it."""
+def plain(value: Any, *, exact: bool = False) -> Any:
+    """Return what JSON holds of a value: of a dataclass a table of its fields, as they declare it."""
     if is_dataclass(value) and not isinstance(value, type):
-        return dict(_entry(field, getattr(value, field.name)) for field in fields(value))
+        return dict(_entry(field, getattr(value, field.name), exact) for field in fields(value))
     if hasattr(value, "tolist"):  # of numpy, which is not loaded for a help
-        return plain(value.tolist())
+        if exact and value.ndim:
+            data = base64.b64encode(value.tobytes()).decode()
+            return {"dtype": value.dtype.str, "shape": list(value.shape), "data": data}
+        return plain(value.tolist(), exact=exact)
     if isinstance(value, Mapping):
-        return {key: plain(item) for key, item in value.items()}
+        return {key: plain(item, exact=exact) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [plain(item, exact=exact) for item in value]
     if isinstance(value, Path):
         return str(value)
-    return None if isinstance(value, float) and not isfinite(value) else value
+    return None if not exact and isinstance(value, float) and not isfinite(value) else value
 
 
-def _entry(field: "Field[Any]", value: Any) -> tuple[str, Any]:
-    declared = [one for one in getattr(field.type, "__metadata__", ()) if isinstance(one, InFile)]
-    shown = declared[0] if declared else InFile()
-    return shown.key or field.name, plain(value if shown.factor == 1.0 else shown.factor * value)
+def _entry(field: "Field[Any]", value: Any, exact: bool) -> tuple[str, Any]:
+    _, notes, _ = annotated(field.type)
+    if exact:
+        return field.name, plain(value, exact=True)
+    shown = float(notes.unit.write(value)) if notes.unit and isinstance(value, float) else value
+    return notes.key.name or field.name, plain(shown)
+
+
+def of_exact(kind: type[T], value: Any) -> T:
+    """Return the value of that type that `plain` gave, exact. Raises KeyError, TypeError or ValueError for anything
+    else."""
+    return cast(T, _of(kind, value))
+
+
+def _of(kind: Any, value: Any) -> Any:
+    import numpy as np
+
+    kind = annotated(kind)[0]
+    origin, inner, alternatives = get_origin(kind), get_args(kind), members(kind)
+    if alternatives != (kind,):
+        if value is None and NoneType in inner:
+            return None
+        [kind] = alternatives
+        return _of(kind, value)
+    if origin is np.ndarray:
+        dtype = np.dtype(value["dtype"])
+        if dtype.hasobject:
+            raise ValueError(f"an array of {dtype}")
+        return np.frombuffer(base64.b64decode(value["data"]), dtype).reshape(value["shape"]).copy()
+    if origin is tuple:
+        each = [inner[0]] * len(value) if inner[-1] is Ellipsis else inner
+        return tuple(_of(one, entry) for one, entry in zip(each, value, strict=True))
+    if origin is not None and issubclass(origin, Mapping):
+        return {name: _of(inner[1], entry) for name, entry in value.items()}
+    if origin is not None and issubclass(origin, list):
+        return [_of(inner[0], entry) for entry in value]
+    if is_dataclass(kind):
+        hints = get_type_hints(kind)
+        return cast(Any, kind)(**{name: _of(hints[name], entry) for name, entry in value.items()})
+    if kind is not Any and not isinstance(value, kind) and not (kind is float and isinstance(value, int)):
+        raise TypeError(f"{value!r} is no {kind.__name__}")
+    return value

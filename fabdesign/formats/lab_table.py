@@ -1,17 +1,157 @@
 """Tables as laboratories write them: columns found by what they measure, values taken to SI by their units.
 
-A heading says its quantity and unit (`pressure_kpa`, `Druck [bar]`), or a row below the header says the units. What is
-written otherwise than this program writes it is said in one line; what could mean two things is refused.
+A heading says its quantity and unit, as in `pressure_kpa`, `Druck [bar]` or `force / N`, or a row below the header says
+the units. What is written otherwise than this program writes it is said in one line; what could mean two things is
+refused, and so is what was surely measured in another unit.
 """
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from fabdesign.errors import InputError, note
 from fabdesign.formats.csv_table import decimal, read_raw_table
-from fabdesign.formats.headings import WORDS, Heading, dimension_of, parse_heading, parse_units_row, without_unit
+from fabdesign.units import in_kpa
+
+# s between frames. 60 Hz in milliseconds is 17 "s"; a creep test that takes a frame every 5 s still passes.
+_SLOWEST = 8.0
+# Pa. A regulator resolves 100 Pa and a thin muscle does nothing below some 50 kPa; 400 kPa in MPa is 0.4 "kPa".
+_LEAST = 1e3
+_MOST = 2e7  # Pa, fifty times what a thin McKibben muscle bears: kPa that were pascals are above it
+Dimension = Literal["pressure", "force", "length", "time", "ratio", "tension", "voltage"]
+
+
+@dataclass(frozen=True)
+class Unit:
+    dimension: Dimension
+    factor: Decimal  # to Pa, N, m, s, 1, N/m, V
+
+
+def _units(dimension: Dimension, **factors: str) -> dict[str, Unit]:
+    return {symbol: Unit(dimension, Decimal(factor)) for symbol, factor in factors.items()}
+
+
+# as written; where the case does not matter, in lower case
+UNITS: Mapping[str, Unit] = {
+    **_units("pressure", kPa="1e3", kpa="1e3", Pa="1", pa="1", hPa="100", hpa="100", MPa="1e6", mpa="1e6", bar="1e5"),
+    **_units("pressure", mbar="100", barg="1e5", psi="6894.757293168", psig="6894.757293168"),
+    **_units("force", N="1", n="1", kN="1e3", kn="1e3", mN="1e-3", lbf="4.4482216152605", kgf="9.80665"),
+    **_units("length", m="1", mm="1e-3", cm="1e-2", um="1e-6", **{"µm": "1e-6", "in": "0.0254", "inch": "0.0254"}),
+    **_units("time", s="1", sec="1", ms="1e-3", us="1e-6", min="60", µs="1e-6"),
+    **_units("ratio", percent="1e-2", pct="1e-2", **{"%": "1e-2", "-": "1", "1": "1", "m/m": "1", "mm/mm": "1"}),
+    **_units("voltage", V="1", v="1", mV="1e-3", mv="1e-3", volt="1", volts="1"),
+    **_units("tension", **{"n_per_m": "1", "N/m": "1", "n/m": "1", "N/mm": "1e3", "n/mm": "1e3", "kN/m": "1e3"}),
+}
+_AS_WRITTEN = {"MN", "mPa"}  # another thing than their lower case
+WORDS: Mapping[str, tuple[str, ...]] = {
+    "time": ("time", "t", "zeit", "temps", "tiempo"),
+    "pressure": ("pressure", "p", "druck", "gauge_pressure", "pression", "presion", "pressure_measured", "istdruck"),
+    "pressure_command": ("pressure_command", "pressure_set", "set_point", "setpoint", "set_pressure", "solldruck"),
+    "contraction": ("contraction", "kontraktion", "contraction_ratio", "verkürzung", "contraccion"),
+    "force": ("force", "f", "kraft", "tension", "zugkraft", "fuerza"),
+    "load": ("load", "last"),
+    "displacement": ("displacement", "extension", "weg", "verschiebung", "hub", "déplacement"),
+    "stretch": ("stretch", "streckung"),
+    "strain": ("strain", "dehnung"),
+    "length": ("length", "länge", "longitud", "longueur"),
+    "tension": ("tension",),
+}
+DIMENSIONS: Mapping[str, Dimension] = {
+    **dict.fromkeys(("pressure", "pressure_command", "pressure_amplitude", "channel"), "pressure"),
+    "force": "force",
+    "load": "force",
+    "displacement": "length",
+    "length": "length",
+    "time": "time",
+    "tension": "tension",
+    "voltage": "voltage",
+    **dict.fromkeys(("contraction", "stretch", "strain"), "ratio"),
+}
+_CHANNEL = re.compile(r"(?:channel|kanal|canal|ch|valve|ventil)_?(\d+)")
+# of a pressure, which files have as gauge pressure; a vacuum's sign is the other one
+_ABSOLUTE = re.compile(r"(?:^|[\W_])p?abs(?:ol\w*)?(?:[\W_]|\d|$)")
+_VACUUM = re.compile(r"vacuum|vakuum|unterdruck|suction|below_atm")
+_NUMBERED = re.compile(r"\D*?_?(\d+)")
+_BRACKETED = re.compile(r"(.*?)[\s_]*[\[(]([^\[\]()]*)[\])]\s*$")
+_SLASHED = re.compile(r"(.*\S)\s+/\s+(\S+)\s*$")
+_LAST_WORD = re.compile(r"(.*\S)[\s_]+(\S+)$")
+_IN = re.compile(r"\s+in$")
+
+
+@dataclass(frozen=True)
+class Heading:
+    text: str  # as it stands in the file
+    name: str  # without unit, in lower case, words joined by _
+    symbol: str | None  # of the unit
+
+    @property
+    def unit(self) -> Unit | None:
+        return None if self.symbol is None else unit_of(self.symbol)
+
+    @property
+    def quantity(self) -> str | None:
+        """Return what it measures, by its name and, of a name of several, its unit: `pressure`, `channel_0`, ..."""
+        if matched := _CHANNEL.fullmatch(self.name):
+            return f"channel_{int(matched[1])}"
+        unit = self.unit
+        fitting = (q for q, words in WORDS.items() if self.name in words)
+        return next((q for q in fitting if unit is None or unit.dimension == DIMENSIONS[q]), None)
+
+    @property
+    def number(self) -> int | None:
+        """The number at the end of its name, as in `p1` or `muscle 3`."""
+        matched = _NUMBERED.fullmatch(self.name)
+        return None if matched is None else int(matched[1][:9])
+
+
+def dimension_of(quantity: str) -> Dimension:
+    """Return what `pressure`, `channel_0`, ... is measured in."""
+    return DIMENSIONS[quantity.rstrip("0123456789").rstrip("_")]
+
+
+def without_unit(text: str, dimension: Dimension) -> str:
+    """Return what is said of a heading that lacks its unit."""
+    example = next(symbol for symbol, unit in UNITS.items() if unit.dimension == dimension)
+    return f"{text} has no unit; write it in the heading, such as {text} [{example}]"
+
+
+def unit_of(symbol: str) -> Unit | None:
+    symbol = symbol.strip()
+    if symbol in _AS_WRITTEN:
+        return None
+    return UNITS.get(symbol) or UNITS.get(symbol.lower())
+
+
+def parse_heading(text: str) -> Heading:
+    """Return the name, and the unit where one is written: in brackets, after a slash, or as the last word."""
+    text = text.strip().strip('"').strip()
+    if text.lower().endswith("_n_per_m"):
+        return Heading(text, _plain(text[: -len("_n_per_m")]), "n_per_m")
+    if matched := _BRACKETED.match(text):
+        return Heading(text, _plain(matched[1]), matched[2].strip() or "-")
+    for pattern in (_SLASHED, _LAST_WORD):
+        matched = pattern.match(text)
+        if matched and not matched[2].isdecimal() and unit_of(matched[2]) is not None:
+            return Heading(text, _plain(_IN.sub("", matched[1])), matched[2])
+    return Heading(text, _plain(text), None)
+
+
+def parse_units_row(cells: list[str]) -> list[str] | None:
+    """Return the symbols in a row of units below the header ("psi", "[%]", nothing); None where it is no such row."""
+    symbols = [cell.strip().strip('"').strip("[]() ") for cell in cells]
+    known = [unit_of(symbol) is not None and not symbol.isdecimal() for symbol in symbols]
+    return symbols if any(known) and all(k or not s for k, s in zip(known, symbols, strict=True)) else None
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[\s_\-]+", "_", name.strip().lower()).strip("_")
+
 
 _HINT = "or headings with units, as pressure [bar]"
 
@@ -45,7 +185,7 @@ class LabTable:
         return replace(heading, symbol=heading.symbol or symbol or None)
 
     def find(self, quantity: str, *, default: Decimal | None = None) -> TableColumn:
-        """The column of a quantity, by its name, or as the only one with such a unit. default: the factor of one
+        """Return the column of a quantity, by its name, or as the only one with such a unit. default: the factor of one
         without a unit. Raises InputError for none, two, or one without a unit or with another quantity's."""
         dimension = dimension_of(quantity)
         named = [i for i, h in enumerate(self.headings) if self._is(h, quantity)]
@@ -63,7 +203,7 @@ class LabTable:
         return self.take(index, quantity, default=default)
 
     def take(self, index: int, quantity: str, *, default: Decimal | None = None) -> TableColumn:
-        """The column at a place as that quantity. Raises InputError like `find`."""
+        """Return the column at a place as that quantity. Raises InputError like `find`."""
         heading = self.headings[index]
         dimension = dimension_of(quantity)
         unit = heading.unit
@@ -73,19 +213,12 @@ class LabTable:
             raise self.bad(without_unit(heading.text, dimension))
         if unit is not None and unit.dimension != dimension:
             raise self.bad(f"{heading.text} has the unit {heading.symbol}")
-        if dimension == "pressure" and heading.is_absolute:
+        if dimension == "pressure" and _ABSOLUTE.search(heading.name):
             raise self.bad(f"{heading.text} is an absolute pressure; all pressures are gauge pressures")
-        if dimension == "pressure" and heading.is_vacuum:
+        if dimension == "pressure" and _VACUUM.search(heading.name):
             raise self.bad(f"{heading.text} is a vacuum; all pressures are gauge pressures from 0")
         self.taken[index] = quantity
         return TableColumn(index, heading, unit.factor if unit is not None else default or Decimal(1))
-
-    def take_volts(self, index: int) -> TableColumn:
-        """Return the column at a place, which has a unit of voltage, in V."""
-        unit = self.headings[index].unit
-        assert unit is not None
-        self.taken[index] = "voltage"
-        return TableColumn(index, self.headings[index], unit.factor)
 
     @staticmethod
     def _is(heading: Heading, quantity: str) -> bool:
@@ -99,14 +232,15 @@ class LabTable:
         return InputError(f"{self.path}: columns are {columns}; expected {self._expected}, {_HINT} ({what})")
 
     def cells(self, column: TableColumn) -> Iterator[tuple[int, Decimal, Decimal]]:
-        """Line, the number as written, and in SI."""
+        """Yield line, the number as written, and in SI."""
         for line, row in self.rows:
             written = decimal(row[column.index], self.path, line, column.heading.text)
             yield line, written, written * column.factor
 
-    def say(self, own: Sequence[str]) -> None:
-        """Say in one line how the table was read, unless it is written as this program writes it (`own` header)."""
-        if list(own) == self.header and self._written is None and self._units_row is None:
+    def say(self, usual: Sequence[str]) -> None:
+        """Say in one line how the table was read, unless it is written as this program writes it (the `usual`
+        header)."""
+        if list(usual) == self.header and self._written is None and self._units_row is None:
             return
         read = [f"{self._shown(i)} as {quantity}" for i, quantity in sorted(self.taken.items())]
         left = [h.text or "a column without a heading" for i, h in enumerate(self.headings) if i not in self.taken]
@@ -117,3 +251,22 @@ class LabTable:
     def _shown(self, index: int) -> str:
         heading = self.headings[index]
         return f"{heading.text} in {heading.symbol}" if self._units_row and self._units_row[index] else heading.text
+
+
+def require_seconds(time: ArrayLike, where: str) -> None:
+    """Raise InputError where frames lie so far apart that their times [s] were surely milliseconds."""
+    seconds = np.atleast_1d(np.asarray(time, dtype=np.float64))
+    if len(seconds) < 2:
+        return
+    interval = float(np.median(np.diff(seconds)))
+    if interval >= _SLOWEST:
+        unit = "microseconds" if interval >= 1e3 * _SLOWEST else "milliseconds"
+        raise InputError(f"{where}: time has a frame every {interval:.4g} s; expected seconds (is it in {unit}?)")
+
+
+def require_measured_pressures(pressure: ArrayLike, where: str) -> None:
+    """Raise InputError where the largest of measured pressures [Pa] shows that they were not written in kPa."""
+    largest = float(np.max(np.asarray(pressure, dtype=np.float64), initial=0.0))
+    if 0 < largest <= _LEAST or largest >= _MOST:
+        unit = "Pa" if largest >= _MOST else "MPa"
+        raise InputError(f"{where}: the largest pressure is {in_kpa(largest):.6g} kPa; expected kPa (is it in {unit}?)")

@@ -5,8 +5,7 @@ What an array takes in memory is counted by its header, before it is made.
 
 import io
 import math
-import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from fabdesign.errors import InputError
-from fabdesign.formats.bounded_file import read_bytes, require_few
+from fabdesign.formats.toml_file import read_bytes, require_few
 
 _NPY = b"\x93NUMPY"
 LARGEST = 600_000_000  # bytes of all arrays as they lie in the file, unpacked
@@ -55,6 +54,16 @@ class NpzArrays:
         except Exception:  # numpy and zipfile raise whatever they meet
             raise _damaged(self._path, self._expected) from None
 
+    def sound(
+        self, name: str, expected: str, fits: Callable[[NDArray[Any]], object], kinds: str = "fiu", **how: Any
+    ) -> NDArray[Any]:
+        """Return an array of numbers, of those `kinds` of numpy's, that fits. Raises InputError, which says shape and
+        type, for another one, and like `get`, which takes `how`."""
+        array = self.get(name, **how)
+        if array.dtype.kind not in kinds or not fits(array):
+            raise InputError(f"{self._path}: {name} is {array.shape} {array.dtype}; expected {expected}")
+        return array
+
     def _declared(self, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
         if name not in self:
             raise InputError(f"{self._path}: no array {name}; it has {', '.join(self._archive.files) or 'none'}")
@@ -93,7 +102,13 @@ def open_npz(path: Path, expected: str) -> Iterator[NpzArrays]:
             raise _damaged(path, expected) from None
         if repeated := next((name for name in archive.files if archive.files.count(name) > 1), None):
             raise InputError(f"{path}: has the array {repeated} twice; expected each once")
-        _require_small(archive.zip, path, expected)
+        assert archive.zip is not None
+        size = sum(member.file_size for member in archive.zip.infolist())
+        if size > LARGEST:  # nothing is read beyond that, and what an array's header claims is not there
+            most = f"{LARGEST / 1e6:.0f} MB"
+            raise InputError(
+                f"{path}: unpacks to {size / 1e6:.0f} MB; expected an npz with {expected} of at most {most}"
+            )
         yield NpzArrays(archive, path, expected)
 
 
@@ -131,14 +146,3 @@ def _header(stream: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:
 
 def _damaged(path: Path, expected: str) -> InputError:
     return InputError(f"{path}: is damaged or cut short; expected an npz with {expected}")
-
-
-def _require_small(archive: zipfile.ZipFile | None, path: Path, expected: str) -> None:
-    """Require a small archive, by what it says of itself: nothing is read beyond it, and what an array's header claims
-    is not there."""
-    assert archive is not None
-    size = sum(member.file_size for member in archive.infolist())
-    if size > LARGEST:
-        raise InputError(
-            f"{path}: unpacks to {size / 1e6:.0f} MB; expected an npz with {expected} of at most {LARGEST / 1e6:.0f} MB"
-        )

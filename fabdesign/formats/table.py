@@ -86,7 +86,9 @@ class Table:
 
     def bad(self, key: str, expected: str) -> InputError:
         """Return the error for a value that is not what was expected."""
-        return InputError(f"{self.where}: {key} = {_shown(self._values.get(key))}; expected {expected}")
+        text = _as_toml(self._values.get(key))
+        shown = text if len(text) <= 60 else text[:57] + "..."
+        return InputError(f"{self.where}: {key} = {shown}; expected {expected}")
 
     def finish(self) -> None:
         """Refuse keys that nothing asked for."""
@@ -124,11 +126,6 @@ def nearest(word: str, known: Sequence[str]) -> str:
     """Return ' (did you mean X?)' where one of the known words is close, else nothing."""
     close = get_close_matches(word, known, n=1)
     return f" (did you mean {close[0]}?)" if close else ""
-
-
-def _shown(value: Any) -> str:
-    text = _as_toml(value)
-    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _as_toml(value: Any) -> str:

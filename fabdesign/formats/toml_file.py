@@ -1,4 +1,5 @@
-"""TOML and other texts as files: few enough bytes, and nothing that would cost the parser minutes."""
+"""Files' bytes, texts and TOML: few enough bytes to be what was asked for, and nothing that would cost a parser
+minutes."""
 
 import re
 import tomllib
@@ -7,9 +8,11 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from fabdesign.errors import CONTROL, InputError
-from fabdesign.formats.bounded_file import decode, read_bytes
+from fabdesign.errors import CONTROL, InputError, note
 
+LARGEST = 100_000_000  # bytes of a cloud or mesh: some million points, read in seconds
+MOST_POINTS = 10_000_000  # of one cloud, vertices or faces of a mesh: 240 MB as float64, more while they are checked
+_OF_NO_TEXT = re.compile("[\x00-\x08\x0e-\x1f\x7f]")
 LARGEST_TEXT = 50_000_000  # bytes: a table of some million rows
 LARGEST_TOML = 2_000_000
 _LONGEST_NAME = 255  # bytes of a name on usual file systems
@@ -19,6 +22,52 @@ _LONGEST_LINE = 500_000  # characters: the times of some ten thousand frames
 _DEEPEST = 32  # parts of a key such as a.b.c, whose time tomllib squares
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
 _DEEP_KEY = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{_DEEPEST},}}+[ \t]*+([=\]]?)")
+
+
+def read_bytes(path: Path, what: str, *, largest: int = LARGEST) -> bytes:
+    """Return the whole content; `what` it should be goes into the messages. Raises InputError for a file that is not
+    there, not plain (a device, a pipe), larger than `largest` bytes, or cannot be read."""
+    try:
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: is no plain file; expected {what}")
+        size = path.stat().st_size
+        if size <= largest:
+            with path.open("rb") as stream:
+                content = stream.read(largest + 1)
+            size = len(content)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    if size > largest:
+        raise InputError(f"{path}: has {size / 1e6:.0f} MB; expected {what} of at most {largest / 1e6:.0f} MB")
+    return content
+
+
+def require_few(count: int, path: Path, what: str) -> None:
+    """Raise InputError for more points or faces than a cloud or mesh may have, before there is an array of them."""
+    if count > MOST_POINTS:
+        raise InputError(f"{path}: has {count} {what}; expected at most {MOST_POINTS}")
+
+
+def decode_any(content: bytes, path: Path) -> str:
+    """Return the text of a laboratory's program: UTF-8, UTF-16 with its mark, else the code page of western Europe,
+    which is said. Raises InputError for what has characters of no text."""
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        encoding = "utf-16"
+    else:
+        try:
+            return content.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            encoding = "cp1252"
+    try:
+        text = content.decode(encoding)
+    except UnicodeDecodeError:
+        text = "\0"
+    if _OF_NO_TEXT.search(text):
+        raise InputError(f"{path}: is not a text file")
+    note(f"{path}: read as {encoding} text")
+    return text
 
 
 def parse_toml(path: Path) -> dict[str, Any]:
@@ -72,6 +121,10 @@ def file_stem(name: str) -> str:
     return f"{plain}_{sha256(name.encode('utf-8', 'surrogateescape')).hexdigest()[:6]}"
 
 
-def read_text(path: Path, *, largest: int = LARGEST_TEXT) -> str:
-    """Return a plain text file's content, of at most `largest` bytes; InputError where it cannot be read."""
-    return decode(read_bytes(path, "a text file", largest=largest), path)
+def read_text(path: Path, what: str = "a text file", *, largest: int = LARGEST_TEXT) -> str:
+    """Return the content of a plain UTF-8 file of at most `largest` bytes; InputError, which says `what` was expected,
+    where it cannot be read."""
+    try:
+        return read_bytes(path, what, largest=largest).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not a text file (UTF-8)") from None

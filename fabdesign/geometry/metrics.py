@@ -13,13 +13,14 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.formats.schema import Key, Millimetre
 from fabdesign.geometry.distances import ChamferTo, chamfer
 from fabdesign.geometry.regions import Weighting
 from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.geometry.shape import Face
 from fabdesign.geometry.surface import CAP, Nearest, Surface, capped_rms, half_of
 from fabdesign.geometry.wishes import Landmarks
-from fabdesign.units import InFile, Millimetres, in_mm
+from fabdesign.units import in_mm
 
 Floats = NDArray[np.floating[Any]]
 
@@ -30,12 +31,12 @@ DRAWS = 20  # of a floor
 class Errors:
     """m. A frame's, or the means over the frames of a trial."""
 
-    chamfer: Millimetres
-    chamfer_floor: Millimetres
-    surface_rms: Millimetres
-    surface_floor: Millimetres
+    chamfer: Millimetre
+    chamfer_floor: Millimetre
+    surface_rms: Millimetre
+    surface_floor: Millimetre
     # share of the measured points farther off than the cap, which count as if they were at it
-    beyond: Annotated[float, InFile("surface_beyond")] = 0.0
+    beyond: Annotated[float, Key("surface_beyond")] = 0.0
 
     @property
     def excess(self) -> float:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from fabdesign.errors import InputError
-from fabdesign.formats.bounded_file import require_few
+from fabdesign.formats.toml_file import require_few
 from fabdesign.geometry.distances import Cells
 from fabdesign.geometry.shape import Face, Shape
 

@@ -15,31 +15,29 @@ from typing import TYPE_CHECKING, Any
 
 from fabdesign import one_blas_thread
 from fabdesign.interface import folders as studies
-from fabdesign.interface.analyses import loop, sensitivity, study, unseen
+from fabdesign.interface.analyses import Unseen, loop, sensitivity, study, unseen
 from fabdesign.interface.files import check, export, new, studio, view
-from fabdesign.interface.fits import calibrate, trace
+from fabdesign.interface.fits import calibrate, trace, train
 from fabdesign.interface.folders import list_effects, prepare, schema
 from fabdesign.interface.laboratory import fuse, rig
 from fabdesign.interface.measured import evaluate, predict
-from fabdesign.interface.motions import equilibrium, simulate, sweep
+from fabdesign.interface.motions import Sweep, equilibrium, simulate, sweep
 from fabdesign.interface.searches import demo, follow, layouts, optimize
-from fabdesign.interface.training import train
 
 if TYPE_CHECKING:
-    from fabdesign.interface.results import Layouts, Motion, Optimized, Sensitivity, Sweep, Unseen
+    from fabdesign.files.motion_file import Motion
 
 one_blas_thread()  # for the commands; in Python it was asked for already
 __all__ = [
-    "Layouts", "Motion", "Optimized", "Sensitivity", "Sweep", "Unseen", "calibrate", "check", "demo", "equilibrium",
-    "evaluate", "export", "follow", "fuse", "layouts", "list_effects", "loop", "new", "optimize", "predict", "prepare",
-    "rig", "schema", "sensitivity", "simulate", "studies", "studio", "study", "sweep", "trace", "train", "unseen",
-    "view",
+    "Motion", "Sweep", "Unseen", "calibrate", "check", "demo", "equilibrium", "evaluate", "export", "follow", "fuse",
+    "layouts", "list_effects", "loop", "new", "optimize", "predict", "prepare", "rig", "schema", "sensitivity",
+    "simulate", "studies", "studio", "study", "sweep", "trace", "train", "unseen", "view",
 ]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
-    if name not in __all__:
+    if name != "Motion":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from fabdesign.interface import results  # loads numpy
+    from fabdesign.files.motion_file import Motion  # loads numpy
 
-    return getattr(results, name)
+    return Motion

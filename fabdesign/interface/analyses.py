@@ -8,23 +8,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from fabdesign.errors import InputError
+from fabdesign.formats.result_tables import Columns, Tabled, by_name
 from fabdesign.interface.run import Run, all_sets
-from fabdesign.interface.searches import INTERVAL, OF_STUDY, reported
-from fabdesign.interface.verb import VERBS, Computing, Shown, Verb, verb
+from fabdesign.interface.searches import study_verb
+from fabdesign.interface.verb import VERBS, Computing, Verb, verb
 
 if TYPE_CHECKING:
-    from fabdesign.interface.results import Motion, Sensitivity, Unseen
+    from fabdesign.files.motion_file import Motion
     from fabdesign.interface.verb import DesignLike, File, Folder, ModelLike, SetLike
     from studies.loop.record import LoopOutcome
+    from studies.sensitivity.result import SensitivityResult
 
 
-def _depending(result: Sensitivity, given: Mapping[str, Any]) -> Shown:
-    from studies.sensitivity.report import as_text
-
-    return Shown(result.to_json(), reported(as_text(result.result), given))
-
-
-@verb(_depending, "STUDY", options=OF_STUDY, interval=INTERVAL)
+@study_verb("studies.sensitivity.report")
 def sensitivity(
     design: DesignLike,
     parameters: Mapping[str, tuple[float, float] | None] | None = None,
@@ -42,7 +38,7 @@ def sensitivity(
     seed: int = 1,
     grid: int | None = None,
     **keys: Any,
-) -> Sensitivity:
+) -> SensitivityResult:
     """Say what a shape depends on (Morris, Sobol).
 
     A STUDY is a TOML file. The same command continues after a stop.
@@ -58,7 +54,6 @@ def sensitivity(
     a side, by default 21. keys: as of `optimize`. Ctrl-C ends with what is done.
     """
     from fabdesign.interface.arguments import ends_of, functions_of, one_design, study_file
-    from fabdesign.interface.results import Sensitivity
     from fabdesign.study_files.sensitivity_file import read_sensitivity
     from studies.sensitivity.run import run_sensitivity
 
@@ -90,7 +85,7 @@ def sensitivity(
     def show(now: Any) -> None:
         run.progress(str(now), now.done / now.total)
 
-    return Sensitivity(run.study(run_sensitivity, study, out, seconds, progress=show, interruptible=True))
+    return run.study(run_sensitivity, study, out, seconds, progress=show, interruptible=True)
 
 
 def _texts(names: str | Sequence[str] | Mapping[str, Any]) -> list[str]:
@@ -98,7 +93,7 @@ def _texts(names: str | Sequence[str] | Mapping[str, Any]) -> list[str]:
 
 
 def _of_motion(function: Callable[[Motion], float]) -> Callable[[Any, Any], float]:
-    from fabdesign.interface.results import Motion
+    from fabdesign.files.motion_file import Motion
 
     @wraps(function)
     def output(time: Any, points: Any) -> float:
@@ -107,13 +102,32 @@ def _of_motion(function: Callable[[Motion], float]) -> Callable[[Any, Any], floa
     return output
 
 
-def _unsewn(result: Unseen, given: Mapping[str, Any]) -> Shown:
-    from studies.unseen.report import as_text
+class Unseen(dict[str, Any], Tabled):
+    """The content of `result.json` of a study of kind `unseen`."""
 
-    return Shown(result.to_json(), reported(as_text(result), given))  # type: ignore[arg-type]
+    __str__, __repr__ = Tabled.__str__, dict.__repr__
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it without the middle lines, which are for the picture."""
+        from studies.unseen.report import without_lines
+
+        return {**without_lines(self)}  # type: ignore[arg-type]
+
+    def columns(self) -> Columns:
+        """Return a row a pose and output: pose, output, unit, and its 5, 50 and 95 % over the drawn models."""
+        rows: list[dict[str, Any]] = []
+        for number, pose in enumerate(self.get("poses") or []):
+            values = [(f"tip_{axis}", "mm", ends) for axis, ends in pose["tip_mm"].items()]
+            values.append(("mean_curvature", "1/m", pose["mean_curvature"]))
+            values += [(name, output["unit"], output["percentiles"]) for name, output in pose["outputs"].items()]
+            rows += [
+                {"pose": number, "output": name, "unit": unit, "low90": low, "middle": middle, "high90": high}
+                for name, unit, (low, middle, high) in values
+            ]
+        return by_name(rows)
 
 
-@verb(_unsewn, "STUDY", options=OF_STUDY, interval=INTERVAL)
+@study_verb("studies.unseen.report")
 def unseen(
     design: DesignLike | None = None,
     model: ModelLike | None = None,
@@ -144,9 +158,8 @@ def unseen(
     `candidates`, `rig_limits`, `rise`, `hold`.
     """
     from fabdesign.interface.arguments import one_design, study_file
-    from fabdesign.interface.results import Unseen
     from fabdesign.study_files.unseen_file import read_unseen
-    from studies.unseen.run import run_unseen, unseen_in_words
+    from studies.unseen.run import run_unseen
 
     run = Run.of(keys)
     if model is None and measured is None:
@@ -166,17 +179,10 @@ def unseen(
             "model": run.model(model),
         }
         study = read_unseen(keys)
-    show = run.opened(lambda: unseen_in_words(read_unseen(study) if isinstance(study, Path) else study))
-    return Unseen(run.study(run_unseen, study, out, seconds, progress=show))
+    return Unseen(run.study(run_unseen, study, out, seconds, progress=run.progress))
 
 
-def _looped(outcome: LoopOutcome, given: Mapping[str, Any]) -> Shown:
-    from studies.loop.record import as_text
-
-    return Shown(outcome.as_json(), reported(as_text(outcome), given))
-
-
-@verb(_looped)
+@study_verb("studies.loop.record", interval=0.0)
 def loop(study: File, out: Folder, *, seconds: float | None = None, **given: Unpack[Computing]) -> LoopOutcome:
     """Choose a design, measure it, improve the model, repeat.
 
@@ -186,19 +192,16 @@ def loop(study: File, out: Folder, *, seconds: float | None = None, **given: Unp
     out: Folder to write to, or to continue in.
     seconds: Time limit of each search, s; by default the study's.
     """
-    from fabdesign.study_files.loop_file import read_loop
-    from studies.loop.run import loop_in_words, run_loop
+    from studies.loop.run import run_loop
 
-    run, file = Run(**given), Path(study)
-    show = run.opened(lambda: loop_in_words(read_loop(file), seconds))
-    outcome: LoopOutcome = run.study(run_loop, file, out, seconds, progress=show)
-    return outcome
+    run = Run(**given)
+    return run.study(run_loop, Path(study), out, seconds, progress=run.progress)
 
 
 def _kind(study: File) -> Verb:
-    from fabdesign.study_files.study_file import read_kind
+    from fabdesign.study_files.study_file import read_head
 
-    return VERBS[read_kind(study)]
+    return VERBS[read_head(study).kind]
 
 
 def _of_its_kind(given: dict[str, Any]) -> Verb:

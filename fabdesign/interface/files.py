@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fabdesign.drawings.sewing import Exported
     from fabdesign.interface.verb import DesignLike, File, Folder, ModelLike, Toml
     from fabdesign.nouns.design import Design
-    from studies.check import Findings
+    from studies.check.findings import Findings
 
 
 def _written(design: Design, given: Mapping[str, Any]) -> Shown:
@@ -100,7 +100,7 @@ def check(files: Sequence[File] | File, **given: Unpack[Placing]) -> dict[str, F
     Returns problems, warnings and notes of each file, by its name.
     """
     from fabdesign.clouds.target_file import AS_GIVEN
-    from studies.check import fabric_of, inspect
+    from studies.check.files import fabric_of, inspect
 
     how, paths = _as_target(given), paths_of(files)
     fabric = fabric_of(paths) if how != AS_GIVEN else None
@@ -209,23 +209,23 @@ def view(
     from fabdesign.files.design_file import read_design
     from fabdesign.output import new_files
     from studies.view.items import items_of
-    from studies.view.write import KINDS, require_writer, writer
+    from studies.view.write import KINDS, require_writer, write_panels
 
     how, run = _as_target(given), Run(**given)  # type: ignore[misc]
     paths, out = paths_of([*many_of("files", files)]), _page_of(files, out)
     kind = out.suffix.lower()
     if kind not in KINDS:
         raise InputError(f"{out}: expected a name that ends in {', '.join(KINDS[:-1])} or {KINDS[-1]}")
-    if times and kind != ".png":
-        raise InputError(f"--time: instants of a picture; expected an output that ends in .png, not {kind}")
-    if markers and kind != ".csv":
-        raise InputError(f"--marker: points in a table; expected an output that ends in .csv, not {kind}")
+    for option, asked, what, fitting in (
+        ("--time", times, "instants of a picture", (".png",)),
+        ("--marker", markers, "points in a table", (".csv",)),
+        ("--overlay", overlay, "of pictures", (".html", ".png", ".gif", ".mp4")),
+    ):
+        if asked and kind not in fitting:
+            ends = " or ".join(filter(None, (", ".join(fitting[:-1]), fitting[-1])))
+            raise InputError(f"{option}: {what}; expected an output that ends in {ends}, not {kind}")
     if how.place == "fit" and design is None:
         raise InputError("--place fit: needs the cloth; expected --design with its design file")
-    if overlay and kind not in (".html", ".png", ".gif", ".mp4"):
-        raise InputError(
-            f"--overlay: of pictures; expected an output that ends in .html, .png, .gif or .mp4, not {kind}"
-        )
     require_writer(kind)  # before anything is computed
     places = dict(_marker(text) for text in markers)
     if len(places) < len(markers):
@@ -237,7 +237,7 @@ def view(
         if how.place == "fit" and design is not None:
             how = replace(how, fabric=read_design(design).fabric)
         items = items_of(paths, trial=trial, design=design, model=fitted, forward=forward, how=how)
-        notes = writer(kind, times, places, overlay=overlay)(items, unfinished)
+        notes = write_panels(items, unfinished, times=times, markers=places, overlay=overlay)
     panels: list[dict[str, Any]] = [{"title": item.title, "frames": len(item.frames)} for item in items]
     return [{**panel, **note} for panel, note in zip(panels, notes or [{}] * len(panels), strict=True)]
 

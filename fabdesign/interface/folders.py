@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from fabdesign.errors import InputError
+from fabdesign.formats.json_file import json_text
 from fabdesign.interface.run import Run, paths_of
 from fabdesign.interface.verb import Extending, Shown, Working, Writing, verb
 
 if TYPE_CHECKING:
     from fabdesign.effects import Effect
     from fabdesign.interface.verb import File
-    from studies.report.evaluations_table import EvaluationsTable
-    from studies.report.result_folders import Figure, ResultFolder
+    from studies.report.result_folders import EvaluationsTable, Figure, ResultFolder
 
 
 def _listed(folders: Sequence[ResultFolder], given: Mapping[str, Any]) -> Shown:
@@ -89,7 +89,7 @@ def table(folder: File, out: File, **given: Unpack[Writing]) -> EvaluationsTable
     out: NAME.csv, NAME.parquet (extra tables) or NAME.db (extra optuna).
     """
     from fabdesign.output import new_file
-    from studies.report.evaluations_table import read_evaluations, write_evaluations, write_optuna_store
+    from studies.report.result_folders import read_evaluations, write_evaluations, write_optuna_store
 
     out, folder, force = Path(out), Path(folder), Run(**given).force
     kind = out.suffix.lower()
@@ -113,12 +113,14 @@ def _cell(value: Figure) -> str:
     return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _prepared(seconds: float, given: Mapping[str, Any]) -> Shown:
-    serves = "for grids up to 41 points a side and designs up to 96 fixed points; others compile at their first use"
-    return Shown({"seconds": seconds}, f"the simulator is compiled, {seconds:.0f} s, {serves}")
+_SERVES = "for grids up to 41 points a side and designs up to 96 fixed points; others compile at their first use"
 
 
-@verb(_prepared, title="compiling", options=())
+@verb(
+    lambda seconds, _: Shown({"seconds": seconds}, f"the simulator is compiled, {seconds:.0f} s, {_SERVES}"),
+    title="compiling",
+    options=(),
+)
 def prepare(**given: Unpack[Working]) -> float:
     """Compile the simulator's kernels once on this machine.
 
@@ -130,13 +132,7 @@ def prepare(**given: Unpack[Working]) -> float:
     return compile_all(lambda line: run.progress(line, None))
 
 
-def _in_json(content: dict[str, Any], given: Mapping[str, Any]) -> Shown:
-    from fabdesign.formats.json_file import json_text
-
-    return Shown(content, json_text(content, indent=1))
-
-
-@verb(_in_json, "KIND", options=())
+@verb(lambda content, _: Shown(content, json_text(content, indent=1)), "KIND", options=())
 def schema(kind: str) -> dict[str, Any]:
     """Print the JSON Schema of a kind of file, for editors.
 

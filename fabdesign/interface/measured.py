@@ -12,7 +12,7 @@ from fabdesign.interface.run import Run, all_sets, benches_of, paths_of, several
 from fabdesign.interface.verb import Computing, Shown, verb
 
 if TYPE_CHECKING:
-    from fabdesign.interface.results import Motion
+    from fabdesign.files.motion_file import Motion
     from fabdesign.interface.verb import DesignLike, Folder, ModelLike, SetLike
     from fabdesign.nouns.trial import Role
     from studies.benches.evaluate import BenchEvaluation
@@ -146,7 +146,6 @@ def predict(
     each with its band where the model has intervals. After Ctrl-C, without `out`, those that are done, with a warning.
     """
     from fabdesign.interface.arguments import one_design
-    from fabdesign.interface.results import Motion
     from fabdesign.nouns.trial import MeasurementSet
     from studies.measured.sensitive_stretches import GRID as COARSE
     from studies.prediction.coarser_grid import enough_points
@@ -179,7 +178,7 @@ def predict(
                     continue
                 for trial, motion in predicted(forward, fitted, some, coarse=coarse):
                     name = trial.name if folder == "." else f"{folder}/{trial.name}"
-                    motions[name] = Motion(**vars(motion))
+                    motions[name] = motion
                     count()
         except KeyboardInterrupt:
             if not motions:

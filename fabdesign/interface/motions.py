@@ -5,16 +5,20 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from fabdesign.errors import InputError, note
+from fabdesign.errors import InputError
+from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.interface.run import Run, paths_of, simulator
 from fabdesign.interface.verb import Computing, Shown, verb
 
 if TYPE_CHECKING:
-    from fabdesign.files.motion_file import MotionData
-    from fabdesign.interface.results import Motion, Sweep
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from fabdesign.files.motion_file import Motion
     from fabdesign.interface.verb import DesignLike, File, ModelLike, Npz, Pressures
     from fabdesign.nouns.design import Design
     from fabdesign.nouns.pressure import PressureProgram
@@ -80,7 +84,7 @@ def simulate(
     ((7,), (7, 2, 41, 41, 3))
     """
     from fabdesign.files.motion_file import mesh_paths
-    from fabdesign.files.pressure_file import told_slight
+    from fabdesign.files.pressure_file import note_slight
     from fabdesign.interface.arguments import pairs
     from fabdesign.nouns.forward import HOLD, RISE, Case
     from fabdesign.nouns.pressure import rising_program
@@ -108,27 +112,28 @@ def simulate(
         run.warn_beyond(fitted, acting)
         forward = simulator(side, self_contact=self_contact, rise=rise, hold=hold)
 
-        def moved(part: slice) -> list[Motion]:
-            from fabdesign.interface.results import Motion
-
-            cases = [Case(*pair, order=order) for pair in asked[part]]
-            if equilibrium:
-                motions = require_shapes(forward, cases, model=fitted)
-            else:
-                motions = require_motions(forward, cases, times[part], model=fitted)
-            return [Motion(**vars(motion)) for motion in motions]
-
-        motions = _until_stopped(run, asked, moved)
+        motions: list[Motion] = []
+        try:
+            for part in _parts(run, asked, "simulated"):
+                cases = [Case(*pair, order=order) for pair in asked[part]]
+                if equilibrium:
+                    motions += require_shapes(forward, cases, model=fitted)
+                else:
+                    motions += require_motions(forward, cases, times[part], model=fitted)
+        except KeyboardInterrupt:
+            if not motions:
+                raise
+            run.say(f"interrupted, with the first {len(motions)} of {len(asked)} motions")
         write(motions[0])
-    if lone and isinstance(pressures, Path | str) and (slight := told_slight(asked[0][1], asked[0][0], pressures)):
-        note(slight)
+    if lone and isinstance(pressures, Path | str):
+        note_slight(float(asked[0][1].pressure.max(initial=0.0)), asked[0][0], str(pressures))
     return motions[0] if lone else motions
 
 
 @contextmanager
 def _written(
     run: Run, out: Npz | None, meshes: Sequence[Path], inputs: Sequence[Path]
-) -> Iterator[Callable[[MotionData], None]]:
+) -> Iterator[Callable[[Motion], None]]:
     """Return a context with what writes a motion, and a mesh a frame, where that is asked for."""
     from fabdesign.files.motion_file import square_triangles, write_mesh, write_motion
     from fabdesign.output import new_files
@@ -140,7 +145,7 @@ def _written(
             first = new_files(meshes[0], companions=names[1:], force=run.force, inputs=inputs)
             folder = stack.enter_context(first).parent
 
-        def write(motion: MotionData) -> None:
+        def write(motion: Motion) -> None:
             if file is not None:
                 write_motion(file, motion.time, motion.points, size=motion.size, muscles=motion.muscles)
             for name, frame in zip(names, motion.points, strict=bool(names)):
@@ -179,6 +184,43 @@ def equilibrium(
     )  # fmt: skip
 
 
+@dataclass(frozen=True, eq=False)
+class Sweep(Tabled):
+    """Numbers of many shapes. pressures: of each design, (channels,) kPa at the end. values: (n,) of each output.
+    complete: False where it was interrupted."""
+
+    designs: tuple[Design, ...]
+    pressures: tuple[NDArray[np.float64], ...]
+    values: Mapping[str, NDArray[np.float64]]
+    complete: bool
+
+    def __getitem__(self, output: str) -> NDArray[np.float64]:
+        """Return (n,) of an output."""
+        return self.values[output]
+
+    def __len__(self) -> int:
+        return len(self.designs)
+
+    def columns(self) -> Columns:
+        """Return design, muscles, the pressure of each channel [kPa], and the outputs."""
+        import numpy as np
+
+        channels = max((len(row) for row in self.pressures), default=0)
+        padded = np.full((len(self), channels), np.nan)
+        for row, kpa in zip(padded, self.pressures, strict=True):
+            row[: len(kpa)] = kpa
+        return {
+            "design": [design.name for design in self.designs],
+            "muscles": [len(design.muscles) for design in self.designs],
+            **{f"channel_{k}_kpa": padded[:, k] for k in range(channels)},
+            **self.values,
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the columns."""
+        return {**self.columns(), "complete": self.complete}
+
+
 def sweep(
     designs: DesignLike | Sequence[DesignLike],
     pressures: Pressures,
@@ -209,7 +251,6 @@ def sweep(
     import numpy as np
 
     from fabdesign.interface.arguments import functions_of, pairs
-    from fabdesign.interface.results import Sweep
     from fabdesign.nouns.forward import HOLD, RISE, Case
     from fabdesign.units import in_kpa
     from studies.prediction.forward_model import laced_motions, laced_rests
@@ -229,36 +270,15 @@ def sweep(
                     if len(time)
                     else laced_rests(forward, fitted, cases)
                 )
-                rows += [[_value(function, motion) for function in functions.values()] for motion in shapes]
+                for motion in shapes:
+                    sound = np.isfinite(motion.points).all()
+                    rows.append([float(function(motion)) if sound else np.nan for function in functions.values()])
         except KeyboardInterrupt:
             run.progress(f"interrupted, with {len(rows)} of {len(asked)} rows", len(rows) / len(asked))
     values = dict(zip(functions, np.array(rows).reshape(-1, len(functions)).T, strict=True))
     done = asked[: len(rows)]
     last = [in_kpa(program.pressure[-1]) for _, program in done]
     return Sweep(tuple(design for design, _ in done), tuple(last), values, len(rows) == len(asked))
-
-
-def _value(function: Callable[[Motion], float], motion: MotionData) -> float:
-    import numpy as np
-
-    from fabdesign.interface.results import Motion
-
-    return float(function(Motion(**vars(motion)))) if np.isfinite(motion.points).all() else float("nan")
-
-
-def _until_stopped(
-    run: Run, asked: Sequence[tuple[Design, PressureProgram]], compute: Callable[[slice], list[Motion]]
-) -> list[Motion]:
-    """Return the motions of batch after batch, up to the end or Ctrl-C; it is raised where nothing is done yet."""
-    motions: list[Motion] = []
-    try:
-        for part in _parts(run, asked, "simulated"):
-            motions += compute(part)
-    except KeyboardInterrupt:
-        if not motions:
-            raise
-        run.say(f"interrupted, with the first {len(motions)} of {len(asked)} motions")
-    return motions
 
 
 def _parts(run: Run, asked: Sequence[tuple[Design, PressureProgram]], done: str) -> Iterator[slice]:

@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from fabdesign.errors import InputError
 from fabdesign.interface.verb import unheard, warn
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from fabdesign.nouns.model import Model
     from fabdesign.nouns.pressure import PressureProgram
     from fabdesign.nouns.trial import MeasurementSet, Role, Trial
+
+
+Result = TypeVar("Result")
 
 
 class Run:
@@ -119,13 +122,15 @@ class Run:
         if address is None and current() is None:
             address = os.environ.get(VARIABLE)
             if address is None and isinstance(study, Path):
-                from fabdesign.study_files.study_file import read_cluster
+                from fabdesign.study_files.study_file import read_head
 
-                address = read_cluster(study)
+                address = read_head(study).cluster
         with on_cluster(address, say=self.say):
             yield
 
-    def study(self, run: Callable[..., Any], study: Any, out: File | None, seconds: float | None, **how: Any) -> Any:
+    def study(
+        self, run: Callable[..., Result], study: Any, out: File | None, seconds: float | None, **how: Any
+    ) -> Result:
         """Return what `run` makes of a study in its folder, or in one that goes afterwards."""
         with work_folder(out) as folder, self.computing(study):
             return run(study, folder, seconds=seconds, force=self.force, **how)

@@ -1,31 +1,32 @@
-"""Searches: a layout with pressures for a target, layouts side by side, the demo."""
+"""Searches: a layout with pressures for a target, layouts side by side, pressures that follow a motion, the demo."""
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from fabdesign.errors import InputError
 from fabdesign.interface.run import Run
-from fabdesign.interface.verb import Shown, Working, verb
+from fabdesign.interface.verb import Function, Shown, Working, verb
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from fabdesign.interface.results import Layouts, Optimized
     from fabdesign.interface.verb import DesignLike, File, Folder, ModelLike, Pressures
     from optimize.search.evaluations import Evaluations
     from studies.demo.run import Demo
     from studies.follow.result import FollowResult
+    from studies.layout_grid.turns import GridResult
+    from studies.layouts.result import StudyResult
 
     Target = ArrayLike | File  # (n, 3) m, or a cloud, mesh or trial
 
 OF_STUDY = ("seconds", "effects", "cluster", "out", "force")  # options of a command that takes a study
-INTERVAL = 10.0  # s between the lines of a search, which has a step a second
+_INTERVAL = 10.0  # s between the lines of a search, which has a step a second
+_OF_TARGET = ("frame", "unit", "scale", "rotation", "translation", "place", "description")
 
 
 def reported(text: str, given: Mapping[str, Any]) -> str:
@@ -33,12 +34,22 @@ def reported(text: str, given: Mapping[str, Any]) -> str:
     return f"{text}\nreport: {Path(given['out']) / 'report.html'}"
 
 
-def _optimized(result: Optimized, given: Mapping[str, Any]) -> Shown:
+def study_verb(module: str, *options: str, interval: float = _INTERVAL) -> Callable[[Function], Function]:
+    """Declare a verb that takes a study. module: whose `as_text` says in words what the study came to. options: of the
+    command, besides those of all studies. interval: s between the lines of progress."""
+
+    def shown(result: Any, given: Mapping[str, Any]) -> Shown:
+        return Shown(result.as_json(), reported(import_module(module).as_text(result), given))
+
+    return verb(shown, "STUDY", options=(*options, *OF_STUDY), interval=interval)
+
+
+def _optimized(result: StudyResult, given: Mapping[str, Any]) -> Shown:
     from fabdesign.geometry.metrics import MANY_BEYOND, told_beyond
     from fabdesign.nouns.pressure import poses_in_words
     from studies.layout_search.target import errors_in_words
 
-    content = result.to_json()
+    content = result.as_json()
     text = (
         f"{given['out']}: {content['objective_mm']:.3f} mm ({errors_in_words(result.study, result.errors)}) after "
         f"{content['evaluations']} evaluations, {result.search_time}; {content['stop_reason']}"
@@ -51,8 +62,7 @@ def _optimized(result: Optimized, given: Mapping[str, Any]) -> Shown:
     if content["surface_beyond"] >= MANY_BEYOND:
         after.append(told_beyond(content["surface_beyond"]))
     targets = [f"target: {target}" for target in content["targets"]]
-    poses = poses_in_words([*result.result.pressures])
-    return Shown(content, "\n".join([*targets, text, *poses, *outputs, *after]))
+    return Shown(content, "\n".join([*targets, text, *poses_in_words([*result.pressures]), *outputs, *after]))
 
 
 @verb(_optimized, "STUDY", options=OF_STUDY, search=True)
@@ -71,7 +81,7 @@ def optimize(
     evaluations: int | None = None,
     seed: int = 1,
     **keys: Any,
-) -> Optimized:
+) -> StudyResult:
     """Find layout and pressures for the target of a STUDY.
 
     A STUDY is a TOML file. Ctrl-C keeps the best so far; the same command goes on from there.
@@ -87,40 +97,30 @@ def optimize(
     `frame`. Without `out` nothing is kept. Raises InputError for what a study may not be.
     """
     from fabdesign.interface.arguments import ends_of, one_design, study_file
-    from fabdesign.interface.results import Optimized
     from fabdesign.study_files.study_file import read_study
     from studies.layouts.run import run_study
 
     run = Run.of(keys)
-    with _scratch() as folder:
-        if target is None:
-            study: Any = study_file(design)
-        else:
-            choice = {}
-            if muscles is not None:
-                least, most = ends_of("muscles", muscles)
-                choice = {"muscles": {"min": least, "max": most, "sides": [*sides]}}
-            keys |= dict(
-                seed=seed,
-                variables={"pressures": pressures, "positions": positions, **choice},
-                limits={**(limits or {}), "evaluations": evaluations},
-                **_targets(target, folder, keys),
-                design=(read := one_design(design)),
-                model=run.model(model),
-            )
-            study = replace(read_study(keys), name=read.name)
-        # a live line shows all of a search
-        show = getattr(run.progress, "show", lambda at: run.progress(_best(at), at.share))
-        return Optimized(run.study(run_study, study, out, seconds, progress=show))
+    if target is None:
+        study: Any = study_file(design)
+    else:
+        choice = {}
+        if muscles is not None:
+            least, most = ends_of("muscles", muscles)
+            choice = {"muscles": {"min": least, "max": most, "sides": [*sides]}}
+        keys |= dict(
+            seed=seed,
+            variables={"pressures": pressures, "positions": positions, **choice},
+            limits={**(limits or {}), "evaluations": evaluations},
+            **_targets(target, keys),
+            design=(read := one_design(design)),
+            model=run.model(model),
+        )
+        study = replace(read_study(keys), name=read.name)
+    return run.study(run_study, study, out, seconds, progress=_whole_search(run))
 
 
-def _side_by_side(result: Layouts, given: Mapping[str, Any]) -> Shown:
-    from studies.layout_grid.report import as_text
-
-    return Shown(result.to_json(), reported(as_text(result.result), given))
-
-
-@verb(_side_by_side, "STUDY", options=OF_STUDY, interval=INTERVAL)
+@study_verb("studies.layout_grid.report")
 def layouts(
     design: DesignLike,
     target: Target | Sequence[File] | None = None,
@@ -136,7 +136,7 @@ def layouts(
     evaluations: int | None = None,
     seed: int = 1,
     **keys: Any,
-) -> Layouts:
+) -> GridResult:
     """Find out how many muscles a target needs, of which type, on which side.
 
     A STUDY is a TOML file: a search for each number, type and choice of sides. Ctrl-C keeps what is there; the same
@@ -151,53 +151,43 @@ def layouts(
     `optimize`.
     """
     from fabdesign.interface.arguments import one_design, study_file
-    from fabdesign.interface.results import Layouts
     from fabdesign.runtime.effort import in_words
     from fabdesign.study_files.layouts_file import read_layouts
     from studies.layout_grid.run import run_layouts
 
     run = Run.of(keys)
-    with _scratch() as folder:
-        if target is None:
-            study: Any = study_file(design)
-        else:
-            read = one_design(design)
-            keys |= dict(
-                name=read.name,
-                seed=seed,
-                grid={"muscles": [*muscles], "sides": [*sides], "types": None if types is None else [*types]},
-                limits={**(limits or {}), "evaluations": evaluations},
-                outputs=[*outputs],
-                **_targets(target, folder, keys),
-                design=read,
-                model=run.model(model),
-            )
-            study = read_layouts(keys)
-        total = 0
+    if target is None:
+        study: Any = study_file(design)
+    else:
+        keys |= dict(
+            name=(read := one_design(design)).name,
+            seed=seed,
+            grid={"muscles": [*muscles], "sides": [*sides], "types": None if types is None else [*types]},
+            limits={**(limits or {}), "evaluations": evaluations},
+            outputs=[*outputs],
+            **_targets(target, keys),
+            design=read,
+            model=run.model(model),
+        )
+        study = read_layouts(keys)
+    total = 0
 
-        def opening() -> str:
-            search = (read_layouts(study) if isinstance(study, Path) else study).search
-            limit = seconds or search.limits.seconds
-            return in_words(limit, f"{total} searches, all within {limit:g} s of search time")
+    def opening() -> str:
+        limit = seconds or (read_layouts(study) if isinstance(study, Path) else study).search.limits.seconds
+        return in_words(limit, f"{total} searches, all within {limit:g} s of search time")
 
-        show = run.opened(opening)
+    show = run.opened(opening)
 
-        def cell(cell: Any, number: int, of: int, at: Evaluations) -> None:
-            nonlocal total
-            total = of
-            line = f"{cell.name}, {number} of {of}: {_best(at)}, {at.elapsed:.0f} s in this search"
-            show(line, min(1.0, (number - 1 + at.share) / of))
+    def cell(cell: Any, number: int, of: int, at: Evaluations) -> None:
+        nonlocal total
+        total = of
+        line = f"{cell.name}, {number} of {of}: {_best(at)}, {at.elapsed:.0f} s in this search"
+        show(line, min(1.0, (number - 1 + at.share) / of))
 
-        return Layouts(run.study(run_layouts, study, out, seconds, progress=cell))
+    return run.study(run_layouts, study, out, seconds, progress=cell)
 
 
-def _followed(result: FollowResult, given: Mapping[str, Any]) -> Shown:
-    from studies.follow.result import as_text
-
-    return Shown(result.as_json(), reported(as_text(result), given))
-
-
-@verb(_followed, "STUDY", options=("measured", *OF_STUDY), interval=INTERVAL)
+@study_verb("studies.follow.result", "measured")
 def follow(
     design: DesignLike,
     target: File | Sequence[Mapping[str, Any]] | None = None,
@@ -228,14 +218,14 @@ def follow(
     """
     from fabdesign.interface.arguments import one_design, study_file
     from fabdesign.study_files.follow_file import read_follow
-    from studies.follow.run import follow_in_words, run_follow
+    from studies.follow.run import run_follow
 
     run = Run.of(keys)
     if target is None:
         study: Any = study_file(design)
     else:
         if isinstance(target, Path | str):
-            keys["motion"] = {"file": str(Path(target).absolute())}
+            keys["motion"] = {"file": _absolute(target)}
         else:
             keys["moments"] = [*target]
         keys |= {
@@ -248,9 +238,7 @@ def follow(
             "model": run.model(model),
         }
         study = read_follow(keys)
-    show = run.opened(lambda: follow_in_words(read_follow(study) if isinstance(study, Path) else study))
-    result: FollowResult = run.study(run_follow, study, out, seconds, measured=measured, progress=show)
-    return result
+    return run.study(run_follow, study, out, seconds, measured=measured, progress=run.progress)
 
 
 def _shown(outcome: Demo, given: Mapping[str, Any]) -> Shown:
@@ -268,41 +256,36 @@ def demo(out: Folder = "demo", **given: Unpack[Working]) -> Demo:
     from studies.demo.run import run_demo
 
     run = Run(**given)
-    show = getattr(run.progress, "show", lambda at: run.progress(_best(at), at.share))
-    say = getattr(run.progress, "say", run.say)
+    show, say = _whole_search(run), getattr(run.progress, "say", run.say)
     return run_demo(Path(out), force=run.force, progress=lambda name, evaluations: show(evaluations), say=say)
 
 
-@contextmanager
-def _scratch() -> Iterator[Path]:
-    """A folder for an array of points; what is wrong with them is said of the target."""
-    with tempfile.TemporaryDirectory(prefix="fabdesign_") as folder:
-        try:
-            yield Path(folder)
-        except InputError as error:
-            raise InputError(str(error).replace(str(Path(folder) / "target.npz"), "target")) from error
-
-
-_OF_TARGET = ("frame", "unit", "scale", "rotation", "translation", "place", "description")
-
-
-def _targets(target: Any, folder: Path, keys: dict[str, Any]) -> dict[str, Any]:
-    """Return `[target]` or `[[targets]]`, with the keys that are theirs; points become a file in `folder`."""
+def _targets(target: Any, keys: dict[str, Any]) -> dict[str, Any]:
+    """Return `[target]` or `[[targets]]`, with the keys that are theirs."""
     import numpy as np
 
     shared = {name: keys.pop(name) for name in _OF_TARGET if name in keys}
     if isinstance(target, Path | str):
-        return {"target": {"file": str(Path(target).absolute()), **shared}}
+        return {"target": {"file": _absolute(target), **shared}}
     if isinstance(target, list | tuple) and all(isinstance(one, Path | str) for one in target):
-        return {"targets": [{"file": str(Path(one).absolute()), **shared} for one in target]}
+        return {"targets": [{"file": _absolute(one), **shared} for one in target]}
     try:
         points = np.asarray(target, dtype=float)
     except (TypeError, ValueError):
         raise InputError("target: no array of numbers; expected points (n, 3) in m, or a file") from None
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"target: an array of shape {points.shape}; expected points (n, 3) in m")
-    np.savez(folder / "target.npz", points=points)
-    return {"target": {"file": str(folder / "target.npz"), "description": f"{len(points)} points", **shared}}
+    return {"target": {"points": points, "description": f"{len(points)} points", **shared}}
+
+
+def _absolute(file: Any) -> str:
+    return str(Path(file).absolute())
+
+
+def _whole_search(run: Run) -> Callable[[Evaluations], None]:
+    """Return what shows how a search stands; a live line shows all of it."""
+    show: Callable[[Evaluations], None] = getattr(run.progress, "show", lambda at: run.progress(_best(at), at.share))
+    return show
 
 
 def _best(at: Evaluations) -> str:

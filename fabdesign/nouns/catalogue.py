@@ -11,8 +11,8 @@ from math import inf
 from pathlib import Path
 
 from fabdesign.errors import InputError, note
-from fabdesign.files.bench_table_file import read_bench_table
 from fabdesign.files.design_file import read_design, read_part
+from fabdesign.files.law_tables import read_bench_table
 from fabdesign.formats.table import nearest
 from fabdesign.nouns.design import Design, Term
 from fabdesign.nouns.fabric import Fabric

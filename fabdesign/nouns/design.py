@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated
 
+from fabdesign.formats.result_tables import design_summary
 from fabdesign.formats.schema import Key
-from fabdesign.formats.summary import design_summary
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.muscle import Muscle, MuscleType
 

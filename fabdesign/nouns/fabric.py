@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
-from fabdesign.files.curve_file import MembraneCurve, read_membrane_curve
+from fabdesign.files.law_tables import MembraneCurve, read_membrane_curve
 from fabdesign.formats.schema import ABOVE_0, FROM_0, FileUnit, Key, Metre
 from fabdesign.formats.table import Table
 

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.files.bench_table_file import BenchTable as BenchTable
-from fabdesign.files.bench_table_file import read_bench_table
+from fabdesign.files.law_tables import BenchTable as BenchTable
+from fabdesign.files.law_tables import read_bench_table
 from fabdesign.formats.schema import ABOVE_0, FROM_0, FileUnit, Key, Kilopascal, Metre, Within
 from fabdesign.formats.table import Table, nearest
 from fabdesign.nouns.fabric import LARGEST

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
+from fabdesign.formats.schema import ABOVE_0, Key, Kilopascal, KilopascalPerSecond, Second, Within
+from fabdesign.runtime.effort import LONGEST
 from fabdesign.units import in_kpa
 
 if TYPE_CHECKING:
@@ -119,3 +121,30 @@ def require_pressures(program: PressureProgram, design: "Design", where: str) ->
                 f"{where}: channel {channel} has pressure {in_kpa(values.max()):g} kPa; "
                 f"expected at most {in_kpa(most):g} kPa, the muscle's maximum"
             )
+
+
+HIGHEST = 300e3  # Pa, of programs that nobody named, where the muscles allow it
+
+
+# one number, or [lowest, highest] as in [limits]
+_HIGHEST = Key(
+    form=Annotated[Kilopascal, ABOVE_0] | tuple[Kilopascal, Kilopascal],
+    read=lambda value, _: value[1] if isinstance(value, tuple) else value,
+)
+
+
+@dataclass(frozen=True)
+class RigLimits:
+    """The limits that next experiments keep."""
+
+    pressure: Annotated[Kilopascal, _HIGHEST, "of programs that nobody named"] = HIGHEST
+    rate: Annotated[KilopascalPerSecond, ABOVE_0, "of a set point; absent: steps are possible"] = np.inf  # Pa/s
+    duration: Annotated[Second, Within(above=0, most=LONGEST), "of a program"] = 3.0
+    channels: Annotated[int | None, Within(least=1), "of pressure; absent: any"] = None
+    cycle: Annotated[Second, Within(least=0.005, most=1), "of the regulator: a set point holds for so long"] = 0.05
+    resolution: Annotated[Kilopascal, Within(least=0.001, most=100), "of a set point"] = 100.0  # Pa
+    delay: Annotated[Second, Within(least=0, most=1), "from a set point to the valve"] = 0.0
+    supply: Annotated[Kilopascal | None, ABOVE_0, "pressure before the regulator; absent: enough"] = None  # Pa
+
+
+USUAL_LIMITS = RigLimits()

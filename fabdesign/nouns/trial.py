@@ -15,9 +15,7 @@ from fabdesign.formats.schema import ABOVE_0, FROM_0, FileUnit, Key, Second, Wit
 from fabdesign.formats.table import Table, nearest
 from fabdesign.geometry.hung_cloth import require_on_cloth
 from fabdesign.nouns.design import Design
-from fabdesign.nouns.pressure import PressureProgram, require_pressures
-from fabdesign.study_files.rig_limits_file import USUAL_LIMITS, RigLimits
-from fabdesign.units import InFile
+from fabdesign.nouns.pressure import USUAL_LIMITS, PressureProgram, RigLimits, require_pressures
 
 Role = Literal["fit", "test"]
 
@@ -73,17 +71,12 @@ class Trial:
         return data
 
 
-_TILT = Key("tilt_deg")
-
-
 @dataclass(frozen=True)
 class Accuracy:
     """Standard deviations of what the trials were given. By default those of a laboratory that says nothing of them."""
 
     pressure: Annotated[float, Within(least=0, most=1), "of a channel, as a share of it; with tilt_deg 0: exact"] = 0.01
-    tilt: Annotated[float, _TILT, InFile("tilt_deg"), FileUnit("degrees"), Within(least=0, most=45), "of the level"] = (
-        0.5
-    )
+    tilt: Annotated[float, Key("tilt_deg"), FileUnit("degrees"), Within(least=0, most=45), "of the level"] = 0.5
 
     @property
     def is_exact(self) -> bool:

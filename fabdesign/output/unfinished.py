@@ -8,17 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fabdesign.errors import InputError
-from fabdesign.output.atomic import (
-    PREFIX,
-    Scratch,
-    abandoned,
-    cannot_write,
-    flush_file,
-    scratch,
-    settle,
-    unmake,
-    whole_file,
-)
+from fabdesign.output import atomic
 from fabdesign.output.ownership import MARK, files_in, others_in, own_files, read_mark, require_apart, write_mark
 from fabdesign.runtime.supervisor import record
 
@@ -46,7 +36,7 @@ def new_files(
     for name in (path.name, *companions):
         place = goal if name == path.name else goal.with_name(name)
         _require_free_file(path.with_name(name), place, force, inputs)
-    with scratch(path, goal.with_name(f"{PREFIX}-{goal.name}")) as held:
+    with atomic.scratch(path, goal.with_name(f"{atomic.PREFIX}-{goal.name}")) as held:
         folder = held.at / "new"
         _clear(folder, path)
         yield folder / goal.name
@@ -54,7 +44,7 @@ def new_files(
         for source, place in moves.items():
             if place == goal or not (place.is_file() and place.read_bytes() == source.read_bytes()):
                 _require_free_file(path.with_name(place.name), place, force, inputs)
-        settle(moves)
+        atomic.settle(moves)
 
 
 new_file = new_files  # without companions
@@ -142,7 +132,7 @@ def work_folder(path: Path | str, *, made_by: str, force: bool = False, inputs: 
         held.release(keep=staged and not work.complete)
 
 
-def _leave(held: Scratch, path: Path) -> list[str]:
+def _leave(held: atomic.Scratch, path: Path) -> list[str]:
     """Give up a work folder before its work has ended. Return what is to be said of what it keeps."""
     anew = _anew(held, path)
     folder = anew if own_files(anew) else path
@@ -159,7 +149,7 @@ def given_up(records: Sequence[Mapping[str, Any]]) -> list[str]:
     kept: list[str] = []
     scratches = {Path(one["scratch"]): one.get("work") for one in records if "scratch" in one}  # the last of each
     for at, work in reversed(scratches.items()):
-        if (held := abandoned(at)) is not None:
+        if (held := atomic.abandoned(at)) is not None:
             _finish_move(at)
             if work is None:
                 held.release()
@@ -168,7 +158,7 @@ def given_up(records: Sequence[Mapping[str, Any]]) -> list[str]:
     for one in reversed(records):
         if "file" in one:
             Path(one["file"]).unlink(missing_ok=True)
-        unmake([Path(folder) for folder in one.get("made", ())])
+        atomic.unmake([Path(folder) for folder in one.get("made", ())])
     return kept[-1:]
 
 
@@ -191,7 +181,7 @@ def _require_free_file(path: Path, goal: Path, force: bool, inputs: Inputs) -> N
 
 
 @contextmanager
-def _held(path: Path, force: bool, inputs: Inputs) -> Iterator[Scratch]:
+def _held(path: Path, force: bool, inputs: Inputs) -> Iterator[atomic.Scratch]:
     """Return the scratch of the folder `path`, which is made; an interrupted move is finished first."""
     goal = goal_of(path)
     if goal.exists() and not goal.is_dir():
@@ -199,7 +189,7 @@ def _held(path: Path, force: bool, inputs: Inputs) -> Iterator[Scratch]:
     require_apart(path, inputs)
     if read_mark(goal) is None:
         _require_free_folder(goal, force, path)  # nothing is locked, swept or written in a folder of other files
-    with scratch(path, goal / PREFIX) as held:
+    with atomic.scratch(path, goal / atomic.PREFIX) as held:
         _finish_move(held.at)
         try:
             yield held
@@ -219,7 +209,7 @@ def _require_free_folder(folder: Path, force: bool, shown: Path | None = None) -
         raise InputError(f"{shown}: exists{by}; --force replaces it")
 
 
-def _anew(held: Scratch, path: Path) -> Path:
+def _anew(held: atomic.Scratch, path: Path) -> Path:
     """Return where new content of the folder `path` lies until it is complete."""
     return held.at / "new" / path.resolve().name
 
@@ -231,15 +221,15 @@ def _clear(folder: Path, goal: Path) -> None:
             shutil.rmtree(folder)
         folder.mkdir(parents=True)
     except OSError as error:
-        raise cannot_write(goal, error) from None
+        raise atomic.cannot_write(goal, error) from None
 
 
 def _replace_content(hidden: Path, new: Path, made_by: str) -> None:
     """The content of `new`, which lies in the hidden folder of its goal, becomes that of the goal."""
     write_mark(new, made_by, {*files_in(new)} - {MARK})
     for name in files_in(new):
-        flush_file(new / name)
-    with whole_file(hidden / _COMPLETE) as marker:
+        atomic.flush_file(new / name)
+    with atomic.whole_file(hidden / _COMPLETE) as marker:
         marker.write_bytes(os.fsencode(new.name))
     _finish_move(hidden)
 
@@ -264,4 +254,4 @@ def _move(source: Path, goal: Path) -> None:
     names = sorted(files_in(source), key=lambda name: name == MARK)
     for name in names:
         (goal / name).parent.mkdir(parents=True, exist_ok=True)
-    settle({source / name: goal / name for name in names})
+    atomic.settle({source / name: goal / name for name in names})

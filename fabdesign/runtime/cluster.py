@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 
 from fabdesign.effects.registry import register_source, registered_sources
 from fabdesign.errors import InputError, SimulationError, needs
+from fabdesign.runtime.effort import cores
 from fabdesign.runtime.fingerprint import sha256
 from fabdesign.version import SIMULATOR, __version__
 
@@ -258,9 +259,12 @@ def _set_limits(dask_scheduler: Any) -> None:
 @cache
 def this_worker() -> WorkerInfo:
     """Return what this process says of itself."""
-    libraries = {name: _version(name) for name in _LIBRARIES}
-    facts = {"fabdesign": __version__, "simulator": SIMULATOR, "code": _code(), "python": platform.python_version()}
-    return WorkerInfo(facts | libraries, _processor(), _threads())
+    top = Path(__file__).parents[2]  # what is installed may differ without a version that says so
+    code = sha256(*sorted(file for package in _CODE for file in (top / package).rglob("*.py")))[:12]
+    facts = {"fabdesign": __version__, "simulator": SIMULATOR, "code": code, "python": platform.python_version()}
+    given = os.environ.get("TI_CPU_MAX_NUM_THREADS", "")
+    threads = int(given) if given.isdecimal() and int(given) else cores()
+    return WorkerInfo(facts | {name: _version(name) for name in _LIBRARIES}, _processor(), threads)
 
 
 def _version(library: str) -> str:
@@ -270,22 +274,9 @@ def _version(library: str) -> str:
         return "none"
 
 
-def _code() -> str:
-    """Return a hash of what is installed, which may differ without a version that says so."""
-    top = Path(__file__).parents[2]
-    return sha256(*sorted(file for package in _CODE for file in (top / package).rglob("*.py")))[:12]
-
-
 def _processor() -> str:
     with suppress(OSError):
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("model name"):
                 return line.partition(":")[2].strip()
     return platform.processor() or platform.machine()
-
-
-def _threads() -> int:
-    """Return the threads of Taichi in this process."""
-    given = os.environ.get("TI_CPU_MAX_NUM_THREADS", "")
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return int(given) if given.isdecimal() and int(given) else cores

@@ -41,15 +41,14 @@ def step_bytes(channels: int) -> float:
     return _SCHEME + channels * (4 + _MEANS)
 
 
-def require_motion(seconds: float, frames: float, points_per_side: int, *, channels: int = 0, where: str = "") -> None:
+def require_motion(seconds: float, frames: float, points_per_side: int, *, channels: int = 0) -> None:
     """Raise InputError where a motion of `seconds` s, all its `frames` kept, would last or take too much."""
-    at = f"{where}: " if where else ""
     if seconds > LONGEST:
-        raise InputError(f"{at}a motion of {seconds:g} s; expected at most {LONGEST:g} s")
+        raise InputError(f"a motion of {seconds:g} s; expected at most {LONGEST:g} s")
     memory = frames * frame_bytes(points_per_side) + seconds * _TICKS * step_bytes(channels)
     if memory > MEMORY:
         raise InputError(
-            f"{at}{frames:.7g} frames in {seconds:g} s with {points_per_side} grid points a side take "
+            f"{frames:.7g} frames in {seconds:g} s with {points_per_side} grid points a side take "
             f"{memory / 1e9:.2g} GB; expected at most {MEMORY / 1e9:g} GB: a shorter time or fewer frames a second"
         )
 

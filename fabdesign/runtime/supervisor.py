@@ -46,7 +46,9 @@ def supervised(work: Callable[[], None], give_up: GiveUp) -> None:
         sys.exit(_wait(child, answered, shared, give_up))
     if os.getpid() != parent:
         _shared.append(shared)
-        _die_with(parent)
+        _set(_DIES_WITH_PARENT, signal.SIGKILL)
+        if os.getppid() != parent:
+            os._exit(1)
     if signal.SIGINT in answered:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # until `work` has its handler there is nothing to give up
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
@@ -99,12 +101,6 @@ def _set(option: int, value: int) -> None:
     import ctypes
 
     ctypes.CDLL(None).prctl(option, value)
-
-
-def _die_with(parent: int) -> None:
-    _set(_DIES_WITH_PARENT, signal.SIGKILL)
-    if os.getppid() != parent:
-        os._exit(1)
 
 
 def _wait(child: int, answered: Iterable[int], shared: int, give_up: GiveUp) -> int:

@@ -13,9 +13,8 @@ from fabdesign.geometry.placement import Unit
 from fabdesign.geometry.shape import Face
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.model import POINTS_PER_SIDE, Model
-from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.nouns.pressure import USUAL_LIMITS, PressureProgram, RigLimits
 from fabdesign.runtime.effort import LONGEST
-from fabdesign.study_files.rig_limits_file import USUAL_LIMITS, RigLimits
 from fabdesign.study_files.study_file import (
     MuscleChoice,
     Name,
@@ -84,9 +83,7 @@ _TARGET = Key(
 )
 
 
-def _grid(table: Table) -> int:
-    model: Model | None = table.decoded["model"]
-    return model.points_per_side if model else POINTS_PER_SIDE
+_GRID = Key(absent=lambda table: (table.decoded["model"] or Model()).points_per_side)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +102,7 @@ class FollowStudy:
     ] = None
     layout: Annotated[LayoutChoice | None, "absent: the design's own"] = None
     scatter: MotionScatter = MotionScatter()
-    points_per_side: Annotated[int, Key(absent=_grid), GRIDS, "absent: the model's, or 41"] = POINTS_PER_SIDE
+    points_per_side: Annotated[int, _GRID, GRIDS, "absent: the model's, or 41"] = POINTS_PER_SIDE
     seconds: Annotated[Second | None, Key("limits.seconds"), ABOVE_0, "then no further window is begun"] = None
 
     def resolved(self, table: Table) -> "FollowStudy":

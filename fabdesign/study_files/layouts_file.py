@@ -30,14 +30,9 @@ class Cell:
         return fewer and {*SIDES[other.sides]} <= {*SIDES[self.sides]}
 
 
-def _counts(value: tuple[int, ...], table: Table) -> tuple[int, ...] | None:
-    """Return numbers of muscles, rising; None where there is none."""
-    return tuple(sorted({*value})) or None
-
-
 _EXPECTED = f"numbers of muscles from 1 to {MUSCLES}, such as [1, 2, 4]"
 _Counts = Annotated[tuple[int, ...], Within(least=1, most=MUSCLES), Key(expected=_EXPECTED)]
-_COUNTS = Key("grid.muscles", form=_Counts, read=_counts, expected=_EXPECTED)
+_COUNTS = Key("grid.muscles", form=_Counts, read=lambda value, _: tuple(sorted({*value})) or None, expected=_EXPECTED)
 
 
 _TYPES = Key("grid.types", absent=lambda table: tuple(table.decoded["search"].design.muscle_types))

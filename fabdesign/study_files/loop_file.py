@@ -11,8 +11,8 @@ from fabdesign.errors import InputError
 from fabdesign.formats.schema import ABOVE_0, FROM_0, GRIDS, Key, Metre, Millimetre, Second, Within
 from fabdesign.formats.table import Table
 from fabdesign.nouns.model import POINTS_PER_SIDE
+from fabdesign.nouns.pressure import RigLimits
 from fabdesign.runtime.effort import LONGEST
-from fabdesign.study_files.rig_limits_file import RigLimits
 from fabdesign.study_files.study_file import Study, require_searchable, study_of
 from fabdesign.units import in_kpa
 

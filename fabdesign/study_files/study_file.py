@@ -8,10 +8,10 @@ from typing import Annotated, Any, Literal, TypeVar, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.errors import InputError, note
+from fabdesign.errors import InputError
 from fabdesign.files.design_file import read_design
 from fabdesign.files.model_file import read_model
-from fabdesign.files.pressure_file import pressure_file_of, read_pressures, told_slight_pressure
+from fabdesign.files.pressure_file import note_slight, pressure_file_of, read_pressures
 from fabdesign.formats.decoder import decode, decode_part
 from fabdesign.formats.schema import ABOVE_0, FROM_0, FileUnit, Key, Kilopascal, Metre, Second, Within
 from fabdesign.formats.table import STUDY, Table, load_toml
@@ -20,9 +20,7 @@ from fabdesign.nouns.forward import HOLD, RISE
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.pressure import LARGEST, PressureProgram, limits
 from fabdesign.runtime.effort import MUSCLES
-from fabdesign.study_files.search_terms import NO_PRICE, Price, Robust
-from fabdesign.study_files.shape_output import ShapeOutput, read_shape_outputs
-from fabdesign.study_files.study_targets import TargetFile
+from fabdesign.study_files.study_targets import NO_PRICE, Price, Robust, ShapeOutput, TargetFile, read_shape_outputs
 from fabdesign.units import in_kpa
 
 FORMAT = STUDY
@@ -109,7 +107,7 @@ class StudyLimits:
         if pressure[1] > most:
             raise table.bad("pressure", f"at most {in_kpa(most):g} kPa, the muscles' maximum")
         if "pressure" in table:
-            _say_slight(pressure[1], design, f"{table.where}: pressure")
+            note_slight(pressure[1], design, f"{table.where}: pressure")
         if self.spacing >= size:
             raise table.bad("spacing", "less than the cloth, in m")
         if 2 * self.edge >= size:
@@ -122,7 +120,7 @@ def read_start_pressures(value: tuple[float, ...], table: Table) -> NDArray[np.f
     design: Design = table.find("design")
     if len(value) != design.channels or min(value) < 0:
         raise table.bad("start_pressures", f"{design.channels} pressures in kPa, from 0")
-    _say_slight(max(value), design, f"{table.where}: start_pressures")
+    note_slight(max(value), design, f"{table.where}: start_pressures")
     return np.array(value)
 
 
@@ -130,11 +128,6 @@ def read_program(value: str, table: Table) -> PressureProgram:
     """Return what `simulate` takes too: a file, or a row."""
     file = table.file.parent / value
     return read_pressures(file if file.suffix in (".csv", ".npz") else value, table.find("design"))
-
-
-def _say_slight(highest: float, design: Design, where: str) -> None:
-    if line := told_slight_pressure(highest, design, where):
-        note(line)
 
 
 def result_in(folder: Path) -> EarlierResult:
@@ -152,13 +145,8 @@ def _earlier(folder: Path, table: Table) -> EarlierResult | None:
     return result_in(folder) if there else None
 
 
-def file_stem_of(table: Table) -> str:
-    """Return the name that a study has by its file."""
-    return table.file.stem
-
-
 StudyModel = Annotated[Model | None, Key(file=read_model), "of the specimen; absent: the data sheet"]
-Name = Annotated[str, Key(absent=file_stem_of), "by default the file's"]
+Name = Annotated[str, Key(absent=lambda table: table.file.stem), "by default the file's"]
 Seed = Annotated[int, FROM_0, "of random numbers"]
 Order = Annotated[int, FROM_0, "place in the specimen's session of what is computed; 0 is rested"]
 Rise = Annotated[Second, Within(least=0.01, most=60), "in which all pressures rise to a shape at rest"]
@@ -245,17 +233,8 @@ def read_study(path: Path | str | Mapping[str, Any]) -> Study:
     return study
 
 
-def read_kind(path: Path | str) -> Kind:
-    """Return the kind of a study. Raises InputError."""
-    return _head(path).kind
-
-
-def read_cluster(path: Path | str) -> str | None:
-    """Return the address of the scheduler whose workers compute a study. Raises InputError."""
-    return _head(path).cluster
-
-
-def _head(path: Path | str) -> StudyHead:
+def read_head(path: Path | str) -> StudyHead:
+    """Return what studies of all kinds have. Raises InputError."""
     return decode_part(StudyHead, load_toml(Path(path), FORMAT, partial=True))
 
 

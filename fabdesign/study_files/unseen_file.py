@@ -18,9 +18,8 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import HOLD, RISE
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.model_sampling import joint_root
-from fabdesign.nouns.pressure import PressureProgram, limits
+from fabdesign.nouns.pressure import USUAL_LIMITS, PressureProgram, RigLimits, limits
 from fabdesign.nouns.trial import MeasurementSet
-from fabdesign.study_files.rig_limits_file import USUAL_LIMITS, RigLimits
 from fabdesign.study_files.study_file import Hold, Name, Outputs, Rise, Seed, read_program, study_of
 from fabdesign.units import pascals
 
@@ -84,12 +83,8 @@ class Unsewn:
         return self
 
 
-def _grid(table: Table) -> int:
-    unsewn: Unsewn | None = table.decoded["unsewn"]
-    return unsewn.model.points_per_side if unsewn else GRID
-
-
-_SET, _GRID = Key("measured.set", file=read_set), Key(absent=_grid)
+_SET = Key("measured.set", file=read_set)
+_GRID = Key(absent=lambda table: sewn.model.points_per_side if (sewn := table.decoded["unsewn"]) else GRID)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
-from fabdesign.study_files.search_terms import Price
+from fabdesign.study_files.study_targets import Price
 from optimize.search.design_space import DesignSpace, Layout, by_muscle, start_of, with_shared_channels
 from optimize.search.evaluations import Evaluations, Stop
 from optimize.search.local_search import LocalSearch

@@ -26,7 +26,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from fabdesign.errors import InputError, why_not_loaded
-from fabdesign.runtime.cache_folder import ensure_cache_folder, remove_stale_lock, require_writable
+from fabdesign.runtime.shortage import ensure_cache_folder, remove_stale_lock, require_writable
 from fabdesign.runtime.working_time import not_counted
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")

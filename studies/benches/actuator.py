@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fabdesign.errors import InputError
-from fabdesign.files.bench_law_file import BenchLaw
+from fabdesign.files.law_tables import BenchLaw
 from fabdesign.nouns.bench import Bench, BenchRecord
 from fabdesign.nouns.model import Quantity
 from fabdesign.units import from_kpa, in_kpa

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
-from fabdesign.files.bench_law_file import BenchLaw
+from fabdesign.files.law_tables import BenchLaw
 from fabdesign.nouns.bench import Bench, BenchRecord
 from fabdesign.nouns.lag import first_order
 from fabdesign.nouns.model import Quantity

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.files.bench_file import read_bench
-from fabdesign.files.bench_law_file import FORMAT as BENCH_LAW
-from fabdesign.files.bench_law_file import read_bench_law
 from fabdesign.files.design_file import DesignPart, read_part
+from fabdesign.files.law_tables import FORMAT as BENCH_LAW
+from fabdesign.files.law_tables import read_bench_law
 from fabdesign.formats.json_file import plain
 from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.formats.toml_file import parse_toml

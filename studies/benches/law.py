@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.files.bench_law_file import BenchLaw
+from fabdesign.files.law_tables import BenchLaw
 from fabdesign.nouns.bench import Bench, BenchRecord
 from fabdesign.nouns.model import Quantity
 

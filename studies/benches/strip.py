@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fabdesign.errors import InputError
-from fabdesign.files.bench_law_file import BenchLaw
-from fabdesign.files.curve_file import MembraneCurve
+from fabdesign.files.law_tables import BenchLaw, MembraneCurve
 from fabdesign.geometry.curves import design_matrix, least_squares_with_inequalities
 from fabdesign.nouns.bench import Bench, BenchRecord
 from studies.benches.law import Law, Predict, twice

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from fabdesign.formats.headings import DIMENSIONS
 from fabdesign.formats.json_file import plain
+from fabdesign.formats.lab_table import DIMENSIONS
 from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.nouns.bench import Bench
 from fabdesign.nouns.model import EffectTerm

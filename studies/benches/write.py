@@ -6,9 +6,7 @@ from pathlib import Path
 import tomlkit
 
 from fabdesign.errors import InputError
-from fabdesign.files.bench_law_file import write_bench_law
-from fabdesign.files.bench_table_file import write_bench_table
-from fabdesign.files.curve_file import MembraneCurve, write_membrane_curve
+from fabdesign.files.law_tables import MembraneCurve, write_bench_law, write_bench_table, write_membrane_curve
 from fabdesign.formats.encoder import plain
 from fabdesign.nouns.bench import Bench
 from fabdesign.output import write_text

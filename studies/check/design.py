@@ -12,8 +12,7 @@ from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.muscle import WIDEST, BenchTable, MuscleType, diameter_slip
 from fabdesign.units import in_kpa, in_mm
 from optimize.search.margins import bend_radius, clearance
-from studies.check.findings import Findings
-from studies.check.ranges import BLOCKED, FABRIC, FREE_CONTRACTION, GRAVITY, MUSCLE_TYPE, beyond
+from studies.check.findings import BLOCKED, FABRIC, FREE_CONTRACTION, GRAVITY, MUSCLE_TYPE, Findings, beyond
 
 SPACING = 0.006  # m, that `optimize` keeps between muscles on one face where a study says nothing
 _ROUNDING = 1e-6  # m

@@ -2,7 +2,7 @@
 
 import hashlib
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -11,16 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.clouds.cloud_file import KINDS
-from fabdesign.clouds.recording import Recording, read_recording
+from fabdesign.clouds.recording import read_recording
 from fabdesign.clouds.target_file import AS_GIVEN, AsTarget, keys_as_options, read_target
 from fabdesign.clouds.xyz import is_text_cloud
 from fabdesign.errors import InputError, InputNote
+from fabdesign.files import law_tables
 from fabdesign.files.bench_file import read_record
-from fabdesign.files.bench_law_file import TABLES as TABLES_OF_LAWS
-from fabdesign.files.bench_law_file import read_bench_law, read_law_table
-from fabdesign.files.bench_table_file import COLUMNS as BENCH_TABLE
-from fabdesign.files.bench_table_file import read_bench_table
-from fabdesign.files.curve_file import read_membrane_curve
 from fabdesign.files.design_file import is_part, read_design, read_part
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.model_file import read_model
@@ -28,7 +24,7 @@ from fabdesign.files.motion_file import read_motion
 from fabdesign.files.pressure_file import TABLES, read_csv, read_pressures
 from fabdesign.files.trial_file import read_trial
 from fabdesign.formats.csv_table import read_raw_table
-from fabdesign.formats.headings import parse_heading, parse_units_row, unit_of
+from fabdesign.formats.lab_table import parse_heading, parse_units_row, unit_of
 from fabdesign.formats.npz_file import open_npz
 from fabdesign.formats.table import nearest
 from fabdesign.formats.toml_file import parse_toml
@@ -36,9 +32,8 @@ from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.model_sampling import joint_root
 from fabdesign.nouns.pressure import PressureProgram
 from studies.check.design import bench_table_lines, design_findings, part_findings
-from studies.check.findings import Findings, failures
-from studies.check.ranges import FACTOR, PRESSURE, beyond
-from studies.check.study import study_findings
+from studies.check.findings import FACTOR, PRESSURE, Findings, beyond, failures
+from studies.check.study import bench_findings, study_findings
 
 _STUDY = "fabdesign.study/1"  # whose file may leave the line out
 _DESIGN = "fabdesign.design/1"  # as may a file that designs include
@@ -146,16 +141,14 @@ def _repeats(frames: Sequence[NDArray[np.float64]], file: Path, seen: dict[bytes
 
 def _recording(path: Path) -> Findings:
     recording = read_recording(path)
-    findings = design_findings(recording.design, f"{path}: design") + failures(_clouds(recording))
-    return findings + _programs(recording.program, str(recording.folder / "pressure.csv"), measured_at=recording.times)
-
-
-def _clouds(recording: Recording) -> Iterator[Callable[[], object]]:
+    findings = design_findings(recording.design, f"{path}: design")
     for sensor in recording.sensors:
+        reads: list[Callable[[], object]] = []
         if recording.has_reference():
-            yield partial(recording.reference, sensor)
-        for index in range(len(recording.times)):
-            yield partial(recording.frame, sensor, index)
+            reads.append(partial(recording.reference, sensor))
+        reads += [partial(recording.frame, sensor, index) for index in range(len(recording.times))]
+        findings += failures(reads)
+    return findings + _programs(recording.program, str(recording.folder / "pressure.csv"), measured_at=recording.times)
 
 
 def _model(path: Path) -> Findings:
@@ -176,17 +169,6 @@ def _key(path: Path) -> Findings:
     truth = read_ground_truth(path)
     lines = [line for name, factor in truth.parameters.items() for line in beyond(name, factor, FACTOR)]
     return Findings(warnings=tuple(f"{path}: parameters: {line}" for line in lines))
-
-
-def _bench(path: Path) -> Findings:
-    from studies.check.study import bench_findings
-
-    return bench_findings(path)
-
-
-def _bench_law(path: Path) -> Findings:
-    read_bench_law(path)
-    return Findings()
 
 
 def _npz(path: Path, how: AsTarget) -> Findings:
@@ -232,18 +214,18 @@ def _table(path: Path, how: AsTarget) -> Findings:
     raw = read_raw_table(path)
     header = raw.header
     headings = [parse_heading(text) for text in header]
-    specimen = next((specimen for specimen, columns in TABLES_OF_LAWS.items() if header == [*columns]), None)
+    specimen = next((specimen for specimen, columns in law_tables.TABLES.items() if header == [*columns]), None)
     if specimen is not None:
-        read_law_table(path, specimen)
+        law_tables.read_law_table(path, specimen)
         return Findings()
     measured = {heading.quantity for heading in headings} | {heading.name for heading in headings}
     symbols = parse_units_row(raw.rows[0][1]) or [heading.symbol or "" for heading in headings]
     measured |= {unit.dimension for symbol in symbols if (unit := unit_of(symbol)) is not None}
     if {"pressure", "contraction", "force"} <= measured and "time" not in measured:
-        lines = bench_table_lines(read_bench_table(path))
+        lines = bench_table_lines(law_tables.read_bench_table(path))
         return Findings(warnings=tuple(f"{path}: {line}" for line in lines))
     if {"strain", "tension"} <= measured:
-        read_membrane_curve(path)
+        law_tables.read_membrane_curve(path)
         return Findings()
     if measured & {"stretch", "force", "load", "displacement", "contraction"}:
         read_record(path)
@@ -251,7 +233,8 @@ def _table(path: Path, how: AsTarget) -> Findings:
     if not {"time", "channel_0"} & measured:
         raise InputError(
             f"{path}: columns are {','.join(header)}; expected pressures (time_s,channel_0,...), a bench table "
-            f"({','.join(BENCH_TABLE)}), a membrane curve (strain,tension_n_per_m), a bench record or a cloud (x,y,z)"
+            f"({','.join(law_tables.BENCH_COLUMNS)}), a membrane curve (strain,tension_n_per_m), a bench record or a "
+            "cloud (x,y,z)"
         )
     return _programs(read_csv(path), str(path))
 
@@ -274,8 +257,8 @@ def _slow(time: NDArray[np.float64], what: str) -> list[str]:
 _BY_FORMAT: Mapping[str, Callable[[Path], Findings]] = {
     _DESIGN: _design,
     "fabdesign.model/1": _model,
-    "fabdesign.bench/1": _bench,
-    "fabdesign.bench-law/1": _bench_law,
+    "fabdesign.bench/1": bench_findings,
+    "fabdesign.bench-law/1": lambda path: failures([partial(law_tables.read_bench_law, path)]),
     "fabdesign.recording/1": _recording,
     _STUDY: study_findings,
     "fabdesign.measurement-set/1": _set,

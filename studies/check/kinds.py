@@ -6,9 +6,9 @@ from typing import Any
 from fabdesign.clouds.recording import RecordingKeys
 from fabdesign.errors import InputError
 from fabdesign.files.bench_file import BenchKeys
-from fabdesign.files.bench_law_file import LawKeys
 from fabdesign.files.design_file import DesignHead, DesignScene
-from fabdesign.formats.json_schema import json_schema
+from fabdesign.files.law_tables import LawKeys
+from fabdesign.formats.schema import json_schema
 from fabdesign.formats.table import nearest
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.model import Model
@@ -46,16 +46,12 @@ def schema_of(kind: str) -> dict[str, Any]:
     if kind not in KINDS:
         raise InputError(f"schema {kind}: expected one of {', '.join(KINDS)}{nearest(kind, [*KINDS])}")
     if kind == "study":
-        studies = [_study(name, form) for name, form in STUDIES.items()]
+        studies = [json_schema("study", (StudyHead, form), format_line=False) for form in STUDIES.values()]
+        for name, study in zip(STUDIES, studies, strict=True):
+            study["properties"]["kind"] = {"const": name}
         return {"$schema": studies[0].pop("$schema"), "title": studies[0]["title"], "oneOf": studies}
     schema = json_schema(kind, KINDS[kind])
     if kind == "design":  # a file that others include has some of its keys
         del schema["properties"]["fabric"]["required"]
         schema["required"] = []
-    return schema
-
-
-def _study(name: str, form: type) -> dict[str, Any]:
-    schema = json_schema("study", (StudyHead, form), format_line=False)
-    schema["properties"]["kind"] = {"const": name}
     return schema

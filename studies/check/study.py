@@ -13,7 +13,7 @@ from fabdesign.study_files.follow_file import read_follow
 from fabdesign.study_files.layouts_file import read_layouts
 from fabdesign.study_files.loop_file import read_loop
 from fabdesign.study_files.sensitivity_file import read_sensitivity
-from fabdesign.study_files.study_file import read_kind, read_study
+from fabdesign.study_files.study_file import read_head, read_study
 from fabdesign.study_files.unseen_file import FREE, read_unseen
 from optimize.fit.free_parameters import fit_vector
 from studies.benches.records import SIZES, require_columns, require_sizes
@@ -25,7 +25,7 @@ from studies.layout_search.target import load_target
 
 def study_findings(path: Path) -> Findings:
     """Return the findings of a study, its design and all its targets. Raises InputError for what reading refuses."""
-    kind = read_kind(path)
+    kind = read_head(path).kind
     if kind == "sensitivity":
         sweep = read_sensitivity(path)
         findings = design_findings(sweep.design, f"{path}: design")

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from fabdesign.effects.registry import acting_effects
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.model_file import read_model
+from fabdesign.formats.json_file import of_exact, plain
 from fabdesign.geometry.metrics import Errors, closed, mean_errors, trial_errors
 from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import MeasurementSet, Trial
-from fabdesign.runtime.exact_values import as_json, of_json
 from fabdesign.units import in_mm
 from studies.layouts.report import ERRORS, error_cells
 from studies.measured.fit_data import noise_of
@@ -65,13 +65,9 @@ class ShippedErrors:
 
     def kept(self) -> dict[str, Any]:
         """Return what `of_kept` takes: JSON, to the last bit."""
-        branches = {name: {"own": one.unchanged, "others": as_json(one.others)} for name, one in self.branches.items()}
-        return {
-            "errors": as_json(self.errors),
-            "share_left_out": self.share_left_out,
-            "by_trial": as_json(self.by_trial),
-            "branches": branches,
-        }
+        branches = {name: {"own": one.unchanged, "others": one.others} for name, one in self.branches.items()}
+        content = {"errors": self.errors, "by_trial": self.by_trial, "branches": branches}
+        return {"share_left_out": self.share_left_out, **plain(content, exact=True)}
 
     @staticmethod
     def of_kept(kept: Mapping[str, Any]) -> "ShippedErrors":
@@ -82,11 +78,11 @@ class ShippedErrors:
         return ShippedErrors(
             measured,
             read_model(data / MODEL),
-            of_json(dict[str, Errors], kept["errors"]),
+            of_exact(dict[str, Errors], kept["errors"]),
             kept["share_left_out"],
-            of_json(dict[str, Errors], kept["by_trial"]),
+            of_exact(dict[str, Errors], kept["by_trial"]),
             {
-                name: Branches(trials[name], one["own"], of_json(NDArray[np.float64], one["others"]))
+                name: Branches(trials[name], one["own"], of_exact(NDArray[np.float64], one["others"]))
                 for name, one in kept["branches"].items()
             },
         )

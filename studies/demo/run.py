@@ -15,6 +15,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 
 from fabdesign.drawings.layout_drawing import HALF, HIGH, LOW
+from fabdesign.drawings.oblique import box_of
 from fabdesign.formats.json_file import read_json, write_json
 from fabdesign.geometry.metrics import MANY_BEYOND, told_beyond
 from fabdesign.geometry.shape import Shape
@@ -23,9 +24,8 @@ from fabdesign.nouns.forward import ForwardModel
 from fabdesign.output import whole_file, work_folder, write_text
 from fabdesign.runtime.fingerprint import OtherContent, sha256
 from fabdesign.runtime.store import read_kept
-from fabdesign.study_files.search_terms import Price
 from fabdesign.study_files.study_file import MuscleChoice, Study, StudyLimits
-from fabdesign.study_files.study_targets import TargetFile
+from fabdesign.study_files.study_targets import Price, TargetFile
 from fabdesign.units import in_kpa, in_mm
 from optimize.search.evaluations import Evaluations
 from studies.demo.measured import MODEL, SET, ShippedErrors, as_blocks, evaluate_shipped
@@ -33,7 +33,6 @@ from studies.demo.measured import as_text as shipped_as_text
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import VERSIONS, StudyResult
 from studies.layouts.run import run_study
-from studies.report.oblique import box_of
 from studies.report.shape_picture import draw_shape
 
 TARGET = "demo_target.npz"
@@ -119,7 +118,7 @@ def _run_studies(
     results: list[StudyResult] = []
     with as_file(files("fabdesign") / "data" / TARGET) as target:
         for study in demo_studies(target):
-            show = _named(progress, study.name)
+            show = partial(progress, study.name)
             if results:  # what eight muscles were found to need is worth knowing where there are four
                 study = replace(study, start_pressures=results[0].pressures[0])
             search = partial(run_study, study, out / study.name, forward=forward, coarse=coarse, progress=show)
@@ -172,10 +171,6 @@ def as_text(demo: Demo) -> str:
         f"{run.study.name}: {told_beyond(run.errors.beyond)}" for run in demo.runs if run.errors.beyond >= MANY_BEYOND
     ]
     return "\n".join([*rows, *([] if demo.shipped is None else ["", shipped_as_text(demo.shipped)])])
-
-
-def _named(progress: Callable[[str, Evaluations], None], name: str) -> Callable[[Evaluations], None]:
-    return lambda evaluations: progress(name, evaluations)
 
 
 SHOWN = 1200  # target points drawn

@@ -58,7 +58,7 @@ def run_follow(
     measured: Path | str | None = None,
     seconds: float | None = None,
     force: bool = False,
-    progress: Progress = lambda line, share: None,
+    progress: Callable[[str, float | None], None] = lambda line, share: None,
 ) -> FollowResult:
     """Find the study's pressures over time and write `result.json`, `pressures.csv` and `report.html` into `out`.
 
@@ -76,6 +76,7 @@ def run_follow(
     inputs += [*files_of(study), *([measured] if measured is not None else [])]
     with work_folder(out, made_by="follow", force=force, inputs=inputs) as work:
         checkpoint = Checkpoint(work, _content(study))
+        progress(follow_in_words(study, wanted), None)
         if study.layout is not None:
             study = _with_layout(study, wanted, regulator, work, progress)
             regulator = regulator_of(study)
@@ -107,9 +108,8 @@ def _with_layout(
     return replace(study, design=design)
 
 
-def follow_in_words(study: FollowStudy) -> str:
+def follow_in_words(study: FollowStudy, wanted: Wanted) -> str:
     """Return what a study computes and about how long that takes."""
-    wanted = wanted_of(study)
     length = float(wanted.times[-1]) * study.design.channels
     what = f"{float(wanted.times[-1]):.3g} s of motion, {len(wanted.times)} instants, {study.design.channels} channels"
     return in_words(SECONDS * length * max(1.0, study.points_per_side / COARSE), what, on_cores())

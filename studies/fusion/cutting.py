@@ -1,7 +1,9 @@
-"""The cloth alone: what of a depth image is cut away before it is cleaned, and how much by what."""
+"""The cloth alone: what of a sensor's depth images is cut away before they are cleaned, and how much by what; all its
+images; and its view of the cloth at rest, from those before it moves."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from zlib import crc32
 
 import numpy as np
 from numba import njit
@@ -9,15 +11,22 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from fabdesign.depth.cut import Cut, of_colour
+from fabdesign.depth.sensor import Sensor
 from fabdesign.depth.stream import DepthStream
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, note
 from fabdesign.nouns.fabric import Fabric
-from studies.fusion.cleaning import Cleaned
-from studies.fusion.depth_image import FILTERS, ImageFilter, clean_image
+from studies.fusion.cleaning import FILTERS, Cleaned, ImageFilter, clean_image
+from studies.fusion.clocks import Losses, begins_to_move, losses
+from studies.fusion.input import REST
+from studies.fusion.joint import SensorView
+from studies.fusion.moving import StampedView, with_speeds
+from studies.fusion.ripple import RIPPLE_IMAGES, Ripple, ripple_of
+from studies.measured.bad_data import Tolerance
 
 Array = NDArray[np.float64]
 MARGIN = 0.03  # m around the box: what nominal poses are off
 LEAST_PIXELS = 200
+REST_IMAGES, LEAST_REST = 12, 3
 
 
 @dataclass(eq=False)
@@ -30,6 +39,7 @@ class Cutter:
     fabric: Fabric
     predicted: Callable[[int], cKDTree] | None = None  # the simulated cloth's points in the world at an image's time
     filters: ImageFilter = FILTERS
+    ripple: Ripple | None = None  # that is taken off
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(("box", "planes", "colour", "predicted"), 0))
     kept: int = 0
 
@@ -76,7 +86,8 @@ class Cutter:
             near[rows, columns] = np.isfinite(far)
             inside = self._without("predicted", inside, near)
         self.kept += int(inside.sum())
-        return np.where(inside, depth, 0.0)
+        depth = np.where(inside, depth, 0.0)
+        return depth if self.ripple is None else self.ripple.without(depth)
 
     def _without(self, rule: str, inside: NDArray[np.bool_], kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
         self.counts[rule] += int((inside & ~kept).sum())
@@ -136,3 +147,60 @@ def _in_box(
                 if inside:
                     depth[r, c] = z
     return depth
+
+
+@dataclass(frozen=True, eq=False)
+class SensorImages:
+    """One sensor's images as they were read."""
+
+    sensor: Sensor
+    cutter: Cutter
+    views: list[StampedView]
+    odd: Losses
+
+
+def read_images(cutter: Cutter, sensor: Sensor, tolerance: Tolerance) -> SensorImages:
+    """Read and clean all images of one sensor, in the order of their stamps; those that repeat the one before go."""
+    stream = cutter.stream
+    order = [int(k) for k in np.argsort(stream.stamps, kind="stable")]
+    some = [order[k] for k in np.unique(np.linspace(0, len(order) - 1, RIPPLE_IMAGES).round().astype(int))]
+    cutter.ripple = ripple_of([cutter.depth(k) for k in some], max(stream.camera.focal), cutter.pixel)
+    clouds, same, last = {}, [], None
+    for number in order:
+        depth = cutter.depth(number)
+        check = crc32(depth.tobytes())
+        same.append(check == last)
+        last = check
+        with tolerance.forgiving():
+            clouds[number] = cutter.clean(depth, f"{stream.where}, image {number}")
+    counters = None if stream.numbers is None else stream.numbers[order]
+    odd = losses(stream.stamps[order], counters, same)
+    left_out = {order[k] for k in odd.repeated}
+    numbers = [number for number in order if number in clouds and number not in left_out]
+    if len(numbers) < 2:
+        raise InputError(f"sensor {sensor.name}: {len(numbers)} sound images; expected at least 2")
+    stamps = [float(stream.stamps[number]) for number in numbers]
+    return SensorImages(sensor, cutter, with_speeds([clouds[number] for number in numbers], stamps, numbers), odd)
+
+
+def view_at_rest(camera: SensorImages) -> tuple[Array, SensorView] | None:
+    """Return a sensor's cloud of the cloth at rest and its view: the median of the images before the cloth moves; None
+    where there are too few."""
+    name, cutter = camera.sensor.name, camera.cutter
+    before = begins_to_move(camera.views) - camera.odd.interval
+    still = [view.number for view in camera.views if view.stamp < before]
+    if len(still) < LEAST_REST:
+        note(f"sensor {name}: {len(still)} images before the cloth moves; its pose stays near the nominal one")
+        return None
+    taken = [still[k] for k in np.unique(np.linspace(0, len(still) - 1, REST_IMAGES).round().astype(int))]
+    depth = _median(np.array([cutter.depth(number) for number in taken]))
+    return cutter.cloud(depth), SensorView(REST, 0, cutter.clean(depth, f"sensor {name} at rest"))
+
+
+def _median(stack: Array) -> Array:
+    """Return the median depth of pixels that have one in over half of the images; 0 elsewhere."""
+    ordered = np.sort(stack, axis=0)  # zeros first
+    there = (stack > 0).sum(axis=0)
+    middle = len(stack) - there + there // 2
+    depth = np.take_along_axis(ordered, np.minimum(middle, len(stack) - 1)[None], axis=0)[0]
+    return np.asarray(np.where(2 * there > len(stack), depth, 0.0))

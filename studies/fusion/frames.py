@@ -1,6 +1,6 @@
 """A recording's frames as they are fused, one after another, and what the report says of them."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -34,6 +34,7 @@ class SensorReport:
     dropped: int  # strays, flying pixels and edge ribbons
     cut: Mapping[str, float] | None = None  # of depth images: by rule the share of pixels that is not the cloth
     target_mm: float | None = None  # root mean square distance of the target's places to the other cameras' ones
+    ripple_mm: float | None = None  # of depth images: amplitude that was taken off, at the cloth's middle
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ class FusionReport:
     frame_poses: dict[str, list[list[list[float]]]] | None = None  # by sensor, where they were asked for frame by frame
     order: int = 0  # of its trial
     timing: RecordingTiming | None = None  # of cameras that stamp their images
+    vertical_deg: float | None = None  # from the world's -y to gravity, where cameras feel it
 
 
 class Fusion:
@@ -63,8 +65,9 @@ class Fusion:
         points: int,
         per_frame: bool,
         rng: np.random.Generator,
+        stamped: "StampedFrames | None" = None,
     ) -> None:
-        self._recording, self._anchored, self._poses = recording, anchored, list(poses)
+        self._recording, self._anchored, self._poses, self._stamped = recording, anchored, list(poses), stamped
         self._points, self._per_frame, self._rng = points, per_frame, rng
         cameras = range(len(anchored.sensors))
         self._squares: list[list[Array]] = [[] for _ in cameras]
@@ -100,26 +103,29 @@ class Fusion:
         self._frame_poses.append(poses)
         self._last = views
 
-    def report(
-        self,
-        skipped: tuple[str, ...],
-        wall: float,
-        stamped: "StampedFrames | None" = None,
-        target: Mapping[str, float] | None = None,
-    ) -> FusionReport:
+    def report(self, skipped: tuple[str, ...], wall: float, target: Mapping[str, float]) -> FusionReport:
         """Return what was done. target: by sensor the residual [m] of its pose by a target."""
         from studies.fusion.reference import off
+        from studies.fusion.targets import felt_gravity
 
-        sensors = []
+        sensors, stamped = [], self._stamped
         for camera, sensor in enumerate(self._anchored.sensors):
             moved, turned = off(self._poses[camera], sensor.camera_to_world)
             squares = np.concatenate([np.zeros(0), *self._squares[camera]])
             residual = float(np.sqrt(squares.mean())) if len(squares) else float("nan")
             pose = self._poses[camera].tolist()
             counts = len(squares), self._dropped[camera]
-            cut = None if stamped is None else stamped.cutters[camera].shares
+            cut, ripple = None, None
+            if stamped is not None:
+                cutter = stamped.cutters[camera]
+                cut, ripple = cutter.shares, 0.0 if cutter.ripple is None else in_mm(cutter.ripple.depth)
             seen = in_mm(target[sensor.name]) if target else None
-            sensors.append(SensorReport(sensor.name, pose, in_mm(moved), turned, in_mm(residual), *counts, cut, seen))
+            sensors.append(
+                SensorReport(sensor.name, pose, in_mm(moved), turned, in_mm(residual), *counts, cut, seen, ripple)
+            )
+        down = None
+        if stamped is not None:
+            down = felt_gravity([cutter.stream for cutter in stamped.cutters], self._poses)
         by_frame = None
         if self._per_frame:
             names = [s.name for s in self._anchored.sensors]
@@ -134,6 +140,7 @@ class Fusion:
             wall,
             by_frame,
             timing=None if stamped is None else stamped.timing,
+            vertical_deg=None if down is None else float(np.degrees(np.arccos(np.clip(-down[1], -1.0, 1.0)))),
         )
 
     def data(self) -> TrialData:
@@ -146,12 +153,19 @@ class Fusion:
         poses = self._frame_poses[-1]
         return {self._anchored.sensors[v.camera].name: v.placed(poses[v.camera])[0] for v in self._last}
 
-    def draw(self, path: Path, measured: Callable[[int], Array]) -> None:
-        """Draw the last frame before and after. measured: gives a camera's cloud (n, 3) m as it was measured."""
-        from studies.fusion.picture import draw
+    def draw(self, folder: Path, ending: str, report: FusionReport) -> None:
+        """Draw the last frame before and after, and of stamped images the page."""
+        from studies.fusion.report import draw, write_report
 
-        before = {}
+        before, after, time = {}, self.last(), self.times[-1]
         for view in self._last:
             sensor = self._anchored.sensors[view.camera]
-            before[sensor.name] = measured(view.camera) @ sensor.camera_to_world[:3, :3].T + sensor.position
-        draw(before, self.last(), path, title=f"{self._recording.name}, {self.times[-1]:.3f} s")
+            if self._stamped is None:
+                cloud = self._recording.frame(sensor, int(np.searchsorted(self._recording.times, time)))
+            else:
+                cutter = self._stamped.cutters[view.camera]
+                cloud = cutter.cloud(cutter.depth(self._stamped.number(view.camera, time)))
+            before[sensor.name] = cloud @ sensor.camera_to_world[:3, :3].T + sensor.position
+        draw(before, after, folder / f"fusion{ending}.png", title=f"{self._recording.name}, {time:.3f} s")
+        if self._stamped is not None:
+            write_report(folder / f"report{ending}.html", report, after, self._stamped)

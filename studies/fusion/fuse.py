@@ -5,13 +5,12 @@ thinned on a grid, face by face, and sampled. docs/lab/fuse.md has the figures.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.clouds.recording import Convention, Recording, read_recording
 from fabdesign.errors import InputError
@@ -23,37 +22,12 @@ from fabdesign.runtime import working_time
 from studies.fusion.frames import Fusion, FusionReport
 from studies.measured.bad_data import Tolerance
 
-if TYPE_CHECKING:
-    from studies.fusion.stamped import StampedFrames
-
-Array = NDArray[np.float64]
 POINTS = 3362  # a frame, as many as 41 x 41 points on two faces
 
 
-def fuse(
-    recording: Path | str | Recording,
-    out: Path | str,
-    *,
-    points: int = POINTS,
-    per_frame: bool = False,
-    convention: Convention = "forward",
-    skip_bad: bool = False,
-    seed: int = 0,
-    force: bool = False,
-    progress: Callable[[int, int], None] = lambda done, of: None,
-) -> FusionReport:
+def fuse(recording: Path | str | Recording, out: Path | str, **given: Any) -> FusionReport:
     """Fuse a recording into the measurement set `out`: one trial of order 0. Otherwise as `fuse_all`."""
-    return fuse_all(
-        [recording],
-        out,
-        points=points,
-        per_frame=per_frame,
-        convention=convention,
-        skip_bad=skip_bad,
-        seed=seed,
-        force=force,
-        progress=progress,
-    )[0]
+    return fuse_all([recording], out, **given)[0]
 
 
 def fuse_all(
@@ -89,21 +63,16 @@ def fuse_all(
         for order, recording in enumerate(given):
             tolerance = Tolerance(skip_bad)
             try:
-                fused = _fused(recording, tolerance, points, per_frame, seed, progress)
+                fusion, report = _fused(recording, tolerance, points, per_frame, seed, progress)
             except InputError as error:
                 line = str(error) if len(given) == 1 else f"recording {recording.folder}: {error}"
                 if len(given) == 1 or not skip_bad:
                     raise InputError(line) from None
                 skipped.append(line)
                 continue
-            reports[order] = replace(fused.report, order=order)
-            ending = "" if len(given) == 1 else f"_{order:03d}"
-            fused.fusion.draw(folder / f"fusion{ending}.png", fused.measured)
-            if fused.stamped is not None:
-                from studies.fusion.report import write_report
-
-                write_report(folder / f"report{ending}.html", fused.report, fused.fusion.last(), fused.stamped)
-            yield NewTrial(f"{order:03d}", keys[order], order, "fit", fused.fusion.data(), fused.report.timing)
+            reports[order] = replace(report, order=order)
+            fusion.draw(folder, "" if len(given) == 1 else f"_{order:03d}", report)
+            yield NewTrial(f"{order:03d}", keys[order], order, "fit", fusion.data(), report.timing)
         if not reports:
             raise InputError(f"{given[0].folder}: no recording is left; {skipped[0]}")
 
@@ -151,16 +120,6 @@ def _designs(recordings: Sequence[Recording]) -> tuple[list[str], dict[str, Desi
     return keys, designs
 
 
-@dataclass(frozen=True)
-class Fused:
-    """One recording's frames, the report on them, and what gives a camera's last cloud as it was measured."""
-
-    fusion: Fusion
-    report: FusionReport
-    measured: Callable[[int], Array]
-    stamped: "StampedFrames | None" = None
-
-
 def _fused(
     recording: Recording,
     tolerance: Tolerance,
@@ -168,15 +127,16 @@ def _fused(
     per_frame: bool,
     seed: int,
     progress: Callable[[int, int], None],
-) -> Fused:
+) -> tuple[Fusion, FusionReport]:
     """Raises InputError."""
     started = working_time.seconds()
     stamped, target = None, dict[str, float]()
     if recording.depth:
         from studies.fusion.stamped import stamped_frames
-        from studies.fusion.targets import with_target_poses
+        from studies.fusion.targets import upright, with_target_poses
 
         recording, target = with_target_poses(recording)
+        recording = upright(recording)
         stamped = stamped_frames(recording, tolerance)
         anchored, poses, frames, count = stamped.anchored, stamped.poses, stamped.frames(), len(stamped.times)
     else:
@@ -188,7 +148,7 @@ def _fused(
         indices = sorted({v.frame for v in views})
         frames = ((float(recording.times[k]), [v for v in views if v.frame == k]) for k in indices)
         count = len(indices)
-    fusion = Fusion(recording, anchored, poses, points, per_frame, np.random.default_rng(seed))
+    fusion = Fusion(recording, anchored, poses, points, per_frame, np.random.default_rng(seed), stamped)
     for done, (time, mine) in enumerate(frames):
         with tolerance.forgiving():
             fusion.add(done if stamped else mine[0].frame, time, mine)
@@ -196,15 +156,7 @@ def _fused(
     if not fusion.frames:
         raise InputError(f"recording {recording.name}: no sound frame is left")
     skipped = tuple(filter(None, (recording.left_out, *tolerance.skipped)))
-    report = fusion.report(skipped, working_time.seconds() - started, stamped, target)
-
-    def measured(camera: int) -> Array:
-        if stamped is not None:
-            cutter = stamped.cutters[camera]
-            return cutter.cloud(cutter.depth(stamped.number(camera, fusion.times[-1])))
-        return recording.frame(anchored.sensors[camera], int(np.searchsorted(recording.times, fusion.times[-1])))
-
-    return Fused(fusion, report, measured, stamped)
+    return fusion, fusion.report(skipped, working_time.seconds() - started, target)
 
 
 def _require_open3d() -> None:

@@ -11,9 +11,10 @@ from fabdesign.clouds.recording import Recording
 from fabdesign.depth.sensor import Sensor
 from fabdesign.errors import InputError
 from studies.fusion.checks import DISAGREE, disagreement, shifted_sensor, swapped_pair
-from studies.fusion.cleaning import clean
+from studies.fusion.cleaning import clean, clean_image, raster
 from studies.fusion.joint import SensorView, align
 from studies.fusion.reference import Pose, off, register_to_rest
+from studies.fusion.ripple import RIPPLE_IMAGES, ripple_of
 from studies.measured.bad_data import Tolerance
 
 Array = NDArray[np.float64]
@@ -99,13 +100,20 @@ def _fits(recording: Recording, sensor: Sensor) -> bool:
 
 
 def read_views(recording: Recording, anchored: Anchored, tolerance: Tolerance) -> list[SensorView]:
-    """Every frame's clouds, cleaned. Raises InputError."""
+    """Return every frame's clouds, cleaned, without the ripple that a sensor's clouds show. Raises InputError."""
     views = []
-    for frame in range(len(recording.times)):
-        for camera, sensor in enumerate(anchored.sensors):
+    for camera, sensor in enumerate(anchored.sensors):
+        rasters = {}
+        for frame in range(len(recording.times)):
             with tolerance.forgiving():
-                views.append(SensorView(frame, camera, clean(recording.frame(sensor, frame))))
-    return views
+                rasters[frame] = raster(recording.frame(sensor, frame))
+        frames = [*rasters]
+        some = [rasters[k] for k in frames[:: max(len(frames) // RIPPLE_IMAGES, 1)]]
+        ripple = ripple_of([each[0] for each in some], some[0][3], some[0][2]) if some else None
+        for frame, (depth, slopes, pixel, _) in rasters.items():
+            flat = depth if ripple is None else ripple.without(depth)
+            views.append(SensorView(frame, camera, clean_image(flat, slopes, pixel)))
+    return sorted(views, key=lambda view: (view.frame, view.camera))
 
 
 def consistent(

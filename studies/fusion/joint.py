@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from studies.fusion.cleaning import Cleaned
 from studies.fusion.clocks import Clock
-from studies.fusion.moving import StampedView
+from studies.fusion.moving import StampedView, view_at
 from studies.fusion.reference import Pose, moved
 
 Array = NDArray[np.float64]
@@ -93,15 +93,15 @@ class TimedViews:
     clocks: Sequence[Clock]
     known: Sequence[float]  # s, how well each clock is known
 
-    def at(self, instants: Array, within: float = np.inf) -> list[SensorView]:
-        """Return every camera's view at each instant [s], from its nearest image where that is so near [s]."""
+    def at(self, instants: Array, within: float = np.inf, steps: Sequence[float] = ()) -> list[SensorView]:
+        """Return every camera's view at each instant [s] where it has an image so near [s]. steps: as of `view_at`."""
         taken = []
         for camera, (views, clock) in enumerate(zip(self.views, self.clocks, strict=True)):
             times = clock.times(np.array([view.stamp for view in views]))
             for frame, instant in enumerate(instants):
                 k = int(np.abs(times - instant).argmin())
                 if abs(times[k] - instant) <= within:
-                    cloud, velocity = views[k].at(float(instant - times[k]))
+                    cloud, velocity = view_at(views, times, float(instant), steps)
                     taken.append(SensorView(frame, camera, cloud, velocity, views[k].stamp - clock.middle))
         return taken
 

@@ -1,11 +1,12 @@
 """Views of a moving cloth: how fast each point moves along its ray, and the view at another instant.
 
-A camera's next image says at which depth the same ray meets the cloth then. So a view can be had at any instant near
-its own, and cameras that do not expose together become views of one instant.
+A camera's other images say at which depth the same ray meets the cloth then. So a view can be had at any instant near
+its own, and cameras that do not expose together become views of one instant. A step of pressure breaks the motion: its
+acceleration jumps, and no polynomial through images of before and after it follows the cloth.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,18 +15,17 @@ from studies.fusion.cleaning import Cleaned
 
 Array = NDArray[np.float64]
 MOST_DEPTH_CHANGE = 0.08  # m between two images; more is another surface
-LEAST_SHARE = 0.2  # of a view's points whose speed is known
+LEAST_SHARE = 0.2  # of a view's points whose motion is known
 
 
 @dataclass(frozen=True, eq=False)
 class StampedView:
-    """What one camera saw in one image: the cloth, and its points' speed and acceleration along their rays."""
+    """What one camera saw in one image: the cloth, and its points' speed along their rays."""
 
     number: int  # of the image
     stamp: float  # s on the camera's clock
     cloud: Cleaned
     speed: Array  # (n,) m/s of depth; NaN where a neighbouring image has nothing
-    acceleration: Array  # (n,) m/s^2
 
     @property
     def mean_speed(self) -> float:
@@ -33,46 +33,69 @@ class StampedView:
         known = np.abs(self.speed[np.isfinite(self.speed)])
         return float(known.mean()) if len(known) > LEAST_SHARE * len(self.speed) else float("nan")
 
-    def at(self, later: float) -> tuple[Cleaned, Array]:
-        """Return the cloth so much later [s], and its points' velocities (n, 3) m/s in the camera's frame then; without
-        points whose speed is not known."""
-        known = np.isfinite(self.speed)
-        if known.sum() < LEAST_SHARE * len(known):  # at rest, or alone
-            return self.cloud, np.zeros_like(self.cloud.points)
-        points = self.cloud.points[known]
-        ray = points / points[:, 2:]
-        speed, acceleration = self.speed[known, None], self.acceleration[known, None]
-        there = points + ray * (speed * later + 0.5 * acceleration * later**2)
-        cells = None if self.cloud.image_cells is None else self.cloud.image_cells[known]
-        moved = Cleaned(there, self.cloud.normals[known], self.cloud.dropped, cells)
-        return moved, ray * (speed + acceleration * later)
-
 
 def with_speeds(clouds: Sequence[Cleaned], stamps: Sequence[float], numbers: Sequence[int]) -> list[StampedView]:
     """Return the views of one camera's images in the order of their stamps, with speeds by the images beside them."""
     views = []
     for k, cloud in enumerate(clouds):
-        before = change(cloud, clouds[k - 1]) if k else np.full(len(cloud.points), np.nan)
-        after = change(cloud, clouds[k + 1]) if k + 1 < len(clouds) else np.full(len(cloud.points), np.nan)
-        h0 = stamps[k] - stamps[k - 1] if k else 1.0
-        h1 = stamps[k + 1] - stamps[k] if k + 1 < len(clouds) else 1.0
-        back, ahead = -before / h0, after / h1
-        both = np.isfinite(back) & np.isfinite(ahead)
-        acceleration = np.where(both, 2 * (ahead - back) / (h0 + h1), 0.0)
-        one_sided = np.where(np.isfinite(back), back, ahead)
-        speed = np.where(both, (ahead * h0 + back * h1) / (h0 + h1), one_sided)
-        views.append(StampedView(numbers[k], float(stamps[k]), cloud, speed, acceleration))
+        beside = [j for j in (k - 1, k + 1) if 0 <= j < len(clouds)]
+        slopes = [change(cloud, clouds[j]) / (stamps[j] - stamps[k]) for j in beside]
+        known = [np.where(np.isfinite(slope), slope, slopes[-1 - i]) for i, slope in enumerate(slopes)]
+        steps = [abs(stamps[j] - stamps[k]) for j in beside]
+        speed = np.average(known, axis=0, weights=steps[::-1]) if beside else np.full(len(cloud.points), np.nan)
+        views.append(StampedView(numbers[k], float(stamps[k]), cloud, speed))
     return views
 
 
-def without_motion(view: StampedView) -> StampedView:
-    """Return the view of a cloth at rest."""
-    still = np.zeros(len(view.cloud.points))
-    return replace(view, speed=still, acceleration=still)
+def view_at(
+    views: Sequence[StampedView], times: Array, instant: float, steps: Sequence[float] = ()
+) -> tuple[Cleaned, Array]:
+    """Return the cloth at an instant [s] as a camera would see it, and its points' velocities (n, 3) m/s in the
+    camera's frame; without points whose motion is not known.
+
+    times: (images,) s of its images. steps: s, instants at which the cloth's acceleration jumps. The depth along each
+    ray is a cubic through the four images about the instant. Where a step lies between the same two images it goes on
+    as it came until the step, and from there through the images after it.
+    """
+    after = int(np.searchsorted(times, instant))
+    images = [k for k in range(after - 2, after + 2) if 0 <= k < len(times)]
+    step = next((s for s in steps if 1 < after < len(times) and times[after - 1] <= s < times[after]), None)
+    if step is not None:
+        images = [k for k in images if k >= after and instant > step]
+    base = min(images or [after - 1], key=lambda k: abs(times[k] - instant))
+    cloud = views[base].cloud
+
+    def depth(k: int) -> Array:
+        return change(cloud, views[k].cloud)
+
+    images.sort(key=lambda k: abs(times[k] - instant))
+    rows = [(times[k] - instant) ** np.arange(4) for k in images]  # conditions on a polynomial, the surest first
+    values = [depth(k) for k in images]
+    if step is not None:
+        last, since = depth(after - 1), min(step, instant) - times[after - 1]
+        slope = np.nan_to_num((last - depth(after - 2)) / (times[after - 1] - times[after - 2]))
+        s = min(step, instant) - instant
+        rows[1:1] = [s ** np.arange(4), np.arange(4) * np.append(0.0, s ** np.arange(3))]
+        values[1:1] = [last + slope * since, slope]
+    moved, speed = np.full((2, len(cloud.points)), np.nan)
+    tried = [  # fewer conditions where an image has nothing there
+        np.linalg.inv(np.array(rows)[:count, :count])[:2] @ np.array(values)[:count]
+        for count in range(len(rows), 1, -1)
+    ]
+    for there, velocity in tried:
+        moved, speed = np.where(np.isnan(moved), [there, velocity], [moved, speed])
+    known = np.isfinite(moved)
+    if known.sum() < LEAST_SHARE * len(known):  # alone
+        return cloud, np.zeros_like(cloud.points)
+    ray = cloud.points[known] / cloud.points[known, 2:]
+    points = cloud.points[known] + ray * moved[known, None]
+    return Cleaned(points, cloud.normals[known], cloud.dropped, cloud.cells[known]), ray * speed[known, None]
 
 
 def change(here: Cleaned, there: Cleaned) -> Array:
     """Return (n,) m: how much farther another view's surface lies along each ray of this one; NaN where it has none."""
+    if here is there:
+        return np.zeros(len(here.points))
     unknown = np.full(len(here.points), np.nan)
     if not len(here.points) or not len(there.points):
         return unknown

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from fabdesign.files.pressure_log import steps_of
+from fabdesign.files.pressure_file import steps_of
 from fabdesign.nouns.pressure import PressureProgram
 from studies.fusion.clocks import Clock, best_lag
 from studies.fusion.moving import StampedView, change

@@ -17,7 +17,8 @@ from fabdesign.depth.sensor import Sensor
 from fabdesign.errors import InputError
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.units import in_mm
-from studies.fusion.cleaning import Cleaned, clean, point_cloud
+from studies.fusion.cleaning import Cleaned, clean
+from studies.fusion.surface import point_cloud
 
 Array = NDArray[np.float64]
 OUTLINE_NOISE = (1e-3, 3e-4, 1e-4)  # m, softness of the cloth's border, round by round

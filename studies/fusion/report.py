@@ -1,10 +1,12 @@
-"""The page of a fused recording: views with what was cut, views on the fused cloth, timings, what was left out."""
+"""The picture of a fusion, one frame before and after; and the page of a recording of stamped images: views with what
+was cut, views on the fused cloth, timings, what was left out."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 SLICES = 3
 AROUND = 60  # pixels
+SLICE = 0.008  # m, half the width of a slice in the picture
 
 
 def write_report(path: Path, report: "FusionReport", last: Mapping[str, Array], stamped: "StampedFrames") -> None:
@@ -49,9 +52,14 @@ def _blocks(report: "FusionReport", last: Mapping[str, Array], stamped: "Stamped
     yield Text("Slices of the last frame: each camera's points, placed by its pose.")
     yield Picture(_slices(last))
     yield TableBlock(
-        ["sensor", "moved from nominal, mm", "turned, degrees", "target, mm"],
-        [[s.name, s.moved_mm, s.turned_deg, "none" if s.target_mm is None else s.target_mm] for s in report.sensors],
+        ["sensor", "moved from nominal, mm", "turned, degrees", "target, mm", "depth ripple taken off, mm"],
+        [
+            [s.name, s.moved_mm, s.turned_deg, "none" if s.target_mm is None else s.target_mm, s.ripple_mm or "none"]
+            for s in report.sensors
+        ],
     )
+    if report.vertical_deg is not None:
+        yield Text(f"Gravity, as the cameras feel it, is {report.vertical_deg:.1f} degrees from the world's -y.")
     yield Title("Time")
     yield Picture(_timeline(stamped))
     yield TableBlock(
@@ -124,3 +132,30 @@ def _timeline(stamped: "StampedFrames") -> Figure:
     below.set_yticks(range(len(stamped.cutters)), [s.name for s in stamped.anchored.sensors])
     below.set_xlabel("time after the pressure's 0 [s]; a red cross is a lost image, a grey line a row of the pressures")
     return figure
+
+
+def draw(before: Mapping[str, Array], after: Mapping[str, Array], path: Path, *, title: str) -> None:
+    """Clouds (n, 3) m by sensor name, placed by the nominal and by the registered poses, as a PNG."""
+    figure = Figure(figsize=(12, 9), layout="constrained")
+    axes = figure.subplots(2, 2)
+    middle = in_mm(float(np.median(np.concatenate(list(after.values()))[:, 1])))
+    for column, (name, clouds) in enumerate((("before: nominal poses", before), ("after: registered, cleaned", after))):
+        _scatter(axes[0, column], clouds, (0, 1), title=f"{name}, from the front")
+        slices = {k: c[np.abs(in_mm(c[:, 1]) - middle) < in_mm(SLICE)] for k, c in clouds.items()}
+        _scatter(axes[1, column], slices, (0, 2), title=f"{name}, slice at y = {middle:.0f} mm")
+    limits = [in_mm(np.concatenate(list(before.values()))[:, k]) for k in range(3)]
+    for column in range(2):
+        for row, k in ((0, 1), (1, 2)):
+            axes[row, column].set_xlim(*np.percentile(limits[0], [0.1, 99.9]) + [-10, 10])
+            axes[row, column].set_ylim(*np.percentile(limits[k], [0.5, 99.5]) + [-10, 10])
+    axes[0, 0].legend(markerscale=5, fontsize="small")
+    figure.suptitle(title)
+    figure.savefig(path, dpi=110, format="png")
+
+
+def _scatter(axes: Axes, clouds: Mapping[str, Array], axis: tuple[int, int], *, title: str) -> None:
+    for name, cloud in clouds.items():
+        axes.plot(in_mm(cloud[:, axis[0]]), in_mm(cloud[:, axis[1]]), ".", markersize=2, label=name)
+    axes.set_title(title)
+    axes.set_xlabel(f"{'xyz'[axis[0]]} [mm]")
+    axes.set_ylabel(f"{'xyz'[axis[1]]} [mm]")

@@ -7,7 +7,7 @@ interval.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,16 +16,16 @@ from scipy.spatial import cKDTree
 from fabdesign.clouds.recording import Recording
 from fabdesign.depth.sensor import Sensor
 from fabdesign.errors import InputError, note
+from fabdesign.files.pressure_file import steps_of
+from fabdesign.nouns.forward import Case
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.nouns.trial import RecordingTiming, SensorTiming
 from studies.fusion.checks import moved_camera
 from studies.fusion.clocks import Clock, Losses, coarse_clocks
-from studies.fusion.cutting import Cutter
-from studies.fusion.images import SensorImages, read_images, view_at_rest
+from studies.fusion.cutting import Cutter, SensorImages, read_images, view_at_rest
 from studies.fusion.input import Anchored, anchor_sensors
 from studies.fusion.joint import SensorView, TimedViews, align_timed
 from studies.fusion.onset import pressure_offset
-from studies.fusion.predicted import predicted_cloth
 from studies.measured.bad_data import Tolerance
 
 Array = NDArray[np.float64]
@@ -35,6 +35,7 @@ STEADY, SLOW = 0.35, 0.02  # of the speed, and m/s: what it may change from imag
 JOINT = 20  # instants at which poses and clocks are fitted
 MOST_VIEWS = 20_000
 JUST_AFTER = 1e-4  # s
+RATE, GRID = 60.0, 21  # Hz, and points a side of the simulated cloth; its faces have more
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +60,9 @@ class StampedFrames:
     def frames(self) -> Iterator[tuple[float, list[SensorView]]]:
         """Yield the time [s] and the views of each frame."""
         within = 0.5 * self.timing.interval
+        steps = [self.offset + step for step, _ in steps_of(self.recording.program)]
         for time, instant in zip(self.times, self.instants, strict=True):
-            yield float(time), self.timed.at(np.array([instant]), within)
+            yield float(time), self.timed.at(np.array([instant]), within, steps)
 
     def number(self, camera: int, time: float) -> int:
         """Return which image of a camera is nearest to a time [s after the pressure's 0]."""
@@ -84,14 +86,31 @@ def stamped_frames(recording: Recording, tolerance: Tolerance) -> StampedFrames:
     for k, cutter in enumerate(coarse.cutters):
         clock, stamps = coarse.timed.clocks[k], cutter.stream.stamps
         times = clock.times(stamps) - coarse.offset
-        near = partial(_near, cloth, times)
-        cutters.append(Cutter(cutter.stream, coarse.poses[k], recording.cut, recording.design.fabric, near))
+        fabric = recording.design.fabric
+        cutters.append(Cutter(cutter.stream, coarse.poses[k], recording.cut, fabric, partial(_near, cloth, times)))
     used = replace(recording, sensors=coarse.anchored.sensors, depth=tuple(cutter.stream for cutter in cutters))
     return _frames_of(used, cutters, tolerance)
 
 
 def _near(cloth: Callable[[float], cKDTree], times: Array, number: int) -> cKDTree:
     return cloth(float(times[number]))
+
+
+def predicted_cloth(recording: Recording) -> Callable[[float], cKDTree]:
+    """Return what gives the simulated cloth's points at a time [s after the pressure's 0], by the design as it is
+    declared; before 0 and after the pressures' end as it was there."""
+    from sim import Simulator
+
+    program = recording.program
+    times = np.arange(round(program.duration * RATE) + 1) / RATE
+    case = Case(recording.design, program)
+    points = Simulator(points_per_side=GRID).motions([case], [times])[0]
+
+    @lru_cache(maxsize=16)
+    def tree(index: int) -> cKDTree:
+        return cKDTree(points[index])
+
+    return lambda time: tree(int(np.clip(round(time * RATE), 0, len(times) - 1)))
 
 
 def _frames_of(recording: Recording, cutters: Sequence[Cutter], tolerance: Tolerance) -> StampedFrames:

@@ -8,11 +8,16 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from fabdesign.errors import InputError
-from studies.fusion.cleaning import NORMAL_NEIGHBOURS, NORMAL_RADIUS, point_cloud
 
 Array = NDArray[np.float64]
+NORMAL_RADIUS, NORMAL_NEIGHBOURS = 0.012, 30  # m
 SPARE = 1.13  # grid points over points that are asked for (the paper: about 3,800 over 3,362)
 SHRINK = 0.92  # of the box, where there are too few
+
+
+def point_cloud(points: Array) -> o3d.geometry.PointCloud:
+    """Return points (n, 3) as Open3D has them."""
+    return o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.ascontiguousarray(points)))
 
 
 def thin(faces: Mapping[str, Sequence[Array]], points: int, area: float) -> dict[str, Array]:

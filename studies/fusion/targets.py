@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from fabdesign.clouds.recording import Recording
 from fabdesign.depth.sensor import SeenTarget, depth_stream
@@ -43,6 +44,24 @@ def with_target_poses(recording: Recording) -> tuple[Recording, dict[str, float]
     poses, residuals = solve(seen, nominal, [sensor.name for sensor in recording.sensors])
     sensors = tuple(replace(s, camera_to_world=pose) for s, pose in zip(recording.sensors, poses, strict=True))
     return replace(recording, sensors=sensors), {s.name: r for s, r in zip(sensors, residuals, strict=True)}
+
+
+def upright(recording: Recording) -> Recording:
+    """Return the recording with its poses turned as one about the middle of the top edge, so that gravity, as the
+    accelerometers feel it on average, is the world's -y; as it is where no camera has one."""
+    down = felt_gravity(recording.depth, [sensor.camera_to_world for sensor in recording.sensors])
+    if down is None:
+        return recording
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.align_vectors([[0.0, -1.0, 0.0]], [down])[0].as_matrix()
+    sensors = tuple(replace(s, camera_to_world=turn @ s.camera_to_world) for s in recording.sensors)
+    return replace(recording, sensors=sensors)
+
+
+def felt_gravity(streams: Sequence[DepthStream], poses: Sequence[Array]) -> Array | None:
+    """Return the direction (3,) of gravity in the world by the cameras that feel it; None where none does."""
+    felt = [pose[:3, :3] @ s.gravity for s, pose in zip(streams, poses, strict=True) if s.gravity is not None]
+    return None if not felt else np.asarray(np.sum(felt, axis=0) / np.linalg.norm(np.sum(felt, axis=0)))
 
 
 def solve(seen: Sequence[Seen], nominal: Sequence[Array], names: Sequence[str]) -> tuple[list[Array], list[float]]:

@@ -58,7 +58,7 @@ def run_layouts(
     search = run.study.search
     for target in search.targets:
         load_target(target, search.design, seed=search.seed)  # sound, or said at once
-    with run.folder(out, "layouts", [target.file for target in search.targets]) as work:
+    with run.folder(out, "layouts", [target.file for target in search.targets if target.points is None]) as work:
         result = _Grid(work, run.study, how, progress).searched()
         if work.anew and result.interrupted:
             work.complete = False

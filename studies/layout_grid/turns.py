@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fabdesign.formats.result_tables import Columns, Tabled, by_name
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.study_files.layouts_file import SIDES, Cell, LayoutsStudy
@@ -53,7 +54,7 @@ class CellResult:
 
 
 @dataclass(frozen=True, eq=False)
-class GridResult:
+class GridResult(Tabled):
     """cells: those that were begun, in order; total: how many there are."""
 
     study: LayoutsStudy
@@ -98,6 +99,19 @@ class GridResult:
         if cell.sides == "both" and best.sides_used in ("front", "back"):
             statements.append(f"Only the {best.sides_used} pulls: a second face did not help.")
         return statements
+
+    def columns(self) -> Columns:
+        """Return a row a cell: name, muscles, type, sides, the errors [mm] of the nearest layout that it may have, of
+        which cell that is, muscles_used, front; and the study's outputs, a column for each pose."""
+        rows = []
+        for cell in self.as_json()["cells"]:
+            poses = {
+                name if len(output["values"]) == 1 else f"{name}, pose {pose}": value
+                for name, output in cell.get("outputs", {}).items()
+                for pose, value in enumerate(output["values"])
+            }
+            rows.append({name: value for name, value in cell.items() if not isinstance(value, list | dict)} | poses)
+        return by_name(rows)
 
     def as_json(self) -> dict[str, Any]:
         """Return what result.json holds: mm."""

@@ -7,11 +7,12 @@ from typing import Annotated, Any
 import numpy as np
 
 from fabdesign.formats.json_file import plain
+from fabdesign.formats.schema import Key, Millimetre
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.pressure import PressureProgram, rising_program, sequence_program
-from fabdesign.units import InFile, in_mm
+from fabdesign.units import in_mm
 from optimize.search.objective import Objective, Poses, refined
 from studies.prediction.stability import OFF, apart, are_one, sides
 
@@ -25,9 +26,9 @@ class Copy:
     """name: for people. value: m, of the searched measure; NaN where it diverged. on_another_branch: it ends at another
     stable shape than the motion does (of the motion itself: than the shape of the search)."""
 
-    name: Annotated[str, InFile("copy")]
-    value: Annotated[float, InFile("value_mm", 1e3)]
-    on_another_branch: Annotated[bool, InFile("elsewhere")]
+    name: Annotated[str, Key("copy")]
+    value: Annotated[Millimetre, Key("value_mm")]
+    on_another_branch: Annotated[bool, Key("elsewhere")]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from fabdesign.nouns.predictor import Predictor
-from fabdesign.study_files.search_terms import Price, Robust
 from fabdesign.study_files.study_file import Study
+from fabdesign.study_files.study_targets import Price, Robust
 from fabdesign.units import in_mm
 from optimize.search.design_space import DesignSpace, Vector
 from optimize.search.evaluations import Evaluations

@@ -21,9 +21,8 @@ from studies.layout_search.target import LoadedTarget, asked_of, is_wished, meas
 from studies.layouts.result import StudyResult
 from studies.layouts.robustness import said as robust_said
 from studies.report import page
-from studies.report.charts import DARK, GREY, chart, curve
+from studies.report.charts import DARK, GREY, chart, cloth_mesh, cloud, curve, path, scene, target_cloud
 from studies.report.page import Chart, kpa
-from studies.report.scene import cloth, cloud, path, scene, target_cloud
 from studies.report.shape_picture import shape_png
 
 SAMPLED = 2.4  # mm from the nearest point of a dense cloud, that sampling alone makes: one colour up to there
@@ -40,8 +39,8 @@ def overlay(name: str, result: StudyResult, pose: int) -> Chart:
     colours = _by_distance(points, target.points) if asked is None else {"color": NEAR}
     traces = [
         *([target_cloud(target.points)] if asked is None else _wished(asked, points)),
-        cloth("result", points, **colours),
-        cloth("cloth at rest", result.rest, color="#b8c2cc", opacity=0.35, visible="legendonly"),
+        cloth_mesh("result", points, **colours),
+        cloth_mesh("cloth at rest", result.rest, color="#b8c2cc", opacity=0.35, visible="legendonly"),
     ]
     for number, muscle in enumerate(result.design.muscles):
         pressure = kpa(result.pressures[pose][muscle.channel])

@@ -8,16 +8,17 @@ from typing import Any, get_type_hints
 import numpy as np
 
 from fabdesign.files.design_file import write_design
+from fabdesign.files.motion_file import Motion
 from fabdesign.files.pressure_file import SINGLE_ROW_DURATION, constant_program, pressure_file_of, write_pressures
-from fabdesign.formats.json_file import plain, write_json
+from fabdesign.formats.json_file import of_exact, plain, write_json
+from fabdesign.formats.result_tables import Columns, Summary, Tabled, muscle_columns
 from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import RISE
 from fabdesign.nouns.model_sampling import half_widths, spread_of
 from fabdesign.nouns.predictor import Predictor
-from fabdesign.nouns.pressure import rising_program
-from fabdesign.runtime.exact_values import as_json, of_json
+from fabdesign.nouns.pressure import poses_in_words, rising_program
 from fabdesign.runtime.fingerprint import content_of
 from fabdesign.study_files.study_file import Study
 from fabdesign.units import from_kpa, in_kpa, in_mm
@@ -41,7 +42,7 @@ REGULATED = 0.1  # kPa, steps of the pressures in a file: finer than regulators 
 
 
 @dataclass(frozen=True, eq=False)
-class StudyResult:
+class StudyResult(Tabled):
     """Distances in m, pressures in Pa. Poses are the study's targets, in their order."""
 
     study: Study
@@ -61,6 +62,34 @@ class StudyResult:
     robust: Robustness | None = None  # where the study asks for it
     within: float | None = None  # m, half of a 90 % interval along the normal; None: the model has no intervals
     fewer: Fewer | None = None  # what leaving muscles out came to, where their number may vary
+
+    @property
+    def pressures_kpa(self) -> Array:
+        """(poses, channels) kPa."""
+        return in_kpa(self.pressures)
+
+    @property
+    def shapes(self) -> list[Motion]:
+        """Return the shape of each pose, at rest or at its target's instant."""
+        points = np.asarray(self.points, np.float32)
+        return [Motion(np.array([t.time or 0.0]), p[None]) for t, p in zip(self.targets, points, strict=True)]
+
+    def summary(self) -> Summary:
+        """Return error, pressures, muscles and the layout."""
+        from fabdesign.drawings.layout_drawing import layout_svg
+
+        head = f"Optimized: {in_mm(self.objective):.3f} mm after {len(self.history)} evaluations"
+        lines = [head, f"{self.search_time}; {self.stop_reason}", *self.reach.sentences]
+        layouts = [layout_svg(self.design, row, self.study.limits.pressure[1]) for row in self.pressures]
+        return Summary([*lines, *poses_in_words([*self.pressures])], muscle_columns(self.design), layouts)
+
+    def columns(self) -> Columns:
+        """Return a row an evaluation of the search: its number, objective [mm], whether it diverged."""
+        return {
+            "evaluation": [*range(1, len(self.history) + 1)],
+            "objective_mm": [in_mm(entry.objective) for entry in self.history],
+            "diverged": [entry.diverged for entry in self.history],
+        }
 
     @property
     def search_time(self) -> str:
@@ -263,7 +292,7 @@ def keep(history: History, result: StudyResult, *, follow: bool) -> None:
         "follow": follow,
         "layout": {"muscles": result.design.muscles, "pressures": result.pressures.tolist()},
     }
-    history.keep_answer(as_json(kept | {name: getattr(result, name) for name in _KEPT}))
+    history.keep_answer(plain(kept | {name: getattr(result, name) for name in _KEPT}, exact=True))
 
 
 def answer(history: History, study: Study, targets: Sequence[LoadedTarget], *, follow: bool) -> StudyResult | None:
@@ -275,7 +304,7 @@ def answer(history: History, study: Study, targets: Sequence[LoadedTarget], *, f
         if kept["versions"] != VERSIONS or kept["follow"] != follow or not (kept["complete"] or as_far):
             return None
         [(space, _)] = of_rows([kept["layout"]], study.design, study.limits)
-        values = {name: of_json(kinds[name], kept[name]) for name in _KEPT}
+        values = {name: of_exact(kinds[name], kept[name]) for name in _KEPT}
     except (KeyError, TypeError, ValueError, AttributeError):  # none, or of another version
         return None
     return StudyResult(

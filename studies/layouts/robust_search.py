@@ -15,8 +15,8 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import Column, Jacobians, corner_or_still, pressure
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
-from fabdesign.study_files.search_terms import Robust
 from fabdesign.study_files.study_file import Study
+from fabdesign.study_files.study_targets import Robust
 from optimize.search.design_space import DesignSpace, Vector
 from optimize.search.local_search import LocalSearch
 from optimize.search.objective import Objective, Poses, refined

@@ -15,8 +15,8 @@ from fabdesign.formats.json_file import plain
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.predictor import Predictor
-from fabdesign.study_files.search_terms import Robust
 from fabdesign.study_files.study_file import Study
+from fabdesign.study_files.study_targets import Robust
 from fabdesign.units import in_mm
 from optimize.search.objective import Objective, Poses
 from optimize.search.starts import Start

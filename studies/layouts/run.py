@@ -69,7 +69,7 @@ def run_study(
     require_searchable(study, study.name)
     targets = tuple(load_target(target, study.design, seed=study.seed) for target in study.targets)
     begun = first_starts(study) if starts is None else [*starts]
-    with run.folder(out, "optimize", [target.file for target in study.targets]) as work:
+    with run.folder(out, "optimize", [t.file for t in study.targets if t.points is None]) as work:
         with History.of_work(work, HISTORY, study_content(study, targets)) as history:
             if (kept := answer(history, study, targets, follow=follow)) is not None:
                 if not all((work.folder / name).is_file() for name in FILES):

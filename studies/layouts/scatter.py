@@ -18,8 +18,8 @@ from fabdesign.nouns.model import Model
 from fabdesign.nouns.model_sampling import Ensemble
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import PressureProgram
-from fabdesign.study_files.search_terms import Robust
 from fabdesign.study_files.study_file import Study
+from fabdesign.study_files.study_targets import Robust
 from optimize.search.design_space import DesignSpace
 from optimize.search.objective import Objective, Poses
 from optimize.search.slopes import by_columns

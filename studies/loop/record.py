@@ -19,7 +19,7 @@ from fabdesign.units import in_mm
 from fabdesign.version import SIMULATOR, __version__
 from studies.layout_search.target import LoadedTarget
 from studies.layouts.result import study_content
-from studies.report import charts, page, scene
+from studies.report import charts, page
 from studies.study import write_result
 
 _RAISED = ("stop", "search")  # more turns go further; the search's own content has its own way
@@ -249,5 +249,5 @@ def _scene(turn: Turn, targets: Sequence[LoadedTarget], folder: Path) -> page.Ch
     with np.load(folder / turn.name / "shapes.npz") as arrays:
         shapes = {name: np.asarray(arrays[name][0], dtype=float) for name in ("device", "believed")}
     named = (("measured", shapes["device"], DEVICE), ("predicted", shapes["believed"], PREDICTED))
-    cloths = [scene.cloth(name, points, color=colour, opacity=0.7) for name, points, colour in named]
-    return scene.scene(turn.name, [scene.target_cloud(targets[0].points), *cloths])
+    cloths = [charts.cloth_mesh(name, points, color=colour, opacity=0.7) for name, points, colour in named]
+    return charts.scene(turn.name, [charts.target_cloud(targets[0].points), *cloths])

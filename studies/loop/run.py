@@ -1,5 +1,6 @@
 """`fabdesign loop STUDY`: from a target and a start design to one that was measured, turn by turn."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -13,7 +14,6 @@ from fabdesign.runtime.store import Checkpoint
 from fabdesign.study_files.loop_file import Laboratory, LoopStudy, VirtualRig, read_loop
 from fabdesign.study_files.study_file import require_searchable
 from fabdesign.units import from_mm
-from optimize.fit.descent import Progress
 from studies.layout_search.first_layouts import first_starts
 from studies.layout_search.target import LoadedTarget, load_target
 from studies.loop.learning import MODEL, Simulators
@@ -30,7 +30,7 @@ def run_loop(
     out: Path | str,
     *,
     simulators: Simulators | None = None,
-    progress: Progress = lambda line, share: None,
+    progress: Callable[[str, float | None], None] = lambda line, share: None,
     **how: Unpack[Running],
 ) -> LoopOutcome:
     """Run turn after turn, until the study's rule ends it or a laboratory is waited for; writes `result.json`,
@@ -50,6 +50,7 @@ def run_loop(
         inputs.append(study.source.folder)
     with run.folder(out, "loop", inputs) as work:
         checkpoint = Checkpoint(work, loop_content(study, targets))
+        progress(loop_in_words(study), None)
         made = simulators or lru_cache(partial(simulator, study=study.search))
         outcome = _turns(Loop(study, targets, work, checkpoint, made, progress))
         outcome = replace(outcome, wall_s=checkpoint.spent)
@@ -60,11 +61,10 @@ def run_loop(
     return outcome
 
 
-def loop_in_words(study: LoopStudy, seconds: float | None = None) -> str:
-    """Return what a loop does at most and about how long that takes, a laboratory's own time aside. seconds: of each
-    search, in place of the study's."""
+def loop_in_words(study: LoopStudy) -> str:
+    """Return what a loop does at most and about how long that takes, a laboratory's own time aside."""
     trials, design = study.trials, study.search.design
-    turns, search = study.stop.turns + 1, seconds or study.search.limits.seconds
+    turns, search = study.stop.turns + 1, study.search.limits.seconds
     motion = [trials.seconds] * (trials.number + 1)
     measuring = 0.0
     if isinstance(study.source, VirtualRig):

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.formats.json_file import plain
+from fabdesign.formats.schema import Key
 from fabdesign.nouns.trial import MeasurementSet, Trial
-from fabdesign.units import InFile
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -27,10 +27,10 @@ class Stretch:
     """A sensitive stretch of a trial, which is left out; both ends included."""
 
     trial: str
-    begin: Annotated[float, InFile("from_s")]  # s after rest
-    end: Annotated[float, InFile("to_s")]  # s
+    begin: Annotated[float, Key("from_s")]  # s after rest
+    end: Annotated[float, Key("to_s")]  # s
     why: str = WHY
-    set_name: Annotated[str, InFile("set")] = ""  # of the trial's set; empty where there is but one
+    set_name: Annotated[str, Key("set")] = ""  # of the trial's set; empty where there is but one
 
     def as_json(self) -> dict[str, Any]:
         """Return it as files have it, with its set only where there are several."""

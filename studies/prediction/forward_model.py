@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fabdesign.effects.acting import seen_at
 from fabdesign.effects.registry import effect_named
-from fabdesign.files.motion_file import MotionData, square_triangles
+from fabdesign.files.motion_file import Motion, square_triangles
 from fabdesign.geometry.shape import LacedMuscles, laced_muscles
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case, ForwardModel
@@ -101,7 +101,7 @@ Array = NDArray[np.float64]
 
 def laced_motions(
     forward: ForwardModel, model: Model | None, cases: Sequence[Case], times: Sequence[Array], *, sensing: bool = False
-) -> list[MotionData]:
+) -> list[Motion]:
     """Return the motions of `forward_model(forward, model, sensing=sensing)`; contraction and tension where `forward`
     knows them. A motion that diverged holds NaN."""
     kept = WithMuscleStates(forward) if knows_muscles(forward) else None
@@ -114,7 +114,7 @@ def laced_motions(
     return laced
 
 
-def laced_rests(forward: ForwardModel, model: Model | None, cases: Sequence[Case]) -> list[MotionData]:
+def laced_rests(forward: ForwardModel, model: Model | None, cases: Sequence[Case]) -> list[Motion]:
     """Return the shapes at rest, as motions of one frame at the end of the pressures."""
     kept = WithMuscleStates(forward) if knows_muscles(forward) else None
     shapes = forward_model(kept or forward, model).equilibria(cases)
@@ -124,7 +124,7 @@ def laced_rests(forward: ForwardModel, model: Model | None, cases: Sequence[Case
     ]
 
 
-def _motion(case: Case, at: Array, points: NDArray[np.float32], state: Any, seen: Array) -> MotionData:
+def _motion(case: Case, at: Array, points: NDArray[np.float32], state: Any, seen: Array) -> Motion:
     """Return the motion with its muscles. state: the simulator's own motion, whose instants hold those that are `seen`
     (T,) s, and perhaps more."""
     fabric, states = case.design.fabric, {}
@@ -132,4 +132,4 @@ def _motion(case: Case, at: Array, points: NDArray[np.float32], state: Any, seen
         frames = np.abs(state.time[:, None] - seen).argmin(axis=0)
         states = {"contraction": state.contraction[frames], "tension": state.tension[frames]}
     muscles: LacedMuscles = laced_muscles(case.design, points, **states)
-    return MotionData(at, points, square_triangles(points.shape[1]), (fabric.width, fabric.height), muscles)
+    return Motion(at, points, square_triangles(points.shape[1]), (fabric.width, fabric.height), muscles)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.files.measurement_set import Trial, read_set
-from fabdesign.files.motion_file import MotionData, write_motion
+from fabdesign.files.motion_file import Motion, write_motion
 from fabdesign.formats.toml_file import file_stem
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case, ForwardModel
@@ -48,7 +48,7 @@ def require_motions(
     times: Sequence[NDArray[np.float64]],
     *,
     model: Model | None = None,
-) -> list[MotionData]:
+) -> list[Motion]:
     """Return the motion of each case with its muscles, without sensing effects. Raises InputError for a model with a
     part that cannot be used, SimulationError where a motion diverges."""
     motions = laced_motions(forward, model, cases, times)
@@ -80,7 +80,7 @@ def predict(
 
 def predicted(
     forward: ForwardModel, model: Model, trials: Sequence[Trial], *, coarse: ForwardModel | None = None
-) -> Iterator[tuple[Trial, MotionData]]:
+) -> Iterator[tuple[Trial, Motion]]:
     """Yield every trial with its motion at its own times, sensing effects included, and with its band where the model
     has intervals. coarse: a cheap simulator for the drawn models, by default `forward`. Raises InputError and
     SimulationError."""
@@ -126,7 +126,7 @@ def folders_of(sources: Sequence[tuple[str, tuple[Trial, ...]]]) -> dict[str, tu
     return folders
 
 
-def require_shapes(forward: ForwardModel, cases: Sequence[Case], *, model: Model | None = None) -> list[MotionData]:
+def require_shapes(forward: ForwardModel, cases: Sequence[Case], *, model: Model | None = None) -> list[Motion]:
     """Return the shape of each case at rest with its muscles, as a motion of one frame. Raises InputError like
     `require_motions`, SimulationError where none was found."""
     shapes = laced_rests(forward, model, cases)

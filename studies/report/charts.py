@@ -1,4 +1,5 @@
-"""Charts of a page, drawn by Plotly: axes with titles that have room, a legend above the axes, rows with names."""
+"""Charts of a page, drawn by Plotly: axes with titles that have room, a legend above the axes, rows with names; and
+scenes that a person turns: clouds, cloths and lines in space."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from plotly import graph_objects as go
 
+from fabdesign.geometry.shape import Shape
+from fabdesign.geometry.surface import face_triangles
 from fabdesign.units import in_mm
 from studies.report.page import Chart
 
@@ -16,6 +19,10 @@ LEGEND = {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "font": {"
 _FONT = {"family": "system-ui, sans-serif", "size": 13}
 _ROW, _FRAME = 26, 90  # px: a row of bars, and what axis and title take
 _NAMED = {"type": "category", "dtick": 1}  # an axis of which every row has its name
+Points = NDArray[np.floating[Any]]  # (n, 3) m
+SHOWN = 700  # target points drawn: few enough that the result is seen between them
+TARGET = "#222222"
+_REACH = 1.5  # of a scene's box corner to corner, in Plotly's units: it stays in view however it is turned
 
 
 @dataclass(frozen=True)
@@ -93,3 +100,58 @@ def cloth(name: str, title: str, cells: NDArray[np.float64], size: tuple[float, 
 
 def _height(rows: Sequence[Any]) -> int:
     return _FRAME + _ROW * max(len(rows), 2)
+
+
+def cloud(name: str, points: Points, colour: str, size: float = 1.6) -> go.Scatter3d:
+    """Return the points of a cloud. size: px."""
+    marker = {"size": size, "color": colour}
+    return go.Scatter3d(name=name, mode="markers", marker=marker, hoverinfo="skip", **_axes(points))
+
+
+def target_cloud(points: Points) -> go.Scatter3d:
+    """Return some points of a target."""
+    return cloud("target", points[:: max(1, len(points) // SHOWN)], TARGET)
+
+
+def cloth_mesh(name: str, points: Points, **style: Any) -> go.Mesh3d:
+    """Return both faces (2 n n, 3) m of a cloth. style: more of Plotly's `Mesh3d`."""
+    side = Shape(points).side
+    corners = dict(zip("ijk", face_triangles(side, side).T.astype(np.int32), strict=True))
+    return go.Mesh3d(name=name, showlegend=True, flatshading=False, **_axes(points), **corners, **style)
+
+
+def path(name: str, points: Points, colour: str, width: float, hover: str = "name") -> go.Scatter3d:
+    """Return a line through points, interrupted where one is NaN. width: px."""
+    line = {"width": width, "color": colour}
+    return go.Scatter3d(name=name, mode="lines", line=line, hoverinfo=hover, **_axes(points))
+
+
+def scene(name: str, traces: Sequence[Any]) -> Chart:
+    """Return what is drawn in metres, y upwards, of any proportions, true to scale."""
+    figure = bare(traces)
+    low, high = _box(traces)
+    corners = float(np.linalg.norm(high - low))
+    figure.layout.scene.update(
+        aspectmode="manual",
+        aspectratio=dict(zip("xyz", _REACH * (high - low) / corners, strict=True)),
+        camera={"up": {"x": 0, "y": 1, "z": 0}, "eye": {"x": 1.2, "y": 0.36, "z": 1.32}},
+    )
+    grid = {"showbackground": False, "gridcolor": "#e3e7ec", "tickformat": ".2f"}
+    for axis, *ends in zip("xyz", low.tolist(), high.tolist(), strict=True):
+        share = (ends[1] - ends[0]) / corners  # of the box's diagonal: numbers that the axis has room for
+        ticks = 6 if share > 0.45 else 4 if share > 0.2 else 2
+        figure.layout.scene[f"{axis}axis"].update(grid, title={"text": f"{axis}, m"}, range=ends, nticks=ticks)
+    legend = LEGEND | {"font": {"size": 11}}
+    return Chart(name, figure.update_layout(margin={"l": 25, "r": 10, "t": 10, "b": 10}, height=600, legend=legend))
+
+
+def _axes(points: Points) -> dict[str, NDArray[np.float32]]:
+    return dict(zip("xyz", np.asarray(points, np.float32).T, strict=True))
+
+
+def _box(traces: Sequence[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lowest and the highest corner (3,) m of what holds all traces, with some room around."""
+    every = np.concatenate([np.stack([trace[axis] for axis in "xyz"], axis=1) for trace in traces]).astype(float)
+    low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
+    room = 0.02 * (high - low).max()
+    return low - room, high + room

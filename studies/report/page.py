@@ -105,7 +105,7 @@ class MotionBlock(Block):
 
 @dataclass(frozen=True, eq=False)
 class Chart(Block):
-    """A figure of Plotly (`charts.py`, `scene.py`). name: of the element that it is drawn in."""
+    """A figure of Plotly (`charts.py`). name: of the element that it is drawn in."""
 
     name: str
     figure: Any

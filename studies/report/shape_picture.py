@@ -9,10 +9,10 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from fabdesign.drawings.oblique import box_of, draw_points, draw_room, draw_triangles
 from fabdesign.geometry.shape import Shape
 from fabdesign.geometry.surface import front_triangles
 from fabdesign.units import in_mm
-from studies.report.oblique import box_of, draw_points, draw_room, draw_triangles
 
 Array = NDArray[np.float64]
 SHOWN = 900  # points of the target drawn

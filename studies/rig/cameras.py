@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from fabdesign.clouds.recording import write_recording
 from fabdesign.depth.intrinsics import Intrinsics
 from fabdesign.depth.sensor import Sensor
+from fabdesign.depth.stream import cloud_of
 from fabdesign.formats.json_file import write_json
 from fabdesign.nouns.array import Array
 from studies.rig.ground_truth import Sensing
@@ -62,9 +63,7 @@ POSITION = (0.42, 0.02, 0.46)  # m: |x|, y, |z|
 LOOKS_AT = (0.0, -0.1, 0.0)  # m
 PIXEL = 0.0045  # of ray slope between pixels
 HALF_IMAGE = 70  # pixels
-NOISE = 0.0018  # 1/m: depth noise is this times Z^2, 0.75 mm at 0.65 m
-HOLES = 0.03  # share of pixels without depth
-FLYING = 0.35  # share of pixels at an edge that report a mixed depth
+NOISE = 0.02  # pixels of disparity of a recording's clouds, 0.75 mm at 0.65 m
 FLYING_REACH = 0.025  # m
 POSE_SHIFT, POSE_TURN = 0.010, 2.0  # m and degrees: the most that a nominal pose is off
 MESH = 121  # points a side of the surface that is drawn
@@ -81,29 +80,17 @@ def record(task: TrialTask, folder: Path, truth_file: Path) -> None:
     shown = np.unique(np.linspace(0, len(task.times) - 1, FRAMES).round().astype(int))
     shapes = control_points(task)[shown]
     rest = equilibrium(scene, scene.patch.flat(), np.zeros(task.design.channels))
-    frames = [{s.name: view(scene, x, s, rng) for s in truth} for x in shapes]
-    reference = {s.name: view(scene, rest, s, rng) for s in truth}
+    optics = Intrinsics(2 * HALF_IMAGE + 1, 2 * HALF_IMAGE + 1, (1 / PIXEL, 1 / PIXEL), (HALF_IMAGE, HALF_IMAGE))
+    camera = StereoCamera(optics, unit=2e-5, noise=NOISE, shared=0.0, ripple=task.truth.sensing.ripple)
+
+    def view(x: Array, sensor: Sensor) -> Array:
+        return cloud_of(camera.image(scene, x, sensor.camera_to_world, rng), camera.unit, optics)
+
+    frames = [{s.name: view(x, s) for s in truth} for x in shapes]
+    reference = {s.name: view(rest, s) for s in truth}
     write_recording(folder, task.design, task.program, task.times[shown], nominal, frames, reference)
     poses = {s.name: s.camera_to_world.tolist() for s in truth}
     write_json(truth_file, {"camera_to_world": poses})
-
-
-def view(scene: Scene, x: Array, camera: Sensor, rng: np.random.Generator) -> Array:
-    """Return (n, 3) m in the camera's frame: what it reports of the cloth with control points x."""
-    vertices, triangles = mesh(scene, x)
-    for distort in scene.sensed:
-        vertices = distort(vertices)
-    turn, position = camera.camera_to_world[:3, :3], camera.position
-    pinhole = np.array([1 / PIXEL, 1 / PIXEL, HALF_IMAGE, HALF_IMAGE])
-    depth = draw((vertices - position) @ turn, triangles, (2 * HALF_IMAGE + 1, 2 * HALF_IMAGE + 1), pinhole)
-    seen = np.isfinite(depth)
-    rows, columns = np.nonzero(seen & (rng.random(depth.shape) >= HOLES))
-    z = depth[rows, columns]
-    edge = at_edge(depth, seen)[rows, columns]
-    flies = edge & (rng.random(len(z)) < FLYING)
-    reported = z + rng.normal(0.0, 1.0, len(z)) * NOISE * z**2 + flies * rng.uniform(0.0, FLYING_REACH, len(z))
-    slope = np.stack([(columns - HALF_IMAGE) * PIXEL, (rows - HALF_IMAGE) * PIXEL, np.ones(len(z))], axis=1)
-    return np.asarray(slope * reported[:, None])
 
 
 def mesh(scene: Scene, x: Array) -> tuple[Array, Ints]:

@@ -26,6 +26,7 @@ class Sensing:
     points: Annotated[int, Within(least=1, most=100_000), "a frame, both faces"] = 1500
     noise: Annotated[Metre, Key("noise_m"), Within(least=0, most=0.1), "an axis"] = 0.0006
     strays: Annotated[float, Within(least=0, most=0.5), "share of points that are not on the cloth"] = 0.003
+    ripple: Annotated[float, Within(least=0, most=1), "of the depth cameras of a recording, pixels of disparity"] = 0.0
 
 
 def _factor(value: Any, table: Table) -> float | None:

@@ -13,8 +13,7 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case, Term
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.model_sampling import Ensemble
-from fabdesign.study_files.sensitivity_file import SensitivityStudy
-from fabdesign.study_files.varied_inputs import moved_paths
+from fabdesign.study_files.sensitivity_file import SensitivityStudy, moved_paths
 from fabdesign.units import from_kpa
 
 JOINT = "covariance"  # the group of all that the model's covariance covers

@@ -12,7 +12,7 @@ from fabdesign.geometry.shape import mean_curvature, tip
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.study_files.sensitivity_file import Output
-from fabdesign.study_files.shape_output import ShapeOutput, read_shape_output
+from fabdesign.study_files.study_targets import ShapeOutput, read_shape_output
 from fabdesign.units import in_mm
 from studies.layout_search.target import LoadedTarget
 

@@ -34,13 +34,13 @@ def bars_figure(result: SensitivityResult, column: int) -> Figure:
     """Return of one output Sobol indices and Morris' mu* with their 90 % intervals, the largest on top."""
     names, groups = result.inputs.names, result.inputs.groups
     panels: list[Any] = []  # names, what is shown, by what they are sorted, bars, diamonds
-    if sobol := result.indices[column]:
+    if sobol := result.sobol[column]:
         bars = [(0.2, sobol.total, sobol.total90, TOTAL, "total")]
         bars.append((-0.2, sobol.first, sobol.first90, FIRST, "first order"))
         panels.append(([*groups], "Sobol index, share of the variance", sobol.total, bars, None))
     if morris := result.screenings[column]:
         bars = [(0.0, morris.mu_star, morris.mu_star90, TOTAL, "mu*")]
-        what = f"Morris effect over the whole range, {result.columns[column].unit}"
+        what = f"Morris effect over the whole range, {result.watched[column].unit}"
         panels.append((names, what, morris.mu_star, bars, morris.sigma))
     size = 5.4 * len(panels), 1.4 + 0.32 * max(len(names), len(groups))
     figure = Figure(figsize=size, layout="constrained")
@@ -65,7 +65,7 @@ def bars_figure(result: SensitivityResult, column: int) -> Figure:
 def write_report(result: SensitivityResult, out: Path) -> None:
     """Write `result.json`, `samples.csv` and `report.html` into the folder `out`."""
     write_result(out, result.as_json(), result.study.name, _blocks(result))
-    header = [*result.inputs.names, *(f"{c.name} [{c.unit}]" for c in result.columns)]
+    header = [*result.inputs.names, *(f"{c.name} [{c.unit}]" for c in result.watched)]
     write_rows(out / "samples.csv", ["method", "row", "sample", *header], _rows(result))
 
 

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest, qmc
 
-from fabdesign.errors import SimulationError
+from fabdesign.errors import InputError, SimulationError
+from fabdesign.formats.result_tables import Columns, Tabled, by_name
 from fabdesign.nouns.array import Array
 from fabdesign.study_files.sensitivity_file import SensitivityStudy
 from studies.prediction.stability import snaps
@@ -145,13 +146,13 @@ class Computed:
 
 
 @dataclass(frozen=True, eq=False)
-class SensitivityResult:
+class SensitivityResult(Tabled):
     """computed: by method. moves (n, 2) m: of the samples that were looked at, how far pressures 2 % off move them
     (`moves` of prediction/stability.py)."""
 
     study: SensitivityStudy
     inputs: Inputs
-    columns: list[OutputColumn]
+    watched: list[OutputColumn]
     computed: Mapping[str, Computed]
     moves: Array
     complete: bool
@@ -172,7 +173,7 @@ class SensitivityResult:
         return self._measured("morris", partial(screening, seed=self.study.seed))
 
     @cached_property
-    def indices(self) -> list[Indices | None]:
+    def sobol(self) -> list[Indices | None]:
         """Return the indices by column; None where it does not vary."""
         return self._measured("sobol", lambda _, values: indices(values, seed=self.study.seed))
 
@@ -180,12 +181,12 @@ class SensitivityResult:
         """Return a method's measure of each column that varies, of its sound rows: their points and outputs."""
         samples = self.computed.get(method)
         if samples is None:
-            return [None] * len(self.columns)
+            return [None] * len(self.watched)
         cube, outputs = samples.cube[: len(samples.outputs)][samples.sound], samples.outputs[samples.sound]
         spread = np.std(outputs[:, : 2 if method == "sobol" else None], axis=(0, 1))
         return [
             measure(cube, outputs[..., k]) if spread[k] >= column.least else None
-            for k, column in enumerate(self.columns)
+            for k, column in enumerate(self.watched)
         ]
 
     @property
@@ -233,10 +234,10 @@ class SensitivityResult:
             snap = f"{self.snapping} of {len(self.moves)} checked samples snap: pressures 2 % off lead to another "
             snap += f"stable shape ({share})."
             said.append((snap + (" So the indices depend partly on chance." if self.many_snap else ""), self.many_snap))
-        still = [c.name for c, s, i in zip(self.columns, self.screenings, self.indices, strict=True) if not s and not i]
+        still = [c.name for c, s, i in zip(self.watched, self.screenings, self.sobol, strict=True) if not s and not i]
         if still:
             said.append((f"No varied parameter changes {', '.join(still)}.", False))
-        widest = max((float(np.ptp(i.total90, axis=1).max()) for i in self.indices if i is not None), default=0.0)
+        widest = max((float(np.ptp(i.total90, axis=1).max()) for i in self.sobol if i is not None), default=0.0)
         if widest > WIDE:
             count = len(self.computed["sobol"].outputs)
             wide = f"The 90 % intervals of total Sobol indices are up to {widest:.2g} wide: {count} rows are too few "
@@ -251,10 +252,30 @@ class SensitivityResult:
         low, high = np.percentile(values, INTERVAL)
         return {"mean": float(values.mean()), "std": float(values.std()), "low90": float(low), "high90": float(high)}
 
+    def indices(self, output: str) -> dict[str, dict[str, Any]]:
+        """Return first, total and their intervals of an output, by parameter. Raises InputError where there are
+        none."""
+        entry = self.as_json()["outputs"].get(output, {})
+        if "sobol" not in entry:
+            known = ", ".join(column.name for column in self.watched)
+            raise InputError(f"{output}: no indices; expected an output that varies, of {known}")
+        return dict(entry["sobol"])
+
+    def columns(self) -> Columns:
+        """Return a row an output and parameter: method, and each of its numbers."""
+        return by_name(
+            [
+                {"output": output, "unit": entry["unit"], "parameter": name, "method": method} | _flat(numbers)
+                for output, entry in self.as_json()["outputs"].items()
+                for method in _FIGURES
+                for name, numbers in entry.get(method, {}).items()
+            ]
+        )
+
     def as_json(self) -> dict[str, Any]:
         """Return what result.json holds."""
         return {
-            "outputs": {c.name: self._output(k) for k, c in enumerate(self.columns)},
+            "outputs": {c.name: self._output(k) for k, c in enumerate(self.watched)},
             "inputs": dict(zip(self.inputs.names, self.inputs.units, strict=True)),
             "samples": {
                 "computed": self.samples,
@@ -272,8 +293,8 @@ class SensitivityResult:
         }
 
     def _output(self, k: int) -> dict[str, Any]:
-        entry: dict[str, Any] = {"unit": self.columns[k].unit, **self.spread(k)}
-        measured = {"morris": (self.screenings[k], self.inputs.names), "sobol": (self.indices[k], self.inputs.groups)}
+        entry: dict[str, Any] = {"unit": self.watched[k].unit, **self.spread(k)}
+        measured = {"morris": (self.screenings[k], self.inputs.names), "sobol": (self.sobol[k], self.inputs.groups)}
         for method, (measure, names) in measured.items():
             if measure is not None:
                 entry[method] = {
@@ -281,3 +302,15 @@ class SensitivityResult:
                     for i, name in enumerate(names)
                 }
         return entry
+
+
+def _flat(numbers: Mapping[str, Any]) -> dict[str, float]:
+    """Return the ends of intervals as numbers of their own."""
+    flat: dict[str, float] = {}
+    for name, value in numbers.items():
+        if isinstance(value, Sequence):
+            stem = name.removesuffix("interval90").removesuffix("_")
+            flat |= {f"{stem}{'_' * bool(stem)}{side}90": x for side, x in zip(("low", "high"), value, strict=True)}
+        else:
+            flat[name] = value
+    return flat

@@ -189,7 +189,7 @@ class _Sweep:
         return SensitivityResult(
             study=study,
             inputs=self.inputs,
-            columns=self.outputs.columns,
+            watched=self.outputs.columns,
             computed=computed,
             moves=np.array([moves[k] for k in sorted(moves)]).reshape(-1, 2),
             complete=in_time and len(moves) >= len(checked),

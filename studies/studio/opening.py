@@ -27,7 +27,7 @@ from fabdesign.nouns.model import Model
 from fabdesign.nouns.pressure import PressureProgram, limits
 from fabdesign.output import read_mark
 from fabdesign.study_files.follow_file import FollowStudy, read_follow
-from fabdesign.study_files.study_file import read_kind, read_study
+from fabdesign.study_files.study_file import read_head, read_study
 from fabdesign.study_files.study_targets import TargetFile
 from fabdesign.units import in_mm
 from optimize.search.margins import Limits
@@ -214,7 +214,7 @@ def _begun(files: list[tuple[Path, str]]) -> Opened:
     if sort == "result":
         return _of_result(file)
     if sort == "study":
-        return _of_moving(file) if read_kind(file) == "follow" else _of_study(file)
+        return _of_moving(file) if read_head(file).kind == "follow" else _of_study(file)
     design = read_design(file)
     return Opened(file, Layout.of(design, _pressures_beside(file, design)), search_limits(design))
 
@@ -250,7 +250,7 @@ def _files_of(file: Path) -> tuple[Path, Path | None]:
 
 
 def _of_study(file: Path) -> Opened:
-    if (kind := read_kind(file)) != "optimize":
+    if (kind := read_head(file).kind) != "optimize":
         raise InputError(f'{file}: kind = "{kind}"; expected "optimize" or "follow", a search with a target')
     study, (design_file, model_file) = read_study(file), _files_of(file)
     begin = study.start_pressures

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, needs
-from fabdesign.files.motion_file import MotionData
+from fabdesign.files.motion_file import Motion
 from fabdesign.files.pressure_file import read_pressures, write_pressures
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import RISE
@@ -25,7 +25,7 @@ from studies.studio.opening import FRAME_RATE, MovingProgram
 from studies.studio.shapes import Shapes
 from studies.studio.solver import Answer, Ask, Kind
 from studies.view.items import Item
-from studies.view.write import KINDS, writer
+from studies.view.write import KINDS, write_panels
 
 SLOW = (".gif", ".mp4")  # for which the page would stand still; `view` writes them
 _PAUSE = 0.5  # s, before a motion begins again
@@ -164,7 +164,7 @@ def _require_kind(path: Path) -> str:
     return kind
 
 
-def _export(path: Path, shown: TrialMotion, laced: MotionData) -> None:
+def _export(path: Path, shown: TrialMotion, laced: Motion) -> None:
     """Write the motion that is shown, `laced` with its muscles. What was measured stands beside it, but not in a table
     of markers, which it has not. Raises InputError, also for a file that is there."""
     kind = _require_kind(path)
@@ -175,7 +175,7 @@ def _export(path: Path, shown: TrialMotion, laced: MotionData) -> None:
         items = [measured, Item.of_motion(f"{shown.name}, predicted", laced, measured.title)]
     try:
         with new_files(path) as unfinished:
-            writer(kind)(items, unfinished)
+            write_panels(items, unfinished)
     except ModuleNotFoundError as error:
         raise InputError(f"{path}: {needs(error)}") from None
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, SimulationError
-from fabdesign.files.motion_file import MotionData
+from fabdesign.files.motion_file import Motion
 from fabdesign.files.pressure_file import constant_program
 from fabdesign.geometry.metrics import Errors, trial_errors
 from fabdesign.geometry.sensor_noise import NOISE_FREE, estimate_noise
@@ -101,7 +101,7 @@ class Answer:
     error: str | None = None
     correction: Correction | None = None
     errors: tuple[Errors, ...] = ()
-    laced: MotionData | None = None
+    laced: Motion | None = None
     off: Array | None = None  # (T,) m from what is wanted, NaN at instants at which nothing is
 
     @property

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case, ForwardModel, Term
-from fabdesign.nouns.pressure import PressureProgram, limits
-from fabdesign.study_files.rig_limits_file import USUAL_LIMITS, RigLimits
+from fabdesign.nouns.pressure import USUAL_LIMITS, PressureProgram, RigLimits, limits
 from fabdesign.units import in_kpa, in_mm
 from optimize.fit.misfit import Array
 from optimize.fit.parameters import FitVector

@@ -10,8 +10,7 @@ import numpy as np
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import effects_of
 from fabdesign.formats.json_file import plain
-from fabdesign.formats.result_tables import OfModel
-from fabdesign.formats.summary import Summary
+from fabdesign.formats.result_tables import OfModel, Summary
 from fabdesign.geometry.metrics import over
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.model import EffectTerm, Model

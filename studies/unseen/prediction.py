@@ -21,8 +21,7 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import MUSCLE_TYPES, OF_MUSCLES, Case, ForwardModel
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.model_sampling import Ensemble, spread_of
-from fabdesign.nouns.pressure import PressureProgram
-from fabdesign.study_files.rig_limits_file import RigLimits
+from fabdesign.nouns.pressure import PressureProgram, RigLimits
 from fabdesign.study_files.unseen_file import CandidateMeasurement, Unsewn
 from fabdesign.units import in_kpa, in_mm
 from optimize.fit.parameters import PRIOR

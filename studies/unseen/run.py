@@ -1,5 +1,6 @@
 """A study of what is not measured yet, from its file to its report."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -41,7 +42,7 @@ def run_unseen(
     study: UnseenStudy | Path | str,
     out: Path | str,
     *,
-    progress: Progress = lambda line, share: None,
+    progress: Callable[[str, float | None], None] = lambda line, share: None,
     **how: Unpack[Simulated],
 ) -> UnseenResult:
     """Evaluate what the study names and write `result.json` and `report.html` into `out`. Return what result.json
@@ -56,6 +57,7 @@ def run_unseen(
     fit_vector(study.free, where=FREE)  # before anything is computed: it raises
     with run.folder(out, "unseen", inputs) as work:
         checkpoint = Checkpoint(work, _content(study), seconds=study.seconds)
+        progress(unseen_in_words(study), None)
         if forward is None:
             forward, coarse = simulator(study.points_per_side, study), coarse or simulator(GRID)
         result: UnseenResult = {"name": study.name, "seed": study.seed, "points_per_side": study.points_per_side}

@@ -44,9 +44,7 @@ class Distance:
 
     def as_json(self) -> dict[str, object]:
         """Return the distance as JSON, in mm; null: not known."""
-        names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
-        in_file = {name: in_mm(getattr(self.whole, name)) for name in names}
-        values = {name: value if np.isfinite(value) else None for name, value in in_file.items()}
+        values = {name: mm if np.isfinite(mm) else None for name, mm in self.whole.millimetres().items()}
         return {"from": self.reference, "of": self.when or "still shapes", "unit": "mm", **values}
 
 
@@ -80,7 +78,9 @@ def _distance(reference: Item, item: Item) -> Distance:
     times = times[np.unique(np.linspace(0, len(times) - 1, min(INSTANTS, len(times))).astype(int))]
     pairs = [(_frame(reference, t), _frame(item, t)) for t in times]
     if not item.is_cloth and not reference.is_cloth:
-        errors = [Errors(chamfer(*map(_few, pair)), np.nan, np.nan, np.nan) for pair in pairs]
+        errors = [
+            Errors(chamfer(*(p[:: -(-len(p) // POINTS)] for p in pair)), np.nan, np.nan, np.nan) for pair in pairs
+        ]
         return Distance(reference.title, times, tuple(errors), both_move)
     seen, model = zip(*(pair if item.is_cloth else pair[::-1] for pair in pairs), strict=True)
     source = reference if item.is_cloth else item
@@ -97,10 +97,6 @@ def _frame(item: Item, time: float) -> Array:
     if item.triangles is None or item.is_cloth:
         return points
     return Surface(points, item.triangles).sample(POINTS, np.random.default_rng(0))[0]
-
-
-def _few(points: Array) -> Array:
-    return points[:: -(-len(points) // POINTS)]
 
 
 def _noise(clouds: Sequence[Array], model: Array) -> SensorNoise | None:

@@ -14,7 +14,7 @@ from fabdesign.clouds.target_file import AS_GIVEN, AsTarget
 from fabdesign.errors import InputError
 from fabdesign.files.design_file import read_design
 from fabdesign.files.measurement_set import read_set
-from fabdesign.files.motion_file import MotionData, read_motion, square_triangles
+from fabdesign.files.motion_file import Motion, read_motion, square_triangles
 from fabdesign.files.trial_file import read_trial
 from fabdesign.formats.npz_file import open_npz
 from fabdesign.geometry.shape import LacedMuscles
@@ -41,7 +41,7 @@ class Item:
     predicts: str = ""  # title of the panel that this one predicts
 
     @staticmethod
-    def of_motion(title: str, motion: MotionData, predicts: str = "") -> "Item":
+    def of_motion(title: str, motion: Motion, predicts: str = "") -> "Item":
         return Item(title, motion.time, motion.points, motion.triangles, motion.size, motion.muscles, predicts)
 
     @cached_property

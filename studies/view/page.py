@@ -72,7 +72,9 @@ def render_page(
 
 
 def _packed(item: Item, scale: float) -> PackedItem:
-    kept = [_thinned(frame) if item.triangles is None else frame for frame in vertices_of(item)]
+    kept = vertices_of(item)
+    if item.triangles is None:
+        kept = [frame[:: -(-len(frame) // MOST_POINTS)] for frame in kept]
     whole = [np.round(frame / scale).astype("<i2") for frame in kept]
     parts = parts_of(item)
     triangles = np.concatenate([np.zeros((0, 3), np.int64), *(part.triangles for part in parts)])
@@ -96,10 +98,6 @@ def _compared(distance: Distance | None) -> ComparedPanel | None:
         "lines": [errors_in_words(errors) for errors in distance.errors],
         "whole": f"{distance.when}: {errors_in_words(distance.whole)}" if distance.when else "",
     }
-
-
-def _thinned(frame: np.ndarray) -> np.ndarray:
-    return frame[:: -(-len(frame) // MOST_POINTS)]
 
 
 def _base64(array: np.ndarray) -> str:

@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from scipy.spatial import cKDTree
 
+from fabdesign.drawings import oblique
 from fabdesign.errors import InputError
-from studies.report.oblique import TO_VIEWER, box_of, draw_lines, draw_points, draw_room, draw_triangles, extent, facing
 from studies.view.distance import Distance, errors_in_words
 from studies.view.items import Item, timeline
 from studies.view.shapes import CLOUD, MUSCLE, OVERLAY, key_of, parts_of, vertex_normals
@@ -52,8 +52,11 @@ def save_picture(
     """Write a PNG with a row an item and a column an instant [s]. apart: how far each panel is from the one it is
     compared with; overlay: whether that one's points lie over it."""
     instants = instants_of(items, times) if any(item.moves for item in items) else [0.0]
-    box, width = box_of([frame for item in items for frame in item.frames]), _WIDE if len(instants) == 1 else _NARROW
-    low, high = extent(box)
+    box, width = (
+        oblique.box_of([frame for item in items for frame in item.frames]),
+        _WIDE if len(instants) == 1 else _NARROW,
+    )
+    low, high = oblique.extent(box)
     height = width * float((high[1] - low[1]) / (high[0] - low[0]))
     size = max(width * len(instants), _LEAST_WIDTH) + 0.2
     heads = [_wrapped(item, distance, size) for item, distance in zip(items, apart, strict=True)]
@@ -90,10 +93,10 @@ def save_animation(
 ) -> None:
     """Write a GIF, or by the ending an MP4, of the items side by side, in real time at RATE. overlay: as in a picture.
     Raises InputError where ffmpeg fails."""
-    begin, end = _span(items)
+    begin, end = min(float(item.times[0]) for item in items), max(float(item.times[-1]) for item in items)
     instants = np.arange(begin, end + 0.5 / RATE, 1 / RATE)
-    box = box_of([frame for item in items for frame in item.frames])
-    low, high = extent(box)
+    box = oblique.box_of([frame for item in items for frame in item.frames])
+    low, high = oblique.extent(box)
     height = 3.4 * float((high[1] - low[1]) / (high[0] - low[0])) + 1.0
     figure = plt.figure(figsize=(max(3.4 * len(items), _LEAST_WIDTH), height), layout="constrained")
     panels = figure.subplots(1, len(items), squeeze=False)[0]
@@ -139,13 +142,11 @@ def _save_video(animation: FuncAnimation, path: Path) -> None:
 
 def _wrapped(item: Item, distance: Distance | None, width: float) -> str:
     """Return what stands over a row, in lines that a picture of `width` inches holds."""
-    lines = [item.title, *([_distance_in_words(distance)] if distance else [])]
+    lines = [item.title]
+    if distance is not None:
+        when = f"{distance.when}, " if distance.when else ""
+        lines.append(f"from {distance.reference}: {when}{errors_in_words(distance.whole)}")
     return "\n".join(part for line in lines for part in wrap(line, int(_LETTERS * width)))
-
-
-def _distance_in_words(distance: Distance) -> str:
-    when = f"{distance.when}, " if distance.when else ""
-    return f"from {distance.reference}: {when}{errors_in_words(distance.whole)}"
 
 
 def _head(item: Item, distance: Distance | None) -> str:
@@ -154,10 +155,6 @@ def _head(item: Item, distance: Distance | None) -> str:
     if distance is not None:
         more = [f"from {distance.reference}, {distance.when}:", *errors_in_words(distance.whole).split(", ")]
     return "\n".join([item.title, *(more + [""])[:3]])
-
-
-def _span(items: Sequence[Item]) -> tuple[float, float]:
-    return min(float(item.times[0]) for item in items), max(float(item.times[-1]) for item in items)
 
 
 class _DrawnPanel:
@@ -172,18 +169,18 @@ class _DrawnPanel:
     def draw(self, axes: Any, frame: int, box: np.ndarray) -> None:
         points = np.asarray(self.item.frames[frame])
         if not len(self._corners):
-            draw_points(axes, points[:: -(-len(points) // SHOWN)], CLOUD)
+            oblique.draw_points(axes, points[:: -(-len(points) // SHOWN)], CLOUD)
         else:
             corners = points[self._corners]
             # of a cloth's two faces only what looks towards the viewer: they are too near to be sorted by depth
-            seen = facing(corners) if self.item.is_cloth else slice(None)
-            draw_triangles(axes, corners[seen], self._colours[seen])
+            seen = oblique.facing(corners) if self.item.is_cloth else slice(None)
+            oblique.draw_triangles(axes, corners[seen], self._colours[seen])
             if len(muscles := self._seen_muscles(frame)):
-                draw_lines(axes, muscles, MUSCLE)
+                oblique.draw_lines(axes, muscles, MUSCLE)
         if self._below is not None:
             cloud = np.asarray(self._below.frames[self._below.nearest(self.item.times[frame])])
-            draw_points(axes, cloud[:: -(-len(cloud) // SHOWN)], OVERLAY)
-        draw_room(axes, box)
+            oblique.draw_points(axes, cloud[:: -(-len(cloud) // SHOWN)], OVERLAY)
+        oblique.draw_room(axes, box)
 
     def _seen_muscles(self, frame: int) -> np.ndarray:
         """Return (n, 2, 3) m: intervals on a face that looks towards the viewer. Drawn last, since by their depth
@@ -197,5 +194,5 @@ class _DrawnPanel:
         for side, face in ((1, slice(0, half)), (-1, slice(half, None))):
             on_side = muscles.sides[muscles.owners] == side
             nearest = cKDTree(points[face]).query(ends[on_side].mean(axis=1))[1]
-            seen[on_side] = normals[face][nearest] @ TO_VIEWER > 0
+            seen[on_side] = normals[face][nearest] @ oblique.TO_VIEWER > 0
         return np.asarray(ends[seen])

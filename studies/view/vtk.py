@@ -29,17 +29,14 @@ def save_series(items: Sequence[Item], path: Path) -> None:
 
     for number, item in enumerate(items):
         before = f"{number}_" if several else ""
-        add(f"{before}{_kind(item)}", item, [_shape(item, k) for k in range(len(item.times))])
+        kind = "cloth" if item.is_cloth else "cloud" if item.triangles is None else "mesh"
+        add(f"{before}{kind}", item, [_shape(item, k) for k in range(len(item.times))])
         if item.muscles is not None and len(item.muscles.sides):
             add(f"{before}muscles", item, [_muscles(item.muscles, k) for k in range(len(item.times))])
     root = ElementTree.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
     root.append(collection)
     ElementTree.indent(root)
     ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
-
-
-def _kind(item: Item) -> str:
-    return "cloth" if item.is_cloth else "cloud" if item.triangles is None else "mesh"
 
 
 def _shape(item: Item, frame: int) -> meshio.Mesh:

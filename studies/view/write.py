@@ -1,11 +1,16 @@
-"""Which writer makes a file of panels, by the file's ending."""
+"""The writers of panels by the file's ending, and named points of a cloth over time, as a CSV."""
 
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import TypedDict
 
+import numpy as np
+
+from fabdesign.errors import InputError
+from fabdesign.formats.csv_table import write_rows
+from fabdesign.geometry.shape import Shape, at_places
 from fabdesign.output import write_text
 from studies.view.items import Item
 
@@ -21,52 +26,43 @@ class PanelNote(TypedDict, total=False):
     distance: dict[str, object]
 
 
-Writer = Callable[[Sequence[Item], Path], list[PanelNote]]
-
-
 def require_writer(kind: str) -> None:
     """Raise ModuleNotFoundError where the package that writes a kind is missing. An ffmpeg of the system serves too."""
     if kind in _NEEDS and not (kind == ".mp4" and shutil.which("ffmpeg")):
         import_module(_NEEDS[kind])
 
 
-def writer(
-    kind: str,
+def write_panels(
+    items: Sequence[Item],
+    path: Path,
+    *,
     times: Sequence[float] = (),
     markers: Mapping[str, tuple[float, float]] | None = None,
-    *,
     overlay: bool = False,
-) -> Writer:
-    """Return what writes a file of a kind, one of KINDS, and answers a note on each panel, or none. times: s, of a
-    picture. markers: (u, v) m, of a table. overlay: whether a panel shows what it is compared with, too."""
-    if kind in (".html", ".png", ".gif", ".mp4"):
-        return lambda items, path: _shown(items, path, kind, times, overlay)
+) -> list[PanelNote]:
+    """Write panels as the kind of file that the name's ending says, one of KINDS; return a note on each, or none.
+
+    times: s, of a picture. markers: (u, v) m, of a table. overlay: whether a panel shows what it is compared with, too.
+    """
+    kind = path.suffix.lower()
     if kind == ".glb":
         from studies.view.gltf import kept, save_glb
 
-        def glb(items: Sequence[Item], path: Path) -> list[PanelNote]:
-            save_glb(items, path)
-            return [{"frames_kept": len(kept(item))} for item in items]
-
-        return glb
+        save_glb(items, path)
+        return [{"frames_kept": len(kept(item))} for item in items]
     if kind == ".pvd":
-        from studies.view.vtk import save_series as save
-    elif kind == ".rrd":
-        from studies.view.rerun_file import save_recording as save
-    else:
-        from studies.view.markers import save_markers
+        from studies.view.vtk import save_series
 
-        def save(items: Sequence[Item], path: Path) -> None:
-            save_markers(items, path, markers or {})
-
-    def plain(items: Sequence[Item], path: Path) -> list[PanelNote]:
-        save(items, path)
+        save_series(items, path)
         return []
+    if kind == ".rrd":
+        from studies.view.rerun_file import save_recording
 
-    return plain
-
-
-def _shown(items: Sequence[Item], path: Path, kind: str, times: Sequence[float], overlay: bool) -> list[PanelNote]:
+        save_recording(items, path)
+        return []
+    if kind == ".csv":
+        save_markers(items, path, markers or {})
+        return []
     from studies.view.distance import distances
 
     apart = distances(items)
@@ -74,12 +70,49 @@ def _shown(items: Sequence[Item], path: Path, kind: str, times: Sequence[float],
         from studies.view.page import render_page
 
         write_text(path, render_page(path.stem, items, apart, overlay=overlay))
-    elif kind == ".png":
-        from studies.view.picture import save_picture
-
-        save_picture(items, path, apart, times, overlay=overlay)
     else:
-        from studies.view.picture import save_animation
+        from studies.view.picture import save_animation, save_picture
 
-        save_animation(items, path, apart, overlay=overlay)
+        if kind == ".png":
+            save_picture(items, path, apart, times, overlay=overlay)
+        else:
+            save_animation(items, path, apart, overlay=overlay)
     return [{} if distance is None else {"distance": distance.as_json()} for distance in apart]
+
+
+# shares of width and height from the upper left corner, seen from the front
+USUAL = {
+    "lower_left": (0.0, 1.0),
+    "lower_middle": (0.5, 1.0),
+    "lower_right": (1.0, 1.0),
+    "middle": (0.5, 0.5),
+}
+
+
+def save_markers(items: Sequence[Item], path: Path, markers: Mapping[str, tuple[float, float]]) -> None:
+    """A row a panel and frame: `panel`, `time_s`, and x, y, z in m of every marker, which lies on the mid-surface.
+
+    markers: (u, v) m in fabric coordinates; without any, those of USUAL. Raises InputError for a panel that is no
+    cloth, for one whose size is not known, and for a marker beside the cloth.
+    """
+    names = [*(markers or USUAL)]
+    rows = []
+    for item in items:
+        if not item.is_cloth:
+            raise InputError(f"{item.title}: is a cloud or mesh, without named points; expected motions of a cloth")
+        places = [_place(item, name, *markers[name]) for name in names] if markers else [*USUAL.values()]
+        for time, points in zip(item.times, item.frames, strict=True):
+            places_at = at_places(Shape.of(points).middle, places)
+            rows.append([item.title, f"{time:.6f}", *(f"{value:.6f}" for value in places_at.ravel())])
+    columns = [f"{name}_{axis}_m" for name in names for axis in "xyz"]
+    write_rows(path, ["panel", "time_s", *columns], rows)
+
+
+def _place(item: Item, name: str, u: float, v: float) -> tuple[float, float]:
+    if item.size is None:
+        raise InputError(f"{item.title}: does not say its cloth's size; expected a motion simulated by this version")
+    share = np.array([u, v]) / item.size
+    if (share < -1e-9).any() or (share > 1 + 1e-9).any():
+        width, height = item.size
+        raise InputError(f"marker {name} at {u:g}, {v:g} m: expected a place on the cloth, {width:g} by {height:g} m")
+    return float(share[0]), float(share[1])

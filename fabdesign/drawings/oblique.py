@@ -23,12 +23,13 @@ _LINES = "#d5dbe3"
 
 
 def flat(points: Any) -> Array:
-    """(..., 2) m in the picture of points (..., 3) m."""
+    """Return (..., 2) m in the picture of points (..., 3) m."""
     return np.asarray(np.asarray(points, float) @ np.stack([RIGHT, UP], axis=1))
 
 
 def facing(corners: Array) -> NDArray[np.bool_]:
-    """Which triangles (t, 3, 3) m, whose corners go round to the left as seen from outside, look towards the viewer."""
+    """Return (t,) whether triangles (t, 3, 3) m, whose corners go round to the left as seen from outside, look towards
+    the viewer."""
     return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ TO_VIEWER > 0)
 
 
@@ -56,7 +57,7 @@ def draw_lines(axes: Any, ends: Array, colour: Any) -> None:
     axes.add_collection(LineCollection(list(flat(ends)), colors=[colour], linewidths=1.6, zorder=10))
 
 
-def draw_room(axes: Any, box: Box, *, words: bool = True) -> None:
+def draw_room(axes: Any, box: Box) -> None:
     """Draw a grid on the floor below a box and fit the axes to both, with the grid's size in words."""
     low, high = np.array(box, float)
     first, last = np.floor(low / _GRID) * _GRID, np.ceil(high / _GRID) * _GRID
@@ -67,8 +68,7 @@ def draw_room(axes: Any, box: Box, *, words: bool = True) -> None:
     least, most = extent(box)
     axes.set(xlim=(least[0], most[0]), ylim=(least[1], most[1]), aspect="equal")
     axes.set_axis_off()
-    if words:
-        axes.text(0.0, 0.0, f"grid {in_mm(_GRID):g} mm", transform=axes.transAxes, fontsize=7, color="#5a6675")
+    axes.text(0.0, 0.0, f"grid {in_mm(_GRID):g} mm", transform=axes.transAxes, fontsize=7, color="#5a6675")
 
 
 def extent(box: Box) -> tuple[Array, Array]:
@@ -83,7 +83,7 @@ def extent(box: Box) -> tuple[Array, Array]:
 
 
 def box_of(frames: Sequence[Any]) -> Box:
-    """(2, 3) m, lowest and highest coordinates of all points (n, 3) m."""
+    """Return (2, 3) m, the lowest and highest coordinates of all points (n, 3) m."""
     some = [np.asarray(frame, float) for frame in frames if len(frame)]
     low, high = np.min([f.min(axis=0) for f in some], axis=0), np.max([f.max(axis=0) for f in some], axis=0)
     return np.array([low, np.maximum(high, low + 0.005)])

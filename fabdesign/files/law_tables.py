@@ -1,0 +1,219 @@
+"""Measured laws as a CSV: a cloth's membrane curve, `strain,tension_n_per_m,direction`, a muscle's isometric bench
+table, `pressure_kpa,contraction,force_n`, and the law of a specimen that no design has, as `calibrate BENCH` writes it:
+`fabdesign.bench-law/1` and a table."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, cast
+
+import numpy as np
+import tomlkit
+from numpy.typing import NDArray
+
+from fabdesign.errors import InputError, note
+from fabdesign.formats.csv_table import decimal, read_rows, write_rows
+from fabdesign.formats.decoder import decode
+from fabdesign.formats.encoder import Encoder
+from fabdesign.formats.lab_table import LabTable, require_measured_pressures
+from fabdesign.formats.schema import ABOVE_0, Key, Metre
+from fabdesign.formats.table import Table, load_toml
+from fabdesign.nouns.bench import Specimen
+from fabdesign.output import write_text
+from fabdesign.units import kilopascals
+
+CURVE_COLUMNS = ["strain", "tension_n_per_m", "direction"]
+_STRETCH = 0.9  # a first strain from here on is a stretch
+_MOST = 5.0  # strain, more than any cloth bears
+BENCH_COLUMNS = ["pressure_kpa", "contraction", "force_n"]
+FORMAT = "fabdesign.bench-law/1"
+# columns of the table by specimen; the first rises, or names a term
+TABLES: Mapping[Specimen, tuple[str, ...]] = {
+    "strip": ("strain", "force_n", "low90_n", "high90_n"),
+    "cylinder": ("term", "coefficient_n", "low90_n", "high90_n"),
+    "actuator": ("pressure_kpa", "displacement_m"),
+}
+_RISING = {"strip": ("strain", "force_n"), "cylinder": (), "actuator": ("pressure_kpa", "displacement_m")}
+
+
+@dataclass(frozen=True)
+class MembraneCurve:
+    """Sampled tension per width [N/m] over engineering strain, for direction 1 (across), 2 (down) or both."""
+
+    strain: tuple[tuple[float, ...], tuple[float, ...]]  # per direction, rising; empty: the linear stiffness holds
+    tension: tuple[tuple[float, ...], tuple[float, ...]]  # N/m
+
+
+def read_membrane_curve(path: Path) -> MembraneCurve:
+    """Read a membrane curve. `direction` is 1 (across), 2 (down) or `both`; without that column the curve holds for
+    both. Raises InputError for another header, and unless strain and tension both rise from row to row."""
+    table = LabTable(path, ",".join(CURVE_COLUMNS))
+    columns = [table.find("strain"), table.find("tension")]
+    place = next((i for i, heading in enumerate(table.headings) if heading.name == "direction"), None)
+    if place is None and len(table.header) > 2:
+        raise table.bad("direction is the third column")
+    table.say(CURVE_COLUMNS if place is not None else CURVE_COLUMNS[:2])
+    strain: tuple[list[float], list[float]] = ([], [])
+    tension: tuple[list[float], list[float]] = ([], [])
+    for (line, row), *cells in zip(table.rows, *map(table.cells, columns), strict=True):
+        name = row[place] if place is not None else "both"
+        if name not in ("1", "2", "both"):
+            raise InputError(f"{path} line {line}: direction = {name!r}; expected 1 (across), 2 (down) or both")
+        values = [float(value) for _, _, value in cells]
+        if values[0] > _MOST:
+            raise InputError(
+                f"{path} line {line}: strain = {values[0]:g}; expected at most {_MOST:g} (strain [%] is a percentage)"
+            )
+        for direction in (0, 1) if name == "both" else (int(name) - 1,):
+            for column, samples, value in zip(CURVE_COLUMNS, (strain, tension), values, strict=False):
+                if samples[direction] and value <= samples[direction][-1]:
+                    raise InputError(f"{path} line {line}: {column} = {value:g} does not rise from the row before")
+                samples[direction].append(value)
+    if (first := max((rows[0] for rows in strain if rows), default=0.0)) >= _STRETCH:
+        note(f"{path}: its strain begins at {first:g}; expected about 0 (is it the stretch, l / l0?)")
+    for direction in (0, 1):
+        if len(strain[direction]) == 1:
+            raise InputError(f"{path}: direction {direction + 1} has one row; a curve needs at least two")
+    return MembraneCurve((tuple(strain[0]), tuple(strain[1])), (tuple(tension[0]), tuple(tension[1])))
+
+
+def write_membrane_curve(curve: MembraneCurve, path: Path) -> None:
+    """Write a membrane curve; reading it gives the same one."""
+    rows = [
+        (repr(strain), repr(tension), direction + 1)
+        for direction in (0, 1)
+        for strain, tension in zip(curve.strain[direction], curve.tension[direction], strict=True)
+    ]
+    write_rows(path, CURVE_COLUMNS, rows)
+
+
+@dataclass(frozen=True)
+class BenchTable:
+    """Isometric tension of one bare muscle, as measured: one entry a row."""
+
+    pressure: tuple[float, ...]  # Pa, gauge
+    contraction: tuple[float, ...]  # 1 - l / l0
+    force: tuple[float, ...]  # N, positive is tension
+
+
+def read_bench_table(path: Path) -> BenchTable:
+    """Read a bench table, its columns in any order and unit that their headings say (`fabdesign.formats.lab_table`).
+
+    Raises InputError for other columns, a bad number, a pressure below 0, a contraction of 1 or more, pressures that
+    are in MPa or Pa, and a table that spans fewer than two pressures or two contractions.
+    """
+    table = LabTable(path, ",".join(BENCH_COLUMNS))
+    columns = [table.find(name) for name in ("pressure", "contraction", "force")]
+    table.say(BENCH_COLUMNS)
+    pressure, contraction, force = [], [], []
+    for (line, written, pascal), (_, share, shortening), (_, _, newton) in zip(*map(table.cells, columns), strict=True):
+        if written < 0:
+            heading = columns[0].heading.text
+            raise InputError(f"{path} line {line}: {heading} = {written}; expected a gauge pressure from 0")
+        if shortening >= 1:
+            heading = columns[1].heading.text
+            raise InputError(
+                f"{path} line {line}: {heading} = {share}; expected 1 - l/l0, no percentage (contraction [%] is one)"
+            )
+        pressure.append(float(pascal))
+        contraction.append(float(shortening))
+        force.append(float(newton))
+    for column, values in zip(columns, (pressure, contraction), strict=False):
+        if len(set(values)) < 2:
+            raise InputError(f"{path}: {column.heading.text} has one value only; a muscle's law needs at least two")
+    require_measured_pressures(pressure, str(path))
+    return BenchTable(tuple(pressure), tuple(contraction), tuple(force))
+
+
+def write_bench_table(bench: BenchTable, path: Path) -> None:
+    """Write a bench table; reading it gives the same one."""
+    rows = zip(bench.pressure, bench.contraction, bench.force, strict=True)
+    write_rows(path, BENCH_COLUMNS, [(f"{kilopascals(p):f}", repr(c), repr(f)) for p, c, f in rows])
+
+
+@dataclass(frozen=True, eq=False)
+class BenchLaw:
+    """A quasi-static law, sampled.
+
+    strip: force [N] over strain, with the 90 % band of another record. actuator: displacement [m] held at a pressure.
+    cylinder: force [N] as a sum of terms in p (pressure / 100 kPa), x (displacement / 10 mm) and s (state of friction,
+    from -1 to 1), which follows the motion over the `presliding` distance; a term is the product of its factors.
+    """
+
+    specimen: Specimen
+    output: str  # force or displacement
+    columns: Mapping[str, NDArray[np.float64]]  # (n,) each, in the file's units, by the names in TABLES without `term`
+    terms: tuple[str, ...] = ()  # of a cylinder, such as "s p"
+    form: str | None = None  # of a cylinder: which terms were chosen
+    presliding: float | None = None  # m, of a cylinder
+
+
+@dataclass(frozen=True)
+class LawKeys:
+    """[law] as a file has it."""
+
+    specimen: Annotated[Literal["strip", "cylinder", "actuator"], Key("law.specimen"), "that was on the bench"]
+    output: Annotated[str, Key("law.output"), "force or displacement"]
+    table: Annotated[Path, Key("law.table"), "a CSV beside it"]
+    form: Annotated[str | None, Key("law.form"), "of a cylinder: the choice of terms"] = None
+    presliding: Annotated[Metre | None, Key("law.presliding"), ABOVE_0, "of a cylinder: of its friction"] = None
+
+    def resolved(self, table: Table) -> BenchLaw:
+        """Return the law with its table. Raises InputError for keys of another specimen, and another table."""
+        law = table.within(["law"])
+        for key in ("form", "presliding"):
+            if (getattr(self, key) is None) == (self.specimen == "cylinder"):
+                raise law.missing(key) if getattr(self, key) is None else law.error(f"unknown key {key}")
+        terms, columns = read_law_table(self.table, self.specimen)
+        return BenchLaw(self.specimen, self.output, columns, terms, self.form, self.presliding)
+
+
+def read_bench_law(path: Path | str) -> BenchLaw:
+    """Read a law with its table. Raises InputError for an unknown specimen, another table, values not rising."""
+    law: Any = decode(LawKeys, load_toml(Path(path), FORMAT))
+    return cast(BenchLaw, law)
+
+
+def write_bench_law(law: BenchLaw, path: Path, table: Path, *, comment: str = "") -> None:
+    """Write `path`, and the `table` that it names, both in one folder; reading gives an equal law."""
+    document = tomlkit.document()
+    if comment:
+        document.add(tomlkit.comment(comment))
+    document["format"] = FORMAT
+    assert law.specimen != "muscle"
+    keys = LawKeys(law.specimen, law.output, table, law.form, law.presliding)
+    document.update(Encoder(table).encode(keys))
+    header = TABLES[law.specimen]
+    numbers = [law.columns[name].tolist() for name in header if name != "term"]
+    write_rows(table, header, list(zip(*([law.terms] if law.terms else []), *numbers, strict=True)))
+    write_text(path, tomlkit.dumps(document))
+
+
+def read_law_table(file: Path, specimen: Specimen) -> tuple[tuple[str, ...], dict[str, NDArray[np.float64]]]:
+    """Return a cylinder's terms (none of others) and the columns of numbers. Raises InputError."""
+    header, rows = read_rows(file)
+    if tuple(header) != TABLES[specimen]:
+        raise InputError(f"{file}: columns are {','.join(header)}; expected {','.join(TABLES[specimen])}")
+    columns: dict[str, NDArray[np.float64]] = {}
+    terms: tuple[str, ...] = ()
+    for i, name in enumerate(header):
+        if name == "term":
+            terms = tuple(row[i] for _, row in rows)
+            for (line, _), term in zip(rows, terms, strict=True):
+                if not term or not set(term.split()) <= {"1", "p", "x", "s"}:
+                    raise InputError(f"{file} line {line}: term = {term!r}; expected a product of p, x and s, or 1")
+            continue
+        columns[name] = np.array([float(decimal(row[i], file, line, name)) for line, row in rows])
+        if name in _RISING[specimen] and (len(rows) < 2 or (np.diff(columns[name]) <= 0).any()):
+            raise InputError(f"{file}: {name} does not rise from row to row; expected two rows or more that do")
+    return terms, columns
+
+
+def why_not_included(path: Path) -> str:
+    """Return one sentence on a law that a design asks for by `include`. Raises InputError for an unsound file."""
+    law = read_bench_law(path)
+    if law.specimen == "strip":
+        return "is the force law of a strip whose width is not known; state width [m] in its bench and calibrate again"
+    return (
+        f"is the law of {'an' if law.specimen == 'actuator' else 'a'} {law.specimen}; a design has muscles and a cloth"
+    )

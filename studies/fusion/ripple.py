@@ -1,0 +1,183 @@
+"""Ripple of stereo depth: an error of one period a pixel of disparity, since a match leans to whole pixels.
+
+It is a function of the inverse depth, w' = w + a sin(2 pi k w) + b cos(2 pi k w), the same in all images of a camera; k
+is its focal length times its baseline. The cloth is smooth: what local planes leave of it shows k, a and b, and then w
+follows from w'. Of several w that have one w', which large ripple makes, that next to the local plane is taken.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+Array = NDArray[np.float64]
+WIDE = 0.036  # m, side of the window of a local plane: more than a period of ripple on a cloth seen obliquely
+BASELINES = np.geomspace(0.03, 0.13, 26)  # m
+NOISE = 0.04  # pixels of disparity
+FOLDS = 0.8 / (2 * np.pi)  # pixels, amplitude beyond which several depths look alike
+TRUST = ((1.0, 0.15), (0.6, 0.1), (0.36, 0.06))  # where it folds: of WIDE, and pixels that the local plane is off
+REACH, TRIED = 0.7, 29  # pixels from the local plane, and depths within that are tried
+JUMP = 0.06  # 1/m, of two surfaces
+LEAST_SHARE, LEAST_RATIO = 0.1, 10.0  # of the residuals' square that is ripple, and over that of other baselines
+ROUNDS = 3
+RIPPLE_IMAGES = 3  # that show a camera's ripple
+
+
+@dataclass(frozen=True)
+class Ripple:
+    """What a camera adds to inverse depths."""
+
+    frequency: float  # k, m
+    sine: float  # a, 1/m
+    cosine: float  # b, 1/m
+    focal: float  # pixels
+    pixel: float  # m on the cloth
+
+    @property
+    def disparity(self) -> float:
+        """Amplitude in pixels of disparity."""
+        return float(np.hypot(self.sine, self.cosine)) * self.frequency
+
+    @property
+    def depth(self) -> float:
+        """Amplitude [m] at the cloth's middle."""
+        return float(np.hypot(self.sine, self.cosine)) * (self.focal * self.pixel) ** 2
+
+    def without(self, depth: Array) -> Array:
+        """Return the depths (rows, columns) m without it; 0 stays 0."""
+        there = depth > 0
+        w = 1.0 / np.where(there, depth, 1.0)
+        wave, least = np.array([self.frequency, self.sine, self.cosine]), w
+        if self.disparity < FOLDS:
+            least = _inverse(w, w, there, wave, 0.0)
+        else:
+            for share, trust in TRUST:
+                least = _inverse(w, _Planes(there, share * WIDE / self.pixel).smooth(least), there, wave, trust)
+        return np.where(there, 1.0 / np.where(there, least, 1.0), 0.0)
+
+
+def ripple_of(depths: Sequence[Array], focal: float, pixel: float) -> Ripple | None:
+    """Return the ripple of a camera in some of its images (rows, columns) m of the cloth; None where they show none.
+
+    focal: pixels. pixel: m on the cloth.
+    """
+    coarse = [_Residuals(depth[::2, ::2], WIDE / pixel / 2) for depth in depths]
+    shares = np.array([_fit(coarse, focal * baseline, focal)[0] for baseline in BASELINES])
+    if shares.max() < LEAST_RATIO * np.median(shares):
+        return None
+    images, frequency = [_Residuals(depth, WIDE / pixel) for depth in depths], focal * float(BASELINES[shares.argmax()])
+    for _ in range(ROUNDS):
+        _, ripple, change = _fit(images, frequency, focal, pixel)
+        frequency += change
+        for image in images:
+            image.phase_by(ripple)
+    share, ripple, _ = _fit(images, frequency, focal, pixel)
+    return ripple if share > LEAST_SHARE else None
+
+
+class _Planes:
+    """Planes through the pixels that are there in a square window about each, by least squares."""
+
+    def __init__(self, there: NDArray[np.bool_], size: float) -> None:
+        self._there, self._size = there, 2 * max(round(size / 2), 1) + 1
+        self.filled = uniform_filter(there.astype(float), self._size, mode="constant")
+        self._places = [np.where(there, x, 0.0) for x in np.indices(there.shape, dtype=float)]
+        self._middle = [self._mean(x) for x in self._places]
+        (r, c), (mr, mc) = self._places, self._middle
+        self._spread = self._mean(r * r) - mr**2, self._mean(c * c) - mc**2, self._mean(r * c) - mr * mc
+        rr, cc, rc = self._spread
+        self._det = np.maximum(rr * cc - rc**2, 1e-6 * np.maximum(rr * cc, 1.0))
+
+    def _mean(self, x: Array) -> Array:
+        return np.asarray(uniform_filter(x, self._size, mode="constant") / np.maximum(self.filled, 1e-9))
+
+    def smooth(self, x: Array) -> Array:
+        """Return the planes' values at the pixels, and those of what they leave: so curvature stays."""
+        once = self._once(x)
+        return once + self._once(x - once)
+
+    def _once(self, x: Array) -> Array:
+        x = np.where(self._there, x, 0.0)
+        (r, c), (mr, mc), (rr, cc, rc) = self._places, self._middle, self._spread
+        mean = self._mean(x)
+        xr, xc = self._mean(x * r) - mr * mean, self._mean(x * c) - mc * mean
+        along = (xr * cc - xc * rc) * (r - mr) + (xc * rr - xr * rc) * (c - mc)
+        return np.where(self._there, mean + along / self._det, 0.0)
+
+
+class _Residuals:
+    """What local planes leave of one image's inverse depths."""
+
+    def __init__(self, depth: Array, size: float) -> None:
+        there = depth > 0
+        self._depth, self.planes = depth, _Planes(there, size)
+        w = 1.0 / np.where(there, depth, 1.0)
+        self.phase = self.planes.smooth(w)
+        self.kept = there & (self.planes.filled > 0.5) & (np.abs(w - self.phase) < JUMP)
+        self.values = (w - self.phase)[self.kept]
+
+    def phase_by(self, ripple: Ripple) -> None:
+        """Take inverse depths without the ripple for those at which it is looked up."""
+        depth = ripple.without(self._depth)
+        self.phase = _Planes(depth > 0, 0.36 * WIDE / ripple.pixel).smooth(1.0 / np.where(depth > 0, depth, 1.0))
+
+    def column(self, values: Array) -> Array:
+        """Return what local planes leave of other values (rows, columns)."""
+        return (values - self.planes.smooth(values))[self.kept]
+
+
+def _fit(
+    images: Sequence[_Residuals], frequency: float, focal: float, pixel: float = 0.0
+) -> tuple[float, Ripple, float]:
+    """Return the share of the residuals' square that is ripple of a frequency, the ripple, and by how much the
+    frequency is better changed, which is not sought without a pixel [m]."""
+    waves = [2 * np.pi * frequency * image.phase for image in images]
+
+    def column(values: Sequence[Array]) -> Array:
+        return np.concatenate([image.column(each) for image, each in zip(images, values, strict=True)])
+
+    seen = np.concatenate([image.values for image in images])
+    sound = np.abs(seen) < 4.0 * 1.48 * np.median(np.abs(seen))
+    seen, rows = seen[sound], [column([wave(w) for w in waves])[sound] for wave in (np.sin, np.cos)]
+    (sine, cosine), *_ = np.linalg.lstsq(np.array(rows).T, seen, rcond=None)
+    residual = seen - sine * rows[0] - cosine * rows[1]
+    change = 0.0
+    if pixel:
+        places = [image.phase - image.phase[image.kept].mean() for image in images]
+        later = [2 * np.pi * x * (sine * np.cos(w) - cosine * np.sin(w)) for x, w in zip(places, waves, strict=True)]
+        change = float(np.linalg.lstsq(np.array([*rows, column(later)[sound]]).T, residual, rcond=None)[0][2])
+    share = 1.0 - float(residual @ residual) / max(float(seen @ seen), 1e-30)
+    return share, Ripple(frequency, float(sine), float(cosine), focal, pixel), change
+
+
+@njit(cache=True)
+def _inverse(
+    seen: Array, plane: Array, there: NDArray[np.bool_], wave: Array, trust: float
+) -> Array:  # pragma: no cover - compiled
+    """Return inverse depths that look as they were seen; trust: pixels that the plane is off, 0: it does not count."""
+    k, a, b = wave
+    out = seen.copy()
+    for r in range(seen.shape[0]):
+        for c in range(seen.shape[1]):
+            if not there[r, c]:
+                continue
+            w, p, best = seen[r, c], plane[r, c], seen[r, c]
+            pull = (NOISE / trust) ** 2 if trust > 0 else 0.0
+            if trust > 0:
+                least = np.inf
+                for n in range(TRIED):
+                    v = p + REACH / k * (2.0 * n / (TRIED - 1) - 1.0)
+                    off = v + a * np.sin(2 * np.pi * k * v) + b * np.cos(2 * np.pi * k * v) - w
+                    cost = off**2 + pull * (v - p) ** 2
+                    if cost < least:
+                        least, best = cost, v
+            for _ in range(4):  # Gauss-Newton
+                sine, cosine = np.sin(2 * np.pi * k * best), np.cos(2 * np.pi * k * best)
+                slope = 1.0 + 2 * np.pi * k * (a * cosine - b * sine)
+                step = (slope * (best + a * sine + b * cosine - w) + pull * (best - p)) / (slope**2 + pull)
+                best -= min(max(step, -0.03 / k), 0.03 / k)
+            out[r, c] = best
+    return out
