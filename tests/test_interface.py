@@ -347,7 +347,7 @@ def test_optimize_ends_with_a_design_and_its_table(asked: Callable[[], list[str]
     vertical, told = fabdesign.build("vertical", muscles=1), [0.0]
     goal = AnalyticCloth().equilibria([Case(vertical, constant_program([2e5]))])[0]
     found = fabdesign.optimize(vertical, goal[::4], evaluations=40, progress=lambda line, share: told.append(share))
-    assert found.pressures_kpa == pytest.approx(np.array([[200.0]]), abs=5)
+    assert found.pressures == pytest.approx(np.array([[200.0]]), abs=5)
     assert len(found.to_table()) == found.to_json()["evaluations"] and told[-1] > 0
     assert found.shapes[0].points.shape[0] == 1 and found.objective < 5e-3
 

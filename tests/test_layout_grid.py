@@ -145,7 +145,7 @@ def test_a_cell_begins_at_its_neighbours_with_idle_muscles(timed: GridResult) ->
     path = np.array(one.result.design.muscles[0].path)
     grown = [p for d, p in decoded if np.allclose(d.muscles[0].path, path, rtol=0, atol=1e-9) and p[0, 1] == 0]
     assert grown  # with an idle one
-    assert all(pressures[0, 0] == pytest.approx(one.result.pressures[0, 0]) for pressures in grown)
+    assert all(pressures[0, 0] == pytest.approx(one.result.pressure[0, 0]) for pressures in grown)
     again = of_rows(json.loads(json.dumps(as_rows(seeds))), both.cell.study.design, seeds[0][0].limits)
     assert [space.design for space, _ in again] == [design for design, _ in decoded]
     assert not seeds_of(one.cell, result.cells)

@@ -79,7 +79,7 @@ def test_a_finished_study_answers_at_once(trial: Path, tmp_path: Path) -> None:
     again = run_study(cut, out, forward=Refusing())
     assert again.as_json() == first.as_json() and again.history == first.history
     assert again.points.tobytes() == first.points.tobytes() and again.rest.tobytes() == first.rest.tobytes()
-    assert again.pressures.tobytes() == first.pressures.tobytes() and again.design == first.design
+    assert again.pressure.tobytes() == first.pressure.tobytes() and again.design == first.design
     assert {name: (out / name).read_bytes() for name in FILES} == written
     (out / "report.html").unlink()
     run_study(cut, out, forward=Refusing())
@@ -162,7 +162,7 @@ def test_the_best_so_far_is_there_before_the_end(trial: Path, tmp_path: Path) ->
     late = run_study(study(trial), tmp_path / "out", forward=AnalyticCloth())
     straight = run_study(study(trial), tmp_path / "straight", forward=AnalyticCloth())
     assert 1e3 * late.objective <= early["objective_mm"]
-    np.testing.assert_array_equal(late.pressures, straight.pressures)
+    np.testing.assert_array_equal(late.pressure, straight.pressure)
 
 
 @pytest.mark.parametrize(
@@ -211,7 +211,7 @@ def test_a_ply_is_compared_with_the_equilibrium(tmp_path: Path) -> None:
     (tmp_path / "cloud.ply").write_text(header.format(len(cloud)) + rows)
     result = run_study(study(tmp_path / "cloud.ply"), tmp_path / "out", forward=AnalyticCloth())
     assert result.targets[0].time is None
-    np.testing.assert_allclose(result.pressures[0], TRUTH, atol=8e3)
+    np.testing.assert_allclose(result.pressure[0], TRUTH, atol=8e3)
 
 
 def test_the_demo_runs_both_searches_on_embedded_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -141,7 +141,7 @@ def _on_rig(result: StudyResult, robust: Robust, target: NDArray[np.float64], to
     """Copies of a result on the rig, coarser than the target was: Chamfer of two measured clouds, mm.
 
     tolerance: m; None: the copies' median."""
-    scatter = Scatter(result.study, robust, result.design, result.pressures)
+    scatter = Scatter(result.study, robust, result.design, result.pressure)
     zs = np.random.default_rng(7).standard_normal((RIG_COPIES, scatter.size))
     values = []
     for number, z in enumerate([np.zeros(scatter.size), *zs]):
@@ -170,7 +170,7 @@ def robust(truth: Truth, folder: Path, share: float) -> Row:
     found = robustness_of(
         replace(study, robust=asked),
         asked,
-        (nominal.design, nominal.pressures),
+        (nominal.design, nominal.pressure),
         objective,
         coarse,
         fine,

@@ -62,7 +62,7 @@ def _optimized(result: StudyResult, given: Mapping[str, Any]) -> Shown:
     if content["surface_beyond"] >= MANY_BEYOND:
         after.append(told_beyond(content["surface_beyond"]))
     targets = [f"target: {target}" for target in content["targets"]]
-    return Shown(content, "\n".join([*targets, text, *poses_in_words([*result.pressures]), *outputs, *after]))
+    return Shown(content, "\n".join([*targets, text, *poses_in_words([*result.pressure]), *outputs, *after]))
 
 
 @verb(_optimized, "STUDY", options=OF_STUDY, search=True)

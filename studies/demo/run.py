@@ -120,7 +120,7 @@ def _run_studies(
         for study in demo_studies(target):
             show = partial(progress, study.name)
             if results:  # what eight muscles were found to need is worth knowing where there are four
-                study = replace(study, start_pressures=results[0].pressures[0])
+                study = replace(study, start_pressures=results[0].pressure[0])
             search = partial(run_study, study, out / study.name, forward=forward, coarse=coarse, progress=show)
             try:
                 result = search()
@@ -207,7 +207,7 @@ def _draw_face(axes: Axes, side: str, result: StudyResult) -> None:
     for number, muscle in enumerate(result.design.muscles):
         if muscle.side != side:
             continue
-        pressure = result.pressures[0][muscle.channel]
+        pressure = result.pressure[0][muscle.channel]
         path = in_mm(np.array(muscle.path))
         axes.plot(*path.T, color=COLOURS(pressure / highest), linewidth=5, solid_capstyle="round")
         place = path[0] + (path[-1] - path[0]) * (0.3 + 0.4 * (number % 2))

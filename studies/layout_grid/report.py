@@ -86,7 +86,7 @@ def _shape(entry: CellResult) -> Iterator[page.Block]:
     pictures = [page.Picture(shape_png(points, target.points), f"{alt}{pose}") for pose, (points, target) in poses]
     path = result.loading_path
     motion = path.sentences if path else ["The motion to this shape was not simulated."]
-    layout = page.LayoutBlock(result.design, result.pressures[0], result.study.limits.pressure[1])
+    layout = page.LayoutBlock(result.design, result.pressure[0], result.study.limits.pressure[1])
     outputs = page.texts("", [f"{name}: {', '.join(values)}" for name, values in result.outputs.items()])
     said = page.texts("quiet", [page.sentence(result.stop_reason), *result.reach.sentences, *motion])
     yield page.Columns([pictures, [layout, *outputs, *said]], "cell")

@@ -43,7 +43,7 @@ class CellResult:
         if self.result is None:
             return ()
         low, high = self.result.study.limits.pressure
-        highest = self.result.pressures[:, [muscle.channel for muscle in self.result.design.muscles]].max(axis=0)
+        highest = self.result.pressure[:, [muscle.channel for muscle in self.result.design.muscles]].max(axis=0)
         return tuple(np.flatnonzero(highest > low + PULLS * (high - low)).tolist())
 
     @property
@@ -222,9 +222,9 @@ def seeds_of(cell: Cell, results: Sequence[CellResult]) -> list[Start]:
     for k, neighbour in enumerate(_nearest(beneath)):
         result = neighbour.result
         assert result is not None
-        space = DesignSpace(_on_cloth_of(cell, result.design.muscles), cell.study.limits, result.pressures)
+        space = DesignSpace(_on_cloth_of(cell, result.design.muscles), cell.study.limits, result.pressure)
         start = replace(space, vary_positions=True)
-        best = start, start.encode(space.design, result.pressures)
+        best = start, start.encode(space.design, result.pressure)
         more = with_idle(
             best, count=cell.muscles, sides=SIDES[cell.sides], number=CANDIDATES, seed=cell.study.seed + 7 * k
         )

@@ -43,7 +43,7 @@ def overlay(name: str, result: StudyResult, pose: int) -> Chart:
         cloth_mesh("cloth at rest", result.rest, color="#b8c2cc", opacity=0.35, visible="legendonly"),
     ]
     for number, muscle in enumerate(result.design.muscles):
-        pressure = kpa(result.pressures[pose][muscle.channel])
+        pressure = kpa(result.pressure[pose][muscle.channel])
         words = f"muscle {number}, {muscle.side}, channel {muscle.channel}: {pressure} kPa"
         colour = FRONT if muscle.side == "front" else BACK
         traces.append(path(words, _on_cloth(muscle, points, result), colour, 7))
@@ -157,7 +157,7 @@ def _head(title: str, sections: Sequence[Section]) -> Iterator[page.Block]:
     first = sections[0].result
     wished = is_wished(first.study.targets)
     yield page.Title(title, 1)
-    poses = [(s.title, page.sentence(line)) for s in sections for line in poses_in_words([*s.result.pressures])]
+    poses = [(s.title, page.sentence(line)) for s in sections for line in poses_in_words([*s.result.pressure])]
     line = Markup("<b>{}</b>: {}<br>" if len(sections) > 1 else "{1}<br>")
     yield page.Text(Markup("").join(line.format(*pose) for pose in poses), "verdict")
     yield from target_texts(first.targets)
@@ -219,7 +219,7 @@ def _study(number: int, title: str, result: StudyResult) -> Iterator[page.Block]
 
 def _pose(number: int, result: StudyResult, pose: int) -> Iterator[page.Block]:
     """Yield the shape of one pose beside its target, and the layout with its pressures."""
-    target, muscles, pressures = result.targets[pose], result.design.muscles, result.pressures[pose]
+    target, muscles, pressures = result.targets[pose], result.design.muscles, result.pressure[pose]
     if len(result.targets) > 1:
         weight = "" if target.weight == 1 else f", weight {target.weight:g}"
         yield page.Title(f"Pose {pose + 1}{weight}", 3)

@@ -47,7 +47,7 @@ class StudyResult(Tabled):
 
     study: Study
     design: Design
-    pressures: Array  # (poses, channels) Pa
+    pressure: Array  # (poses, channels) Pa
     targets: tuple[LoadedTarget, ...]
     points: Array  # (poses, 2 n, 3) m, the result's shapes: front face, then back face
     rest: Array  # (2 n, 3) m, the same cloth without pressure
@@ -64,9 +64,9 @@ class StudyResult(Tabled):
     fewer: Fewer | None = None  # what leaving muscles out came to, where their number may vary
 
     @property
-    def pressures_kpa(self) -> Array:
-        """(poses, channels) kPa."""
-        return in_kpa(self.pressures)
+    def pressures(self) -> Array:
+        """(poses, channels) kPa, as Python's functions take them."""
+        return in_kpa(self.pressure)
 
     @property
     def shapes(self) -> list[Motion]:
@@ -80,8 +80,8 @@ class StudyResult(Tabled):
 
         head = f"Optimized: {in_mm(self.objective):.3f} mm after {len(self.history)} evaluations"
         lines = [head, f"{self.search_time}; {self.stop_reason}", *self.reach.sentences]
-        layouts = [layout_svg(self.design, row, self.study.limits.pressure[1]) for row in self.pressures]
-        return Summary([*lines, *poses_in_words([*self.pressures])], muscle_columns(self.design), layouts)
+        layouts = [layout_svg(self.design, row, self.study.limits.pressure[1]) for row in self.pressure]
+        return Summary([*lines, *poses_in_words([*self.pressure])], muscle_columns(self.design), layouts)
 
     def columns(self) -> Columns:
         """Return a row an evaluation of the search: its number, objective [mm], whether it diverged."""
@@ -182,7 +182,7 @@ class StudyResult(Tabled):
             "wall_s": self.wall_s,
             "limit_s": self.study.limits.seconds,
             "muscles": [asdict(muscle) for muscle in self.design.muscles],
-            "pressures_kpa": pressures_kpa(self.pressures),
+            "pressures_kpa": pressures_kpa(self.pressure),
             "constraints": {k: in_kpa(v) if k == "pressure" else v for k, v in self.constraints.items()},
             "stop_reason": self.stop_reason,
             "expected_within_mm": None if self.within is None else in_mm(self.within),
@@ -199,7 +199,7 @@ class StudyResult(Tabled):
 
     def write(self, out: Path) -> None:
         """`design.toml` with its bench tables, `pressures.csv` (`pressures_2.csv` of a second pose), `result.json`."""
-        write_best(out, self.design, self.pressures, self.as_json(), [t.time for t in self.targets], self.study.rise)
+        write_best(out, self.design, self.pressure, self.as_json(), [t.time for t in self.targets], self.study.rise)
 
 
 def pressures_kpa(pressures: Array) -> list[Any]:
@@ -237,7 +237,7 @@ def expected_within(result: StudyResult, objective: Objective, coarse: Predictor
     spread = spread_of(coarse.model)
     if spread is None:
         return None
-    space = DesignSpace(result.design, result.study.limits, result.pressures, vary_pressures=False)
+    space = DesignSpace(result.design, result.study.limits, result.pressure, vary_pressures=False)
     models = drawn_models(coarse.model) if spread.covariance else []
     others = [objective.shapes(replace(coarse, model=model), [(space, np.empty(0))])[0] for model in models]
     terms = region_terms(result.rest, result.points, others, result.design.fabric)
@@ -290,7 +290,7 @@ def keep(history: History, result: StudyResult, *, follow: bool) -> None:
         "evaluations": study.limits.evaluations,
         "complete": bool(state.get("reason")) and study.robust is None and not (result.fewer and result.fewer.cut),
         "follow": follow,
-        "layout": {"muscles": result.design.muscles, "pressures": result.pressures.tolist()},
+        "layout": {"muscles": result.design.muscles, "pressures": result.pressure.tolist()},
     }
     history.keep_answer(plain(kept | {name: getattr(result, name) for name in _KEPT}, exact=True))
 
@@ -310,7 +310,7 @@ def answer(history: History, study: Study, targets: Sequence[LoadedTarget], *, f
     return StudyResult(
         study=study,
         design=space.design,
-        pressures=space.start_pressures,
+        pressure=space.start_pressures,
         targets=tuple(target.beside(shape) for target, shape in zip(targets, values["points"], strict=True)),
         history=tuple(history.entries()),
         **values,

@@ -138,7 +138,7 @@ def _searched(
     if robust is None:
         return result
     nearest = evaluations.best.value if evaluations.best else result.objective
-    layout = (result.design, result.pressures)
+    layout = (result.design, result.pressure)
     outcome = robustness_of(study, robust, layout, objective, quick, fine, nominal=nearest)
     same_count = len(result.design.muscles) == len(points[0][0].design.muscles)
     return replace(result, robust=replace(outcome, doubled=doubled if same_count else 0))
@@ -235,7 +235,7 @@ def _result(
     return StudyResult(
         study=study,
         design=design,
-        pressures=pressures,
+        pressure=pressures,
         targets=targets,
         points=shape,
         rest=rest[0],
