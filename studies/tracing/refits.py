@@ -22,7 +22,7 @@ from studies.tracing.rules import Refits
 from studies.tracing.task import Place, Task
 
 # A step is the last that promises less than a quarter, in log likelihood, of what makes an effect needed.
-_LAST = FitStage(slight=0.01, least=NEEDED / 4, sure=False)
+_LAST = FitStage(slight=0.01, least=NEEDED / 4, exact_end=False)
 ASKED = Policy("fewer effects", _LAST, _LAST)
 
 
@@ -46,15 +46,15 @@ class SetRefits(Refits):
         return Judged(fit, self.task.data.folds, self.task.floor)
 
     def of(
-        self, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf, sure: bool = False, named: str = ""
+        self, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf, exact: bool = False, named: str = ""
     ) -> Fit:
         """Return a fit of these effects alone, from where one with more is, on its Jacobian but for shapes that it has
-        not. hopeless: m RMS, of a fit that need not be refined. sure: whether it begins on a Jacobian of its own."""
+        not. hopeless: m RMS, of a fit that need not be refined. exact: whether it begins on a Jacobian of its own."""
         vector, starts = with_shapes(known, labels)
         fewer, index = known.vector.only(labels)
         at = [vector.names.index(name) for name in fewer.names]
-        jacobian = None if sure else widened(known.state.jacobian[:, index], at, len(vector.names))
-        named = named or f"{' '.join(vector.labels)}{' at last' if sure else ''}"
+        jacobian = None if exact else widened(known.state.jacobian[:, index], at, len(vector.names))
+        named = named or f"{' '.join(vector.labels)}{' at last' if exact else ''}"
         content = float(np.hypot(promised(known, to_first_order(known, labels)), 0.5 * self.tolerance))
         policy = replace(ASKED, hopeless=hopeless, content=content)
         return self.task.fit(named, vector, FitStart(starts, jacobian, known.inputs), policy)
@@ -63,9 +63,9 @@ class SetRefits(Refits):
         """Return a fit of the effects of another but `labels`, as `of` has it."""
         return self.of(known, [other for other in known.vector.labels if other not in labels], hopeless=hopeless)
 
-    def sure(self, known: Fit) -> Fit:
+    def exact(self, known: Fit) -> Fit:
         """Return the fit of the same effects, gone on with by a Jacobian made where it ended."""
-        return self.of(known, known.vector.labels, sure=True)
+        return self.of(known, known.vector.labels, exact=True)
 
     def alone(self, known: Fit, plain: Fit) -> Fit:
         """Return the declared parameters' fit, from where they are by themselves or beside the effects of a fit,

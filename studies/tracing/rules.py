@@ -112,7 +112,7 @@ class Refits:
         """Return the fit of the declared parameters, begun beside the effects of a fit too."""
         return plain
 
-    def sure(self, known: Fit) -> Fit:
+    def exact(self, known: Fit) -> Fit:
         """Return the fit of the same effects with a Jacobian made where it ends."""
         return known
 
@@ -242,7 +242,7 @@ def as_well(refits: Refits, selection: Selection) -> Selection | None:
         fit = refits.without(known, [label], hopeless=hopeless) if several else selection.plain
         judged = refits.judged(fit)
         if several and not loses(refits, most, judged, limit, cause=cause):
-            judged = refits.judged(refits.sure(fit))
+            judged = refits.judged(refits.exact(fit))
         if not loses(refits, most, judged, limit, cause=cause):
             dropped = replace(selection.without(judged, [label]), exact=True)
             return dropped if several else selection.none(judged, [label])
@@ -252,7 +252,7 @@ def as_well(refits: Refits, selection: Selection) -> Selection | None:
 
 def make_sure(refits: Refits, selection: Selection) -> Selection | None:
     """Fit once more by a Jacobian made where the fit ends."""
-    return None if selection.exact else selection.without(refits.judged(refits.sure(selection.chosen)), ())
+    return None if selection.exact else selection.without(refits.judged(refits.exact(selection.chosen)), ())
 
 
 def by_chance(refits: Refits, selection: Selection) -> Selection | None:

@@ -181,6 +181,6 @@ def enough(refits: SetRefits, everything: Fit, labels: Sequence[str], plain: Fit
     if promise > PROMISING * plain.after and over(promise, least) > refits.tolerance:
         return None
     hopeless = float(np.hypot(least, refits.tolerance))
-    one = refits.of(everything, [strongest], hopeless=hopeless, sure=True, named=f"{strongest} alone")
+    one = refits.of(everything, [strongest], hopeless=hopeless, exact=True, named=f"{strongest} alone")
     fits = over(one.after, least) <= 0.5 * refits.tolerance
     return one if fits and not refits.needed_elsewhere(everything, one, vector.inside(there[0])) else None
