@@ -73,9 +73,11 @@ class Task:
     @property
     def fits(self) -> Fits:
         """Return how its fits are made."""
-        return Fits(self.forward, self.tolerance, checkpoint=self.checkpoint, told=self._told, patient=True)
+        return Fits(
+            self.forward, self.tolerance, checkpoint=self.checkpoint, progress_of=self._progress_of, patient=True
+        )
 
-    def _told(self, named: str, vector: FitVector) -> Progress:
+    def _progress_of(self, named: str, vector: FitVector) -> Progress:
         begin = f"{named}, {len(vector.parameters)} unknowns: " if named else ""
         return lambda line, share: self.say(begin + line)
 
