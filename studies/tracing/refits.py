@@ -28,13 +28,13 @@ ASKED = Policy("fewer effects", _LAST, _LAST)
 
 @dataclass(frozen=True, eq=False)
 class SetRefits(Refits):
-    """What rules ask of a set's motions (`rules.Refits`)."""
+    """Fits of a set's motions that rules ask for (`rules.Refits`)."""
 
     task: Task
 
     @property
     def tolerance(self) -> float:  # type: ignore[override]
-        """m of excess."""
+        """Return the tolerance, m of excess."""
         return self.task.tolerance
 
     def say(self, line: str) -> None:
@@ -119,17 +119,17 @@ def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
 
 def to_first_order(joint: Fit, labels: Sequence[str]) -> Array:
     """Return (p,) where a joint fit has its unknowns, to first order, with all terms but `labels` off."""
-    gone = joint.vector.parts(label for label in joint.vector.labels if label not in labels)
-    return joint.vector.inside(conditioned(joint.minimum, joint.covariance, gone)[0])
+    off = joint.vector.parts(label for label in joint.vector.labels if label not in labels)
+    return joint.vector.inside(conditioned(joint.minimum, joint.covariance, off)[0])
 
 
 def _chosen_only(term: Term) -> Term:
-    """What a fit of all parameters does not move."""
+    """Return a term with the values alone that a fit of all parameters does not move."""
     return replace(term, values={k: v for k, v in term.values.items() if EFFECTS[term.name].parameters[k].whole})
 
 
 def _lost(known: Fit, other: Fit) -> float:
-    """Of log likelihood and prior, what a fit with fewer effects loses; shapes that `known` has not cost nothing."""
+    """Return what a fit with fewer effects loses, of log likelihood and prior. Shapes not in `known` cost nothing."""
     x = np.zeros(len(known.x))
     places = {name: k for k, name in enumerate(known.vector.names)}
     labels = {
@@ -144,7 +144,7 @@ def _lost(known: Fit, other: Fit) -> float:
 
 
 def _label_in(vector: FitVector, term: Term) -> str:
-    """Of a term in a vector: that of the same effect, of several in the same channel."""
-    own = [(label, other) for label, other in zip(vector.labels, vector.terms, strict=True) if other.name == term.name]
-    whole = _chosen_only(term).values
-    return own[0][0] if len(own) == 1 else next(label for label, other in own if _chosen_only(other).values == whole)
+    """Return the label of a term in a vector: that of the same effect, of several in the same channel."""
+    same = [(label, other) for label, other in zip(vector.labels, vector.terms, strict=True) if other.name == term.name]
+    chosen = _chosen_only(term).values
+    return same[0][0] if len(same) == 1 else next(label for label, t in same if _chosen_only(t).values == chosen)
