@@ -265,8 +265,8 @@ def by_chance(refits: Refits, selection: Selection) -> Selection | None:
 
 
 def no_cause(refits: Refits, selection: Selection) -> Selection | None:
-    """Drop the slightest effect where none is a cause: what is next to nothing shows only where a cloth is about to snap, and
-    there as much as anything."""
+    """Drop the slightest effect where none is a cause: what is next to nothing shows only where a cloth is about to
+    snap, and there as much as anything."""
     known, labels = selection.chosen, [*selection.gains]
     if any(is_cause(known, label) for label in labels):
         return None
