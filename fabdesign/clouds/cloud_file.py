@@ -31,7 +31,7 @@ POINTS = 3362  # drawn on a mesh by default: as many as the simulator's faces ha
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """What a file holds, in the file's own unit and frame."""
+    """The content of a file, in the file's own unit and frame."""
 
     points: NDArray[np.float64]  # (n, 3), finite, n > 0; of a mesh its vertices
     triangles: NDArray[np.intp] = field(default_factory=lambda: np.zeros((0, 3), dtype=np.intp))  # none of a cloud
@@ -45,7 +45,7 @@ class Geometry:
         return len(self.triangles) > 0
 
     def sample(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """A cloud's points as they are; of a mesh (count, 3) even draws."""
+        """Return a cloud's points as they are; of a mesh (count, 3) even draws."""
         return Surface(self.points, self.triangles).sample(count, rng)[0] if self.is_mesh else self.points
 
 
@@ -73,7 +73,7 @@ def read_geometry(path: Path | str, *, frame: int = -1) -> Geometry:
 def read_cloud(
     path: Path | str, *, frame: int = -1, points: int = POINTS, seed: int = 0, size: float | None = None
 ) -> NDArray[np.float64]:
-    """(n, 3) m of a file in metres, as `read_geometry` takes it; a mesh gives `points` even draws with `seed`.
+    """Return (n, 3) m of a file in metres, as `read_geometry` takes it; a mesh gives `points` even draws with `seed`.
 
     size: the cloth's longer side [m], for the hint that a cloud is in millimetres. Raises InputError.
     """
@@ -174,7 +174,7 @@ def _frame(frame: int, count: int, path: Path) -> int:
 
 
 def _with_area(mesh: Geometry, path: Path) -> Geometry:
-    """The mesh without triangles that are a line or a point."""
+    """Return the mesh without triangles that are a line or a point."""
     areas = Surface(mesh.points, mesh.triangles).areas
     if not np.isfinite(areas.sum()) or areas.sum() <= 0:
         raise InputError(f"{path}: its triangles have no area; expected a mesh")

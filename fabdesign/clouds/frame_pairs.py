@@ -22,7 +22,7 @@ class FramePairs:
 
     @property
     def whole(self) -> NDArray[np.bool_]:
-        """(T,) whether every sensor has a cloud."""
+        """Return (T,) whether every sensor has a cloud."""
         return np.asarray((self.clouds >= 0).all(axis=1))
 
 
@@ -33,15 +33,15 @@ def pair_frames(stamps: Sequence[NDArray[np.int64]]) -> FramePairs | None:
     """
     if min(map(len, stamps)) < 2:
         return None
-    first = min(int(own.min()) for own in stamps)
-    seconds = [own - first for own in stamps]
-    gaps = np.concatenate([np.diff(np.unique(own)) for own in seconds])
+    first = min(int(of_sensor.min()) for of_sensor in stamps)
+    seconds = [of_sensor - first for of_sensor in stamps]
+    gaps = np.concatenate([np.diff(np.unique(times)) for times in seconds])
     interval = float(np.median(gaps)) if len(gaps) else 0.0
     if interval < _SHORTEST:
         return None
-    orders = [np.argsort(own, kind="stable") for own in seconds]
-    kept = [_without_repeated(own, order, interval) for own, order in zip(seconds, orders, strict=True)]
-    reference = int(np.argmax([len(own) for own in kept]))
+    orders = [np.argsort(times, kind="stable") for times in seconds]
+    kept = [_without_repeated(times, order, interval) for times, order in zip(seconds, orders, strict=True)]
+    reference = int(np.argmax([len(numbers) for numbers in kept]))
     frames = [{reference: int(number)} for number in kept[reference]]
     unpaired: list[dict[int, int]] = []
     for sensor, numbers in enumerate(kept):
@@ -83,7 +83,7 @@ def _nearest(of: NDArray[np.int64], among: NDArray[np.int64]) -> NDArray[np.intp
 
 
 def left_out_line(pairs: FramePairs, topics: Sequence[str], times: NDArray[np.float64], where: str) -> str:
-    """A line on the frames that are left out since a sensor lost them, and on what stands twice; "" for none."""
+    """Return a line on frames left out since a sensor lost them, and on what stands twice; "" for none."""
     lost = [f"{topics[column]} at {times[k]:.3g} s" for k, column in np.argwhere(pairs.clouds < 0)]
     shown = f" (no cloud on {', '.join(lost[:3])}{', ...' * (len(lost) > 3)})" if lost else ""
     counts = f"{int((~pairs.whole).sum())} of {len(times)} frames are left out{shown}"

@@ -34,7 +34,7 @@ def require_plain(content: bytes, path: Path) -> None:
 
 
 def _json_of(content: bytes) -> bytes:
-    """The text of a glTF, or of a GLB's first chunk."""
+    """Return the text of a glTF, or of a GLB's first chunk."""
     if content[:4] != b"glTF":
         return content
     size = int.from_bytes(content[12:16], "little")

@@ -29,7 +29,7 @@ _TYPES = {7: "f4", 8: "f8"}  # of a field, that coordinates may have
 
 
 def read_mcap(path: Path | str) -> Mapping[str, tuple[Array, ...]]:
-    """By topic its clouds (n, 3) in m, as ROS has them, in the order in which they were logged.
+    """Return by topic its clouds (n, 3) in m, as ROS has them, in the order in which they were logged.
 
     Raises InputError for a file that is not there, damaged, cut short, too large, or without such clouds, and where
     the packages are not there.
@@ -133,7 +133,7 @@ def _unreadable(path: Path, error: Exception) -> InputError:
 
 
 def points_of(message: Any, what: str) -> Array:
-    """(n, 3) of a PointCloud2. Raises InputError, `what` it is of in its message."""
+    """Return (n, 3) of a PointCloud2. Raises InputError, with `what` it is of in its message."""
     sizes = [getattr(message, name, -1) for name in ("height", "width", "point_step", "row_step")]
     listed = getattr(message, "fields", None)
     if (

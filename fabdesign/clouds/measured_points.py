@@ -1,4 +1,4 @@
-"""What every measured cloud must satisfy before anything computes with it, and what a sensor adds to one.
+"""Checks of every measured cloud before anything computes with it, and removal of what a sensor adds to one.
 
 A depth sensor writes NaN, pixels without depth at its own origin, and now and then a point far away. Up to half of a
 frame is left out for that, counted and said; where more would go, the frame is refused.
@@ -137,7 +137,7 @@ def require_room(points: NDArray[Any], where: str) -> None:
 
 
 def names_instants(name: str) -> bool:
-    """Whether a column or array of that name says when a point was there: `frame`, `Frame #`, `time_s`."""
+    """Return whether a column or array of that name says when a point was there: `frame`, `Frame #`, `time_s`."""
     return re.sub(r"[^a-z]+|nr$|no$|number|index|idx|id$", "", parse_heading(name).name) in _INSTANTS
 
 
@@ -179,7 +179,7 @@ def _require_points(points: Points, where: str) -> None:
 
 
 def _have_depth(points: Points) -> NDArray[np.bool_]:
-    """(n,) False where a pixel has none: of two and more points at the file's origin, and of many at another place."""
+    """Return (n,) False where a pixel has none: of two points or more at the origin, or many at another place."""
     origin = ~points.any(axis=1)
     without = np.zeros(len(points), dtype=np.bool_)
     if origin.sum() >= 2:

@@ -26,7 +26,7 @@ _FACET = re.compile(
 
 
 def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """(n, 3) vertices in the file's unit and (t, 3) triangles, polygons cut into fans.
+    """Return (n, 3) vertices in the file's unit and (t, 3) triangles, polygons cut into fans.
 
     Raises InputError, with one line, for anything that is not a sound file.
     """
@@ -64,7 +64,7 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
 
 
 def _stl(content: bytes, path: Path) -> tuple[bytes, int]:
-    """The content, of an ascii file without names, which trimesh may take for facets; and how many facets it has."""
+    """Return the content, of an ascii file without names, which trimesh may take for facets, and the facets' number."""
     count = int.from_bytes(content[80:_START], "little")
     size = _START + count * _FACET_SIZE
     if len(content) >= _START and len(content) == size:

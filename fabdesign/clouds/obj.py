@@ -20,7 +20,7 @@ _LOOSE = 0.05  # share of the vertices that no face may use; more: the faces are
 
 
 def read_obj(path: Path | str) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """(n, 3) vertices in the file's unit, and (t, 3) triangles, polygons cut into fans; (0, 3) of a cloud.
+    """Return (n, 3) vertices in the file's unit, and (t, 3) triangles, polygons cut into fans; (0, 3) of a cloud.
 
     Raises InputError, with one line, for anything that is not a sound file.
     """

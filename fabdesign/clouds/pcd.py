@@ -36,7 +36,7 @@ class _Header:
 
 
 def read_pcd(path: Path | str) -> NDArray[np.float64]:
-    """(n, 3) points in the file's unit, NaN where the sensor saw nothing.
+    """Return (n, 3) points in the file's unit, NaN where the sensor saw nothing.
 
     Raises InputError, with one line, for anything that is not exactly a sound file, and for a viewpoint: some programs
     move the points by it, others have moved them before they wrote it.
@@ -146,7 +146,7 @@ def _compressed(body: bytes, header: _Header, path: Path) -> list[NDArray[Any]]:
 
 
 def _unpacked(packed: bytes, size: int) -> bytes | None:
-    """LZF: a control byte, then a run of new bytes, or a length and how far back the bytes stand. None: damaged."""
+    """Unpack LZF: a control byte, then new bytes, or a length and how far back they stand. None: damaged."""
     out = bytearray()
     at, end = 0, len(packed)
     while at < end and len(out) <= size:

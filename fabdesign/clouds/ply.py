@@ -60,7 +60,7 @@ def write_ply(path: Path | str, points: NDArray[np.floating], triangles: NDArray
 
 
 def ply_bytes(points: NDArray[np.floating], triangles: NDArray[np.integer] | None = None) -> bytes:
-    """The content that `write_ply` writes."""
+    """Return the content that `write_ply` writes."""
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
     header += [f"property float {axis}" for axis in "xyz"]
     body = np.asarray(points, dtype="<f4").tobytes()

@@ -45,7 +45,7 @@ def refuse(path: Path, why: str) -> NoReturn:
 
 
 class Body:
-    """What follows the header. order: of bytes, "<" or ">"; "" for ascii."""
+    """The part of a file that follows the header. order: of bytes, "<" or ">"; "" for ascii."""
 
     def __init__(self, body: bytes, order: str, path: Path) -> None:
         self._body, self._order, self._path = body, order, path
@@ -76,7 +76,7 @@ class Body:
         return _columns(element, body, "<", starts[:-1])
 
     def _numbers(self, element: Element) -> tuple[bytes, list[int]]:
-        """The next lines as float64, and how many each has."""
+        """Return the next lines as float64, and how many each has."""
         lines = self._lines[self._at : self._at + element.count]
         if len(lines) < element.count:
             refuse(self._path, f"ends after {len(lines)} of {element.count} {element.name} rows")

@@ -45,7 +45,7 @@ _SIZE = 4.0  # m; a cloud ten times as far from its camera is in another unit
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What a folder holds; clouds are read when asked for."""
+    """The content of a folder; clouds are read when asked for."""
 
     folder: Path
     name: str
@@ -77,7 +77,7 @@ class Recording:
         return by_topic
 
     def frame(self, sensor: Sensor, index: int) -> Array:
-        """(n, 3) m, in the camera's own frame, z forward and y down. Raises InputError."""
+        """Return (n, 3) m in the camera's own frame, z forward and y down. Raises InputError."""
         if self.depth:
             column = self.sensors.index(sensor)
             return self.depth[column].cloud(index if self.chosen is None else int(self.chosen[index, column]))
@@ -99,12 +99,12 @@ class Recording:
         return (self.folder / "reference").is_dir()
 
     def reference(self, sensor: Sensor) -> Array:
-        """(n, 3) m: the unloaded cloth as the sensor sees it. Raises InputError."""
+        """Return the unloaded cloth as the sensor sees it, (n, 3) m. Raises InputError."""
         file = _cloud_file((self.folder / "reference" / sensor.name,), "reference", sensor)
         return self._ahead(read_cloud(file, size=_SIZE), str(file))
 
     def _ahead(self, cloud: Array, what: str) -> Array:
-        """With z forward and y down; points that lie behind the camera are refused."""
+        """Return a cloud with z forward and y down. Raises InputError for points behind the camera."""
         if self.convention == "backward":
             cloud = cloud * [1.0, -1.0, -1.0]
         if np.median(cloud[:, 2]) <= 0:
@@ -172,7 +172,7 @@ class RecordingKeys:
 
 @dataclass(frozen=True, eq=False)
 class _Frames:
-    """As the fields of a Recording."""
+    """The frames of a recording, in the fields of `Recording`."""
 
     times: Array
     chosen: NDArray[np.intp] | None = None
@@ -244,8 +244,8 @@ def write_recording(
 
 
 def _stamped(keys: RecordingKeys, mcap: Path) -> _Frames:
-    """The times of an MCAP's frames, and their clouds: by the stamps, where these say something, else in the order of
-    the first sensor's clouds, from one interval after rest on. Raises InputError."""
+    """Return the times of an MCAP's frames, and their clouds: by the stamps, where these say something, else in the
+    order of the first sensor's clouds, from one interval after rest on. Raises InputError."""
     given, stamps = None if keys.times is None else np.array(keys.times), read_stamps(mcap)
     rate = keys.frame_rate if given is None else None
     topics = [str(sensor.topic) for sensor in keys.sensors]
@@ -273,8 +273,8 @@ def _stamped(keys: RecordingKeys, mcap: Path) -> _Frames:
 
 
 def _times(keys: RecordingKeys, folder: Path) -> Array:
-    """The frames' times; with a `frame_rate` as many as there are frame folders, or files of the first sensor. Of more
-    of these than times it says which are left out."""
+    """Return the frames' times; with a `frame_rate` as many as there are frame folders, or files of the first sensor.
+    Of more of these than times it says which are left out."""
     given = None if keys.times is None else np.array(keys.times)
     frames = folder / "frames"
     by_sensor = frames / keys.sensors[0].name

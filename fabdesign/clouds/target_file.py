@@ -126,7 +126,7 @@ def keys_as_options() -> Iterator[None]:
 
 
 def _without_far(geometry: Geometry, factor: float, fabric: Fabric, target: TargetFile) -> Geometry:
-    """A cloud without what lies too far from the rest to be of this cloth; in another unit it is left as it is."""
+    """Return a cloud without what is too far from the rest to be of this cloth; one in another unit stays as it is."""
     if geometry.is_mesh:
         return geometry
     size = max(fabric.width, fabric.height)
@@ -135,8 +135,8 @@ def _without_far(geometry: Geometry, factor: float, fabric: Fabric, target: Targ
 
 
 def _fit(geometry: Geometry, raw: Array, fabric: Fabric, factor: float, target: TargetFile) -> PlacementFit:
-    """With the vertices of a mesh, and points drawn on it closely: its edge is then known exactly. A trial's axes are
-    the world's."""
+    """Return the fit by the vertices of a mesh, and points drawn on it closely: its edge is then known exactly. A
+    trial's axes are the world's."""
     if fabric.hung != "top":
         raise InputError(f'{target.file}: place = "fit" for a cloth held elsewhere; expected one hung by its top edge')
     rotation = target.rotation or ((0.0, 0.0, 0.0) if geometry.trial else None)
@@ -150,7 +150,7 @@ def _fit(geometry: Geometry, raw: Array, fabric: Fabric, factor: float, target: 
 
 
 def _remedies(geometry: Geometry, raw: Array, fabric: Fabric, target: TargetFile) -> Iterator[str]:
-    """What would make the target one that the cloth could take, the least change first, as hints."""
+    """Yield hints on what would make the target one that the cloth could take, the least change first."""
     others: list[Unit] = [] if geometry.trial else [unit for unit in UNITS if unit != target.unit]
     for unit in others:
         placement = Placement(UNITS[unit] * target.scale, target.rotation or (0.0, 0.0, 0.0), target.translation)

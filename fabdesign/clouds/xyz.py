@@ -68,7 +68,7 @@ def is_text_cloud(path: Path) -> bool:
 
 
 def read_pts(path: Path | str) -> NDArray[np.float64]:
-    """(n, 3) points of a PTS: their count, then as many lines of x y z, with an intensity, a colour, or both, or none.
+    """Return (n, 3) points of a PTS: their count, then as many lines of x y z, with intensity, colour, both, or none.
 
     Raises InputError."""
     path = Path(path)
@@ -102,9 +102,9 @@ def _lines(path: Path) -> Lines:
 
 
 def _with_header(lines: Lines, path: Path) -> Lines:
-    """Without comments, but with one above the points that names their columns as their header: "//X Y Z" of
-    CloudCompare, whose count of points may follow, "# z y x" of numpy's savetxt. Raises InputError where there are not
-    so many points."""
+    """Return lines without comments, but with one above the points that names their columns as their header: "//X Y Z"
+    of CloudCompare, whose count of points may follow, "# z y x" of numpy's savetxt. Raises InputError where there are
+    not so many points."""
     rest = [line for line in lines if not line[1].startswith(_COMMENTS)]
     _require_one_block(lines, path)
     for number, line in lines:
@@ -131,7 +131,7 @@ def _require_one_block(lines: Lines, path: Path) -> None:
 
 
 def _commented(line: str) -> tuple[list[str], str]:
-    """The headings in a comment, and the unit that may stand behind all of them, in brackets; "" for none."""
+    """Return the headings in a comment, and the unit that may stand behind all, in brackets; "" for none."""
     header = line.lstrip("#/ ")
     cells = _split(header, _mark(header))
     last = cells[-1].strip("[]()")
@@ -144,7 +144,7 @@ def _is_row(line: str) -> bool:
 
 
 def _mark(line: str) -> str | None:
-    """What parts the cells; None: blanks."""
+    """Return what separates the cells; None: blanks."""
     mark = separator(line)
     return None if mark == " " or mark not in line else mark
 
@@ -154,7 +154,7 @@ def _split(line: str, mark: str | None) -> list[str]:
 
 
 def _named(path: Path, lines: Lines, mark: str | None) -> tuple[list[int], Unit | None, Lines]:
-    """The places of x, y and z, their unit, and the lines below the header and its units."""
+    """Return the places of x, y and z, their unit, and the lines below the header and its units."""
     headings = [parse_heading(cell) for cell in _split(lines[0][1], mark)]
     names = [heading.name for heading in headings]
     if len(set(names)) < len(names) or not set(_AXES) <= set(names):

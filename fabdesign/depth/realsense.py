@@ -142,7 +142,7 @@ def _stream(reader: Any, path: Path, depth: BagStream, colour: BagStream | None,
 
 
 class _Header(NamedTuple):
-    """Of an image: its log time [ns], and the stamp [s] and the counter that it begins with; ROS 2 has no counter."""
+    """The header of an image: its log time [ns], and the stamp [s] and counter at its begin; ROS 2 has no counter."""
 
     time: int
     stamp: float

@@ -29,12 +29,12 @@ _SLIGHT = 1 / 40  # of the benches' largest pressure: 400 kPa written in bar is 
 
 
 def pressure_file_of(pose: int) -> str:
-    """The file's name in a folder of a design with several poses, which count from 1."""
+    """Return the file's name in a folder of a design with several poses, which count from 1."""
     return "pressures.csv" if pose == 1 else f"pressures_{pose}.csv"
 
 
 def read_pressures(spec: str | Path, design: Design) -> PressureProgram:
-    """The program that `spec` names (docs/files.md), checked against the design's channels and limits.
+    """Return the program that `spec` names (docs/files.md), checked against the design's channels and limits.
 
     A CSV's motion ends one row interval after its last row (1.5 s for a single row), a trial's with its last frame.
     Raises InputError.
@@ -62,7 +62,7 @@ def told_slight_pressure(highest: float, design: Design, where: str) -> str:
 
 
 def constant_program(pressure: ArrayLike, duration: float = SINGLE_ROW_DURATION) -> PressureProgram:
-    """One row of set points [Pa], (channels,), held for `duration` s."""
+    """Return one row of set points [Pa], (channels,), held for `duration` s."""
     return PressureProgram(np.zeros(1), np.atleast_2d(np.asarray(pressure, np.float64)), duration)
 
 
@@ -105,7 +105,7 @@ def _exists(path: Path) -> bool:
 
 
 def _read_constant(spec: str) -> PressureProgram:
-    """The program of one row; its cells are in kPa, or each in the unit that it names."""
+    """Return the program of one row; its cells are in kPa, or each in the unit that it names."""
     cells = [_CELL.fullmatch(cell.strip()) for cell in spec.strip().rstrip(",").split(",")]
     units = [None if cell is None else unit_of(cell[2]) if cell[2] else _KPA for cell in cells]
     try:
@@ -121,14 +121,14 @@ def _read_constant(spec: str) -> PressureProgram:
 
 
 def _in_pascals(cell: "re.Match[str] | None", unit: Unit | None) -> float:
-    """Raises ArithmeticError for what is no pressure."""
+    """Return the pressure of a cell, Pa. Raises ArithmeticError for what is no pressure."""
     if cell is None or unit is None or unit.dimension != "pressure":
         raise ArithmeticError
     return float(Decimal(cell[1]) * unit.factor)
 
 
 def read_csv(path: Path) -> PressureProgram:
-    """The program of a pressure CSV, not yet checked against a design. Raises InputError."""
+    """Return the program of a pressure CSV, not yet checked against a design. Raises InputError."""
     table = LabTable(path, "time_s,channel_0,channel_1,...")
     time_column = table.find("time")
     channels = _channels(table, time_column)
@@ -152,9 +152,9 @@ def read_csv(path: Path) -> PressureProgram:
 
 
 def _channels(table: LabTable, time: TableColumn) -> list[TableColumn]:
-    """Every other column, in the order of their numbers; of columns under other names that have units of pressure, as
-    they stand. Raises InputError where the numbers are not 0, 1, ..., where those of other names do not rise one by
-    one, or a column is neither."""
+    """Return every other column, in the order of their numbers; of columns under other names that have units of
+    pressure, as they stand. Raises InputError where the numbers are not 0, 1, ..., where those of other names do not
+    rise one by one, or a column is neither."""
     others = [i for i in range(len(table.headings)) if i != time.index]
     names = [table.headings[i].quantity for i in others]
     if all(name in (None, "pressure") for name in names):

@@ -88,7 +88,7 @@ def _for_each(values: tuple[float, ...], name: str, design: Design, path: Path) 
 
 
 def _sound(time: Array, pressure: Array, path: Path) -> PressureProgram:
-    """Without the noise about 0; raises InputError where a pressure lies below it."""
+    """Return the program without the noise about 0. Raises InputError where a pressure lies below it."""
     highest = float(pressure.max(initial=0.0))
     lowest = float(pressure.min(initial=0.0))
     if highest <= 0 or lowest < -max(5 * _NOISE * highest, 1e3):

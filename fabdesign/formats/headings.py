@@ -77,7 +77,7 @@ class Heading:
 
     @property
     def quantity(self) -> str | None:
-        """What it measures, by its name and, of a name of several, its unit: `pressure`, `channel_0`, ..."""
+        """Return the quantity by the name and, of a name of several, the unit: `pressure`, `channel_0`, ..."""
         if matched := _CHANNEL.fullmatch(self.name):
             return f"channel_{int(matched[1])}"
         unit = self.unit
@@ -86,23 +86,23 @@ class Heading:
 
     @property
     def is_absolute(self) -> bool:
-        """Whether a pressure is named an absolute one, above vacuum."""
+        """Return whether a pressure is named an absolute one, above vacuum."""
         return _ABSOLUTE.search(self.name) is not None
 
     @property
     def is_vacuum(self) -> bool:
-        """Whether a pressure is named one below the atmosphere's, whose sign is the other one."""
+        """Return whether a pressure is named one below the atmosphere's, whose sign is the other one."""
         return _VACUUM.search(self.name) is not None
 
     @property
     def number(self) -> int | None:
-        """The number at the end of its name, as in `p1` or `muscle 3`."""
+        """Return the number at the end of its name, as in `p1` or `muscle 3`."""
         matched = _NUMBERED.fullmatch(self.name)
         return None if matched is None else int(matched[1][:9])
 
 
 def dimension_of(quantity: str) -> Dimension:
-    """Of `pressure`, `channel_0`, ..."""
+    """Return the dimension of `pressure`, `channel_0`, ..."""
     return DIMENSIONS[quantity.rstrip("0123456789").rstrip("_")]
 
 
@@ -120,7 +120,7 @@ def unit_of(symbol: str) -> Unit | None:
 
 
 def parse_heading(text: str) -> Heading:
-    """The name, and the unit where one is written: in brackets, after a slash, or as the last word."""
+    """Return the name, and the unit where one is written: in brackets, after a slash, or as the last word."""
     text = text.strip().strip('"').strip()
     if text.lower().endswith("_n_per_m"):
         return Heading(text, _plain(text[: -len("_n_per_m")]), "n_per_m")
@@ -134,7 +134,7 @@ def parse_heading(text: str) -> Heading:
 
 
 def parse_units_row(cells: list[str]) -> list[str] | None:
-    """The symbols in a row of units below the header ("psi", "[%]", nothing); None where it is no such row."""
+    """Return the symbols in a row of units below the header ("psi", "[%]", nothing); None where it is no such row."""
     symbols = [cell.strip().strip('"').strip("[]() ") for cell in cells]
     known = [unit_of(symbol) is not None and not symbol.isdecimal() for symbol in symbols]
     return symbols if any(known) and all(k or not s for k, s in zip(known, symbols, strict=True)) else None

@@ -45,7 +45,7 @@ class LabTable:
         return replace(heading, symbol=heading.symbol or symbol or None)
 
     def find(self, quantity: str, *, default: Decimal | None = None) -> TableColumn:
-        """The column of a quantity, by its name, or as the only one with such a unit. default: the factor of one
+        """Return the column of a quantity, by its name, or as the only one with such a unit. default: the factor of one
         without a unit. Raises InputError for none, two, or one without a unit or with another quantity's."""
         dimension = dimension_of(quantity)
         named = [i for i, h in enumerate(self.headings) if self._is(h, quantity)]
@@ -63,7 +63,7 @@ class LabTable:
         return self.take(index, quantity, default=default)
 
     def take(self, index: int, quantity: str, *, default: Decimal | None = None) -> TableColumn:
-        """The column at a place as that quantity. Raises InputError like `find`."""
+        """Return the column at a place as that quantity. Raises InputError like `find`."""
         heading = self.headings[index]
         dimension = dimension_of(quantity)
         unit = heading.unit
@@ -99,14 +99,14 @@ class LabTable:
         return InputError(f"{self.path}: columns are {columns}; expected {self._expected}, {_HINT} ({what})")
 
     def cells(self, column: TableColumn) -> Iterator[tuple[int, Decimal, Decimal]]:
-        """Line, the number as written, and in SI."""
+        """Yield the line, the number as written, and in SI."""
         for line, row in self.rows:
             written = decimal(row[column.index], self.path, line, column.heading.text)
             yield line, written, written * column.factor
 
-    def say(self, own: Sequence[str]) -> None:
-        """Say in one line how the table was read, unless it is written as this program writes it (`own` header)."""
-        if list(own) == self.header and self._written is None and self._units_row is None:
+    def say(self, written: Sequence[str]) -> None:
+        """Say in one line how the table was read, unless its header is that of this program's files (`written`)."""
+        if list(written) == self.header and self._written is None and self._units_row is None:
             return
         read = [f"{self._shown(i)} as {quantity}" for i, quantity in sorted(self.taken.items())]
         left = [h.text or "a column without a heading" for i, h in enumerate(self.headings) if i not in self.taken]

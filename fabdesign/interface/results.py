@@ -98,7 +98,7 @@ class Sweep(Tabled):
     complete: bool
 
     def __getitem__(self, output: str) -> NDArray[np.float64]:
-        """(n,) of an output."""
+        """Return the values (n,) of an output."""
         return self.values[output]
 
     def __len__(self) -> int:
@@ -140,7 +140,7 @@ class _View(Tabled):
 
 
 class Optimized(_View):
-    """What a search came to: `studies.layouts.result.StudyResult` with pressures in kPa, and shapes as motions."""
+    """The result of a search: `studies.layouts.result.StudyResult` with pressures in kPa, and shapes as motions."""
 
     def summary(self) -> Summary:
         """Return error, pressures, muscles and the layout."""
@@ -153,12 +153,12 @@ class Optimized(_View):
 
     @property
     def pressures(self) -> NDArray[np.float64]:
-        """(poses, channels) kPa."""
+        """Return the pressures (poses, channels), kPa."""
         return in_kpa(self.result.pressures)
 
     @property
     def shapes(self) -> list[Motion]:
-        """Of each pose, at rest or at its target's instant."""
+        """Return the shape of each pose, at rest or at its target's instant."""
         points = np.asarray(self.result.points, np.float32)
         return [Motion(np.array([t.time or 0.0]), p[None]) for t, p in zip(self.targets, points, strict=True)]
 
@@ -172,7 +172,7 @@ class Optimized(_View):
 
 
 class Sensitivity(_View):
-    """What a sweep came to: `studies.sensitivity.result.SensitivityResult` with indices by name."""
+    """The result of a sweep: `studies.sensitivity.result.SensitivityResult` with indices by name."""
 
     def indices(self, output: str) -> dict[str, dict[str, Any]]:
         """Return first, total and their intervals of an output, by parameter. Raises InputError where there are
@@ -197,11 +197,11 @@ class Sensitivity(_View):
 
 
 class Layouts(_View):
-    """What searches side by side came to: `studies.layout_grid.turns.GridResult`."""
+    """The result of searches side by side: `studies.layout_grid.turns.GridResult`."""
 
     @property
     def front(self) -> list[Optimized]:
-        """Of the cells that no other beats with as many muscles or fewer, by rising number of muscles."""
+        """Return the cells that no other with as many muscles or fewer beats, by rising number of muscles."""
         return [Optimized(cell.result) for cell in self.result.front if cell.result is not None]
 
     def columns(self) -> Columns:
@@ -219,7 +219,7 @@ class Layouts(_View):
 
 
 class Unseen(dict[str, Any], Tabled):
-    """What `result.json` of a study of kind `unseen` holds."""
+    """The content of `result.json` of a study of kind `unseen`."""
 
     __str__, __repr__ = Tabled.__str__, dict.__repr__
 

@@ -275,7 +275,7 @@ def demo(out: Folder = "demo", **given: Unpack[Working]) -> Demo:
 
 @contextmanager
 def _scratch() -> Iterator[Path]:
-    """A folder for an array of points; what is wrong with them is said of the target."""
+    """Yield a folder for an array of points; errors in them are reported as the target's."""
     with tempfile.TemporaryDirectory(prefix="fabdesign_") as folder:
         try:
             yield Path(folder)

@@ -23,12 +23,12 @@ _LINES = "#d5dbe3"
 
 
 def flat(points: Any) -> Array:
-    """(..., 2) m in the picture of points (..., 3) m."""
+    """Return the places (..., 2) m in the picture of points (..., 3) m."""
     return np.asarray(np.asarray(points, float) @ np.stack([RIGHT, UP], axis=1))
 
 
 def facing(corners: Array) -> NDArray[np.bool_]:
-    """Which triangles (t, 3, 3) m, whose corners go round to the left as seen from outside, look towards the viewer."""
+    """Return which triangles (t, 3, 3) m look towards the viewer; seen from outside corners go round to the left."""
     return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ TO_VIEWER > 0)
 
 
@@ -83,7 +83,7 @@ def extent(box: Box) -> tuple[Array, Array]:
 
 
 def box_of(frames: Sequence[Any]) -> Box:
-    """(2, 3) m, lowest and highest coordinates of all points (n, 3) m."""
+    """Return (2, 3) m, lowest and highest coordinates of all points (n, 3) m."""
     some = [np.asarray(frame, float) for frame in frames if len(frame)]
     low, high = np.min([f.min(axis=0) for f in some], axis=0), np.max([f.max(axis=0) for f in some], axis=0)
     return np.array([low, np.maximum(high, low + 0.005)])
