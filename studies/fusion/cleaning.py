@@ -42,7 +42,7 @@ class Cleaned:
 
 
 def clean(cloud: Array) -> Cleaned:
-    """A camera's cloud (n, 3) m, z forward, without what is not a face of the cloth."""
+    """Return a camera's cloud (n, 3) m, z forward, without what is not a face of the cloth."""
     points = cloud[_on_local_plane(cloud)]
     pcd = point_cloud(points)
     pcd, _ = pcd.remove_statistical_outlier(STRAY_NEIGHBOURS, STRAY_RATIO)
@@ -59,7 +59,7 @@ def point_cloud(points: Array) -> o3d.geometry.PointCloud:
 
 
 def _on_local_plane(cloud: Array) -> NDArray[np.bool_]:
-    """Whether a pixel's depth agrees with the plane through its neighbours in the image.
+    """Return whether a pixel's depth agrees with the plane through its neighbours in the image.
 
     A plane is linear in the inverse depth over the image, so that each fit is a robust (Cauchy-weighted) linear one.
     """

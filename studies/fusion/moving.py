@@ -19,7 +19,7 @@ LEAST_SHARE = 0.2  # of a view's points whose speed is known
 
 @dataclass(frozen=True, eq=False)
 class StampedView:
-    """What one camera saw in one image: the cloth, and its points' speed and acceleration along their rays."""
+    """The view of one image by one camera: the cloth, and its points' speed and acceleration along their rays."""
 
     number: int  # of the image
     stamp: float  # s on the camera's clock
