@@ -74,12 +74,12 @@ class LiveLine:
         self._bar = Progress(*columns, console=self._console, transient=True) if self._console.is_terminal else None
         self._task = None if self._bar is None else self._bar.add_task(title, total=1.0, left="")
         self._shown = -_QUIET
-        self._told = ""
+        self._message = ""
 
     def show(self, evaluations: "Evaluations") -> None:
-        if evaluations.told != self._told:
-            self._told = evaluations.told
-            self._console.print(f"{self._title}: {self._told}", highlight=False, markup=False, soft_wrap=True)
+        if evaluations.message != self._message:
+            self._message = evaluations.message
+            self._console.print(f"{self._title}: {self._message}", highlight=False, markup=False, soft_wrap=True)
         best = "none yet" if evaluations.best is None else f"{in_mm(evaluations.best.value):.3f} mm"
         done = f"{evaluations.history.evaluations} evaluations, {evaluations.elapsed:.0f} s"
         remaining = f"{max(0.0, evaluations.seconds - evaluations.elapsed):.0f} s left at most"
