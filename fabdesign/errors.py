@@ -35,7 +35,7 @@ CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u206
 
 def printable(text: str) -> str:
     """Return a text with such characters as escapes: names in files of others may hold them."""
-    return CONTROL.sub(lambda found: ascii(found[0])[1:-1], text)
+    return CONTROL.sub(lambda matched: ascii(matched[0])[1:-1], text)
 
 
 class InputError(ValueError):
@@ -47,7 +47,7 @@ class SimulationError(RuntimeError):
 
 
 class InputNote(UserWarning):
-    """What was left out of a file, or read otherwise than as the format has it, in one line."""
+    """A line on what was left out of a file, or read otherwise than as the format has it."""
 
 
 def note(line: str) -> None:

@@ -37,7 +37,7 @@ from fabdesign.cli.console import LiveLine
 with LiveLine("sheet") as line:
     history, best = SimpleNamespace(evaluations=64), SimpleNamespace(value=0.0123)
     line.show(SimpleNamespace(stage="layouts", best=best, history=history, elapsed=20.0, seconds=60.0, share=1 / 3,
-                              told="after a tenth of its time 20.00 mm"))
+                              message="after a tenth of its time 20.00 mm"))
     time.sleep(0.2)
 """
 

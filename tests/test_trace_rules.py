@@ -60,8 +60,8 @@ class Made(Refits):
         self.calls.append(("alone",))
         return Known({}, 9.0).fit
 
-    def sure(self, known):
-        self.calls.append(("sure",))
+    def exact(self, known):
+        self.calls.append(("exact",))
         return known.known.fit
 
     def decoys(self, known, everything):
@@ -120,7 +120,7 @@ def test_the_declared_parameters_begin_beside_the_last_effect_once():
 def test_the_last_fit_has_a_jacobian_of_its_own():
     begun = replace(selection({"lag": 3.0}), exact=False)
     after = rules.make_sure(made := Made(), begun)
-    assert after.exact and made.calls == [("sure",)] and rules.make_sure(made, after) is None
+    assert after.exact and made.calls == [("exact",)] and rules.make_sure(made, after) is None
 
 
 @pytest.mark.parametrize(("chance", "asked"), [(0.4, ("lag",)), (0.6, ())])

@@ -138,12 +138,10 @@ def test_a_study_fulfils_wishes(study, tmp_path: Path) -> None:
 
 def test_a_wish_that_a_limit_ended_says_so(study, tmp_path: Path) -> None:
     text = "\n[[target.wishes]]\nat = [0.1, 0.2]\nforward = 0.06\n"
-    told: list[str] = []
+    messages: list[str] = []
     limited = study("\n" + text, "[limits]\nevaluations = 12\nseconds = 77\n")
-    found = run_study(
-        limited, tmp_path / "out", forward=WithJacobian(), progress=lambda evaluations: told.append(evaluations.told)
-    )
-    assert told[-1].startswith("following the motions that lead to the result")
+    found = run_study(limited, tmp_path / "out", forward=WithJacobian(), progress=lambda e: messages.append(e.message))
+    assert messages[-1].startswith("following the motions that lead to the result")
     words = errors_in_words(found.study, found.errors)
     assert words.startswith("mean distance from what was asked for; root mean square ") and "Chamfer" not in words
     said = json.loads((tmp_path / "out" / "result.json").read_text())["reach"]["said"]

@@ -157,8 +157,8 @@ class LiveLine:
         self._told = ""
 
     def show(self, evaluations: "Evaluations") -> None:
-        if evaluations.told != self._told:
-            self._told = evaluations.told
+        if evaluations.message != self._told:
+            self._told = evaluations.message
             self._console.print(f"{self._title}: {self._told}", highlight=False, markup=False, soft_wrap=True)
         best = "none yet" if evaluations.best is None else f"{in_mm(evaluations.best.value):.3f} mm"
         done = f"{evaluations.history.evaluations} evaluations, {evaluations.elapsed:.0f} s"

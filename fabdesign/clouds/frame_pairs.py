@@ -22,7 +22,7 @@ class FramePairs:
 
     @property
     def whole(self) -> NDArray[np.bool_]:
-        """(T,) whether every sensor has a cloud."""
+        """Return (T,) whether every sensor has a cloud."""
         return np.asarray((self.clouds >= 0).all(axis=1))
 
 

@@ -1,4 +1,4 @@
-"""What of a depth image is the cloth: a box, planes, a range of colours, the nearest to the predicted cloth."""
+"""This module cuts the cloth out of a depth image: by a box, planes, colours, or nearness to the predicted cloth."""
 
 from dataclasses import dataclass
 from typing import Annotated

@@ -87,10 +87,10 @@ def read_depth_npz(path: Path, *, unit: float | None = None, intrinsics: Path | 
         camera = read_intrinsics(intrinsics, size)
     else:
         camera = _camera_of(others.get("intrinsics"), size, path)
-    own = float(others["unit"]) if "unit" in others and others["unit"].size == 1 else _MM
+    default = float(others["unit"]) if "unit" in others and others["unit"].size == 1 else _MM
     times = others["stamps"].astype(np.float64) if "stamps" in others else np.arange(shape[0], dtype=np.float64)
     clock = "device" if "stamps" in others else "none"
-    return DepthStream(str(path), camera, unit or own, times, depth.__getitem__, clock)
+    return DepthStream(str(path), camera, unit or default, times, depth.__getitem__, clock)
 
 
 def _camera_of(matrix: Any, size: tuple[int, int], path: Path) -> Intrinsics:

@@ -1,4 +1,4 @@
-"""What a recording of the RealSense SDK says beside its images: intrinsics, poses, serial numbers, units, metadata."""
+"""The content of a RealSense recording beside images: intrinsics, poses, serial numbers, units, metadata."""
 
 import re
 from collections.abc import Iterator, Mapping

@@ -211,9 +211,9 @@ _MANY = Within(least=8, most=MOST)
 
 @dataclass(frozen=True, eq=False)
 class SensitivityStudy:
-    """What a shape depends on. joint: the model's parameters are drawn from its joint covariance, all of them, beside
-    `varied`. functions: outputs of one's own, by name, of times [s] and points (T, 3362, 3) m; a shape at rest has one
-    frame. seconds: of computing, all sessions together."""
+    """A study of what a shape depends on. joint: the model's parameters are drawn from its joint covariance, all of
+    them, beside `varied`. functions: outputs of one's own, by name, of times [s] and points (T, 3362, 3) m; a shape at
+    rest has one frame. seconds: of computing, all sessions together."""
 
     name: Name
     design: Annotated[Design, Key(file=read_design), "whose motions are computed"]

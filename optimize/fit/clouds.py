@@ -30,7 +30,7 @@ class Sample:
 
 
 def evenly(count: int, most: int) -> Indices:
-    """Up to `most` of `count` indices, spread over all of them, both ends included."""
+    """Return up to `most` of `count` indices, spread over all of them, both ends included."""
     return np.unique(np.linspace(count - 1, 0, min(most, count)).round().astype(np.intp))
 
 
@@ -44,8 +44,8 @@ def sample_trial(
     points: int,
     rng: np.random.Generator,
 ) -> Sample | None:
-    """Up to `frames` frames spread over those `used` (T,) of the trial's first `until` seconds, and up to `points`
-    random points of each. None where no frame is used."""
+    """Return up to `frames` frames spread over those `used` (T,) of the trial's first `until` seconds, with up to
+    `points` random points of each. Return None where no frame is used."""
     usable = np.flatnonzero(used[: _frames_until(data.time, until)])
     if not len(usable):
         return None
@@ -60,7 +60,7 @@ def _frames_until(times: Array, until: float) -> int:
 
 
 def cut(sample: Sample, until: float) -> Sample:
-    """Its frames up to `until` s, at least the first."""
+    """Return the sample with its frames up to `until` s, at least the first."""
     count = _frames_until(sample.times, until)
     return replace(sample, times=sample.times[:count], clouds=sample.clouds[:count])
 
@@ -87,14 +87,14 @@ def places_on_cloth(match: Match) -> tuple[Array, Array, Array]:
 
 
 def match(samples: Sequence[Sample], motions: Sequence[Motion]) -> Match:
-    """motions: (F, 2 n, 3) m a sample, as `ForwardModel.motions` gives them at the sample's times."""
+    """Return the match of all samples. motions: (F, 2 n, 3) m a sample, as `ForwardModel.motions` gives them."""
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         parts = threads.map(_match_one, range(len(samples)), samples, motions)
         return Match(*(np.concatenate(column) for column in zip(*(p for some in parts for p in some), strict=True)))
 
 
 def _match_one(s: int, sample: Sample, motion: Motion) -> list[tuple[Array | Indices, ...]]:
-    """The fields of `Match`, of each frame of sample number `s`."""
+    """Return the fields of `Match`, of each frame of sample number `s`."""
     parts: list[tuple[Array | Indices, ...]] = []
     for f, (cloud, vertices) in enumerate(zip(sample.clouds, motion, strict=True)):
         block = s * 10_000 + int(sample.times[f] / BLOCK - 1e-6)
@@ -125,7 +125,7 @@ class Nodes:
 
 
 def nodes_of(match: Match, side: int, face: int = SIDE) -> Nodes:
-    """side: nodes a side of the grid that the derivatives are made on; face: points a side of the faces matched."""
+    """Return the nodes of the matched places. side: nodes a side of the derivatives' grid; face: points a side."""
     place = match.vertex % (face * face)
     at = [
         np.einsum("nc,nc->n", match.weights, k.astype(np.float64)) * (side - 1) / (face - 1)
@@ -136,7 +136,7 @@ def nodes_of(match: Match, side: int, face: int = SIDE) -> Nodes:
 
 
 def derivatives(match: Match, nodes: Nodes, changes: Sequence[Motion]) -> Array:
-    """(N, k) m: change of each residual. changes: (k, F, n, n, 3) m a sample, of the mid-surface.
+    """Return the change of each residual, (N, k) m. changes: (k, F, n, n, 3) m a sample, of the mid-surface.
 
     To first order the distance changes by the motion of the matched place along the normal: where the nearest place
     slides to does not matter, as it is the nearest. NaN where a change is not known.

@@ -1,4 +1,4 @@
-"""What a fit says of whole trials left out, to first order: each from the others, with unknowns free or off."""
+"""This module predicts each trial left out from a fit to the others, to first order, with unknowns free or off."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,21 +19,21 @@ Gain = tuple[float, tuple[float, float]]  # m of excess, in quadrature, and 90 %
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """Of each trial when it is left out: m^2, weighted sum of squares, and the weights' sum."""
+    """The squares of each trial when it is left out: m^2, weighted sum of squares, and the weights' sum."""
 
     squares: Array  # (trials,)
     weights: Array  # (trials,)
 
     def rms(self) -> float:
-        """m."""
+        """Return the RMS of all trials, m."""
         return float(np.sqrt(self.squares.sum() / max(float(self.weights.sum()), 1e-12)))
 
     def excess(self, floor: float) -> float:
-        """m over the noise `floor` [m], in quadrature."""
+        """Return the RMS over the noise `floor` [m], in quadrature, m."""
         return over(self.rms(), floor)
 
     def typical(self, floor: float) -> float:
-        """m, the median over trials of the excess of each."""
+        """Return the median over trials of the excess of each, m."""
         counts = self.weights > 0
         return over(float(np.sqrt(np.median(self.squares[counts] / self.weights[counts]))), floor)
 
@@ -58,8 +58,8 @@ class LeftOut:
         return LeftOut(fit.state.misfit, fit.state.jacobian, fit.x, fit.vector.prior, fit.normal, fit.inputs, folds)
 
     def with_columns(self, columns: Array, prior: Array) -> "LeftOut":
-        """With unknowns more that are off: (N, k) m changes of the residuals by them, and their prior deviations (k,).
-        The same points."""
+        """Return the model with more unknowns, which are off. columns: (N, k) m, the change of the residuals by each.
+        prior: (k,) their deviations. The points stay the same."""
         return replace(
             self,
             jacobian=np.concatenate([self.jacobian, columns], axis=1),
@@ -96,8 +96,8 @@ class LeftOut:
     @property
     def information(self) -> Array:
         """(p, p), tempered, of all trials, with the prior's."""
-        own = self._parts[0].sum(axis=0)
-        return np.asarray(0.5 * (own + own.T) + np.diag(1 / self.prior**2))
+        hessian = self._parts[0].sum(axis=0)
+        return np.asarray(0.5 * (hessian + hessian.T) + np.diag(1 / self.prior**2))
 
     @property
     def gradient(self) -> Array:
@@ -105,23 +105,23 @@ class LeftOut:
         return np.asarray(self._parts[1].sum(axis=0) + self.x / self.prior**2)
 
     def scored(self, off: Indices | Sequence[int] = ()) -> Scored:
-        """With the unknowns `off` at zero in every fold, the others fitted to the other folds."""
+        """Return the squares with the unknowns `off` at zero in every fold, the others fitted to the other folds."""
         hessian, gradient = self._parts
-        gone, fold = np.asarray(off, dtype=np.intp), np.asarray(self.folds)
-        free = np.setdiff1d(np.arange(len(self.x)), gone)
+        dropped, fold = np.asarray(off, dtype=np.intp), np.asarray(self.folds)
+        free = np.setdiff1d(np.arange(len(self.x)), dropped)
         back = np.zeros(len(self.x))
-        back[gone] = -self.x[gone]
+        back[dropped] = -self.x[dropped]
         precision = np.diag(1 / self.prior[free] ** 2)
         squares, weights = np.zeros(len(fold)), np.zeros(len(fold))
         counts, jacobian, most = self.normal.counts, np.nan_to_num(self.jacobian), self.misfit.loss.largest
         several = len(np.unique(fold)) > 1
         for out in np.unique(fold):
             used = fold != out if several else fold == out
-            own = hessian[used].sum(axis=0)
-            slope = gradient[used].sum(axis=0) + own @ back
+            curvature = hessian[used].sum(axis=0)
+            slope = gradient[used].sum(axis=0) + curvature @ back
             step = back.copy()
-            left = own[np.ix_(free, free)] + precision
-            step[free] = -np.linalg.solve(left, slope[free] + precision @ self.x[free])
+            with_prior = curvature[np.ix_(free, free)] + precision
+            step[free] = -np.linalg.solve(with_prior, slope[free] + precision @ self.x[free])
             for s in np.flatnonzero(fold == out):
                 rows = np.flatnonzero((self.misfit.sample == s) & self.kept)
                 moved = np.clip(self.residual[rows] + jacobian[rows] @ step, -most, most)
@@ -129,7 +129,7 @@ class LeftOut:
         return Scored(squares, weights)
 
     def gain(self, worse: Scored, better: Scored, floor: float) -> Gain:
-        """m of excess that `better` takes of what `worse` leaves, in quadrature, and 90 % by resampling folds."""
+        """Return the excess of `worse` that `better` removes, in quadrature, m, and 90 % by resampling folds."""
         fold = np.asarray(self.folds)
         table = np.array(
             [[a[fold == f].sum() for a in (worse.squares, better.squares, worse.weights)] for f in np.unique(fold)]
@@ -141,7 +141,7 @@ class LeftOut:
 
 
 def _taken(sums: Array, floor: float) -> Array:
-    """m, by rows of squares of the worse, of the better, and weights; negative where the better is worse."""
+    """Return the excess removed, m, negative where the better is worse, by rows of both squares and the weights."""
     worse, better = (np.maximum(sums[:, k] / np.maximum(sums[:, 2], 1e-12) - floor**2, 0.0) for k in (0, 1))
     change = worse - better
     return np.asarray(np.sign(change) * np.sqrt(np.abs(change)))

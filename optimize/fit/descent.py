@@ -141,7 +141,7 @@ class _Descent:
         small = promised < enough or longest < stage.slight or (exact and 0 < gain < enough)
         if gain > 0:
             course = replace(course, damping=course.damping / 10)
-            if small and (exact or not stage.sure):
+            if small and (exact or not stage.exact_end):
                 ended = self.problem.with_jacobian(there, state.jacobian)
                 return replace(course, state=ended, ended="converged")
             if not small and gain > PROMISED * promised:
@@ -186,7 +186,7 @@ class _Work:
         self.reached: Callable[[], Fit] | None = None
 
     def fit(self, progress: Progress) -> Fit:
-        """Over growing horizons, unless the start is known; on all rows; and on the finer engine, if there is one."""
+        """Fit over growing horizons unless the start is known, then all rows, then with the finer engine if any."""
         problem, coarse = self.problem, self.problem.coarse
         *early, last = problem.horizons
         early = early if self.start.x is None else []
@@ -237,12 +237,12 @@ class _Work:
         near, end, exact = self.policy.near, self.policy.end, self.start.jacobian is None
         if end is None:
             return self._descend(
-                descent, _Course(state, exact), replace(near, sure=near.sure and exact), line, progress
+                descent, _Course(state, exact), replace(near, exact_end=near.exact_end and exact), line, progress
             )
         first, second = parts(progress, 0.5)
         state = self._descend(descent, _Course(state, exact), near, line, first).state
         if state.misfit.rms > WRONG * self.problem.expected:
-            end = replace(near, sure=end.sure)
+            end = replace(near, exact_end=end.exact_end)
         return self._descend(descent, _Course(state, exact=False), end, line, second)
 
     def _descend(self, descent: _Descent, course: _Course, stage: FitStage, line: str, progress: Progress) -> _Course:
@@ -268,8 +268,8 @@ def begun(problem: Problem, evaluation: Evaluation, along: Array, jacobian: Arra
 
 
 def parts(progress: Progress, *ends: float) -> list[Progress]:
-    """Of work in parts one after another, what each tells its own share: `ends` are the shares of it all at which the
-    parts but the last end."""
+    """Return the progress of each part of work that goes in parts, one after another. ends: the shares of all work at
+    which the parts but the last end."""
 
     def part(begin: float, end: float) -> Progress:
         return lambda line, share: progress(line, float(begin + share * (end - begin)))
@@ -278,21 +278,21 @@ def parts(progress: Progress, *ends: float) -> list[Progress]:
 
 
 def _needed_columns(vector: FitVector, x: Array, step: Array, normal: Normal) -> Indices:
-    """All but those of effects that the data, as far as they are linear, need neither at x nor where the step leads."""
+    """Return all columns but those of effects that the linearised data need neither at x nor where the step leads."""
     covariance = np.asarray(np.linalg.inv(normal.information + vector.precision), dtype=np.float64)
     kept = {label for place in (x, x + step) for label in needed(place, covariance, vector, LITTLE)}
-    gone = vector.parts(label for label in vector.labels if label not in kept)
-    return np.setdiff1d(np.arange(len(x)), gone)
+    dropped = vector.parts(label for label in vector.labels if label not in kept)
+    return np.setdiff1d(np.arange(len(x)), dropped)
 
 
 def _promised(state: Linearisation, step: Array) -> Evaluation:
-    """What a step would lead to if the residuals were linear."""
+    """Return what a step would lead to if the residuals were linear."""
     misfit = replace(state.misfit, residual=state.misfit.residual + state.jacobian @ step)
     return Evaluation(state.x + step, misfit, state.sheets)
 
 
 def _updated(problem: Problem, state: Linearisation, other: Evaluation) -> Array:
-    """The Jacobian at another place, by what the residuals did on the way."""
+    """Return the Jacobian at another place, updated by how the residuals changed on the way (Broyden)."""
     step = problem.moving(other.x - state.x)
     before, after, most = state.misfit.residual, other.misfit.residual, state.misfit.loss.cap
     missed = after - before - state.jacobian @ step

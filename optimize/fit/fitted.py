@@ -72,7 +72,7 @@ def concluded(
     iterations: int,
     ended: Ending,
 ) -> Fit:
-    """The fit that ended at a state. before: m RMS, at the data sheet."""
+    """Return the fit that ended at a state. before: m RMS, at the data sheet."""
     samples, vector, misfit = problem.samples, problem.vector, state.misfit
     step, normal = step_to_minimum(state, vector, inputs)
     return Fit(
@@ -96,8 +96,8 @@ def concluded(
 def kept(
     checkpoint: Checkpoint, named: str, problem: Problem, inputs: InputErrors | None, compute: Callable[[], Fit]
 ) -> Fit:
-    """The fit `named` of a problem: that of the checkpoint, else computed and kept. Kept are where it ended, its
-    Jacobian, and what errors of the inputs do, unless that is given; the motions there are made again."""
+    """Return the fit `named` of a problem: that of the checkpoint, else computed and kept. Kept are where it ended,
+    its Jacobian, and what errors of the inputs do, unless that is given; the motions there are made again."""
     fresh: list[Fit] = []
 
     def arrays() -> Arrays:
@@ -117,7 +117,7 @@ def kept(
 
 
 def _covariance(normal: Normal, weight: Array) -> Array:
-    """(p, p), the sandwich; of a likelihood whose observations are capped, its own curvature."""
+    """Return the sandwich (p, p), or the inverse curvature where the likelihood's observations are capped."""
     bread = np.linalg.inv(normal.information + weight)
     if normal.capped:
         return np.asarray(bread)
@@ -126,7 +126,7 @@ def _covariance(normal: Normal, weight: Array) -> Array:
 
 
 def _share_outlying(misfit: Misfit) -> float:
-    """Share of frames whose median residual is over the loss's `far` times the usual one, or lost."""
+    """Return the share of frames whose median residual is over the loss's `far` times the usual one, or lost."""
     size = np.where(np.isfinite(misfit.residual), np.abs(misfit.residual), np.inf)
     medians = np.array([np.median(size[points]) for points in frames_of(misfit)[1]])
     return float(np.mean(medians > misfit.loss.far * max(np.median(medians), 1e-30)))

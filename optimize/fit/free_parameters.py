@@ -1,4 +1,4 @@
-"""What a fit may move, as `--free` names it."""
+"""This module makes the unknowns of a fit from what `--free` and `--fix` name."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -24,7 +24,7 @@ def fit_vector(
     scope: str | None = None,
     where: str = "--free",
 ) -> FitVector:
-    """The declared parameters less those `fixed`, and what `free` adds: EFFECT (all of its parameters),
+    """Return the declared parameters less those `fixed`, and what `free` adds: EFFECT (all of its parameters),
     EFFECT.PARAMETER, EFFECT:PARAMETER=VALUE (one that is chosen, not fitted), muscle_types.NAME.PARAMETER, or "all":
     the strengths of every effect, of one that is somewhere or in some channel at every choice that it declares.
 
@@ -52,7 +52,7 @@ def fit_vector(
 
 
 def muscle_scope(designs: Sequence[Design]) -> str | None:
-    """Of the one muscle type that all designs use; None where there are several, or none."""
+    """Return the scope of the one muscle type that all designs use; None where there are several, or none."""
     types = {muscle.type for design in designs for muscle in design.muscles}
     return f"{MUSCLE_TYPES}{types.pop()}" if len(types) == 1 else None
 
@@ -66,37 +66,37 @@ class _Effects:
         self.scope = scope
 
     def free(self, item: str, where: str) -> None:
-        """EFFECT, EFFECT.PARAMETER or EFFECT:PARAMETER=VALUE, of each term of that effect, or of a new one."""
+        """Free EFFECT, EFFECT.PARAMETER or EFFECT:PARAMETER=VALUE, of each term of that effect, or of a new one."""
         name, _, given = item.partition(":")
         name, _, only = name.partition(".")
         effect = effect_named(name, f"{where} {item}")
         if only and only not in effect.parameters:
             check_values(effect, {only: 0.0}, f"{where} {item}")  # raises
         chosen = _chosen(effect, given, f"{where} {item}") if given else {}
-        own = [k for k, term in enumerate(self.terms) if term.name == name]
-        if chosen and len(own) > 1:
-            own = [k for k in own if chosen.items() <= self.terms[k].values.items()]
-        for k in own or [self._added(effect, {})]:
+        places = [k for k, term in enumerate(self.terms) if term.name == name]
+        if chosen and len(places) > 1:
+            places = [k for k in places if chosen.items() <= self.terms[k].values.items()]
+        for k in places or [self._added(effect, {})]:
             self.terms[k] = replace(self.terms[k], values={**self.terms[k].values, **chosen})
             keys = [only] if only else [key for key in effect.parameters if key not in chosen]
             self._begin(k, effect, [key for key in keys if not effect.parameters[key].whole])
 
     def free_all(self, designs: Sequence[Design]) -> None:
-        """The strengths of every effect that has a name. What has a choice and no term yet begins at nothing, at each
-        of its choices."""
+        """Free the strengths of every effect that has a name. What has a choice and no term yet begins at nothing, at
+        each of its choices."""
         channels = max((design.channels for design in designs), default=0)
         size = {"u": designs[0].fabric.width, "v": designs[0].fabric.height} if designs else {"u": 0.2, "v": 0.2}
         for effect in EFFECTS.values():
-            own = [k for k, term in enumerate(self.terms) if term.name == effect.name]
-            if effect.named and effect.chosen and not own:
+            places = [k for k, term in enumerate(self.terms) if term.name == effect.name]
+            if effect.named and effect.chosen and not places:
                 for values in effect.choices(channels, size):
                     self.starts[self._added(effect, values)].update(dict.fromkeys(effect.strengths, 0.0))
             elif effect.named:
-                for k in own or [self._added(effect, {})]:
+                for k in places or [self._added(effect, {})]:
                     self._begin(k, effect, effect.strengths)
 
     def parameters(self) -> list[FitParameter]:
-        """The unknowns, in the order of the terms."""
+        """Return the unknowns, in the order of the terms."""
         return [
             replace(_unknown(EFFECTS[term.name], key, f"{label}.{key}"), start=start)
             for label, term, starts in zip(labels_of(self.terms), self.terms, self.starts, strict=True)
@@ -109,7 +109,7 @@ class _Effects:
         return len(self.terms) - 1
 
     def _begin(self, k: int, effect: Effect, keys: Iterable[str]) -> None:
-        """Parameters of a term are free, if they were not: from where the term has them, or on the way to typical."""
+        """Free parameters of a term, if they were not: from where the term has them, or on the way to typical."""
         given = self.terms[k].values
         for key in keys:
             parameter = effect.parameters[key]
@@ -124,7 +124,7 @@ def _unknown(effect: Effect, key: str, name: str) -> FitParameter:
 
 
 def _chosen(effect: Effect, given: str, where: str) -> dict[str, float]:
-    """PARAMETER=VALUE."""
+    """Return PARAMETER=VALUE as a mapping. Raises InputError."""
     key, _, value = given.partition("=")
     try:
         number = float(value)

@@ -1,4 +1,4 @@
-"""What a model leaves of what was measured, point by point or row by row, and what one of these can do at most."""
+"""Residuals of a model, point by point or row by row, and the limits on what one of them can do."""
 
 from dataclasses import KW_ONLY, dataclass
 
@@ -24,11 +24,11 @@ class Loss:
     smallest: float = 1e-6  # m, of the scale, for clouds without noise
 
     def scale(self, residual: Array) -> float:
-        """Robust standard deviation."""
+        """Return the robust standard deviation."""
         return max(1.4826 * float(np.median(np.abs(residual))), self.smallest)
 
     def of(self, t: Array) -> Array:
-        """(N,) -log likelihood of residuals in units of their scale (Huber's function)."""
+        """Return the -log likelihood (N,) of residuals in units of their scale (Huber's function)."""
         size = np.abs(t)
         return np.where(size <= self.huber, 0.5 * t * t, self.huber * (size - 0.5 * self.huber))
 
@@ -39,7 +39,7 @@ ROWS = Loss(far=np.inf, stray=np.inf, largest=np.inf, cap=np.inf, smallest=1e-12
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """Of N points of clouds or rows of a bench's records, all samples in a row, how far the model is off."""
+    """How far the model is off at N points of clouds or rows of a bench's records, all samples in a row."""
 
     residual: Array  # (N,) m, or in the bench's unit; NaN in frames that the model has lost
     sample: Indices  # (N,) of which trial, shape or record
@@ -55,23 +55,23 @@ class Misfit:
 
 
 def frames_of(misfit: Misfit, rows: NDArray[np.bool_] | slice = slice(None)) -> tuple[Indices, list[Indices]]:
-    """Of the points `rows`, counted among themselves: the frame of each, and the points of each frame."""
+    """Return the frame of each of the points `rows`, counted among themselves, and the points of each frame."""
     _, frame = np.unique(misfit.sample[rows] * 100_000 + misfit.frame[rows], return_inverse=True)
     return frame, np.split(np.argsort(frame, kind="stable"), np.cumsum(np.bincount(frame))[:-1])
 
 
 def not_strays(misfit: Misfit) -> NDArray[np.bool_]:
-    """(N,) points that are there and not much farther off than the others of their frame."""
+    """Return which points (N,) are there and not much farther off than the others of their frame."""
     size = np.abs(misfit.residual)
     kept = np.isfinite(size)
     for points in frames_of(misfit)[1]:
-        own = size[points]
-        if np.isfinite(own).all():
-            kept[points] = own <= misfit.loss.stray * max(1.4826 * float(np.median(own)), 1e-4)
+        sizes = size[points]
+        if np.isfinite(sizes).all():
+            kept[points] = sizes <= misfit.loss.stray * max(1.4826 * float(np.median(sizes)), 1e-4)
     return kept
 
 
 def capped(residual: Array, cap: float = CAP) -> float:
-    """m, RMS of what is not lost."""
+    """Return the RMS of what is not lost, m."""
     kept = residual[np.isfinite(residual)]
     return float(np.sqrt(np.mean(np.square(np.clip(kept, -cap, cap))))) if len(kept) else float("nan")

@@ -49,8 +49,8 @@ def step_to_minimum(
     damping: float = 0.0,
     far: float = FAR,
 ) -> tuple[Array, Normal]:
-    """The step to the minimum of the linearised residuals, reweighted until it stands; and its normal equations. An
-    unknown at its limit stays there where the step would lead beyond."""
+    """Return the step to the minimum of the linearised residuals, reweighted until it stands, and its normal equations.
+    An unknown at its limit stays there where the step would lead beyond."""
     step, weight = np.zeros(len(state.x)), vector.precision
     for _ in range(_REWEIGHTED):
         normal = normal_equations(state, step, vector, inputs, far)
@@ -64,8 +64,8 @@ def step_to_minimum(
 
 
 def _bounded_step(hessian: Array, gradient: Array, x: Array, vector: FitVector) -> Array:
-    """To the quadratic model's least value within the limits: a step that is cut at one of them afterwards leaves the
-    other unknowns where they are no good."""
+    """Return the step to the quadratic model's least value within the limits: a step that is cut at one of them
+    afterwards leaves the other unknowns where they are no good."""
     step = np.asarray(-np.linalg.solve(hessian, gradient), dtype=np.float64)
     low, high = vector.limits
     if (x + step >= low).all() and (x + step <= high).all():
@@ -76,8 +76,8 @@ def _bounded_step(hessian: Array, gradient: Array, x: Array, vector: FitVector) 
 
 
 def directions(normal: Normal, vector: FitVector = DECLARED) -> Array:
-    """(p, p), a row each: combinations of the factors that change the residuals independently, and by as much each; and
-    effects' unknowns one by one, as long.
+    """Return (p, p), a row each: combinations of the factors that change the residuals independently, and by as much
+    each; and effects' unknowns one by one, as long.
 
     Where all factors nearly cancel, the differences of single ones drown in the noise and the curvature of each; as one
     difference, long enough, that combination stands out. An effect that moves by itself leaves the others' jumps of
@@ -88,17 +88,17 @@ def directions(normal: Normal, vector: FitVector = DECLARED) -> Array:
     factors = vector.are_factors
     for group in (np.flatnonzero(factors), *np.flatnonzero(~factors)[:, None]):
         if len(group):
-            own = np.ix_(group, group)
-            squares, vectors = np.linalg.eigh(normal.sensitivity[own] * np.outer(prior[group], prior[group]))
+            block = np.ix_(group, group)
+            squares, vectors = np.linalg.eigh(normal.sensitivity[block] * np.outer(prior[group], prior[group]))
             length = np.clip(_CHANGE / np.sqrt(np.maximum(squares, 1e-30)), _SHORTEST, _LONGEST)
-            rows[own] = (vectors * length * prior[group, None]).T
+            rows[block] = (vectors * length * prior[group, None]).T
     return rows
 
 
 def normal_equations(
     state: Linearisation, step: Array, vector: FitVector, inputs: InputErrors | None = None, far: float = FAR
 ) -> Normal:
-    """Weights, scores and tempering are those of the residuals that `step` is expected to leave.
+    """Return the normal equations, weighted and tempered by the residuals that `step` is expected to leave.
 
     inputs: an error of theirs may have any value in every block: it is marginalised, which whitens the block by
     sigma^2 + U U^T (Woodbury), sigma that of as many observations as MODES allows; what it does that is not
@@ -150,26 +150,26 @@ def normal_equations(
 
 
 def _everywhere(values: Array, sound: NDArray[np.bool_]) -> Array:
-    """(N, ...): the values of sound points, zero for others."""
+    """Return the values of sound points, and zero for others, (N, ...)."""
     out = np.zeros((len(sound), *values.shape[1:]))
     out[sound] = values
     return out
 
 
 def _explained(table: Array, u: Array, w: Array, cluster: Indices) -> tuple[Array, Array]:
-    """(N, p): of the columns of `table` (N, p), what errors of the inputs (N, k) make of them in each cluster; and
+    """Return what errors of the inputs (N, k) explain of the columns of `table` (N, p) in each cluster, (N, p), and
     (p,) the sums of these errors' squares, in standard deviations."""
     out, paid = np.empty_like(table), np.zeros(table.shape[1])
     for rows in groups_of(cluster):
-        own, weighted = u[rows], u[rows] * w[rows, None]
-        errors = np.linalg.solve(np.eye(own.shape[1]) + weighted.T @ own, weighted.T @ table[rows])
-        out[rows] = own @ errors
+        inputs, weighted = u[rows], u[rows] * w[rows, None]
+        errors = np.linalg.solve(np.eye(inputs.shape[1]) + weighted.T @ inputs, weighted.T @ table[rows])
+        out[rows] = inputs @ errors
         paid += np.square(errors).sum(axis=0)
     return out, paid
 
 
 def whitened(columns: Array, block: Indices, normal: Normal, inputs: InputErrors | None) -> Array:
-    """(N, k) m: columns of changes of the residuals less what errors of the inputs can make of them."""
+    """Return columns of changes of the residuals less what errors of the inputs can explain of them, (N, k) m."""
     if inputs is None:
         return columns
     used = np.flatnonzero(normal.weights > 0)
@@ -180,13 +180,13 @@ def whitened(columns: Array, block: Indices, normal: Normal, inputs: InputErrors
 
 
 def _cleaned(left: Array, u: Array, sharp: Array, cluster: Indices, scale: float, counted: Loss) -> Array:
-    """(N,) m: the residual less what errors of the inputs explain of it."""
+    """Return the residual less what errors of the inputs explain of it, (N,) m."""
     bounded = sharp * np.minimum(1.0, counted.huber * scale / np.maximum(np.abs(left), 1e-12)) / scale**2
     return np.asarray(left - _explained(left[:, None], u, bounded, cluster)[0][:, 0])
 
 
 def _share(j: Array, white: Array, w: Array, cluster: Indices, prior: Array) -> Array:
-    """(N,): of what each cluster would say of the unknowns, prior standard deviations alike, what is left."""
+    """Return the share of each cluster's information, prior deviations alike, that errors of the inputs leave, (N,)."""
     out = np.ones(len(j))
     if white is j:
         return out
@@ -197,12 +197,12 @@ def _share(j: Array, white: Array, w: Array, cluster: Indices, prior: Array) -> 
 
 
 def groups_of(cluster: Indices) -> list[Indices]:
-    """The rows of each cluster."""
+    """Return the rows of each cluster."""
     return np.split(np.argsort(cluster, kind="stable"), np.cumsum(np.bincount(cluster))[:-1])
 
 
 def scatter(scores: Array, information: Array, weight: Array) -> Array:
-    """(p, p) variance of the sum of the clusters' scores about their mean, for the parameters fitted."""
+    """Return the variance (p, p) of the sum of the clusters' scores about their mean, for the parameters fitted."""
     fitted = float(np.trace(np.linalg.solve(information + weight, information)))
     centred = scores - scores.mean(axis=0)
     count = len(scores)
@@ -212,7 +212,7 @@ def scatter(scores: Array, information: Array, weight: Array) -> Array:
 def loss(
     old: Evaluation, new: Evaluation, normal: Normal, vector: FitVector, inputs: InputErrors | None = None
 ) -> float:
-    """How much worse `new` is than `old`, over the points that both have; infinite where `new` loses over a tenth."""
+    """Return how much worse `new` is than `old` over the points of both; infinite where `new` loses over a tenth."""
     there = np.isfinite(old.misfit.residual) & (normal.frames > 0)
     both = there & np.isfinite(new.misfit.residual)
     if both.sum() < 0.9 * there.sum():
@@ -226,7 +226,7 @@ def loss(
 def _size(
     misfit: Misfit, normal: Normal, rows: NDArray[np.bool_], cluster: Indices, inputs: InputErrors | None
 ) -> float:
-    """Of -log likelihood, with the errors of the inputs that make it least."""
+    """Return the -log likelihood with the errors of the inputs that make it least."""
     residual, counted, scale, frames = misfit.residual[rows], misfit.loss, normal.scale, normal.frames[rows]
     if inputs is None:
         return float((frames * counted.of(residual / scale)).sum())
@@ -238,7 +238,7 @@ def _size(
 
 
 def _frame_weights(misfit: Misfit, sound: NDArray[np.bool_], residual: Array, most: float) -> Array:
-    """Of each point, by its frame: less where the median residual is over `most` times the usual one."""
+    """Return the weight of each point by its frame, less where the median residual is over `most` times the usual."""
     frame, groups = frames_of(misfit, sound)
     size = np.abs(residual)
     medians = np.array([np.median(size[points]) for points in groups])

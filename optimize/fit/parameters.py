@@ -1,4 +1,4 @@
-"""What a fit may move: factors on declared values, and the parameters of effects, each with its transform and prior.
+"""Unknowns of a fit: factors on declared values, and the parameters of effects, each with its transform and prior.
 
 The unknown of a parameter is x = t(value) - t(centre), t the logarithm or nothing; its prior is normal about zero.
 """
@@ -41,14 +41,14 @@ class FitParameter:
         return min(max(moved, self.bounds[0]), self.bounds[1])
 
     def unknown(self, value: float) -> float:
-        """x of a value."""
+        """Return x of a value."""
         if self.transform == "log":
             return float(np.log(value / self.centre))
         return value - self.centre
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Of x."""
+        """Return the least and the largest x."""
         return self.unknown(self.bounds[0]), self.unknown(self.bounds[1])
 
     @property
@@ -106,17 +106,17 @@ class FitVector:
         return np.clip(x, *self.limits)
 
     def is_plausible(self, x: Array) -> bool:
-        """Whether the factors at x are among those of 999 in 1000 of their prior: chi squared of their distance."""
-        own = np.square(x / self.prior)[self.are_factors]
-        return float(own.sum()) <= float(chdtri(max(len(own), 1), _RARE))
+        """Return whether the factors at x are among 999 in 1000 of their prior, by chi squared of their distance."""
+        squares = np.square(x / self.prior)[self.are_factors]
+        return float(squares.sum()) <= float(chdtri(max(len(squares), 1), _RARE))
 
     def factors_at(self, x: Array) -> dict[str, float]:
-        own = {p.name: p.value(v) for p, v in zip(self.parameters, x, strict=True) if p.is_factor}
-        return {**dict(self.factors), **own}
+        fitted = {p.name: p.value(v) for p, v in zip(self.parameters, x, strict=True) if p.is_factor}
+        return {**dict(self.factors), **fitted}
 
     @cached_property
     def labels(self) -> tuple[str, ...]:
-        """Of each term, as its parameters are named: its effect, and of several of one effect what was chosen."""
+        """Return each term's name, which begins its parameters': its effect, and of several of one what was chosen."""
         return labels_of(self.terms)
 
     def terms_at(self, x: Array) -> tuple[Term, ...]:
@@ -133,32 +133,32 @@ class FitVector:
         )  # fmt: skip
 
     def part(self, label: str) -> NDArray[np.intp]:
-        """Which unknowns are those of a term."""
+        """Return which unknowns are those of a term."""
         return np.flatnonzero([name.rpartition(".")[0] == label and "." in name for name in self.names])
 
     def parts(self, labels: Iterable[str]) -> NDArray[np.intp]:
-        """Those of several terms, one after another."""
+        """Return which unknowns are those of several terms, one after another."""
         return np.concatenate([np.zeros(0, dtype=np.intp), *(self.part(label) for label in labels)])
 
     def idle(self, channels: int) -> Array:
-        """(k, p) unit directions along which no motion of designs with so many channels changes: a factor up, and all
-        choices of an effect that adds up to it down as much, where all are unknown."""
+        """Return (k, p) unit directions along which no motion of designs with so many channels changes: a factor up and
+        all choices of an effect that adds up to it down as much, where all are unknown."""
         rows = []
         for effect in {term.name: EFFECTS[term.name] for term in self.terms}.values():
-            own = [label for label, term in zip(self.labels, self.terms, strict=True) if term.name == effect.name]
-            part = self.parts(own)
-            if effect.adds_up_to in self.names and len(part) == len(own) == channels:
+            labels = [label for label, term in zip(self.labels, self.terms, strict=True) if term.name == effect.name]
+            part = self.parts(labels)
+            if effect.adds_up_to in self.names and len(part) == len(labels) == channels:
                 row = np.zeros(len(self.parameters))
                 row[self.names.index(effect.adds_up_to)], row[part] = 1.0, -1.0
                 rows.append(row / np.linalg.norm(row))
         return np.array(rows).reshape(len(rows), len(self.parameters))
 
     def only(self, labels: Collection[str]) -> tuple["FitVector", NDArray[np.intp]]:
-        """The factors and the terms of `labels`, named as they then are, and which of the unknowns these keep."""
+        """Return the factors and the terms of `labels`, named as they then are, and which unknowns these keep."""
         kept = [label in labels for label in self.labels]
         terms = tuple(term for term, k in zip(self.terms, kept, strict=True) if k)
-        own = FitVector((), self.factors, terms).labels
-        named = dict(zip((n for n, k in zip(self.labels, kept, strict=True) if k), own, strict=True))
+        new_labels = FitVector((), self.factors, terms).labels
+        named = dict(zip((n for n, k in zip(self.labels, kept, strict=True) if k), new_labels, strict=True))
         index, parameters = [], []
         for k, parameter in enumerate(self.parameters):
             label, _, key = parameter.name.rpartition(".")
@@ -175,8 +175,8 @@ class FitVector:
         return Case(trial.design, trial.program, self.factors_at(x), self.terms_at(x), trial.order)
 
     def steps(self, x: Array, rows: Array) -> Array:
-        """(p, p) differences from x that stay within the limits: the rows, turned round where that keeps them in, or
-        of single unknowns where their cut ones would not tell all apart."""
+        """Return (p, p) differences from x that stay within the limits: the rows, turned round where that keeps them
+        in, or of single unknowns where their cut ones would not tell all apart."""
         chosen = np.array([self._step(x, row) for row in rows])
         scaled = chosen / self.scale
         lengths = np.linalg.norm(scaled, axis=1)

@@ -25,7 +25,7 @@ class FitStage:
     least_each: float = 0.0  # the same for each unknown
     least_share: float = 0.0  # the same for each observation, where what is left is far more than an unknown could gain
     far: float = FAR  # times the usual residual, over which a frame counts less
-    sure: bool = True  # whether the last step goes by a Jacobian that was made where it begins
+    exact_end: bool = True  # whether the last step goes by a Jacobian that was made where it begins
 
     def enough(self, unknowns: int, observations: float) -> float:
         """Return the log likelihood of which a step that promises less is the last."""
@@ -50,14 +50,14 @@ class Policy:
 # What a model has not got yet may show in a few frames alone, so none counts less for being far off. A step under 3 %,
 # or one that promises under 2 % of what is left, is mended by the fit that goes on.
 _NEARLY = FitStage(slight=0.03, least=3.0, least_share=0.02, far=np.inf)
-UNSURE = replace(_NEARLY, sure=False)
+UNSURE = replace(_NEARLY, exact_end=False)
 # Values are told to 1 %; 0.007 of log likelihood is a tenth of a standard deviation.
 _PRECISE = FitStage(slight=0.01, least_each=0.007)
 
 
 def to_the_end(name: str, end: FitStage) -> Policy:
     """Return the policy of near steps and then those of a stage, with the last word on the finer engine."""
-    return Policy(name, UNSURE, replace(end, sure=False), end)
+    return Policy(name, UNSURE, replace(end, exact_end=False), end)
 
 
 NEAR = Policy("near", _NEARLY, UNSURE)

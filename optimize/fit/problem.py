@@ -1,4 +1,4 @@
-"""What is measured beside what a forward says at some unknowns, and how that changes with each unknown."""
+"""Problems of a fit: the residuals of a forward model at some unknowns, and how they change with each unknown."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +20,7 @@ _PATTERNS = 2  # of signs, of all inputs together, whose two sides say what is n
 
 @dataclass(frozen=True, eq=False)
 class InputErrors:
-    """What errors of the inputs do to the residuals at a state. columns: (N, k) m, by a standard deviation of each
+    """Changes of the residuals by errors of the inputs at a state. columns: (N, k) m, by a standard deviation of each
     input. bent: (N,) m RMS of the point's frame, what errors to either side do that is not proportional: where they
     lead to another shape, that is all there is."""
 
@@ -39,25 +39,25 @@ class Evaluation:
 
 @dataclass(frozen=True, eq=False)
 class Linearisation(Evaluation):
-    """The same, and the residuals' Jacobian (N, p) m."""
+    """An evaluation with the residuals' Jacobian (N, p) m."""
 
     jacobian: Array
 
 
 class Problem:
-    """What a fit asks: residuals at some unknowns, columns by them, their priors, and how good the inputs are. Motions,
-    shapes at rest and records of a bench are problems beside one another."""
+    """Residuals at some unknowns, columns by them, their priors, and how good the inputs are: all that a fit asks for.
+    Motions, shapes at rest and records of a bench are problems beside one another."""
 
     samples: Sequence[Sample]
     vector: FitVector
     expected: float = np.inf  # m RMS that a right model leaves at most; infinite where that is not known
 
     def evaluate(self, xs: Sequence[Array]) -> list[Evaluation]:
-        """All in one batch."""
+        """Return the residuals at each of the unknowns, all in one batch."""
         raise NotImplementedError
 
     def changes(self, evaluation: Evaluation, rows: Array) -> Array:
-        """(N, k): of each residual by k steps (k, p) of the unknowns."""
+        """Return the change (N, k) of each residual by k steps (k, p) of the unknowns."""
         raise NotImplementedError
 
     @property
@@ -84,19 +84,19 @@ class Problem:
 
     @property
     def idle(self) -> Array:
-        """(k, p) unit directions of the unknowns, at right angles, along which nothing changes."""
+        """Return (k, p) unit directions of the unknowns, at right angles, along which nothing changes."""
         return np.zeros((0, len(self.vector.parameters)))
 
     def moving(self, rows: Array) -> Array:
-        """(..., p) steps, or slopes, less what of them is along the idle directions."""
+        """Return (..., p) steps, or slopes, less what of them is along the idle directions."""
         return np.asarray(rows - (rows @ self.idle.T) @ self.idle)
 
     def linearise(
         self, evaluation: Evaluation, along: Array, old: Array | None = None, fresh: Indices | None = None
     ) -> Linearisation:
-        """With the Jacobian by differences along the rows of `along` (p, p), within limits. fresh: the columns that are
-        made; the others stay as in `old` (N, p), and no row of `along` mixes both. Their noise would tell how far to go
-        along an idle direction; priors alone do."""
+        """Return the evaluation with its Jacobian by differences along the rows of `along` (p, p), within limits.
+        fresh: the columns made; others stay as in `old` (N, p), and no row of `along` mixes both. Priors alone decide
+        how far to go along an idle direction, not the noise of differences."""
         chosen = np.arange(len(along)) if fresh is None else fresh
         rows = self.vector.steps(evaluation.x, along)[chosen]
         columns = self.changes(evaluation, rows) @ np.linalg.inv(rows[:, chosen]).T
@@ -143,7 +143,7 @@ class FitProblem(Problem):
 
     @cached_property
     def horizons(self) -> Sequence[float]:
-        """As `horizons_of` the samples."""
+        """Return the horizons of the samples, s."""
         return horizons_of(self.samples)
 
     def until(self, horizon: float) -> "FitProblem":
@@ -161,19 +161,19 @@ class FitProblem(Problem):
 
     @cached_property
     def idle(self) -> Array:
-        """A factor up, and every choice of an effect that adds up to it down as much."""
+        """Return a factor up, and every choice of an effect that adds up to it down as much."""
         channels = max(sample.trial.design.channels for sample in self.samples)
         return self.vector.idle(channels)
 
     def evaluate(self, xs: Sequence[Array]) -> list[Evaluation]:
-        """All in one batch."""
+        """Return the residuals at each of the unknowns, all in one batch."""
         count = len(self.samples)
         cases = [self.vector.case(s.trial, x) for x in xs for s in self.samples]
         motions = sheets_of(self.forward)(cases, len(xs) * self._times)
         parts = [motions[k : k + count] for k in range(0, len(motions), count)]
         return [
-            Evaluation(x, match(self.samples, [sheet.points for sheet in own]), own)
-            for x, own in zip(xs, parts, strict=True)
+            Evaluation(x, match(self.samples, [sheet.points for sheet in part]), part)
+            for x, part in zip(xs, parts, strict=True)
         ]
 
     def changes(self, evaluation: Evaluation, rows: Array) -> Array:
@@ -181,12 +181,12 @@ class FitProblem(Problem):
         return self.differences(evaluation, others)
 
     def differences(self, evaluation: Evaluation, others: Sequence[Sequence[Case]]) -> Array:
-        """(N, k) m: change of each residual from the evaluation's motions to those of k times a case a sample."""
+        """Return the change of each residual, (N, k) m, from the evaluation's motions to k times a case a sample."""
         parts = [columns(evaluation, moved) for moved in self.displacements(evaluation, others)]
         return np.concatenate(parts, axis=1)
 
     def input_errors(self, evaluation: Evaluation) -> InputErrors | None:
-        """By a motion for each channel and each axis of the frame's tilt, and two sides of two patterns."""
+        """Return them by a motion for each channel and each axis of the tilt, and two sides of two patterns."""
         if self.accuracy is None:
             return None
         channels = max(s.trial.program.pressure.shape[1] for s in self.samples)
@@ -204,13 +204,12 @@ class FitProblem(Problem):
         return InputErrors(changed[:, : channels + 2], by_frame[frame])
 
     def _off(self, trial: Trial, x: Array, deviations: Array) -> Case:
-        """deviations: (channels + 2,), in standard deviations: of the pressures, then of the tilt about x and z."""
+        """Return a case off by deviations (channels + 2,), in standard ones: of pressures, then tilt about x and z."""
         assert self.accuracy is not None
         case = self.vector.case(trial, x)
-        own = case.program.pressure.shape[1]
-        program = replace(
-            case.program, pressure=case.program.pressure * (1 + self.accuracy.pressure * deviations[:own])
-        )
+        pressure = case.program.pressure
+        changed = pressure * (1 + self.accuracy.pressure * deviations[: pressure.shape[1]])
+        program = replace(case.program, pressure=changed)
         if not deviations[-2:].any():
             return replace(case, program=program)
         about_x, about_z = (self.accuracy.tilt * deviations[-2:]).tolist()
@@ -218,8 +217,8 @@ class FitProblem(Problem):
         return replace(case, program=program, effects=(*case.effects, level))
 
     def displacements(self, evaluation: Evaluation, others: Sequence[Sequence[Case]]) -> Iterator[list[Motion]]:
-        """Some of the k after others: (some, F, n, n, 3) m a sample, what the mid-surface does from the evaluation's
-        motions to those of k times a case a sample."""
+        """Yield some of the k after others: (some, F, n, n, 3) m a sample, how the mid-surface moves from the motions
+        of the evaluation to those of k times a case a sample."""
         if self.slopes == self.forward:
             base = evaluation.sheets
         else:
@@ -236,12 +235,12 @@ class FitProblem(Problem):
 
     @property
     def _times(self) -> list[Array]:
-        """s, of each sample."""
+        """Return the times of each sample, s."""
         return [sample.times for sample in self.samples]
 
 
 def widened(jacobian: Array, at: Indices | Sequence[int], count: int) -> Array:
-    """(N, count) m: the columns of a Jacobian (N, k) at their places `at` (k,), NaN for those still to make."""
+    """Return a Jacobian (N, count) m with columns (N, k) at their places `at` (k,), NaN for those still to make."""
     wide = np.full((len(jacobian), count), np.nan)
     wide[:, at] = jacobian
     return wide
@@ -264,7 +263,7 @@ def horizons_of(samples: Sequence[Sample]) -> list[float]:
 
 
 def columns(evaluation: Evaluation, changes: Sequence[Motion]) -> Array:
-    """(N, k) m: change of each residual by changes (k, F, n, n, 3) m of the mid-surface, a sample each."""
+    """Return the change of each residual, (N, k) m, by changes (k, F, n, n, 3) m of the mid-surface, one a sample."""
     assert isinstance(evaluation.misfit, Match)
     face = isqrt(evaluation.sheets[0].points.shape[1] // 2)
     return derivatives(evaluation.misfit, nodes_of(evaluation.misfit, changes[0].shape[2], face), changes)

@@ -20,7 +20,7 @@ CLOUD = 400  # points of a shape
 
 
 def standing_of(trial: Trial, data: TrialData, noise: float, rng: np.random.Generator) -> Iterator[Standing]:
-    """Of a trial, a shape for each stretch under constant pressures at whose end the cloth stands: what is left of its
+    """Yield a shape of a trial for each stretch under constant pressures at whose end the cloth stands: the rest of its
     swing is within the `noise` [m] of a point."""
     pressure = data.program.at(data.time)
     changed = np.concatenate([[True], (pressure[1:] != pressure[:-1]).any(axis=1)])
@@ -32,8 +32,8 @@ def standing_of(trial: Trial, data: TrialData, noise: float, rng: np.random.Gene
 
 
 def _speed(frames: Sequence[Floats], span: float) -> float:
-    """m/s, RMS over frames within `span` s, and over places of the cloth, along their normals. What noise makes of it
-    is in it."""
+    """Return the speed, m/s: RMS over frames within `span` s, and over places of the cloth, along their normals. It
+    includes the noise's part."""
     ahead = min(max(1, round(AHEAD * (len(frames) - 1) / span)), len(frames) - 1)
     trees = [KDTree(np.asarray(cloud, dtype=float)) for cloud in frames]
     moved = [_moved(one, other) for one, other in zip(trees, trees[ahead:], strict=False)]
@@ -41,7 +41,7 @@ def _speed(frames: Sequence[Floats], span: float) -> float:
 
 
 def _moved(one: KDTree, other: KDTree) -> float:
-    """m, RMS over places of a cloud, how far the other cloud's mean there lies off along the normal."""
+    """Return how far another cloud's mean lies off along the normal, m, RMS over places of a cloud."""
     points = min(POINTS, one.n, other.n)
     seeds = one.data[np.linspace(0, one.n - 1, min(PLACES, one.n)).astype(int)]
     patch = one.data[one.query(seeds, k=points)[1].reshape(len(seeds), -1)]
@@ -52,7 +52,7 @@ def _moved(one: KDTree, other: KDTree) -> float:
 
 
 def _shape(trial: Trial, data: TrialData, frames: Indices, rng: np.random.Generator) -> Standing:
-    """Of the frames (k,) in which a cloth stands."""
+    """Return the shape of the frames (k,) in which a cloth stands."""
     cloud = np.concatenate([np.asarray(data.frames[k], dtype=float) for k in frames])
     chosen = cloud[rng.choice(len(cloud), min(CLOUD, len(cloud)), replace=False)]
     at: Array = data.time[frames[-1:]]

@@ -1,4 +1,4 @@
-"""Which effects a fit needs, to first order: what the joint normal distribution of its unknowns says."""
+"""Which effects a fit needs, to first order, by the joint normal distribution of its unknowns."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
@@ -12,16 +12,16 @@ ALIKE = 0.98  # cosine from which on two effects are one answer
 
 
 def needed(x: Array, covariance: Array, vector: FitVector, least: float) -> list[str]:
-    """The terms that cost at least `least` of log likelihood each to drop, one after another, the cheapest first, with
-    all other unknowns moving along. x (p,), covariance (p, p)."""
+    """Return the terms that cost at least `least` of log likelihood each to drop, one after another, the cheapest
+    first, with all other unknowns moving along. x (p,), covariance (p, p)."""
     return [*eliminated(x, covariance, {label: vector.part(label) for label in vector.labels}, least)[0]]
 
 
 def eliminated(
     x: Array, covariance: Array, parts: Mapping[str, Indices], least: float
 ) -> tuple[dict[str, Indices], Array]:
-    """The parts that cost at least `least` each to drop, one after another, the cheapest first, and (p,) where all
-    unknowns are then, those dropped at zero."""
+    """Return the parts that cost at least `least` each to drop, one after another, the cheapest first, and (p,) where
+    all unknowns are then, those dropped at zero."""
     left = {**parts}
     for name, price, without in cheapest_first(x, covariance, parts):
         if price >= least:
@@ -32,8 +32,8 @@ def eliminated(
 
 
 def cheapest_first(x: Array, covariance: Array, parts: Mapping[str, Indices]) -> Iterator[tuple[str, float, Array]]:
-    """All parts, one after another, each the one that costs least to drop beside those before it: its name, what it
-    costs, and (p,) where all unknowns are without it."""
+    """Yield all parts, one after another, each the one that costs least to drop beside those before it: its name, its
+    cost, and (p,) where all unknowns are without it."""
     left = {**parts}
     while left:
         costs = {name: cost(x, covariance, part) for name, part in left.items()}
@@ -43,13 +43,13 @@ def cheapest_first(x: Array, covariance: Array, parts: Mapping[str, Indices]) ->
 
 
 def cost(x: Array, covariance: Array, part: Indices) -> float:
-    """Of log likelihood, what it costs to switch unknowns off."""
-    own = covariance[np.ix_(part, part)]
-    return float(0.5 * x[part] @ np.linalg.pinv(own, rcond=1e-9, hermitian=True) @ x[part])
+    """Return what it costs to switch unknowns off, of log likelihood."""
+    block = covariance[np.ix_(part, part)]
+    return float(0.5 * x[part] @ np.linalg.pinv(block, rcond=1e-9, hermitian=True) @ x[part])
 
 
 def conditioned(x: Array, covariance: Array, part: Indices) -> tuple[Array, Array]:
-    """Mean and covariance where the unknowns `part` are zero."""
+    """Return mean and covariance where the unknowns `part` are zero."""
     gain = covariance[:, part] @ np.linalg.pinv(covariance[np.ix_(part, part)], rcond=1e-9, hermitian=True)
     x = x - gain @ x[part]
     covariance = covariance - gain @ covariance[part]
@@ -58,22 +58,22 @@ def conditioned(x: Array, covariance: Array, part: Indices) -> tuple[Array, Arra
     return x, covariance
 
 
-def undecided(x: Array, joint: Array, names: Sequence[str], found: Array, kept: Sequence[str]) -> Array:
-    """(k, k) by which the covariance of the unknowns `kept`, found at `found` (k,), grows where the others of a joint
-    fit x (p,), known to `joint` (p, p), by `names`, are not zero for certain: they may take what a model without them
-    holds fixed, and the joint fit has the unknowns elsewhere (law of total variance, and the means' difference)."""
+def undecided(x: Array, joint: Array, names: Sequence[str], fitted: Array, kept: Sequence[str]) -> Array:
+    """Return (k, k) by which the covariance of the unknowns `kept`, `fitted` (k,) alone, grows where the others of a
+    joint fit x (p,), known to `joint` (p, p), by `names`, are not zero for certain: they may take what a model
+    without them holds fixed, and the joint fit has other means (law of total variance, and the means' difference)."""
     common = [name for name in kept if name in names]
-    own, rows = ([[*every].index(name) for name in common] for every in (names, kept))
-    gone = np.array([i for i, name in enumerate(names) if name not in common], dtype=np.intp)
+    columns, rows = ([[*every].index(name) for name in common] for every in (names, kept))
+    dropped = np.array([i for i, name in enumerate(names) if name not in common], dtype=np.intp)
     grown = np.zeros((len(kept), len(kept)))
-    apart = x[own] - found[rows]
-    taken = joint - conditioned(np.zeros(len(joint)), joint, gone)[1]
-    grown[np.ix_(rows, rows)] = taken[np.ix_(own, own)] + np.outer(apart, apart)
+    apart = x[columns] - fitted[rows]
+    taken = joint - conditioned(np.zeros(len(joint)), joint, dropped)[1]
+    grown[np.ix_(rows, rows)] = taken[np.ix_(columns, columns)] + np.outer(apart, apart)
     return grown
 
 
 def alike(sensitivity: Array, vector: FitVector, label: str, others: Iterable[str]) -> list[str]:
-    """Those of the terms `others` of a fit that do what an unknown of the term `label` does (cosine over ALIKE), less
+    """Return the terms of `others` of a fit that do what an unknown of the term `label` does (cosine over ALIKE), less
     what factors can take. sensitivity: (p, p) as Fit has it."""
     s = sensitivity
     factors = np.flatnonzero(vector.are_factors)
@@ -86,7 +86,7 @@ def alike(sensitivity: Array, vector: FitVector, label: str, others: Iterable[st
 
 
 def does(left: Array, columns: Indices, change: Array, size: float) -> bool:
-    """Whether unknowns `columns` can do what a change does whose products with all unknowns are `change` (p,), and with
-    itself `size`. left: (p, p), products of the unknowns."""
+    """Return whether unknowns `columns` can do what a change does whose products with all unknowns are `change` (p,),
+    and with itself `size`. left: (p, p), products of the unknowns."""
     inverse = np.linalg.pinv(left[np.ix_(columns, columns)], rcond=1e-9, hermitian=True)
     return bool(change[columns] @ inverse @ change[columns] > ALIKE**2 * size > 0)

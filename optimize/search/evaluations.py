@@ -95,7 +95,7 @@ class Evaluations:
         self.rivals: dict[int, Best] = {}  # of each start, the nearest on the last stage's model, while that near
         self.restart_began = 0.0  # s of search, when the restart under way began
         self.stage = "start"  # under way
-        self.told = ""  # for people, once there is something to tell
+        self.message = ""  # for people, once there is something to tell
         self.objective, self._at_rest = objective, objective.at_rest
         self._on_progress, self.near = on_progress, NEAR
         self.seconds, self._most = seconds, evaluations

@@ -56,7 +56,7 @@ def fit_effects(
     vector: FitVector,
     tell: Callable[[float], None] = lambda share: None,
 ) -> FittedEffects:
-    """Return the fitted effects. rows_of(terms): the records' rows with the effects in them. told: is given the share
+    """Return the fitted effects. rows_of(terms): the records' rows with the effects in them. tell: is given the share
     done."""
     plain = rows_of(())
     spans, acting = _Spans.of(plain), {term.name for term in vector.terms}

@@ -1,4 +1,4 @@
-"""What measured data leave open of the factors, in plain words."""
+"""Statements, in plain words, on what measured data leave open of the factors."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ _SHARE = 0.35  # of the largest component, for a factor to be named in a combina
 
 
 def ambiguities(fit: Fit, covariance: np.ndarray) -> tuple[str, ...]:
-    """What these data leave open: factors that stay the data sheet's, pairs, and combinations of others.
+    """Return what these data leave open: factors that stay the data sheet's, pairs, and combinations of others.
 
     covariance: (p, p) of the unknowns, whatever the intervals hold included."""
     names, prior = fit.vector.names, fit.vector.prior
@@ -42,7 +42,7 @@ def ambiguities(fit: Fit, covariance: np.ndarray) -> tuple[str, ...]:
 
 
 def _combination(fit: Fit, direction: np.ndarray, named: np.ndarray) -> str:
-    """One prior standard deviation along a direction of the logarithms that the data hardly see."""
+    """Say how far one prior standard deviation along a direction that the data hardly see moves the surface."""
     direction = direction * np.sign(direction[np.argmax(np.abs(direction))])
     moves = ", ".join(
         _moved(fit.vector.parameters[k], direction[k]) for k in sorted(named, key=lambda k: -abs(direction[k]))

@@ -44,7 +44,7 @@ _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
 
 @dataclass(frozen=True)
 class CalibrationOptions:
-    """slopes: a cheaper simulator, for the way and for derivatives. coarse: a cheap one that finds sensitive stretches;
+    """slopes: a cheaper simulator, for first steps and derivatives. coarse: a cheap one that finds sensitive stretches;
     they are left out. Without it they are not looked for. points_per_side: of the simulator's grid, noted in the model.
     orders: of the trials fitted; None: those of role `fit`. skipped: lines on bad trials left out before; skip_bad:
     leave out those too that `trial_checks.implausible` finds. engines: (p,) standard deviations of the unknowns for the
@@ -73,8 +73,8 @@ def calibrate(
     checkpoint: Checkpoint | None = None,
     progress: Progress = silent,
 ) -> Calibration:
-    """The unknowns of `vector`, by default the seven factors of `PARAMETERS`, of all sets and designs together. With
-    effects, the factors are fitted without them first, which the model keeps.
+    """Fit the unknowns of `vector`, by default the seven factors of `PARAMETERS`, to all sets and designs together.
+    With effects, the factors are fitted without them first, which the model keeps.
 
     Of more than 16 trials, 16 spread over the session are fitted, and of more than 32 half of them, 48 at most, by the
     last fit of effects: 30 frames of the first 1.5 s of each, and 300 points of a frame. Errors of the pressures and
@@ -122,8 +122,8 @@ def _drawn(
     allowed = [trial for one in sets for trial in fit_trials(one.trials, options.orders)]
     chosen = [allowed[i] for i in evenly(len(allowed), most_trials(len(allowed), effects=bool(vector.terms)))]
     files = {trial.file for trial in chosen}
-    own = [(one, [t for t in one.trials if t.file in files]) for one in sets]
-    used = find_used_frames(own, options.coarse, progress=_searching(progress))
+    trials_of_sets = [(one, [t for t in one.trials if t.file in files]) for one in sets]
+    used = find_used_frames(trials_of_sets, options.coarse, progress=_searching(progress))
     data = MeasuredData.of(sets, chosen, used, DRAWN, seed=options.seed)
     return with_shapes_at_rest(data, allowed) if vector.terms else data  # factors alone go by horizons
 
@@ -134,7 +134,7 @@ def _last(vector: FitVector) -> Policy:
 
 
 def most_trials(allowed: int, *, effects: bool) -> int:
-    """How many trials are fitted at most. A layout that none of them has is predicted better by more."""
+    """Return how many trials are fitted at most. More predict a layout that none of them has better."""
     return max(TRIALS, min(MOST_TRIALS, allowed // 2)) if effects else TRIALS
 
 
@@ -146,8 +146,8 @@ def _with_spread(
     coarse: ForwardModel | None,
     progress: Progress,
 ) -> tuple[Model, str | None]:
-    """On trials of role `fit` that were not fitted, whatever the reason, but for those that were found bad; nothing to
-    say where there are none."""
+    """Return the model with intervals of motions from trials of role `fit` that were not fitted, whatever the reason,
+    but for those that were found bad, and how good they are; None where there are no such trials."""
     fitted = {trial.file for trial in data.trials}
     spared = chosen_trials([t for one in sets for t in one.trials if t.role == "fit" and t.file not in fitted])
     if not spared:
@@ -165,13 +165,13 @@ def _with_spread(
 
 
 def _searching(progress: Progress) -> Callable[[int, int], None]:
-    """What the search for sensitive stretches tells: it is done before the fit begins."""
+    """Return the progress of the search for sensitive stretches, which is done before the fit begins."""
     return lambda done, total: progress(f"sensitive stretches: {done} of {total} motions", 0.0)
 
 
 def _fit(data: MeasuredData, fits: Fits, vector: FitVector, *, interruptible: bool) -> Fit:
-    """With effects, from the data sheet too: where the fit without them, of TRIALS, ends may be far off, in a false
-    minimum. Where that is interrupted, the better of both is kept."""
+    """Return the fit. With effects, it begins at the data sheet too: where the fit without them, of TRIALS, ends may be
+    far off, in a false minimum. Where that is interrupted, the better of both is kept."""
     plain: Fit | None = None
     fits = replace(fits, named=f"effects of {len(data.trials)} trials")
     try:
@@ -179,8 +179,8 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, *, interruptible: bo
             return fits.fit(fits.problem(data, vector), FitStart(), _last(vector))
         factors, early = vector.without_effects, fits.within(0.0, _WITHOUT_EFFECTS)
         few = data.only(evenly(len(data.trials), TRIALS).tolist())
-        rested = [fit_at_rest(data, early, own) for own in (factors, vector)]
-        alone = replace(early, named=f"factors of {len(data.trials)} trials", told=_before("no effects", early))
+        rested = [fit_at_rest(data, early, unknowns) for unknowns in (factors, vector)]
+        alone = replace(early, named=f"factors of {len(data.trials)} trials", progress_of=_before("no effects", early))
         plain = _joint(few, factors, alone, rested[0])
         fitted = _joint(data, vector, fits.within(_WITHOUT_EFFECTS, 1.0), rested[1])
     except KeyboardInterrupt as stop:
@@ -207,24 +207,24 @@ def _joint(data: MeasuredData, vector: FitVector, fits: Fits, at_rest: Fit | Non
 
 
 def _remaining(data: MeasuredData, fits: Fits, plain: Fit, x: Array, known: float) -> float:
-    """m RMS, capped, of all trials at x (p,). known: of those that `plain` was fitted to."""
+    """Return the capped RMS of all trials at x (p,), m. known: of those that `plain` was fitted to."""
     if len(plain.by_trial) == len(data.trials):
         return known
     return replace(fits, slopes=None).problem(data, plain.vector).evaluate([x])[0].misfit.rms
 
 
 def _before(words: str, fits: Fits) -> Callable[[str, FitVector], Progress]:
-    """Return what is told of fits, with words before it."""
+    """Return the progress of fits with words before each line."""
 
-    def told(named: str, vector: FitVector) -> Progress:
-        progress = fits.told(named, vector)
+    def progress_of(named: str, vector: FitVector) -> Progress:
+        progress = fits.progress_of(named, vector)
         return lambda line, share: progress(f"{words}, {line}", share)
 
-    return told
+    return progress_of
 
 
 def _implausible(fit: Fit, samples: Sequence[Sample], forward: ForwardModel) -> dict[int, str]:
-    """A line for each trial that disagrees with the rest as a recording would whose faces or clock are wrong."""
+    """Return a line for each trial that disagrees with the rest as with faces exchanged or a wrong clock."""
     if not (fit.by_trial > DISAGREE).any():
         return {}
     return implausible(samples, forward, fit.vector, fit.x)
@@ -241,7 +241,7 @@ def _require_names(sets: Sequence[MeasurementSet]) -> None:
 
 
 def orders_of(text: str) -> list[int]:
-    """ "0,2,5" as numbers. Raises InputError."""
+    """Return "0,2,5" as numbers. Raises InputError."""
     try:
         return [int(part) for part in text.split(",")]
     except ValueError:

@@ -18,16 +18,16 @@ from studies.measured.fit_data import MeasuredData
 
 @dataclass(frozen=True, eq=False)
 class Fits:
-    """tolerance: m of excess that a right model may leave. slopes: a cheaper engine, for the way and for derivatives.
-    told: what is told of the fit of a name and a vector. named: before the names of fits in the checkpoint. last: by
-    which policy the last of several fits goes. patient: whether a joint fit begins again wherever a horizon leaves more
-    than a right model, not the first alone where that is far more."""
+    """tolerance: m of excess that a right model may leave. slopes: a cheaper engine, for first steps and derivatives.
+    progress_of: the progress of the fit of a name and a vector. named: before the names of fits in the checkpoint.
+    last: the policy of the last of several fits. patient: whether a joint fit begins again wherever a horizon leaves
+    more than a right model, not the first alone where that is far more."""
 
     forward: ForwardModel
     tolerance: float
     slopes: ForwardModel | None = None
     checkpoint: Checkpoint | None = None
-    told: Callable[[str, FitVector], Progress] = lambda named, vector: silent
+    progress_of: Callable[[str, FitVector], Progress] = lambda named, vector: silent
     named: str = ""
     last: Callable[[FitVector], Policy] = lambda vector: NEAR
     patient: bool = False
@@ -39,7 +39,7 @@ class Fits:
 
     def within(self, begin: float, end: float) -> "Fits":
         """Return the same as a part of the work, by the shares of it at which it begins and ends."""
-        return replace(self, told=lambda named, vector: parts(self.told(named, vector), begin, end)[1])
+        return replace(self, progress_of=lambda named, vector: parts(self.progress_of(named, vector), begin, end)[1])
 
     def problem(self, data: MeasuredData, vector: FitVector, expected: float | None = None) -> FitProblem:
         """Return the motions of some data. expected: m RMS that a right model leaves at most; None: without any effect
@@ -51,5 +51,5 @@ class Fits:
     def fit(self, problem: FitProblem, start: FitStart, policy: Policy, named: str = "") -> Fit:
         """Return the fit of a name, kept or computed."""
         named = f"{self.named} {named}".strip()
-        told = self.told(named, problem.vector)
-        return fit(problem, start, policy, named=named, checkpoint=self.checkpoint, progress=told)
+        progress = self.progress_of(named, problem.vector)
+        return fit(problem, start, policy, named=named, checkpoint=self.checkpoint, progress=progress)

@@ -25,7 +25,7 @@ def fitted_model(
     points_per_side: int,
     provenance: Provenance,
 ) -> Model:
-    """covariance: (p, p) of the fit's unknowns, whatever the intervals hold included. trials: that were fitted."""
+    """Return a fit as a model. covariance: (p, p) of its unknowns, all that intervals hold included. trials: fitted."""
     deviation = np.sqrt(np.diag(covariance))
     muscles = muscle_scope([trial.design for trial in trials])
     quantities = quantities_of(fit.vector, fit.x, deviation)
@@ -67,8 +67,8 @@ def effect_term(label: str, term: Term, quantities: Mapping[str, Quantity], musc
         key: quantities.get(f"{label}.{key}", Quantity(value, declared.parameters[key].unit))
         for key, value in declared.values(term.values).items()
     }
-    own = muscles if declared.scope == "muscle type" else declared.scope
-    return EffectTerm(term.name, values, term.scope or own)
+    scope = muscles if declared.scope == "muscle type" else declared.scope
+    return EffectTerm(term.name, values, term.scope or scope)
 
 
 def _plain(fit: Fit) -> dict[str, Parameter]:

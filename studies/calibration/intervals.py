@@ -28,7 +28,7 @@ OUTLYING = 0.03  # share of frames far off from which on it is said
 
 
 def engine_columns() -> dict[str, dict[str, float]]:
-    """By engine and factor: standard deviations of logarithms, mean error included."""
+    """Return the standard deviations of logarithms, mean error included, by engine and factor."""
     (_, *engines), rows = read_rows(FILE)
     return {
         engine: {name: float(decimal(values[k], FILE, line, name)) for line, (name, *values) in rows}
@@ -37,8 +37,8 @@ def engine_columns() -> dict[str, dict[str, float]]:
 
 
 def engine_difference(vector: FitVector = DECLARED) -> Array:
-    """(p,) standard deviations of the unknowns, of the engine that differs most; of effects' parameters none is known:
-    0."""
+    """Return (p,) standard deviations of the unknowns for the engine that differs most; 0 for effects' parameters, of
+    which none is known."""
     columns = engine_columns().values()
     values = {name: max(column[name] for column in columns) for name in PARAMETERS}
     return np.array(
@@ -50,21 +50,21 @@ def engine_difference(vector: FitVector = DECLARED) -> Array:
 
 
 def data_share(deviation: Array, vector: FitVector = DECLARED) -> Array:
-    """(..., p) share of the data in the unknowns found, the prior's being the rest; of their own standard deviations
-    (..., p)."""
+    """Return the share (..., p) of the data in the fitted unknowns, the prior's being the rest. deviation: (..., p),
+    their standard deviations."""
     return np.clip(1 - np.square(deviation / vector.prior), 0.0, 1.0)
 
 
 def with_engines(fit: Fit, engines: Array | None = None) -> Array:
-    """(p, p) covariance of a fit, wider by the engines' difference as far as the data, not the data sheet, decide.
+    """Return the covariance (p, p) of a fit, wider by the engines' difference where data, not the data sheet, decide.
     engines: (p,) standard deviations of the unknowns, by default those of the virtual rig."""
-    own = engine_difference(fit.vector) if engines is None else engines
+    difference = engine_difference(fit.vector) if engines is None else engines
     share = data_share(np.sqrt(np.diag(fit.covariance)), fit.vector)
-    return np.asarray(fit.covariance + np.diag(np.square(share * own)))
+    return np.asarray(fit.covariance + np.diag(np.square(share * difference)))
 
 
 def noise_rms(noise: SensorNoise) -> float:
-    """m, RMS of capped distances of points that lie on the surface but for the sensor's noise and strays."""
+    """Return the RMS, m, of capped distances of points on the surface but for the sensor's noise and strays."""
     reach = max(noise.stray_reach, 1e-12)
     inner = min(reach, CAP)  # strays are even over the reach
     stray = (inner**3 / 3 + (reach - inner) * CAP**2) / reach
@@ -72,17 +72,17 @@ def noise_rms(noise: SensorNoise) -> float:
 
 
 def excess(rms: float, noise: SensorNoise) -> float:
-    """m: what a capped RMS `rms` [m] has over the noise, in quadrature."""
+    """Return what a capped RMS `rms` [m] has over the noise, in quadrature, m."""
     return over(rms, noise_rms(noise))
 
 
 def expected_rms(noise: SensorNoise, left: float = EXCESS) -> float:
-    """m: the capped RMS of which `left` [m] is over the noise, in quadrature."""
+    """Return the capped RMS, m, of which `left` [m] is over the noise, in quadrature."""
     return float(np.hypot(noise_rms(noise), left))
 
 
 def interval_warnings(rms: float, outlying: float, noise: SensorNoise) -> list[str]:
-    """Why the intervals of a fit that leaves `rms` [m] and a share of frames far off are not reliable."""
+    """Return why the intervals of a fit that leaves `rms` [m] and a share of frames far off are not reliable."""
     warnings = []
     if not (left := excess(rms, noise)) <= EXCESS:
         warnings.append(f"the fit leaves {in_mm(left):.2f} mm over the noise, expected at most {in_mm(EXCESS):g}")
@@ -92,12 +92,12 @@ def interval_warnings(rms: float, outlying: float, noise: SensorNoise) -> list[s
 
 
 def far_factors(fit: Fit) -> list[str]:
-    """That the factors are not plausible, and which; nothing where they are."""
+    """Return that the factors are not plausible, and which; nothing where they are."""
     vector, x = fit.vector, fit.x
     if vector.is_plausible(x):
         return []
-    own = np.flatnonzero(vector.are_factors & (np.abs(x) > 2 * vector.prior))
-    far = [f"{vector.names[k].replace('_', ' ')} {vector.parameters[k].value(x[k]):.2f}" for k in own]
+    implausible = np.flatnonzero(vector.are_factors & (np.abs(x) > 2 * vector.prior))
+    far = [f"{vector.names[k].replace('_', ' ')} {vector.parameters[k].value(x[k]):.2f}" for k in implausible]
     return [
         f"the factors are farther from the data sheet than those of one specimen in a thousand ({', '.join(far)}): an "
         "effect that the model lacks may hide in them"

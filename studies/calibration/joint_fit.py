@@ -36,8 +36,8 @@ _AT_LAST = 0.5  # of all work, where the last fit has all trials; of that where 
 
 
 def joint_fit(data: MeasuredData, vector: FitVector, start: Array, fits: Fits) -> Fit:
-    """The fit of all frames over growing horizons. What cannot matter beside the tolerance, of the terms whose
-    strengths alone are fitted and that no model gave, takes part in the last fit alone."""
+    """Return the fit of all frames over growing horizons. Of the terms whose strengths alone are fitted and that no
+    model gave, what cannot matter beside the tolerance takes part in the last fit alone."""
     right = expected_rms(data.noise, fits.tolerance)
     much = right if fits.patient else expected_rms(data.noise, 2 * fits.tolerance)
     few = _few(data)
@@ -65,8 +65,8 @@ def joint_fit(data: MeasuredData, vector: FitVector, start: Array, fits: Fits) -
 
 
 def joint_fit_from_rest(data: MeasuredData, vector: FitVector, fits: Fits, at_rest: Fit) -> Fit:
-    """The fit of all frames from where shapes at rest are fitted. What these do not need, or a few trials of what does
-    not act at rest, takes no part in the last fit."""
+    """Return the fit of all frames from where shapes at rest are fitted. What these do not need, or a few trials of
+    what does not act at rest, takes no part in the last fit."""
     nothing = unneeded(at_rest)
     there, index = vector.only(set(vector.labels) - nothing)
     x, few = beginning(vector, at_rest, nothing)[index], _few(data)
@@ -151,27 +151,27 @@ class _Stage:
 
 
 def _from_factors(vector: FitVector, first: _Stage) -> _Descent:
-    """Where the factors alone lead over the first horizon, and effects at nothing: a cloth that buckles has false
-    minima on either way."""
+    """Return where the factors alone lead over the first horizon, with effects at nothing: a cloth that buckles has
+    false minima with and without them."""
     plain = vector.without_effects
     return _Descent(vector, beside(vector, first.fit(plain, plain.start, "factors").x), "from factors")
 
 
 def beside(vector: FitVector, factors: Array) -> Array:
-    """(p,) of a vector's unknowns: factors, and effects at nothing."""
+    """Return a vector's unknowns (p,): factors, and effects at nothing."""
     x = np.zeros(len(vector.parameters))
     x[: len(factors)] = factors
     return x
 
 
 def negligible(early: Fit, tolerance: float) -> frozenset[str]:
-    """The terms that are well known and, two standard deviations off, move the residuals by less than half the
+    """Return the terms that are well known and, two standard deviations off, move the residuals by less than half the
     `tolerance` [m] RMS, less what the other unknowns can take of that."""
     normal, vector = early.normal, early.vector
     share = normal.scale**2 / max(normal.tempering * float(normal.frames.sum()), 1e-12)
     ridged = normal.sensitivity + share * np.diag(1 / vector.prior**2)
     deviation = np.sqrt(np.diag(early.covariance))
-    found = []
+    labels = []
     for label, term in zip(vector.labels, vector.terms, strict=True):
         part = vector.part(label)
         others = np.setdiff1d(np.arange(len(early.x)), part)
@@ -183,8 +183,8 @@ def negligible(early: Fit, tolerance: float) -> frozenset[str]:
         most = float(size @ np.sqrt(np.maximum(np.diag(left), 0.0)))
         known = (deviation[part] <= KNOWN * vector.prior[part]).all()
         if known and most <= 0.5 * tolerance and _may_go(term, tuple(vector.parameters[k] for k in part)):
-            found.append(label)
-    return frozenset(found)
+            labels.append(label)
+    return frozenset(labels)
 
 
 def unneeded(fit: Fit) -> frozenset[str]:
@@ -199,6 +199,6 @@ def unneeded(fit: Fit) -> frozenset[str]:
 
 
 def _may_go(term: Term, parameters: Sequence[FitParameter]) -> bool:
-    """Not what a model gave, whether it is fitted or held."""
+    """Return whether a term may be dropped: no model gave it, fitted or held."""
     keys = {parameter.name.rpartition(".")[2] for parameter in parameters}
     return bool(keys) and keys <= {*EFFECTS[term.name].strengths} - term.values.keys()

@@ -10,7 +10,7 @@ _ENGINES = (
 
 
 def as_text(calibration: Calibration) -> str:
-    """The table and the statements, for people."""
+    """Return the table and the statements, for people."""
     fit, noise = calibration.fit, calibration.noise
     rows = [f"  {name:<14} {p.factor:6.3f}   {_interval(p)}" for name, p in calibration.model.parameters.items()]
     lines = [

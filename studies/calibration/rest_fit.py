@@ -48,14 +48,14 @@ def fit_at_rest(data: MeasuredData, fits: Fits, vector: FitVector) -> Fit | None
     jacobians: Jacobians | None = getattr(fits.coarse.forward, "faces_jacobian", None)
     if not data.standing or jacobians is None:
         return None
-    named, told = "at rest" if vector.terms else "factors at rest", fits.told("", vector)
+    named, progress = "at rest" if vector.terms else "factors at rest", fits.progress_of("", vector)
     problem = RestProblem(data.standing, jacobians, acting_at_rest(vector), data.weighed)
     return fit(
         problem,
         policy=AT_REST,
         named=named,
         checkpoint=fits.checkpoint,
-        progress=lambda line, share: told(f"{named}, {line}", share),
+        progress=lambda line, share: progress(f"{named}, {line}", share),
     )
 
 

@@ -1,4 +1,4 @@
-"""What a calibration came to, as `calibrate --json` prints it."""
+"""The result of a calibration, as `calibrate --json` prints it."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -19,7 +19,7 @@ from studies.measured.used_frames import UsedFrames
 
 @dataclass(frozen=True, eq=False)
 class Calibration(OfModel):
-    """What a fit to measurement sets came to."""
+    """The result of a fit to measurement sets."""
 
     model: Model
     fit: Fit
@@ -40,7 +40,7 @@ class Calibration(OfModel):
         return self.data.noise
 
     def as_json(self) -> dict[str, Any]:
-        """What `calibrate --json` prints: factors, mm."""
+        """Return what `calibrate --json` prints: factors, mm."""
         parameters = {
             name: {"factor": p.factor, "interval90": p.interval90, "believable": p.reliable}
             for name, p in self.model.parameters.items()

@@ -1,4 +1,4 @@
-"""What may be wrong with a whole trial, found against the fitted motion: faces swapped, a clock of its own."""
+"""This module finds what is wrong with a whole trial, against the fitted motion: faces swapped, a clock of its own."""
 
 from collections.abc import Sequence
 
@@ -20,8 +20,8 @@ TURNED = {"front and back": (1, 1, -1), "front and back, seen from behind": (-1,
 
 
 def implausible(samples: Sequence[Sample], forward: ForwardModel, vector: FitVector, x: Array) -> dict[int, str]:
-    """A line on each sample that cannot be what its file says, by index. A lag that all trials share is not the clock's
-    fault but an effect; motions that diverge are left out."""
+    """Return a line on each sample that cannot be what its file says, by index. A lag that all trials share is not the
+    clock's fault but an effect; motions that diverge are left out."""
     frames = [evenly(len(s.times), FRAMES) for s in samples]
     instants = [np.clip(s.times[chosen] + LAGS[:, None], 0.0, None) for s, chosen in zip(samples, frames, strict=True)]
     motions = forward.motions([vector.case(s.trial, x) for s in samples], [np.unique(times) for times in instants])

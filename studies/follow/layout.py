@@ -45,7 +45,7 @@ def chosen_layout(
 
 
 def _target(study: FollowStudy, wanted: Wanted, moment: int, work: WorkFolder) -> TargetFile:
-    """What is wanted at an instant, as a search's target."""
+    """Return what is wanted at an instant, as a search's target."""
     if isinstance(study.target, tuple):
         return study.target[moment].target
     name = f"instant_{moment}.npz"

@@ -1,4 +1,4 @@
-"""What was measured in the last run, fed back: how far the cloth was from where the model has it."""
+"""This module feeds back a measured run: how far the cloth was from where the model has it."""
 
 from dataclasses import dataclass
 from math import isqrt
@@ -60,7 +60,7 @@ def displacements(
 
 
 def _beside(cloud: Array, faces: Array, face: Face) -> Array:
-    """(2 n, 3) m along the normals of the front face."""
+    """Return displacements (2 n, 3) m along the normals of the front face."""
     side = isqrt(len(faces) // 2)
     count = side * side
     half = float(np.linalg.norm(faces[:count] - faces[count:], axis=1).mean()) / 2
@@ -73,8 +73,8 @@ def _beside(cloud: Array, faces: Array, face: Face) -> Array:
 
     def mean(heights: Array) -> Array:
         sums, counts = (
-            gaussian_filter(np.bincount(node, own, count).reshape(side, side), SMOOTH * side, mode="nearest")
-            for own in (heights, np.ones(len(heights)))
+            gaussian_filter(np.bincount(node, values, count).reshape(side, side), SMOOTH * side, mode="nearest")
+            for values in (heights, np.ones(len(heights)))
         )
         return np.asarray(sums / np.maximum(counts, 1e-3 * counts.max()))
 

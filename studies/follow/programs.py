@@ -19,7 +19,7 @@ TINY = 1e-9
 
 @dataclass(frozen=True)
 class Regulator:
-    """What the pressures keep. lowest, highest (channels,) Pa; rate Pa/s, inf where steps are possible."""
+    """The limits that the pressures keep. lowest, highest (channels,) Pa; rate Pa/s, inf where steps are possible."""
 
     cycle: float  # s
     resolution: float  # Pa
@@ -85,7 +85,7 @@ class Roughness:
 
     @staticmethod
     def of(before: Array, pressures: Array) -> "Roughness":
-        """before: the rows (2, channels) Pa that precede the rows `pressures` (count, channels) Pa."""
+        """Return it by the rows `before` (2, channels) Pa that precede `pressures` (count, channels) Pa."""
         count, channels = pressures.shape
         rows = np.concatenate([before, pressures]) / UNIT
         first = np.diff(np.eye(count + 2), axis=0)[1:] / TURN
@@ -112,8 +112,8 @@ def best_change(hessian: Array, gradient: Array, regulator: Regulator, rows: tup
         now = np.diff(np.concatenate([before[None], pressures]), axis=0).ravel()
         room = max(regulator.change, 0.0)
         bounds += [(step, np.minimum(-room - now, 0.0)), (-step, np.minimum(now - room, 0.0))]
-    matrix = np.concatenate([own for own, _ in bounds])
-    least = np.concatenate([own for _, own in bounds]) / UNIT
+    matrix = np.concatenate([rows_of_limit for rows_of_limit, _ in bounds])
+    least = np.concatenate([values for _, values in bounds]) / UNIT
     return UNIT * _least_distance(hessian, gradient, matrix, least).reshape(count, channels)
 
 

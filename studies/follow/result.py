@@ -1,4 +1,4 @@
-"""What a study of a moving target comes to."""
+"""The result of a study of a moving target."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -36,9 +36,9 @@ class Limitation:
         when = f"from {self.begin:.2f} to {self.end:.2f} s"
         if self.by == "reach":
             return f"{when} the layout does not reach the shape, or not so fast: no limit of the regulator is met"
-        own = ", ".join(map(str, self.channels))
+        numbers = ", ".join(map(str, self.channels))
         what = {"pressure": "at the end of what pressure may be", "rate": "as fast as the regulator changes"}[self.by]
-        return f"{when} channel {own} is {what}"
+        return f"{when} channel {numbers} is {what}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +65,13 @@ class FollowResult:
 
     @property
     def rms(self) -> Array:
-        """(K,) m: surface RMS, of wishes the mean distance."""
-        return np.array([own.surface_rms for own in self.errors])
+        """Return the surface RMS (K,) m, of wishes the mean distance."""
+        return np.array([error.surface_rms for error in self.errors])
 
     @property
     def floor(self) -> Array:
-        """(K,) m."""
-        return np.array([own.surface_floor for own in self.errors])
+        """Return the noise floor (K,) m."""
+        return np.array([error.surface_floor for error in self.errors])
 
     @property
     def limitations(self) -> list[Limitation]:
@@ -90,15 +90,15 @@ class FollowResult:
         return spans
 
     def _met(self, time: float) -> tuple[str, tuple[int, ...]]:
-        """Which limit a set point meets in the cycles before an instant."""
+        """Return which limit a set point meets in the cycles before an instant."""
         regulator, last = self.regulator, int(np.ceil(time / self.regulator.cycle - 1e-9))
         rows = self.pressures[max(0, last - 4) : last]
         room = AT_LIMIT * regulator.resolution
         ends = (rows <= regulator.lowest + room) | (rows >= regulator.highest - room)
         steps = np.abs(np.diff(np.concatenate([np.zeros((1, regulator.channels)), self.pressures]), axis=0))
         fast = steps[max(0, last - 4) : last] >= regulator.change - regulator.resolution - room
-        for by, own in (("rate", fast), ("pressure", ends)):
-            if (channels := np.flatnonzero(own.any(axis=0))).size:
+        for by, met in (("rate", fast), ("pressure", ends)):
+            if (channels := np.flatnonzero(met.any(axis=0))).size:
                 return by, tuple(channels.tolist())
         return "reach", ()
 
@@ -123,7 +123,7 @@ class FollowResult:
             "instants": len(self.wanted.times),
             "error_mm": in_mm(float(self.rms.mean())),
             "floor_mm": in_mm(float(self.floor.mean())),
-            "chamfer_mm": in_mm(float(np.mean([own.chamfer for own in self.errors]))),
+            "chamfer_mm": in_mm(float(np.mean([error.chamfer for error in self.errors]))),
             "from_rest_mm": in_mm(self.begun),
             "by_time": {
                 "time_s": self.wanted.times.tolist(),

@@ -134,7 +134,7 @@ class _Solver:
         start = self._checkpoint.arrays("start", lambda: {"pressures": self._start()})["pressures"]
         best = self._improved("pass", start)
         begin = self._driven(start)  # not before: a first answer does not wait for it
-        return self._result(min(best, begin, key=lambda own: own.error), begin.error)
+        return self._result(min(best, begin, key=lambda motion: motion.error), begin.error)
 
     def corrected(self, run: MeasuredRun, number: int, program: Array) -> FollowResult:
         """Return the answer to a measured motion of `program`, in which the model's own changes are asked of it
@@ -158,8 +158,8 @@ class _Solver:
     def _improved(self, name: str, program: Array, best: "_Driven | None" = None) -> "_Driven":
         """Return the best program of some passes, as far as the time goes. Once a pass gains little, those that follow
         go on the study's own grid. best: how `program` moves the cloth, where that is known."""
-        own = self._study.points_per_side
-        grid, beside = min(COARSE, own), 0.0 if best is None else best.beside
+        finest = self._study.points_per_side
+        grid, beside = min(COARSE, finest), 0.0 if best is None else best.beside
         for number, (steps, calm, length) in enumerate(PASSES):
             if best is not None and (not self._complete or best.error <= NOISY * self._wanted.noise):
                 break
@@ -169,9 +169,9 @@ class _Solver:
             gained = 1.0 if best is None else 1 - trial.error / best.error
             best = trial if best is None or gained > 0 else best
             if gained < GAINED:
-                if grid == own:
+                if grid == finest:
                     break
-                grid = own
+                grid = finest
         assert best is not None
         return best
 
@@ -246,7 +246,7 @@ def _last_run(work: WorkFolder, path: Path, study: FollowStudy) -> tuple[Measure
 
 
 def _content(study: FollowStudy) -> dict[str, str]:
-    """What the pieces depend on, by field."""
+    """Return what the pieces depend on, by field."""
     files = {f"target.{path.name}": sha256(path) for path in files_of(study) if path.is_file()}
     content = content_of(study, ("name", "seconds", "scatter", "target"), files)
     return {"simulator": str(SIMULATOR), "algorithm": str(ALGORITHM), "target": repr(study.target)} | content

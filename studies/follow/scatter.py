@@ -47,15 +47,15 @@ def copies_of(
     drawn = [] if model is None else Ensemble(model).drawn(scatter.copies, seed)
     alike = cases[: len(cases) - len(drawn)]
     meant, up, down, *copies = forward.motions(alike, [times] * len(alike))
-    for one, own in zip(drawn, cases[len(alike) :], strict=True):
-        copies += forward_model(simulator, one).motions([own], [times])
-    sound = [own for own in copies if np.isfinite(own).all()]
+    for one, drawn_case in zip(drawn, cases[len(alike) :], strict=True):
+        copies += forward_model(simulator, one).motions([drawn_case], [times])
+    sound = [copy for copy in copies if np.isfinite(copy).all()]
     if not np.isfinite(meant).all() or not sound:
         return None
-    off = np.array([rms_of_each(own - meant) for own in sound])
+    off = np.array([rms_of_each(copy - meant) for copy in sound])
     elsewhere = instants_elsewhere(meant, up, down)
     snap = float(times[int(np.argmax(elsewhere))]) if elsewhere.any() else None
-    expected = float(np.mean([wanted.mean_distance(own) for own in sound]))
+    expected = float(np.mean([wanted.mean_distance(copy) for copy in sound]))
     return MotionCopies(len(sound), np.asarray(1.645 * np.sqrt(np.square(off).mean(axis=0))), expected, snap)
 
 

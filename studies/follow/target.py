@@ -1,4 +1,4 @@
-"""What a study wants when, read from its files."""
+"""This module reads from a study's files what is wanted when."""
 
 from dataclasses import replace
 from pathlib import Path

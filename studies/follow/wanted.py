@@ -1,4 +1,4 @@
-"""What is wanted when: a target at each of some instants, and how far a motion is from it."""
+"""The targets of a motion, one at each of some instants, and how far a motion is from them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -73,7 +73,7 @@ class Wanted:
     def thinned(self, count: int) -> "Wanted":
         """Return the same with about so many points of each cloud."""
         step = [-(-len(target.points) // count) if target.landmarks is None else 1 for target in self.targets]
-        thin = (replace(own, points=own.points[::k]) for own, k in zip(self.targets, step, strict=True))
+        thin = (replace(target, points=target.points[::k]) for target, k in zip(self.targets, step, strict=True))
         return Wanted(self.times, tuple(thin))
 
     def errors(self, times: Array, motion: Floats) -> Array:
@@ -92,12 +92,12 @@ class Wanted:
         """Return the mean over instants [m] of the RMS distance to a motion (K, 2 n, 3) m."""
         side = isqrt(motion.shape[1] // 2)
         each = [self.distances(k, points, side) for k, points in enumerate(motion)]
-        return float(np.mean([np.inf if own is None else np.sqrt(np.square(own.off).mean()) for own in each]))
+        return float(np.mean([np.inf if one is None else np.sqrt(np.square(one.off).mean()) for one in each]))
 
     @property
     def noise(self) -> float:
         """Return the mean over instants [m] of the noise."""
-        return float(np.mean([0.0 if own.landmarks is not None else own.noise.sigma for own in self.targets]))
+        return float(np.mean([0.0 if target.landmarks is not None else target.noise.sigma for target in self.targets]))
 
     @cached_property
     def _few(self) -> list[Array]:

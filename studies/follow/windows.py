@@ -46,7 +46,7 @@ class FollowTask:
 
     def cases(self, programs: Sequence[Array]) -> list[Case]:
         """Return the case with each of the set points (cycles, channels) Pa."""
-        return [replace(self.case, program=self.regulator.program(own)) for own in programs]
+        return [replace(self.case, program=self.regulator.program(rows)) for rows in programs]
 
 
 @dataclass(frozen=True)
@@ -81,12 +81,12 @@ class _Window:
         return round(cycle * self.task.regulator.cycle / self.simulator.time_step)
 
     def distances(self, motion: SimulatedMotion) -> list[Distances | None]:
-        """Of each instant of the window."""
+        """Return the distances at each instant of the window."""
         shapes = faces(motion.middle, motion.thickness).astype(float)
         if self.task.lacks is not None:
             shapes = shapes + self.task.lacks[self.moments]
         side = self.simulator.points_per_side
-        return [self.task.wanted.distances(k, own, side) for k, own in zip(self.moments, shapes, strict=True)]
+        return [self.task.wanted.distances(k, shape, side) for k, shape in zip(self.moments, shapes, strict=True)]
 
     def with_states(self, programs: Sequence[Array]) -> list[KeptMotion]:
         first, *ticks = [self.ticks(k) for k in range(self.begin, self.end + 1)]
@@ -109,7 +109,7 @@ def solve(
     keep: gives the set points of a window, which it may have kept from before; None ends the work. progress: hears the
     share of the windows that are done."""
     program, cycles = program.copy(), len(program)
-    length, ahead = (max(1, round(own / task.regulator.cycle)) for own in (effort.length, AHEAD))
+    length, ahead = (max(1, round(seconds / task.regulator.cycle)) for seconds in (effort.length, AHEAD))
     [case] = task.cases([program])
     state, begin = at_rest(effort.simulator, case), 0
     while begin < cycles:
@@ -128,7 +128,7 @@ def solve(
 
 
 def _end(task: FollowTask, begin: int, length: int, ahead: int, cycles: int) -> int:
-    """The cycle at which a window ends: where there is little to see, it reaches as far as the next instant does."""
+    """Return the cycle at which a window ends: where few instants are, it reaches as far as the next one does."""
     cycle, end = task.regulator.cycle, begin + length
     later = task.wanted.times[task.wanted.times > (begin + ahead) * cycle + 1e-9]
     if len(later):
@@ -137,8 +137,8 @@ def _end(task: FollowTask, begin: int, length: int, ahead: int, cycles: int) -> 
 
 
 def _solved(window: _Window, program: Array, steps: int) -> Array:
-    """The window's set points (end - begin, channels) Pa. Columns serve as long as steps along them gain; steps: of
-    Gauss-Newton, at most."""
+    """Return the window's set points (end - begin, channels) Pa. Columns serve as long as steps along them gain.
+    steps: of Gauss-Newton, at most."""
     begin, end = window.begin, window.end
     if not len(window.moments):
         return program[begin:end]
@@ -152,7 +152,7 @@ def _solved(window: _Window, program: Array, steps: int) -> Array:
             columns = _columns(window, at)
         changes = [share * at.step(columns, farthest, damping) for damping, share in TRIED]
         trials = _Place.all_of(window, [_changed(at.program, begin, change) for change in changes])
-        trial = min(trials, key=lambda own: own.cost)
+        trial = min(trials, key=lambda place: place.cost)
         gained = (at.cost - trial.cost) / at.cost
         if gained > 0:
             at, farthest = trial, FARTHEST
@@ -185,25 +185,25 @@ class _Place:
 
     @property
     def cost(self) -> float:
-        """Weighted squares of all; infinite for a motion that diverged."""
-        costs = [np.inf if own is None else own.cost for own in self.distances]
+        """Return the weighted squares of all; infinite for a motion that diverged."""
+        costs = [np.inf if one is None else one.cost for one in self.distances]
         return float(sum(costs) + self.roughness.value)
 
     @property
     def is_solved(self) -> bool:
-        """Whether nothing is to be gained: the distances are noise, or the motion diverged."""
-        costs = [(own.cost, own.of_noise) for own in self.distances if own is not None]
+        """Return whether nothing is to be gained: the distances are noise, or the motion diverged."""
+        costs = [(one.cost, one.of_noise) for one in self.distances if one is not None]
         return len(costs) < len(self.distances) or sum(c for c, _ in costs) <= NOISY * sum(n for _, n in costs)
 
     def step(self, columns: Sequence[NDArray[np.floating[Any]]], farthest: float, damping: float) -> Array:
         """Return the change (cycles, channels) Pa that Gauss-Newton takes. damping: Levenberg's, of the mean of the
         Hessian's diagonal."""
         hessian, gradient = self.roughness.hessian, self.roughness.gradient
-        for own, moves in zip(self.distances, columns, strict=True):
-            assert own is not None
-            slopes = UNIT * moved(own, moves)
-            hessian = hessian + slopes.T @ (own.robust[:, None] * slopes)
-            gradient = gradient + slopes.T @ (own.robust * own.off)
+        for at_instant, moves in zip(self.distances, columns, strict=True):
+            assert at_instant is not None
+            slopes = UNIT * moved(at_instant, moves)
+            hessian = hessian + slopes.T @ (at_instant.robust[:, None] * slopes)
+            gradient = gradient + slopes.T @ (at_instant.robust * at_instant.off)
         hessian = hessian + damping * np.trace(hessian) / len(hessian) * np.eye(len(hessian))
         begin = self.window.begin
         rows = _rows_before(self.program, begin)[-1], self.program[begin : self.window.end]
@@ -217,7 +217,7 @@ def _changed(program: Array, begin: int, change: Array) -> Array:
 
 
 def _columns(window: _Window, at: _Place) -> list[NDArray[np.floating[Any]]]:
-    """(cycles channels, n, n, 3) m per Pa of each instant: how the mid-surface moves with each set point."""
+    """Return how the mid-surface moves with each set point: (cycles channels, n, n, 3) m per Pa of each instant."""
     program, motion, states = at.program, at.kept.motion, [window.state, *at.kept.states]
     regulator, cases, begins, times, moves = window.task.regulator, [], [], [], []
     for k, state in zip(range(window.begin, window.end), states, strict=False):
@@ -233,13 +233,13 @@ def _columns(window: _Window, at: _Place) -> list[NDArray[np.floating[Any]]]:
     motions = go_on(window.simulator, window.task.cases(cases), begins, times, jumps=at.kept.jumps)
     count = (window.end - window.begin) * regulator.channels
     changes = np.zeros((len(window.times), count, *motion.middle.shape[1:]), np.float32)
-    for k, own in enumerate(motions):
+    for k, moved_one in enumerate(motions):
         rows = len(window.times) - len(times[k])
-        changes[rows:, k] = (own.middle - motion.middle[rows:]) / moves[k]
+        changes[rows:, k] = (moved_one.middle - motion.middle[rows:]) / moves[k]
     return list(np.nan_to_num(changes))
 
 
 def _rows_before(program: Array, begin: int) -> Array:
-    """(2, channels) Pa: the rows before `begin`; rest before the first."""
+    """Return the rows before `begin`, (2, channels) Pa; rest before the first."""
     rest = np.zeros((2, program.shape[1]))
     return np.concatenate([rest, program[:begin]])[-2:]

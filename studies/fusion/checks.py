@@ -1,4 +1,4 @@
-"""What goes wrong at a rig, found in the clouds themselves: swapped sensors, clocks that differ."""
+"""This module finds errors of a rig in the clouds themselves: swapped sensors, clocks that differ."""
 
 from collections.abc import Callable, Sequence
 from itertools import combinations
@@ -27,7 +27,7 @@ def disagreement(views: Sequence[SensorView], poses: Sequence[Array], sides: Seq
 def swapped_pair(
     views: Sequence[SensorView], poses: Sequence[Array], sides: Sequence[str], thickness: float
 ) -> tuple[int, int] | None:
-    """The front and back cameras whose clouds must be exchanged for the frame to agree, if that is what is wrong."""
+    """Return the front and back cameras whose clouds must be exchanged for the frame to agree, if that is wrong."""
     now = disagreement(views, poses, sides, thickness)
     best: tuple[float, tuple[int, int]] | None = None
     for a, b in combinations([v.camera for v in views], 2):
@@ -44,7 +44,7 @@ def swapped_pair(
 def shifted_sensor(
     views: Sequence[SensorView], poses: Sequence[Array], sides: Sequence[str], thickness: float
 ) -> tuple[int, dict[int, int]] | None:
-    """The camera whose frames fit the others' some frames later (or earlier), by frame how many, if one does.
+    """Return the camera whose frames fit the others' some frames later (or earlier), by frame how many, if one does.
 
     Where no stamps are there, the motion itself tells of a cloud that was lost or stands twice: from then on a camera's
     frames fit others. The path of lags with the least distances is taken; a change of the lag costs CHANGE.
@@ -71,7 +71,7 @@ def shifted_sensor(
 
 
 def _cheapest(cost: Array) -> list[int]:
-    """The column of each row with the least sum, where each change of the column costs CHANGE (Viterbi)."""
+    """Return the column of each row with the least sum, where each change of the column costs CHANGE (Viterbi)."""
     total, came = cost[0].copy(), []
     change = CHANGE * np.abs(np.subtract.outer(np.arange(cost.shape[1]), np.arange(cost.shape[1])))
     for row in cost[1:]:
@@ -91,13 +91,13 @@ def moved_camera(
     sides: Sequence[str],
     thickness: float,
 ) -> tuple[int, int] | None:
-    """The camera whose views leave those of all others from a frame on, to the end, and that frame."""
+    """Return the camera whose views leave those of all others from a frame on, to the end, and that frame."""
     last = next((k for k in range(frames - 1, max(frames - 6, -1), -1) if len(views_at(k)) == len(poses)), None)
     if last is None or len(poses) < 3:
         return None
 
     def alone(frame: int) -> dict[int, float]:
-        """By camera the least of its distances to the others."""
+        """Return by camera the least of its distances to the others."""
         views = views_at(frame)
         least = dict.fromkeys(range(len(poses)), np.inf)
         for a, b in combinations(views, 2):

@@ -67,15 +67,15 @@ def clean_image(
     rows, columns = np.nonzero(kept)
     plane = fitted[rows, columns]
     at = rows * step + first[0], columns * step + first[1]
-    own = depth[at]
-    z = 1.0 / plane[:, 0] if filters.smooth else own
+    single = depth[at]
+    z = 1.0 / plane[:, 0] if filters.smooth else single
     ray = np.concatenate([slopes[at], np.ones((len(z), 1))], axis=1)
     normal = plane[:, 1:4] / np.linalg.norm(plane[:, 1:4], axis=1, keepdims=True)
     towards = -np.einsum("ni,ni->n", ray, normal) / np.linalg.norm(ray, axis=1)
     normal *= np.where(towards < 0, -1.0, 1.0)[:, None]
     sound = np.abs(towards) > GRAZING
     if filters.flying:
-        sound &= (plane[:, 4] > LEAST_SUPPORT) & (np.abs(own - 1.0 / plane[:, 0]) < plane[:, 5])
+        sound &= (plane[:, 4] > LEAST_SUPPORT) & (np.abs(single - 1.0 / plane[:, 0]) < plane[:, 5])
     every = int((depth[first[0] :: step, first[1] :: step] > 0).sum())
     cells = np.stack([(at[0] + corner[0]) // step, (at[1] + corner[1]) // step], axis=1)[sound]
     points = (ray * z[:, None])[sound]

@@ -22,7 +22,7 @@ MOST_DRIFT = 1e-3
 
 @dataclass(frozen=True)
 class Clock:
-    """From a camera's stamps to the common axis: time = stamp + offset + drift (stamp - middle)."""
+    """The map from a camera's stamps to the common axis: time = stamp + offset + drift (stamp - middle)."""
 
     offset: float  # s
     drift: float = 0.0
@@ -39,7 +39,7 @@ class Clock:
 
 @dataclass(frozen=True)
 class Losses:
-    """What is odd in the stamps of one camera."""
+    """Irregularities in the stamps of one camera."""
 
     interval: float  # s between images, the median
     lost: tuple[float, ...]  # s, stamps at which an image should be
@@ -76,13 +76,13 @@ def coarse_clocks(views: Sequence[Sequence[StampedView]], shared: bool) -> tuple
 
     It is NaN where the cloth moves too little: then clocks that are `shared` agree, and others began together.
     """
-    signals = [_signal(own) for own in views]
+    signals = [_signal(images) for images in views]
     clocks, similar = [Clock(0.0, 0.0, _middle(views[0]))], [1.0]
-    for own, (stamps, speeds) in zip(views[1:], signals[1:], strict=True):
+    for images, (stamps, speeds) in zip(views[1:], signals[1:], strict=True):
         start = 0.0 if shared else signals[0][0][0] - stamps[0]
         offset, correlation = best_lag(signals[0], (stamps + start, speeds), 0.25 if shared else np.inf)
         known = correlation > SIMILAR and _moves(speeds) and _moves(signals[0][1])
-        clocks.append(Clock(start + (offset if known else 0.0), 0.0, _middle(own)))
+        clocks.append(Clock(start + (offset if known else 0.0), 0.0, _middle(images)))
         similar.append(correlation if known else float("nan"))
     return clocks, similar
 

@@ -39,7 +39,7 @@ class SensorReport:
 
 @dataclass(frozen=True)
 class FusionReport:
-    """What was done; in SET/fusion.json, with the picture SET/fusion.png (of several, fusion_ORDER.png)."""
+    """A report of what was done; in SET/fusion.json, with the picture SET/fusion.png (of several, fusion_ORDER.png)."""
 
     recording: str
     frames: int

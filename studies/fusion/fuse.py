@@ -107,7 +107,7 @@ def _require_different(recordings: Sequence[Recording]) -> None:
 
 
 def _designs(recordings: Sequence[Recording]) -> tuple[list[str], dict[str, Design]]:
-    """Each recording's key in the set's designs, and those designs: equal ones once, another of one name as NAME_2."""
+    """Return each recording's key in the set's designs, and these: equal ones once, another of one name as NAME_2."""
     keys: list[str] = []
     designs: dict[str, Design] = {}
     for recording in recordings:

@@ -1,4 +1,4 @@
-"""From a recording's files to cleaned views and anchored poses; what is unsound is refused, or left out and listed."""
+"""This module makes cleaned views and anchored poses from a recording; unsound parts are refused, or left out."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -91,7 +91,7 @@ def _registered(recording: Recording, sensor: Sensor, cloud: Array) -> Pose:
 
 
 def _fits(recording: Recording, sensor: Sensor) -> bool:
-    """Whether a sensor's own cloud at rest fits its pose."""
+    """Return whether a sensor's own cloud at rest fits its pose."""
     try:
         register_to_rest(sensor, recording.reference(sensor), recording.design.fabric)
     except InputError:
@@ -119,7 +119,7 @@ def read_views(recording: Recording, anchored: Anchored, tolerance: Tolerance) -
 def consistent(
     recording: Recording, anchored: Anchored, views: Sequence[SensorView], tolerance: Tolerance
 ) -> tuple[list[SensorView], list[Array]]:
-    """The views of sound frames and the poses (4, 4) that all of them share. Raises InputError."""
+    """Return the views of sound frames and the poses (4, 4) that all of them share. Raises InputError."""
     thickness, sides = recording.design.fabric.thickness, anchored.sides
     poses = [anchor.matrix for anchor in anchored.anchors]
     kept = list(views)

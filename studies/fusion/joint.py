@@ -31,7 +31,7 @@ DRIFT = 1e-4  # standard deviation of a clock's drift
 
 @dataclass(frozen=True, eq=False)
 class SensorView:
-    """What one camera saw of one frame."""
+    """The view of one frame by one camera."""
 
     frame: int
     camera: int
@@ -40,7 +40,7 @@ class SensorView:
     stamp: float = 0.0  # s on the camera's clock, from its middle
 
     def placed(self, matrix: Array, step: int = 1) -> tuple[Array, Array]:
-        """Every `step`-th point (n, 3) m and its normal, in the world."""
+        """Return every `step`-th point (n, 3) m and its normal, in the world."""
         turn = matrix[:3, :3].T
         return self.cloud.points[::step] @ turn + matrix[:3, 3], self.cloud.normals[::step] @ turn
 
@@ -112,7 +112,7 @@ class TimedViews:
 
 
 def align(views: Sequence[SensorView], anchors: Sequence[Pose], sides: Sequence[str], thickness: float) -> list[Array]:
-    """The poses (4, 4) that agree best with one another over all views, and with their anchors."""
+    """Return the poses (4, 4) that agree best with one another over all views, and with their anchors."""
     return _aligned(lambda _: views, np.full((len(anchors), 2), HELD), anchors, sides, thickness)[0]
 
 
@@ -124,8 +124,8 @@ def align_timed(
     sides: Sequence[str],
     thickness: float,
 ) -> tuple[list[Array], TimedViews, Array]:
-    """The poses and clocks that agree best over views at instants [s] and at rest, and how well the offsets are known
-    (cameras,) [s] by the distances' noise."""
+    """Return the poses and clocks that agree best over views at instants [s] and at rest, and how well the offsets are
+    known (cameras,) [s] by the distances' noise."""
     certain = np.array([[max(s, 1e-12) ** -2, DRIFT**-2] for s in timed.known])
     certain[0] = HELD
     poses, small, spread = _aligned(

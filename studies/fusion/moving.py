@@ -20,7 +20,7 @@ LEAST_SHARE = 0.2  # of a view's points whose motion is known
 
 @dataclass(frozen=True, eq=False)
 class StampedView:
-    """What one camera saw in one image: the cloth, and its points' speed along their rays."""
+    """A camera's view in one image: the cloth, and its points' speed along their rays."""
 
     number: int  # of the image
     stamp: float  # s on the camera's clock

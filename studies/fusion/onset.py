@@ -33,12 +33,12 @@ def pressure_offset(
     steps = steps_of(program)
     if not steps:
         return float("nan"), float("nan"), 0
-    times = [clock.times(np.array([v.stamp for v in own])) for own, clock in zip(views, clocks, strict=True)]
-    speeds = [np.nan_to_num([v.mean_speed for v in own]) for own in views]
+    times = [clock.times(np.array([v.stamp for v in images])) for images, clock in zip(views, clocks, strict=True)]
+    speeds = [np.nan_to_num([v.mean_speed for v in images]) for images in views]
     coarse = _coarse(steps, times, speeds)
     onsets = []
     for step, _ in steps:
-        curves = [_curve(own, t, speed, coarse + step) for own, t, speed in zip(views, times, speeds, strict=True)]
+        curves = [_curve(images, t, v, coarse + step) for images, t, v in zip(views, times, speeds, strict=True)]
         start = _start([curve for curve in curves if len(curve) > 1], coarse + step)
         if start is not None:
             onsets.append(start - step)

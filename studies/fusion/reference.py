@@ -38,7 +38,7 @@ class Pose:
 
 
 def moved(matrix: Array, small: Array) -> Array:
-    """A pose after a turn small[:3] rad about the world's axes through its own position, and a shift small[3:] m."""
+    """Return a pose after a turn small[:3] rad about the world's axes through its position, and a shift small[3:] m."""
     out = matrix.copy()
     out[:3, :3] = Rotation.from_rotvec(small[:3]).as_matrix() @ matrix[:3, :3]
     out[:3, 3] += small[3:]
@@ -52,7 +52,7 @@ def off(a: Array, b: Array) -> tuple[float, float]:
 
 
 def register_to_rest(sensor: Sensor, cloud: Array, fabric: Fabric, cleaned: Cleaned | None = None) -> Pose:
-    """The sensor's pose from its reference cloud (n, 3) m. Raises InputError where it does not fit the cloth."""
+    """Return the sensor's pose from its reference cloud (n, 3) m. Raises InputError where it does not fit the cloth."""
     z = fabric.thickness / 2 if sensor.side == "front" else -fabric.thickness / 2
     start = _coarse(sensor, (cleaned or clean(cloud)).points, fabric, z)
     met, passed = _border(cloud)
@@ -83,7 +83,7 @@ def register_to_rest(sensor: Sensor, cloud: Array, fabric: Fabric, cleaned: Clea
 
 
 def _coarse(sensor: Sensor, cleaned: Array, fabric: Fabric, z: float) -> Array:
-    """Point-to-plane and then point-to-point ICP onto an even sample of the face."""
+    """Return the pose by point-to-plane and then point-to-point ICP onto an even sample of the face."""
     u, v = np.meshgrid(np.linspace(0, fabric.width, 81), np.linspace(0, fabric.height, 81))
     face = np.stack([u.ravel() - fabric.width / 2, -v.ravel(), np.full(u.size, z)], axis=1)
     target = point_cloud(face)
@@ -124,7 +124,7 @@ def _surprise(agreement: Array, wrong: float) -> Array:
 
 
 def _outside(slope: Array, pose: Array, fabric: Fabric) -> Array:
-    """How far [m] a ray passes the cloth; negative inside. The hem counts: the nearer face decides."""
+    """Return how far [m] a ray passes the cloth; negative inside. The hem counts: the nearer face decides."""
     rays = np.concatenate([slope, np.ones((len(slope), 1))], axis=1) @ pose[:3, :3].T
     closest = np.full(len(slope), np.inf)
     for z in (-fabric.thickness / 2, fabric.thickness / 2):

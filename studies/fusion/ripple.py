@@ -28,7 +28,7 @@ RIPPLE_IMAGES = 3  # that show a camera's ripple
 
 @dataclass(frozen=True)
 class Ripple:
-    """What a camera adds to inverse depths."""
+    """An error that a camera adds to inverse depths."""
 
     frequency: float  # k, m
     sine: float  # a, 1/m
@@ -109,7 +109,7 @@ class _Planes:
 
 
 class _Residuals:
-    """What local planes leave of one image's inverse depths."""
+    """The rest that local planes leave of one image's inverse depths."""
 
     def __init__(self, depth: Array, size: float) -> None:
         there = depth > 0

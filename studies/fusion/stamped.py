@@ -40,7 +40,7 @@ RATE, GRID = 60.0, 21  # Hz, and points a side of the simulated cloth; its faces
 
 @dataclass(frozen=True, eq=False)
 class StampedFrames:
-    """What `fuse` needs of a stamped recording."""
+    """The parts of a stamped recording that `fuse` needs."""
 
     recording: Recording
     anchored: Anchored
@@ -179,11 +179,11 @@ def _steady(timed: TimedViews) -> Array:
     Where a step sets it in motion its speed jumps between two images, and no view at another instant follows from them.
     """
     speeds = [np.nan_to_num([view.mean_speed for view in views]) for views in timed.views]
-    times = [c.times(np.array([v.stamp for v in own])) for own, c in zip(timed.views, timed.clocks, strict=True)]
+    times = [c.times(np.array([v.stamp for v in images])) for images, c in zip(timed.views, timed.clocks, strict=True)]
     smooth = np.ones(len(times[0]), dtype=bool)
-    for own, when in zip(speeds, times, strict=True):
-        change = np.abs(np.gradient(own)) if len(own) > 2 else np.zeros(len(own))
-        jumps = np.interp(times[0], when, (change > STEADY * own + SLOW).astype(float))
+    for speed, when in zip(speeds, times, strict=True):
+        change = np.abs(np.gradient(speed)) if len(speed) > 2 else np.zeros(len(speed))
+        jumps = np.interp(times[0], when, (change > STEADY * speed + SLOW).astype(float))
         smooth &= jumps < 0.01
     kept = np.flatnonzero(smooth) if smooth.sum() >= JOINT // 2 else np.arange(len(smooth))
     fast = kept[np.argsort(-speeds[0][kept])[: JOINT // 2]]
@@ -238,9 +238,9 @@ def _frames(
     inside = instants[(times > JUST_AFTER) & (times <= program.duration + interval)]
     on_side = {side: np.zeros(len(inside), dtype=bool) for side in ("front", "back")}
     for camera, (views, clock) in enumerate(zip(timed.views, timed.clocks, strict=True)):
-        own = np.sort(clock.times(np.array([view.stamp for view in views])))
-        at = np.clip(np.searchsorted(own, inside), 1, len(own) - 1)
-        off = np.minimum(np.abs(own[at] - inside), np.abs(own[at - 1] - inside))
+        camera_times = np.sort(clock.times(np.array([view.stamp for view in views])))
+        at = np.clip(np.searchsorted(camera_times, inside), 1, len(camera_times) - 1)
+        off = np.minimum(np.abs(camera_times[at] - inside), np.abs(camera_times[at - 1] - inside))
         on_side[anchored.sides[camera]] |= off <= 0.5 * interval
     both = on_side["front"] & on_side["back"]
     if not both.any():
@@ -256,10 +256,11 @@ def _timing(
 ) -> SensorTiming:
     """Return a camera's clock against the first's, and what became of its images."""
     clock, odd = timed.clocks[column], camera.odd
-    own = clock.times(np.array([view.stamp for view in camera.views]))
-    nearest = np.abs(own[:, None] - instants).argmin(axis=0)
-    paired = len(np.unique(nearest[np.abs(own[nearest] - instants) <= 0.5 * odd.interval]))
-    within = int(((own > instants[0] - 0.5 * odd.interval) & (own < instants[-1] + 0.5 * odd.interval)).sum())
+    camera_times = clock.times(np.array([view.stamp for view in camera.views]))
+    nearest = np.abs(camera_times[:, None] - instants).argmin(axis=0)
+    paired = len(np.unique(nearest[np.abs(camera_times[nearest] - instants) <= 0.5 * odd.interval]))
+    first, last = instants[0] - 0.5 * odd.interval, instants[-1] + 0.5 * odd.interval
+    within = int(((camera_times > first) & (camera_times < last)).sum())
     return SensorTiming(
         _us(_ahead(clock, timed.clocks[0])),
         -float(clock.drift),

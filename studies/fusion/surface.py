@@ -39,14 +39,14 @@ def thin(faces: Mapping[str, Sequence[Array]], points: int, area: float) -> dict
 
 
 def normals(face: Array) -> Array:
-    """(n, 3) unit normals of a face's points, of either sign."""
+    """Return (n, 3) unit normals of a face's points, of either sign."""
     cloud = point_cloud(face)
     cloud.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(NORMAL_RADIUS, NORMAL_NEIGHBOURS))
     return np.asarray(cloud.normals)
 
 
 def distances(points: Array, face: Array, face_normals: Array) -> Array:
-    """(n,) m from the plane of the nearest point of the face; the normals' sign."""
+    """Return distances (n,) m from the plane of the nearest point of the face, with the normals' sign."""
     _, nearest = cKDTree(face).query(points)
     return np.asarray(np.einsum("ni,ni->n", points - face[nearest], face_normals[nearest]))
 

@@ -70,12 +70,12 @@ def solve(seen: Sequence[Seen], nominal: Sequence[Array], names: Sequence[str]) 
     Raises InputError for a camera with too few points in common, or along a line.
     """
     counts: dict[tuple[int, int], int] = {}
-    for own in seen:
-        for key in own:
+    for marks in seen:
+        for key in marks:
             counts[key] = counts.get(key, 0) + 1
-    common = [[key for key in own if counts[key] > 1] for own in seen]
-    for name, keys, own in zip(names, common, seen, strict=True):
-        points = np.array([own[key] for key in keys]).reshape(-1, 3)
+    common = [[key for key in marks if counts[key] > 1] for marks in seen]
+    for name, keys, marks in zip(names, common, seen, strict=True):
+        points = np.array([marks[key] for key in keys]).reshape(-1, 3)
         several = len(keys) >= LEAST_COMMON
         if not several or np.linalg.svd(points - points.mean(axis=0))[1][1] < OFF_LINE * len(keys) ** 0.5:
             raise InputError(
@@ -85,18 +85,18 @@ def solve(seen: Sequence[Seen], nominal: Sequence[Array], names: Sequence[str]) 
     poses = [pose.copy() for pose in nominal]
     for _ in range(ROUNDS):
         placed: dict[tuple[int, int], list[Array]] = {}
-        for pose, keys, own in zip(poses, common, seen, strict=True):
+        for pose, keys, marks in zip(poses, common, seen, strict=True):
             for key in keys:
-                placed.setdefault(key, []).append(pose[:3, :3] @ own[key] + pose[:3, 3])
+                placed.setdefault(key, []).append(pose[:3, :3] @ marks[key] + pose[:3, 3])
         middle = {key: np.mean(points, axis=0) for key, points in placed.items()}
         poses = [
-            _rigid(np.array([own[key] for key in keys]), np.array([middle[key] for key in keys]))
-            for keys, own in zip(common, seen, strict=True)
+            _rigid(np.array([marks[key] for key in keys]), np.array([middle[key] for key in keys]))
+            for keys, marks in zip(common, seen, strict=True)
         ]
     back = _rigid(_marks(poses), _marks(nominal))
     residuals = [
-        float(np.sqrt(np.mean([((pose[:3, :3] @ own[k] + pose[:3, 3] - middle[k]) ** 2).sum() for k in keys])))
-        for pose, keys, own in zip(poses, common, seen, strict=True)
+        float(np.sqrt(np.mean([((pose[:3, :3] @ marks[k] + pose[:3, 3] - middle[k]) ** 2).sum() for k in keys])))
+        for pose, keys, marks in zip(poses, common, seen, strict=True)
     ]
     return [back @ pose for pose in poses], residuals
 

@@ -121,7 +121,7 @@ def _searched(
     except KeyboardInterrupt:
         stop_reason = INTERRUPTED
     if follow:
-        evaluations.told = "following the motions that lead to the result; this comes after the limit of seconds"
+        evaluations.message = "following the motions that lead to the result; this comes after the limit of seconds"
         progress(evaluations)
     robust, doubled = study.robust if follow else None, 0
     points = [*points_of(fewer), *evaluations.finalists(FINALISTS if robust is None else POOL)]
@@ -168,10 +168,10 @@ def _reporting(
             }
             with work.adding() as files:
                 write_best(files, design, pressures, unfinished, [target.time for target in targets], study.rise)
-        if not evaluations.told and evaluations.share >= TENTH and best is not None and shape is not None:
+        if not evaluations.message and evaluations.share >= TENTH and best is not None and shape is not None:
             least = floor(shape)
             over = f", {best.value / least:.2f} times the noise floor" if least > 0 else ""
-            evaluations.told = (
+            evaluations.message = (
                 f"after a tenth of its time {in_mm(best.value):.2f} mm{over}, in stage {evaluations.stage}"
             )
         progress(evaluations)

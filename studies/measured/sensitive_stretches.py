@@ -44,13 +44,13 @@ def find_used_frames(
     *,
     progress: Progress = lambda done, total: None,
 ) -> UsedFrames:
-    """The frames used of the trials named of each set, found in one batch. forward: see `sensitive_stretches`; without
-    it sensitive stretches are not looked for. progress is told motions done and in all."""
-    several, trials = len(sets) > 1, [trial for _, own in sets for trial in own]
+    """Return the frames used of the trials of each set, from one batch of motions. forward: see `sensitive_stretches`;
+    without it sensitive stretches are not looked for. progress is given motions done and in all."""
+    several, trials = len(sets) > 1, [trial for _, some in sets for trial in some]
     if forward is None or not trials:
         return UsedFrames(None if forward is None else (), 0.0, several)
     spans = _spans(trials, forward, progress)
-    names = [measured.name if several else "" for measured, own in sets for _ in own]
+    names = [measured.name if several else "" for measured, some in sets for _ in some]
     stretches = _named(trials, spans, names)
     used = [used_mask(stretches, t.name, t.times, set_name=name) for t, name in zip(trials, names, strict=True)]
     return UsedFrames(stretches, float(1 - np.concatenate(used).mean()), several)
@@ -59,13 +59,13 @@ def find_used_frames(
 def sensitive_stretches(
     trials: Sequence[Trial], forward: ForwardModel, *, progress: Progress = lambda done, total: None
 ) -> tuple[Stretch, ...]:
-    """The sensitive stretches of the trials of one set, in their order.
+    """Return the sensitive stretches of the trials of one set, in their order.
 
     forward: the bare simulator, GRID points a side are enough. Each draw of the factors' prior is simulated as it is
     and with one small change to either side: gravity tilted, and every channel's pressure off: of the first draw the
     front's up and the back's down, of others at random. An instant is sensitive where in half of the draws the two
     motions lie a third of the motion's size apart, or differ from the middle one by unequal amounts. Where the first
-    two draws find nothing there are no more. progress is told motions done and in all.
+    two draws find nothing there are no more. progress is given motions done and in all.
     """
     return _named(trials, _spans(trials, forward, progress), [""] * len(trials))
 
@@ -73,23 +73,23 @@ def sensitive_stretches(
 def _named(trials: Sequence[Trial], spans: Sequence[Sequence[Span]], names: Sequence[str]) -> tuple[Stretch, ...]:
     return tuple(
         Stretch(trial.name, *span, set_name=name)
-        for trial, own, name in zip(trials, spans, names, strict=True)
-        for span in own
+        for trial, spans_of_trial, name in zip(trials, spans, names, strict=True)
+        for span in spans_of_trial
     )
 
 
 def _spans(trials: Sequence[Trial], forward: ForwardModel, progress: Progress) -> list[list[Span]]:
-    """Of each trial, kept or searched."""
+    """Return the spans of each trial, kept or searched."""
     files = [_kept(trial, forward) for trial in trials]
     spans = [None if file is None else read_kept(file, _read) for file in files]
-    missing = [k for k, own in enumerate(spans) if own is None]
+    missing = [k for k, spans_of_trial in enumerate(spans) if spans_of_trial is None]
     searched = _search([trials[k] for k in missing], forward, progress)
     for k, stretches in zip(missing, searched, strict=True):
         spans[k] = stretches
         if (file := files[k]) is not None:
             with suppress(InputError):  # a folder that cannot be written: it is searched again
                 write_json(file, stretches)
-    return [own or [] for own in spans]
+    return [spans_of_trial or [] for spans_of_trial in spans]
 
 
 def _search(trials: Sequence[Trial], forward: ForwardModel, progress: Progress) -> list[list[Span]]:
@@ -108,7 +108,7 @@ def _search(trials: Sequence[Trial], forward: ForwardModel, progress: Progress) 
 
 
 def _prior(draws: int) -> list[dict[str, float]]:
-    """Factors of each draw, the same for all trials."""
+    """Return the factors of each draw, the same for all trials."""
     rng = np.random.default_rng(_SEED)
     drawn = [{name: float(np.exp(PRIOR[name] * rng.standard_normal())) for name in PARAMETERS} for _ in range(1, draws)]
     return [dict.fromkeys(PARAMETERS, 1.0), *drawn]
@@ -123,7 +123,7 @@ def _sensitive(
     before: int,
     progress: Progress,
 ) -> dict[tuple[int, int], Flags]:
-    """Of each (trial, draw) the sensitive instants; `before` of them are done."""
+    """Return the sensitive instants of each (trial, draw); `before` of them are done."""
     flags: dict[tuple[int, int], Flags] = {}
     at_once = max(1, _AT_ONCE // 3)
     for first in range(0, len(wanted), at_once):
@@ -144,23 +144,23 @@ def _changed(trial: Trial, factors: dict[str, float], draw: int, side: float) ->
 
 
 def _signs(design: Design, channels: int, draw: int) -> Array:
-    """(channels,) 1 or -1; of the first draw by the side of a channel's muscles, else at random."""
+    """Return (channels,) 1 or -1, of the first draw by the side of a channel's muscles, else at random."""
     signs = np.random.default_rng([_SEED, draw]).choice([-1.0, 1.0], channels)
     if draw:
         return signs
-    own = np.pad(sides(design), (0, channels - design.channels))
-    return np.asarray(np.where(own, own, signs))
+    sides_of_channels = np.pad(sides(design), (0, channels - design.channels))
+    return np.asarray(np.where(sides_of_channels, sides_of_channels, signs))
 
 
 def instants(trial: Trial) -> Array:
-    """(n,) s, of the trial's frames about every INTERVAL s, the first and the last among them."""
+    """Return (n,) s of the trial's frames about every INTERVAL s, the first and the last among them."""
     times = trial.times
     count = max(2, round((times[-1] - times[0]) / INTERVAL) + 1)
     return np.asarray(times[np.unique(np.linspace(0, len(times) - 1, min(count, len(times))).round().astype(int))])
 
 
 def _runs(times: Array, flags: Flags) -> list[Span]:
-    """Runs of flagged instants, each widened to the instants around it; near ones are one."""
+    """Return runs of flagged instants, each widened to the instants around it; near ones are one."""
     spans: list[Span] = []
     for k in np.flatnonzero(flags).tolist():
         begin, end = float(times[max(k - 1, 0)]), float(times[min(k + 1, len(times) - 1)])
@@ -174,7 +174,7 @@ def _runs(times: Array, flags: Flags) -> list[Span]:
 
 
 def _kept(trial: Trial, forward: ForwardModel) -> Path | None:
-    """The file with the stretches of a trial; None for a simulator that does not say what it is."""
+    """Return the file with the stretches of a trial; None for a simulator that does not say what it is."""
     if not hasattr(forward, "__dataclass_fields__"):  # its repr is then all that it is
         return None
     options = (

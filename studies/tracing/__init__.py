@@ -1,2 +1,2 @@
-"""What a model lacks: which declared effect takes the residual that its parameters leave (docs/trace.md). Belongs here:
-model selection and its report; the fits are `optimize.fit`."""
+"""This package finds which declared effect explains the residual that a model's parameters leave (docs/trace.md).
+Model selection and its report belong here; the fits are `optimize.fit`."""

@@ -1,4 +1,4 @@
-"""The flexible baseline: what a non-parametric regression takes of a residual, on trials that it was not trained on.
+"""The flexible baseline: a non-parametric regression of a residual, tried on trials that it was not trained on.
 
 Kernel ridge regression of the residual's shapes on the cloth (polynomials of u and v along the front's normal, in bands
 from broad to fine) on what drives the motion: pressures, as they are and through lags of several time constants, the
@@ -42,7 +42,7 @@ class Frames:
 
 
 def frames_at(state: Residuals) -> Frames:
-    """The residual of a state as shapes, and the features of its frames."""
+    """Return the residual of a state as shapes, and the features of its frames."""
     frame, groups = frames_of(state.misfit)
     basis = basis_of(state)
     shapes, trial = np.zeros((len(groups), basis.shape[1])), np.zeros(len(groups), dtype=int)
@@ -56,8 +56,8 @@ def frames_at(state: Residuals) -> Frames:
 
 
 def basis_of(state: Residuals) -> Array:
-    """(N, m): polynomials of the cloth's coordinates at each point's place, along the front's normal; of mean square 1
-    over the cloth."""
+    """Return (N, m): polynomials of the cloth's coordinates at each point's place, along the front's normal, of mean
+    square 1 over the cloth."""
     u, v, front = places_on_cloth(state.misfit)
     legendre = np.polynomial.legendre.Legendre.basis
     return np.stack(
@@ -66,9 +66,9 @@ def basis_of(state: Residuals) -> Array:
 
 
 def features_of(state: Residuals) -> tuple[Array, ...]:
-    """Groups of (F, k), standardised: pressures, those with the place in the session and the use so far, those through
-    lags and the time besides, the model's shape and velocity, and all but the session. Channels that a design does not
-    have count as without pressure."""
+    """Return groups of (F, k), standardised: pressures, those with the place in the session and the use so far, those
+    through lags and the time besides, the model's shape and velocity, and all but the session. Channels that a design
+    does not have count as without pressure."""
     channels = max(s.trial.program.pressure.shape[1] for s in state.samples)
     rows, poses = [], []
     for sample, sheet in zip(state.samples, state.sheets, strict=True):
@@ -77,21 +77,22 @@ def features_of(state: Residuals) -> tuple[Array, ...]:
         rate = np.gradient(flat, sample.times, axis=0) if len(flat) > 1 else np.zeros_like(flat)
         rows.append(_lagged(sample.trial.program, sample.times, channels))
         poses.append((flat, rate))
-    told, shapes, rates = np.concatenate(rows), *(np.concatenate(own) for own in zip(*poses, strict=True))
+    driven, shapes, rates = np.concatenate(rows), *(np.concatenate(parts) for parts in zip(*poses, strict=True))
     shape = np.concatenate([_main(shapes), _main(rates)], axis=1)
     session = np.repeat(state.session, [len(sample.times) for sample in state.samples], axis=0)
-    aged = np.concatenate([told[:, :channels], session], axis=1)
-    groups = told[:, :channels], aged, told, shape, np.concatenate([told, shape], axis=1)
+    aged = np.concatenate([driven[:, :channels], session], axis=1)
+    groups = driven[:, :channels], aged, driven, shape, np.concatenate([driven, shape], axis=1)
     return tuple(standardised(group) for group in groups)
 
 
 def _lagged(program: PressureProgram, times: Array, channels: int) -> Array:
-    """(F, channels (1 + lags) + 2): set points, through lags, their sum and the time."""
+    """Return (F, channels (1 + lags) + 2): set points, through lags, their sum and the time."""
     grid = np.arange(0.0, times[-1] + 0.01, 0.01)
-    told = program.at(grid) / 1e5
-    told = np.pad(told, ((0, 0), (0, channels - told.shape[1])))
-    slow = [lagged(told, tau) for tau in LAGS]
-    all_parts = np.concatenate([told, *slow, told.sum(axis=1, keepdims=True), np.sqrt(grid)[:, None]], axis=1)
+    set_points = program.at(grid) / 1e5
+    set_points = np.pad(set_points, ((0, 0), (0, channels - set_points.shape[1])))
+    slow = [lagged(set_points, tau) for tau in LAGS]
+    total = set_points.sum(axis=1, keepdims=True)
+    all_parts = np.concatenate([set_points, *slow, total, np.sqrt(grid)[:, None]], axis=1)
     return np.asarray(all_parts[np.clip(np.searchsorted(grid, times), 0, len(grid) - 1)])
 
 
@@ -112,8 +113,8 @@ def standardised(table: Array) -> Array:
 
 
 def baseline_score(state: Residuals, folds: Sequence[int]) -> Scored:
-    """Of each trial, the residual less what the baseline takes for it, trained on the trials of other folds. Its
-    kernels and ridges are chosen within those."""
+    """Return the squares of each trial's residual less what the baseline predicts of it, trained on the trials of other
+    folds. Its kernels and ridges are chosen within those."""
     frames = frames_at(state)
     of_sample = np.unique(folds, return_inverse=True)[1] % MOST_FOLDS
     fold = of_sample[frames.trial]
@@ -128,8 +129,8 @@ def baseline_score(state: Residuals, folds: Sequence[int]) -> Scored:
 def left_out(
     kernels: Sequence[Array], shapes: Array, bands: Sequence[NDArray[np.bool_]], fold: Indices, out: int
 ) -> Array:
-    """(F_out, m), the shapes of the frames of fold `out`: each band (m,) of them by the kernel and ridge that predict
-    it best for each other fold in turn, zero where none does better than nothing.
+    """Return (F_out, m), the shapes of the frames of fold `out`: each band (m,) of them by the kernel and ridge that
+    predict it best for each other fold in turn, zero where none does better than nothing.
 
     A fold's error when it is left out of a ridge regression is that of block leave-one-out: with A = (K + ridge)^-1,
     its A_gg^-1 (A y)_g (Cook and Weisberg 1982, 2.2, by the hat matrix).
@@ -142,9 +143,9 @@ def left_out(
     if len(inner) < 2:
         return predicted
     for kernel in kernels:
-        own, other = kernel[np.ix_(train, train)], kernel[np.ix_(fold == out, train)]
+        among_trained, other = kernel[np.ix_(train, train)], kernel[np.ix_(fold == out, train)]
         for ridge in RIDGES:
-            inverse = np.linalg.inv(own + ridge * np.eye(len(own)))
+            inverse = np.linalg.inv(among_trained + ridge * np.eye(len(train)))
             weights = inverse @ wanted
             left = np.concatenate([np.linalg.solve(inverse[np.ix_(g, g)], weights[g]) for g in inner])
             error = np.square(left).sum(axis=0)
@@ -156,7 +157,7 @@ def left_out(
 
 
 def kernel_of(features: Array, width: float) -> Array:
-    """Linear, and a Gaussian of the distance."""
+    """Return the sum of a linear kernel and a Gaussian of the distance."""
     squared = np.square(features).sum(axis=1)
     distance = np.maximum(squared[:, None] + squared - 2 * features @ features.T, 0.0)
     count = max(features.shape[1], 1)

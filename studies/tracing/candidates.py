@@ -1,5 +1,5 @@
-"""What each effect would take, and which the data cannot tell from those chosen: linear algebra on the joint fit, but
-for pairs that are the same from rest."""
+"""This module ranks effects by their gain, and finds those that the data cannot tell from the chosen ones: by linear
+algebra on the joint fit, but for pairs that are the same from rest."""
 
 from dataclasses import dataclass
 
@@ -39,8 +39,8 @@ class Candidate:
 
 
 def candidates_of(selection: Selection) -> tuple[tuple[Candidate, ...], dict[str, Explanation]]:
-    """Every effect of the joint fit, the largest gain first; and by name what would do as well as one of those chosen,
-    as the model that has it instead."""
+    """Return every effect of the joint fit, the largest gain first; and by name those that would do as well as one
+    chosen, as the model that has it instead."""
     everything, chosen = selection.everything, selection.chosen
     taken = {label_effect(label) for label in chosen.vector.labels}
     others = [label for label in everything.vector.labels if label_effect(label) not in taken]
@@ -66,9 +66,9 @@ def candidates_of(selection: Selection) -> tuple[tuple[Candidate, ...], dict[str
 
 
 def same_from_rest(task: Task, selection: Selection) -> dict[str, Explanation]:
-    """By name, effects that do the same as one chosen wherever motions begin at rest, as the model with it instead:
-    fitted, since Jacobians of two places tell them apart, and left out where trials left out lose by it."""
-    chosen, found = selection.chosen, dict[str, Explanation]()
+    """Return by name effects that do the same as one chosen wherever motions begin at rest, as the model with it
+    instead: fitted, since Jacobians of two places tell them apart, and left out where trials left out lose by it."""
+    chosen, alternatives = selection.chosen, dict[str, Explanation]()
     refits, taken = SetRefits(task), {*effects_of(chosen.vector.labels), *task.known}
     for label in selection.labels:
         other = EFFECTS[label_effect(label)].same_from_rest
@@ -79,17 +79,16 @@ def same_from_rest(task: Task, selection: Selection) -> dict[str, Explanation]:
             begin = FitStart(start, jacobian, chosen.inputs)
             fitted = task.fit(f"{other} for {label}", vector, begin, ASKED)
             if not selection.judged.predicts_better(refits.judged(fitted), task.tolerance):
-                found[other] = Explanation(
-                    " and ".join(effects_of(vector.labels)), vector, fitted.x, label_effect(label)
-                )
-    return found
+                names = " and ".join(effects_of(vector.labels))
+                alternatives[other] = Explanation(names, vector, fitted.x, label_effect(label))
+    return alternatives
 
 
 def _in_place(vector: FitVector, label: str, source: FitVector, other: str) -> tuple[FitVector, np.ndarray]:
-    """A vector with the term `other` of a vector `source`, last, in place of its own `label`, and which of its unknowns
-    are kept."""
+    """Return a vector with the term `other` of a vector `source`, last, in place of its own `label`, and which of its
+    unknowns are kept."""
     kept = np.setdiff1d(np.arange(len(vector.names)), vector.part(label))
-    terms = [term for own, term in zip(vector.labels, vector.terms, strict=True) if own != label]
+    terms = [term for name, term in zip(vector.labels, vector.terms, strict=True) if name != label]
     exchanged = FitVector(
         (*(vector.parameters[k] for k in kept), *(source.parameters[k] for k in source.part(other))),
         vector.factors,
@@ -109,23 +108,23 @@ def _chosen(wide: LeftOut, none: Scored, added: np.ndarray, label: str, selectio
 
 
 def _other(
-    wide: LeftOut, none: Scored, added: np.ndarray, own: np.ndarray, label: str, selection: Selection
+    wide: LeftOut, none: Scored, added: np.ndarray, part: np.ndarray, label: str, selection: Selection
 ) -> Candidate:
-    beside = wide.scored(np.setdiff1d(added, own))
+    beside = wide.scored(np.setdiff1d(added, part))
     gain, interval = wide.gain(none, beside, selection.floor)
     return Candidate(
         label_effect(label), gain, interval, *_remaining(beside, selection), False,
-        _detectable(wide, np.setdiff1d(added, own), own, label),
+        _detectable(wide, np.setdiff1d(added, part), part, label),
     )  # fmt: skip
 
 
 def _remaining(scored: Scored, selection: Selection) -> tuple[float, float]:
-    """m of excess, in the mean and in the median of trials left out."""
+    """Return the excess of trials left out in the mean and in the median, m."""
     return scored.excess(selection.floor), scored.typical(selection.floor)
 
 
 def _aside(selection: Selection, remaining: tuple[float, float]) -> list[Candidate]:
-    """Effects of which shapes at rest say that they are nothing. remaining: m, of the model chosen."""
+    """Return the effects that shapes at rest say are nothing. remaining: m, of the model chosen."""
     at_rest = selection.at_rest
     if at_rest is None:
         return []
@@ -140,7 +139,7 @@ def _aside(selection: Selection, remaining: tuple[float, float]) -> list[Candida
 
 
 def _detectable(wide: LeftOut, off: np.ndarray, part: np.ndarray, label: str) -> dict[str, float]:
-    """The value of each strength that would have cost NEEDED to drop, the declared parameters and those chosen free."""
+    """Return the value of each strength that would have cost NEEDED to drop, with all parameters but `off` free."""
     free = np.setdiff1d(np.arange(len(wide.x)), off)
     covariance = np.linalg.inv(wide.information[np.ix_(free, free)])
     places = np.searchsorted(free, part)
@@ -148,7 +147,7 @@ def _detectable(wide: LeftOut, off: np.ndarray, part: np.ndarray, label: str) ->
 
 
 def _smallest(name: str, deviations: np.ndarray) -> dict[str, float]:
-    """The value of each strength of an effect that would have cost NEEDED to drop. deviations: of x, in order."""
+    """Return the value of each strength that would have cost NEEDED to drop. deviations: of x, in order."""
     effect, smallest = EFFECTS[name], {}
     for key, deviation in zip(effect.strengths, deviations.tolist(), strict=False):
         parameter, size = effect.parameters[key], float(np.sqrt(2 * NEEDED)) * deviation
@@ -160,34 +159,35 @@ def _smallest(name: str, deviations: np.ndarray) -> dict[str, float]:
 
 
 def _alternatives(wide: LeftOut, selection: Selection, places: dict[str, np.ndarray]) -> dict[str, Explanation]:
-    """Effects that would take what one of those chosen does (cosine over ALIKE, less what the other unknowns of the
-    model can take), or did where the joint fit is: where the chosen one has the whole of what both had there, a swing
-    of the cloth is elsewhere by then. And the model with each in that one's place, to first order."""
+    """Return effects that would do what a chosen one does (cosine over ALIKE, less what the other unknowns of the model
+    can take), or did at the joint fit: where the chosen one takes the whole effect of both, the cloth has moved to
+    another place by then. Each comes as the model with it in that one's place, to first order."""
     chosen, joint = selection.chosen, selection.everything
     total = wide.information
-    found: dict[str, Explanation] = {}
+    alternatives: dict[str, Explanation] = {}
     for label in selection.labels:
         part = chosen.vector.part(label)
         others = np.setdiff1d(np.arange(len(chosen.x)), part)
         data = total - np.diag(1 / wide.prior**2)
         left = data - data[:, others] @ np.linalg.solve(total[np.ix_(others, others)], data[others])
-        own = left[:, part] @ chosen.x[part]
-        size = float(chosen.x[part] @ own[part])
+        change = left[:, part] @ chosen.x[part]
+        size = float(chosen.x[part] @ change[part])
         same = [k for k in joint.vector.labels if label_effect(k) == label_effect(label)]
         there = alike(joint.sensitivity, joint.vector, same[0], [*places]) if len(same) == 1 else []
         for other, columns in places.items():
-            if other in there or does(left, columns, own, size):
-                found.setdefault(label_effect(other), _instead(wide, selection, label, other, columns))
-    return found
+            if other in there or does(left, columns, change, size):
+                model = _instead(wide, selection, label, other, columns)
+                alternatives.setdefault(label_effect(other), model)
+    return alternatives
 
 
 def _instead(wide: LeftOut, selection: Selection, label: str, other: str, columns: np.ndarray) -> Explanation:
-    """The model with a term `other`, whose unknowns are `columns` of `wide`, in place of the chosen `label`."""
+    """Return the model with a term `other`, whose unknowns are `columns` of `wide`, in place of `label`."""
     chosen = selection.chosen.vector
     part = chosen.part(label)
     vector, kept = _in_place(chosen, label, selection.everything.vector, other)
     free = np.concatenate([kept, columns])
     slope = wide.gradient - wide.information[:, part] @ wide.x[part]
     x = wide.x[free] - np.linalg.solve(wide.information[np.ix_(free, free)], slope[free])
-    names = effects_of([*(own for own in chosen.labels if own != label), other])
+    names = effects_of([*(name for name in chosen.labels if name != label), other])
     return Explanation(" and ".join(names), vector, vector.inside(x), label_effect(label))

@@ -32,15 +32,15 @@ class Decoys:
 
     @property
     def chance(self) -> float:
-        """m of excess that one decoy in twenty gains; 0 without any."""
+        """Return the excess that one decoy in twenty gains, m; 0 without any."""
         return max(0.0, float(np.quantile([gain for gain, _ in self.gains], CHANCE))) if self.gains else 0.0
 
     def as_json(self, tolerance: float) -> dict[str, float]:
-        """`decoys` of `trace.json`; tolerance: m."""
+        """Return `decoys` of `trace.json`; tolerance: m."""
         return {"tried": len(self.gains), "taken": self.taken(tolerance), "chance_mm": in_mm(self.chance)}
 
     def taken(self, least: float) -> int:
-        """How many would be called missing, where an effect must gain `least` [m]."""
+        """Return how many would be called missing, where an effect must gain `least` [m]."""
         return sum(
             needed and gain >= least and low > 0
             for needed, (gain, (low, _)) in zip(self.needed, self.gains, strict=True)
@@ -63,7 +63,7 @@ def decoys_beside(known: Fit, joint: Fit, samples: Sequence[Sample], folds: Sequ
 
 
 def _cost(beside: LeftOut, count: int) -> float:
-    """Of log likelihood, at the minimum to first order, what the last `count` unknowns cost to switch off."""
+    """Return what the last `count` unknowns cost to switch off, of log likelihood, at the minimum to first order."""
     covariance = np.linalg.inv(beside.information)
     x = beside.x - covariance @ beside.gradient
     return cost(x, np.asarray(covariance, dtype=np.float64), np.arange(len(x) - count, len(x)))
@@ -85,8 +85,8 @@ def exchanged(state: Linearisation, samples: Sequence[Sample], order: Sequence[i
 
 
 def turned(samples: Sequence[Sample], folds: Sequence[int]) -> list[list[int]]:
-    """Which sample's changes each sample takes: of its design and of other pressures, the next, and the one after.
-    Empty where a design has no two."""
+    """Return which sample's changes each sample takes: of its design and of other pressures, the next, and the one
+    after. Empty where a design has no two."""
     orders = []
     for turn in range(1, TURNS + 1):
         order = []

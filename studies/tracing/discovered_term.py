@@ -17,7 +17,6 @@ from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.misfit import Array
-from optimize.fit.parameters import FitVector
 from optimize.fit.policy import NEAR
 from optimize.fit.significance import NEEDED, eliminated
 from studies.tracing.rules import Selection
@@ -36,7 +35,7 @@ class Discovered:
     excess: float
 
     def as_json(self, effect: EffectTerm) -> dict[str, Any]:
-        """`discovered` of `trace.json`; effect: as the model has it."""
+        """Return `discovered` of `trace.json`; effect: as the model has it."""
         return {
             "formula": formula(effect.term.values),
             "parameters": {name: q for name, q in effect.parameters.items() if q.value},
@@ -45,22 +44,23 @@ class Discovered:
 
 
 def discover(task: Task, selection: Selection) -> Discovered | None:
-    """From the data sheet, as the joint fit; None where nothing is needed or too little gained."""
+    """Fit a formula from the data sheet, as the joint fit; None where nothing is needed or too little gained."""
     inputs = selection.everything.inputs
     vector = fit_vector([DISCOVERED.name], factors=task.factors, designs=task.designs)
     whole = task.fit("discovered", vector, FitStart(inputs=inputs), NEAR)
     kept, start = _needed(whole)
     if not kept:
         return None
-    few = _only(vector, kept)
-    found = task.fit(f"discovered, {' '.join(kept)}", few, FitStart(start, inputs=inputs))
-    before, excess = (LeftOut.of(one, task.data.folds).scored().excess(task.floor) for one in (selection.plain, found))
-    return Discovered(found, before, excess) if excess <= SHARE * before else None
+    parameters = (p for p in vector.parameters if p.is_factor or p.name.rpartition(".")[2] in kept)
+    few = replace(vector, parameters=tuple(parameters))
+    fitted = task.fit(f"discovered, {' '.join(kept)}", few, FitStart(start, inputs=inputs))
+    before, excess = (LeftOut.of(one, task.data.folds).scored().excess(task.floor) for one in (selection.plain, fitted))
+    return Discovered(fitted, before, excess) if excess <= SHARE * before else None
 
 
 def _needed(whole: Fit) -> tuple[list[str], Array]:
-    """Coefficients that cost NEEDED of log likelihood each to drop, one after another, the cheapest first; and (p,)
-    where the unknowns that stay are then, to first order."""
+    """Return the coefficients that cost NEEDED of log likelihood each to drop, one after another, the cheapest first;
+    and (p,) where the unknowns that stay are then, to first order."""
     coefficients = {
         name: np.array([k])
         for k, (name, p) in enumerate(zip(whole.vector.names, whole.vector.parameters, strict=True))
@@ -69,11 +69,3 @@ def _needed(whole: Fit) -> tuple[list[str], Array]:
     left, x = eliminated(whole.minimum, whole.covariance, coefficients, NEEDED)
     dropped = [int(part[0]) for name, part in coefficients.items() if name not in left]
     return [name.rpartition(".")[2] for name in left], np.delete(whole.vector.inside(x), dropped)
-
-
-def _only(vector: FitVector, kept: list[str]) -> FitVector:
-    """The factors and some of the coefficients."""
-    return replace(
-        vector,
-        parameters=tuple(p for p in vector.parameters if p.is_factor or p.name.rpartition(".")[2] in kept),
-    )

@@ -1,4 +1,4 @@
-"""What to measure next: the pressure program under which the explanations that remain differ most."""
+"""The next experiment: the pressure program under which the explanations that remain differ most."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -35,8 +35,8 @@ class Explanation:
 
 
 def programs(design: Design, rig: RigLimits = USUAL_LIMITS) -> dict[str, PressureProgram]:
-    """Steps, staircases and ramps within the limits of the muscles and the rig: every channel alone in turn, one face,
-    the other, all."""
+    """Return steps, staircases and ramps within the limits of the muscles and the rig: every channel alone in turn, one
+    face, the other, all."""
     most, seconds = np.minimum(limits(design), rig.pressure), rig.duration
     on = {(m.channel, m.side) for m in design.muscles}
     faces = {s: np.array([(c, s) in on for c in range(design.channels)]) for s in ("front", "back")}
@@ -62,7 +62,7 @@ def programs(design: Design, rig: RigLimits = USUAL_LIMITS) -> dict[str, Pressur
 
 
 def fastest(program: PressureProgram) -> float:
-    """Pa/s: the largest change of a set point over the time to the next one; infinite for a step at 0 s."""
+    """Return the largest change of a set point over the time to the next, Pa/s; infinite for a step at 0 s."""
     if program.pressure[0].any():
         return float("inf")
     if len(program.time) < 2:
@@ -81,8 +81,8 @@ def next_experiment(
     noise: float,
     rig: RigLimits = USUAL_LIMITS,
 ) -> Mapping[str, Any] | None:
-    """The program and how well it separates the explanations: expected_gain is the least RMS distance [mm] between
-    two of them that the declared parameters could not take. None for fewer than two, and where no program does.
+    """Return the program and how well it separates the explanations: expected_gain is the least RMS distance [mm]
+    between two that the declared parameters could not take. None for fewer than two, and where no program does.
 
     noise: m, a frame's; not more than what it hides is claimed. Raises nothing: motions that diverge do not count.
     """
@@ -99,10 +99,10 @@ def next_experiment(
             x = first.x + _STEP * first.vector.prior[k] * np.eye(len(first.x))[k]
             cases.append(Case(design, program, first.vector.factors_at(x), first.vector.terms_at(x)))
     motions = forward.motions(cases, [times] * len(cases))
-    own = len(explanations) + len(factors)
+    count = len(explanations) + len(factors)
     best, gain = "", 0.0
     for k, name in enumerate(tried):
-        separated = _separated(motions[k * own : (k + 1) * own], len(explanations))
+        separated = _separated(motions[k * count : (k + 1) * count], len(explanations))
         if separated > gain:
             best, gain = name, separated
     if gain < max(LEAST_DIFFERENCE, 0.3 * noise):
@@ -122,7 +122,7 @@ def next_experiment(
 
 
 def _separated(motions: Sequence[NDArray[Any]], count: int) -> float:
-    """m RMS, the least between two explanations, less what the declared parameters can take within their prior."""
+    """Return the least distance, m RMS, of two explanations, less what declared parameters take within their prior."""
     flat = [np.asarray(m[:, ::8], dtype=float).ravel() for m in motions]
     if not all(np.isfinite(f).all() for f in flat):
         return 0.0

@@ -1,4 +1,4 @@
-"""A fit and what trials left out say of it: each predicted from the others, with effects or without, to first order."""
+"""A fit and the errors of trials left out: each predicted from the others, with effects or without, to first order."""
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -38,7 +38,7 @@ class Judged:
 
     @property
     def excess(self) -> float:
-        """m of trials left out, over the noise."""
+        """Return the error of trials left out over the noise, m."""
         return self.scored.excess(self.floor)
 
     @cached_property
@@ -46,7 +46,7 @@ class Judged:
         """Return the unknowns of each effect that take part; without the effects that have none."""
         vector = self.fit.vector
         free = {label: np.setdiff1d(vector.part(label), self.off) for label in vector.labels}
-        return {label: own for label, own in free.items() if len(own)}
+        return {label: part for label, part in free.items() if len(part)}
 
     @cached_property
     def gains(self) -> dict[str, Gain]:
@@ -57,16 +57,16 @@ class Judged:
         """Return the gain [m of excess, in quadrature, and 90 %] of each effect that is `asked`, with those `dropped`
         off."""
         off = np.concatenate([self.off, self.fit.vector.parts(dropped)]).astype(np.intp)
-        own, parts = self.trials.scored(off), self.parts
+        with_all, parts = self.trials.scored(off), self.parts
         return {
-            label: self.trials.gain(self.trials.scored(np.concatenate([off, parts[label]])), own, self.floor)
+            label: self.trials.gain(self.trials.scored(np.concatenate([off, parts[label]])), with_all, self.floor)
             for label in (parts if asked is None else [label for label in parts if label in asked])
         }
 
     def predicts_better(self, other: "Judged", least: float) -> bool:
         """Return whether trials left out lose `least` [m] by another fit, and that for certain."""
-        without, own = other.scored, self.scored
-        alike = replace(own, squares=own.squares * without.weights / np.maximum(own.weights, 1e-12))
+        without, these = other.scored, self.scored
+        alike = replace(these, squares=these.squares * without.weights / np.maximum(these.weights, 1e-12))
         return is_certain(self.trials.gain(without, alike, self.floor), least)
 
 
@@ -76,10 +76,10 @@ def is_certain(gain: Gain, least: float) -> bool:
 
 
 def strength(fit: Fit, label: str) -> float:
-    """Of an effect of a fit, the strongest of its strengths, in deviations of their priors."""
+    """Return the strongest of the strengths of an effect of a fit, in deviations of their priors."""
     keys, vector = EFFECTS[label_effect(label)].strengths, fit.vector
-    own = [k for k in vector.part(label) if vector.parameters[k].name.rpartition(".")[2] in keys]
-    return float((np.abs(fit.x[own]) / vector.prior[own]).max())
+    strengths = [k for k in vector.part(label) if vector.parameters[k].name.rpartition(".")[2] in keys]
+    return float((np.abs(fit.x[strengths]) / vector.prior[strengths]).max())
 
 
 def is_cause(fit: Fit, label: str) -> bool:

@@ -1,4 +1,4 @@
-"""What a trace found, as `trace.json` and as a model."""
+"""The result of a trace, as `trace.json` and as a model."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -35,7 +35,7 @@ _LITTLE = 0.1  # of its share, below which a frame's weight is told
 
 @dataclass(frozen=True, eq=False)
 class Outcome(OfModel):
-    """Of a trace of a set. Distances in m."""
+    """The result of a trace of a set. Distances are in m."""
 
     verdict: Word
     evidence: Evidence
@@ -65,24 +65,24 @@ class Outcome(OfModel):
 
     @property
     def after(self) -> Fit:
-        """What the model is: the declared parameters alone unless effects or a formula were found."""
+        """Return the model's fit: of the declared parameters alone unless effects or a formula were found."""
         if self.discovered is not None:
             return self.discovered.fit
         return self.selection.chosen if self.verdict == "effect" else self.selection.plain
 
     @cached_property
     def effects(self) -> tuple[EffectTerm, ...]:
-        """Those that the verdict stands by, the one whose absence costs most first."""
+        """Return the effects that the verdict stands by, the one whose absence costs most first."""
         if self.verdict != "effect":
             return ()
         return tuple(self._by_label[label] for label in self.selection.labels)
 
     @cached_property
     def _by_label(self) -> dict[str, EffectTerm]:
-        """Of those chosen, by their label in the fit."""
+        """Return the chosen effects by their label in the fit."""
         chosen = self.selection.chosen.vector.labels
-        own = self.model.effects[len(self.model.effects) - len(chosen) :]
-        return dict(zip(chosen, own, strict=True))
+        added = self.model.effects[len(self.model.effects) - len(chosen) :]
+        return dict(zip(chosen, added, strict=True))
 
     @property
     def indistinguishable(self) -> tuple[str, ...]:
@@ -91,14 +91,14 @@ class Outcome(OfModel):
 
     @property
     def share_below_tenth(self) -> float:
-        """Of the frames, those that count for less than a tenth of their share."""
+        """Return the share of the frames that count for less than a tenth of their share."""
         state, counts = self.selection.everything.state, self.selection.everything.normal.counts
         means = np.array([counts[points].mean() for points in frames_of(state.misfit)[1]])
         return float(np.mean(means < _LITTLE * means.mean()))
 
     @property
     def said(self) -> list[str]:
-        """Lines for people."""
+        """Return lines for people."""
         lines = []
         if self.selection.small:
             names = _listed(self.selection.small)
@@ -159,10 +159,10 @@ class Outcome(OfModel):
             "error": self._error(),
             "other_layouts": {
                 name: {
-                    "trials": len(own),
-                    **{which: in_mm(float(mean_of(own, "test", which) or 0.0)) for which in ("before", "after")},
+                    "trials": len(errors),
+                    **{which: in_mm(float(mean_of(errors, "test", which) or 0.0)) for which in ("before", "after")},
                 }
-                for name, own in other_layouts(self.errors).items()
+                for name, errors in other_layouts(self.errors).items()
             },
             "residual": {
                 "where": self.remains.where,
@@ -189,13 +189,13 @@ class Outcome(OfModel):
 
     @cached_property
     def explained(self) -> dict[str, float]:
-        """Share of the gap that each effect closes; of several, by what its absence costs."""
+        """Return the share of the gap that each effect closes; of several, by what its absence costs."""
         gains = {label: gain for label, (gain, _) in self.selection.gains.items()}
         return shared_out(self.evidence, gains)
 
     @property
     def floor(self) -> float:
-        """m, `surface_floor` of the set."""
+        """Return `surface_floor` of the set, m."""
         for role in ("test", "fit"):
             if (measured := mean_of(self.errors, role, "after", "surface_floor")) is not None:
                 return measured
@@ -216,12 +216,12 @@ class Outcome(OfModel):
         ]
 
     def _surface(self, excess: float) -> float:
-        """mm of surface RMS."""
+        """Return the surface RMS of an excess [m], mm."""
         return in_mm(float(np.hypot(excess, self.floor)))
 
     @property
     def _after(self) -> float:
-        """m of excess that the model leaves of trials left out."""
+        """Return the excess that the model leaves of trials left out, m."""
         if self.discovered is not None:
             return self.discovered.excess
         return self.evidence.after if self.verdict == "effect" else self.evidence.before
@@ -260,8 +260,8 @@ def model_of(
     known: tuple[EffectTerm, ...],
     reliable: bool,
 ) -> Model:
-    """A fit as a model, with the effects known before and the factors found without effects. What was not chosen may
-    still act as far as the joint fit leaves it open, so that intervals are wider by it."""
+    """Return a fit as a model, with the effects known before and the factors fitted without effects. What was not
+    chosen may still act as far as the joint fit leaves it open, so that intervals are wider by it."""
     plain, joint = selection.plain, selection.everything
     minimum = joint.vector.inside(joint.minimum)
     model = fitted_model(

@@ -1,4 +1,4 @@
-"""From the joint fit to what the data need of it, as many effects at a time as leave what first order promises.
+"""This module reduces the joint fit to what the data need, as many effects at a time as first order allows.
 
 Cloths that snap make a long step lose its way: where many effects whose parts nearly cancel go at once, the fit without
 them begins far off and ends at a false minimum, at which effects that are there gain nothing.
@@ -32,34 +32,34 @@ class Begin:
 
 
 def reduced(task: Task, joint: Fit, labels: Collection[str]) -> tuple[Fit, list[str]]:
-    """From where a fit of the terms `labels` alone may begin: the joint fit, or one without some of its other terms;
+    """Return from where a fit of the terms `labels` alone may begin: the joint fit, or one without some other terms;
     and their labels there, with those of what must stay beside them.
 
     Where the tolerance more than first order promises is left without all the others, in quadrature, only half as many
     go at once, the cheapest first, and what stays is fitted before the next, by the joint fit's own Jacobian as long as
     that leads on. One that leaves more by itself, fitted too, stays."""
     known, wanted, stage = joint, _terms(joint, labels), 0
-    while gone := _cheapest_first(known, wanted):
-        begin = begin_without(task, known, gone)
+    while dropped := _cheapest_first(known, wanted):
+        begin = begin_without(task, known, dropped)
         if _holds(task, begin):
             break
-        while len(gone) > 1 and not _holds(task, begin):
-            gone = gone[: (len(gone) + 1) // 2]
-            begin = begin_without(task, known, gone)
+        while len(dropped) > 1 and not _holds(task, begin):
+            dropped = dropped[: (len(dropped) + 1) // 2]
+            begin = begin_without(task, known, dropped)
         stage += 1
-        without = f"{in_mm(begin.rms):.3f} mm RMS without {', '.join(gone)}"
+        without = f"{in_mm(begin.rms):.3f} mm RMS without {', '.join(dropped)}"
         task.say(f"{without}; to first order {in_mm(begin.promised):.3f}")
         fitted = task.fit(f"fewer {stage}", begin.vector, FitStart(begin.x, begin.jacobian, known.inputs), NEAR)
         if over(fitted.after, begin.promised) > task.tolerance:
-            wanted += _terms(known, gone)
+            wanted += _terms(known, dropped)
         else:
             known = fitted
     return known, _labels(known, wanted)
 
 
 def begin_without(task: Task, known: Fit, labels: Collection[str]) -> Begin:
-    """Without the terms `labels`: the better of where the joint covariance says the others then are and where they
-    are with them."""
+    """Return where a fit without the terms `labels` begins: the better of where the joint covariance says the others
+    then are and where they are with them."""
     part = known.vector.parts(labels)
     there = known.vector.inside(conditioned(known.minimum, known.covariance, part)[0])
     vector, index = known.vector.only([label for label in known.vector.labels if label not in labels])
@@ -68,7 +68,7 @@ def begin_without(task: Task, known: Fit, labels: Collection[str]) -> Begin:
 
 
 def promised(known: Fit, there: Array) -> float:
-    """m RMS of residuals capped at 10 mm that a fit leaves to first order where its unknowns are `there` (p,)."""
+    """Return the RMS of residuals capped at 10 mm, m, to first order, where a fit's unknowns are `there` (p,)."""
     return capped(known.state.misfit.residual + known.state.jacobian @ (there - known.x))
 
 
@@ -77,7 +77,7 @@ def _holds(task: Task, begin: Begin) -> bool:
 
 
 def _terms(known: Fit, labels: Collection[str]) -> list[Term]:
-    """A label changes where it is the last of its effect; its term does not."""
+    """Return terms by label: a label changes where it is the last of its effect, its term does not."""
     return [term for label, term in zip(known.vector.labels, known.vector.terms, strict=True) if label in labels]
 
 
@@ -86,7 +86,7 @@ def _labels(known: Fit, terms: Sequence[Term]) -> list[str]:
 
 
 def _cheapest_first(known: Fit, wanted: Sequence[Term]) -> list[str]:
-    """The labels of all other terms, in the order in which they go to first order."""
+    """Return the labels of all other terms, in the order in which they are dropped to first order."""
     kept = _labels(known, wanted)
     others = {label: known.vector.part(label) for label in known.vector.labels if label not in kept}
     return [name for name, *_ in cheapest_first(known.minimum, known.covariance, others)]

@@ -22,19 +22,19 @@ from studies.tracing.rules import Refits
 from studies.tracing.task import Place, Task
 
 # A step is the last that promises less than a quarter, in log likelihood, of what makes an effect needed.
-_LAST = FitStage(slight=0.01, least=NEEDED / 4, sure=False)
+_LAST = FitStage(slight=0.01, least=NEEDED / 4, exact_end=False)
 ASKED = Policy("fewer effects", _LAST, _LAST)
 
 
 @dataclass(frozen=True, eq=False)
 class SetRefits(Refits):
-    """What rules ask of a set's motions (`rules.Refits`)."""
+    """Fits of a set's motions that rules ask for (`rules.Refits`)."""
 
     task: Task
 
     @property
     def tolerance(self) -> float:  # type: ignore[override]
-        """m of excess."""
+        """Return the tolerance, m of excess."""
         return self.task.tolerance
 
     def say(self, line: str) -> None:
@@ -46,15 +46,15 @@ class SetRefits(Refits):
         return Judged(fit, self.task.data.folds, self.task.floor)
 
     def of(
-        self, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf, sure: bool = False, named: str = ""
+        self, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf, exact: bool = False, named: str = ""
     ) -> Fit:
         """Return a fit of these effects alone, from where one with more is, on its Jacobian but for shapes that it has
-        not. hopeless: m RMS, of a fit that need not be refined. sure: whether it begins on a Jacobian of its own."""
+        not. hopeless: m RMS, of a fit that need not be refined. exact: whether it begins on a Jacobian of its own."""
         vector, starts = with_shapes(known, labels)
         fewer, index = known.vector.only(labels)
         at = [vector.names.index(name) for name in fewer.names]
-        jacobian = None if sure else widened(known.state.jacobian[:, index], at, len(vector.names))
-        named = named or f"{' '.join(vector.labels)}{' at last' if sure else ''}"
+        jacobian = None if exact else widened(known.state.jacobian[:, index], at, len(vector.names))
+        named = named or f"{' '.join(vector.labels)}{' at last' if exact else ''}"
         content = float(np.hypot(promised(known, to_first_order(known, labels)), 0.5 * self.tolerance))
         policy = replace(ASKED, hopeless=hopeless, content=content)
         return self.task.fit(named, vector, FitStart(starts, jacobian, known.inputs), policy)
@@ -63,9 +63,9 @@ class SetRefits(Refits):
         """Return a fit of the effects of another but `labels`, as `of` has it."""
         return self.of(known, [other for other in known.vector.labels if other not in labels], hopeless=hopeless)
 
-    def sure(self, known: Fit) -> Fit:
+    def exact(self, known: Fit) -> Fit:
         """Return the fit of the same effects, gone on with by a Jacobian made where it ended."""
-        return self.of(known, known.vector.labels, sure=True)
+        return self.of(known, known.vector.labels, exact=True)
 
     def alone(self, known: Fit, plain: Fit) -> Fit:
         """Return the declared parameters' fit, from where they are by themselves or beside the effects of a fit,
@@ -119,17 +119,17 @@ def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
 
 def to_first_order(joint: Fit, labels: Sequence[str]) -> Array:
     """Return (p,) where a joint fit has its unknowns, to first order, with all terms but `labels` off."""
-    gone = joint.vector.parts(label for label in joint.vector.labels if label not in labels)
-    return joint.vector.inside(conditioned(joint.minimum, joint.covariance, gone)[0])
+    off = joint.vector.parts(label for label in joint.vector.labels if label not in labels)
+    return joint.vector.inside(conditioned(joint.minimum, joint.covariance, off)[0])
 
 
 def _chosen_only(term: Term) -> Term:
-    """What a fit of all parameters does not move."""
+    """Return a term with the values alone that a fit of all parameters does not move."""
     return replace(term, values={k: v for k, v in term.values.items() if EFFECTS[term.name].parameters[k].whole})
 
 
 def _lost(known: Fit, other: Fit) -> float:
-    """Of log likelihood and prior, what a fit with fewer effects loses; shapes that `known` has not cost nothing."""
+    """Return what a fit with fewer effects loses, of log likelihood and prior. Shapes not in `known` cost nothing."""
     x = np.zeros(len(known.x))
     places = {name: k for k, name in enumerate(known.vector.names)}
     labels = {
@@ -144,7 +144,7 @@ def _lost(known: Fit, other: Fit) -> float:
 
 
 def _label_in(vector: FitVector, term: Term) -> str:
-    """Of a term in a vector: that of the same effect, of several in the same channel."""
-    own = [(label, other) for label, other in zip(vector.labels, vector.terms, strict=True) if other.name == term.name]
-    whole = _chosen_only(term).values
-    return own[0][0] if len(own) == 1 else next(label for label, other in own if _chosen_only(other).values == whole)
+    """Return the label of a term in a vector: that of the same effect, of several in the same channel."""
+    same = [(label, other) for label, other in zip(vector.labels, vector.terms, strict=True) if other.name == term.name]
+    chosen = _chosen_only(term).values
+    return same[0][0] if len(same) == 1 else next(label for label, t in same if _chosen_only(t).values == chosen)

@@ -145,9 +145,9 @@ def _factor(parameter: Parameter) -> str:
 
 
 def _worst(outcome: Outcome) -> str:
-    """The trial of role fit whose error was largest before."""
-    own = [e for e in outcome.errors if e.role == "fit" and np.isfinite(e.before.surface_rms)]
-    return max(own, key=lambda e: e.before.surface_rms).trial
+    """Return the trial of role fit whose error was largest before."""
+    errors = [e for e in outcome.errors if e.role == "fit" and np.isfinite(e.before.surface_rms)]
+    return max(errors, key=lambda e: e.before.surface_rms).trial
 
 
 def _motion(outcome: Outcome) -> str:
@@ -155,8 +155,8 @@ def _motion(outcome: Outcome) -> str:
     trial = next(trial for trial in outcome.data.trials if trial.name == name)
     frames = np.unique(np.linspace(0, len(trial.times) - 1, min(_FRAMES, len(trial.times))).round().astype(int))
     times, clouds = trial.times[frames], trial.load().frames
-    fits = outcome.before, outcome.after
-    motions = outcome.forward.motions([found.vector.case(trial, found.x) for found in fits], [times, times])
+    cases = [fit.vector.case(trial, fit.x) for fit in (outcome.before, outcome.after)]
+    motions = outcome.forward.motions(cases, [times, times])
     items = [Item(f"measured, {name}", times, [clouds[int(k)] for k in frames])]
     for title, motion in zip(("before", "after"), motions, strict=True):
         if np.isfinite(motion).all():

@@ -1,4 +1,4 @@
-"""What is left of a residual: where on the cloth, when, and what it follows."""
+"""Analysis of a residual: where on the cloth and when it is largest, and what it follows."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class Remains:
 
 
 def remains(state: Residuals, folds: Sequence[int]) -> Remains:
-    """Of the residual of a state."""
+    """Return the analysis of the residual of a state."""
     side = state.misfit.vertex % _SIDE**2
     u = np.einsum("nc,nc->n", state.misfit.weights, (side % _SIDE) / (_SIDE - 1))
     v = np.einsum("nc,nc->n", state.misfit.weights, (side // _SIDE) / (_SIDE - 1))
@@ -46,10 +46,10 @@ def remains(state: Residuals, folds: Sequence[int]) -> Remains:
     over_time: dict[str, tuple[Array, Array]] = {}
     all_times, all_squares = [], []
     for s, sample in enumerate(state.samples):
-        own = kept & (state.misfit.sample == s)
-        frame = state.misfit.frame[own]
+        rows = kept & (state.misfit.sample == s)
+        frame = state.misfit.frame[rows]
         count = np.maximum(np.bincount(frame, minlength=len(sample.times)), 1)
-        squares = np.bincount(frame, squared[own], minlength=len(sample.times)) / count
+        squares = np.bincount(frame, squared[rows], minlength=len(sample.times)) / count
         over_time[sample.trial.name] = (sample.times, np.sqrt(squares))
         all_times.append(sample.times)
         all_squares.append(squares)
@@ -93,17 +93,17 @@ def _kinds(state: Residuals, frames: Frames) -> dict[str, Array]:
     parts: dict[str, list[Array]] = {name: [] for name in ("pressure", "rate", "history", "time", "pose")}
     for sample, sheet in zip(state.samples, state.sheets, strict=True):
         program, times = sample.trial.program, sample.times
-        told = np.pad(program.at(times) / 1e5, ((0, 0), (0, channels - program.pressure.shape[1])))
+        set_points = np.pad(program.at(times) / 1e5, ((0, 0), (0, channels - program.pressure.shape[1])))
         grid = np.arange(0.0, times[-1] + 0.01, 0.01)
         path = np.pad(program.at(grid) / 1e5, ((0, 0), (0, channels - program.pressure.shape[1])))
         slow, fast = (lagged(path, tau)[np.clip(np.searchsorted(grid, times), 0, len(grid) - 1)] for tau in (1.0, 0.15))
         middle = sheet.middle.reshape(len(times), -1, 3)[:, ::40]
-        parts["pressure"].append(told)
-        parts["rate"].append(fast - told)
-        parts["history"].append(slow - told)
+        parts["pressure"].append(set_points)
+        parts["rate"].append(fast - set_points)
+        parts["history"].append(slow - set_points)
         parts["time"].append(np.stack([times, np.sqrt(times)], axis=1))
         parts["pose"].append(np.nan_to_num(np.asarray(middle, dtype=float).reshape(len(times), -1)))
-    joined = {name: np.concatenate(own) for name, own in parts.items()}
+    joined = {name: np.concatenate(rows) for name, rows in parts.items()}
     session = state.session[frames.trial]
     joined["order"] = np.concatenate([session, session[:, :1] * joined["pressure"]], axis=1)
     pose = joined["pose"] - joined["pose"].mean(axis=0)
@@ -113,7 +113,7 @@ def _kinds(state: Residuals, frames: Frames) -> dict[str, Array]:
 
 
 def _left(table: Array, frames: Frames, fold: Indices) -> float:
-    """m^2: squares of the shapes left of held-out folds, by ridge regression with a constant, at its best ridge."""
+    """Return the squares left of the shapes of held-out folds, m^2, by ridge regression with a constant, at best."""
     spread = table.std(axis=0)
     table = (table - table.mean(axis=0))[:, spread > 1e-9] / spread[spread > 1e-9]
     table = np.column_stack([np.ones(len(fold)), table])

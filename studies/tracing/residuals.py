@@ -35,11 +35,11 @@ class Residuals:
 
     @property
     def scored(self) -> Scored:
-        """Of each trial as it is, fitted."""
+        """Return the squares of each trial as it is, fitted."""
         return self.scored_as(self.residual)
 
     def scored_as(self, residual: Array) -> Scored:
-        """Of each trial, with (N,) m in place of the residual."""
+        """Return the squares of each trial with (N,) m in place of the residual."""
         weights = self.counts * self.kept
         squares, sums = np.zeros(len(self.samples)), np.zeros(len(self.samples))
         np.add.at(squares, self.misfit.sample, weights * np.square(residual))

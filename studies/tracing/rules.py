@@ -56,7 +56,7 @@ class Selection:
 
     @property
     def floor(self) -> float:
-        """m, noise."""
+        """Return the noise, m."""
         return self.judged.floor
 
     @property
@@ -92,8 +92,8 @@ class Selection:
 
 
 class Refits:
-    """What rules ask for: fits with fewer effects than another, of a set's motions or a bench's records. What is not
-    said otherwise holds of a bench: it has no other layouts, no decoys, and columns that do not change."""
+    """Fits with fewer effects than another, of a set's motions or a bench's records, that rules ask for. By default a
+    method holds of a bench: it has no other layouts, no decoys, and columns that do not change."""
 
     tolerance: float  # m of excess, or in the bench's unit
 
@@ -112,7 +112,7 @@ class Refits:
         """Return the fit of the declared parameters, begun beside the effects of a fit too."""
         return plain
 
-    def sure(self, known: Fit) -> Fit:
+    def exact(self, known: Fit) -> Fit:
         """Return the fit of the same effects with a Jacobian made where it ends."""
         return known
 
@@ -144,12 +144,12 @@ class Rule:
 
 def follow(rules: Sequence[Rule], refits: Refits, selection: Selection) -> Selection:
     """Return what rules leave of a selection, each time by the first of them that has something to say."""
-    told = ""
+    last_line = ""
     while selection.gains:
         gains = ", ".join(f"{label} {in_mm(gain):.2f}" for label, (gain, _) in selection.gains.items())
         line = f"mm of excess that trials left out gain by each: {gains}; least {in_mm(least(refits, selection)):.2f}"
-        if line != told:
-            refits.say(told := line)
+        if line != last_line:
+            refits.say(last_line := line)
         after = next((s for rule in rules if (s := rule.step(refits, selection)) is not None), None)
         if after is None or after.chosen is after.plain:
             return after or selection
@@ -158,9 +158,9 @@ def follow(rules: Sequence[Rule], refits: Refits, selection: Selection) -> Selec
 
 
 def least(refits: Refits, selection: Selection) -> float:
-    """m that trials left out must gain by an effect: the tolerance, what one decoy in twenty gains, and beside a
-    stronger effect more than is left, by those that stay or by all: where its law is not quite right, small ones take
-    up what it lacks."""
+    """Return what trials left out must gain by an effect, m: the tolerance, what one decoy in twenty gains, and beside
+    a stronger effect more than is left, by those that stay or by all: where its law is not quite right, small ones
+    take up what it lacks."""
     chance = 0.0 if selection.decoys is None else selection.decoys.chance
     if len(selection.gains) == 1:
         return max(refits.tolerance, chance)
@@ -242,7 +242,7 @@ def as_well(refits: Refits, selection: Selection) -> Selection | None:
         fit = refits.without(known, [label], hopeless=hopeless) if several else selection.plain
         judged = refits.judged(fit)
         if several and not loses(refits, most, judged, limit, cause=cause):
-            judged = refits.judged(refits.sure(fit))
+            judged = refits.judged(refits.exact(fit))
         if not loses(refits, most, judged, limit, cause=cause):
             dropped = replace(selection.without(judged, [label]), exact=True)
             return dropped if several else selection.none(judged, [label])
@@ -252,7 +252,7 @@ def as_well(refits: Refits, selection: Selection) -> Selection | None:
 
 def make_sure(refits: Refits, selection: Selection) -> Selection | None:
     """Fit once more by a Jacobian made where the fit ends."""
-    return None if selection.exact else selection.without(refits.judged(refits.sure(selection.chosen)), ())
+    return None if selection.exact else selection.without(refits.judged(refits.exact(selection.chosen)), ())
 
 
 def by_chance(refits: Refits, selection: Selection) -> Selection | None:
@@ -265,8 +265,8 @@ def by_chance(refits: Refits, selection: Selection) -> Selection | None:
 
 
 def no_cause(refits: Refits, selection: Selection) -> Selection | None:
-    """Where none is a cause, drop the slightest: what is next to nothing shows only where a cloth is about to snap, and
-    there as much as anything."""
+    """Drop the slightest effect where none is a cause: what is next to nothing shows only where a cloth is about to
+    snap, and there as much as anything."""
     known, labels = selection.chosen, [*selection.gains]
     if any(is_cause(known, label) for label in labels):
         return None

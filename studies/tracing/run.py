@@ -165,31 +165,31 @@ def _check(model: Model) -> None:
 
 
 def _used(checkpoint: Checkpoint, trials: Sequence[Trial], bare: ForwardModel, say: Say) -> UsedFrames:
-    def found() -> list[list[Any]]:
-        def told(done: int, total: int) -> None:
+    def searched() -> list[list[Any]]:
+        def progress(done: int, total: int) -> None:
             say(f"stretches near a bifurcation: {done} of {total} motions")
 
-        return [[s.trial, s.begin, s.end] for s in sensitive_stretches(trials, bare, progress=told)]
+        return [[s.trial, s.begin, s.end] for s in sensitive_stretches(trials, bare, progress=progress)]
 
-    kept = checkpoint.get("unjudged", found)
+    kept = checkpoint.get("unjudged", searched)
     stretches = tuple(Stretch(str(trial), float(begin), float(end)) for trial, begin, end in kept)
     return UsedFrames(stretches, share_left_out(stretches, trials))
 
 
 def _elsewhere(measured: MeasurementSet, data: MeasuredData) -> list[Trial]:
-    """Trials of the set's other layouts, a few of each."""
+    """Return trials of the set's other layouts, a few of each."""
     fitted = {trial.design_name for trial in data.trials}
-    found = []
+    others: list[Trial] = []
     for name in sorted({trial.design_name for trial in measured.trials} - fitted):
-        own = [trial for trial in measured.trials if trial.design_name == name]
-        found += [own[k] for k in evenly(len(own), ELSEWHERE)]
-    return found
+        trials = [trial for trial in measured.trials if trial.design_name == name]
+        others += [trials[k] for k in evenly(len(trials), ELSEWHERE)]
+    return others
 
 
 def _evidence(selection: Selection, data: MeasuredData, left: float) -> Evidence:
     floor, folds = selection.floor, selection.folds
-    plain, chosen = (LeftOut.of(found, folds) for found in (selection.plain, selection.chosen))
-    before, after = (Residuals.of(data, found) for found in (selection.plain, selection.chosen))
+    plain, chosen = (LeftOut.of(fit, folds) for fit in (selection.plain, selection.chosen))
+    before, after = (Residuals.of(data, fit) for fit in (selection.plain, selection.chosen))
     box = baseline_score(before, folds)
     beside = box if selection.chosen is selection.plain else baseline_score(after, folds)
     return Evidence(
@@ -206,16 +206,16 @@ def _evidence(selection: Selection, data: MeasuredData, left: float) -> Evidence
 
 
 def _experiment(task: Task, selection: Selection, instead: Sequence[Explanation], verdict: str) -> Experiment:
-    """Between the model and what else the data leave possible: models with other effects `instead`, else the declared
-    parameters alone, and the joint fit. None where the model is adequate, and no effect is certain all the same."""
+    """Return what tells the model from what else the data leave possible: models with other effects `instead`, else the
+    declared parameters alone, and the joint fit. None where the model is adequate and no effect is certain."""
     if verdict == "adequate" and selection.chosen is selection.plain and not selection.small:
         return None
     data = task.data
     fits = {"none": selection.plain, "every effect": selection.everything}
     if selection.chosen is not selection.plain:
-        own = {" and ".join(effects_of(selection.labels)): selection.chosen}
-        fits = own if instead else {**own, **fits}
-    explanations = [Explanation(name, found.vector, found.x) for name, found in fits.items()]
+        chosen = {" and ".join(effects_of(selection.labels)): selection.chosen}
+        fits = chosen if instead else {**chosen, **fits}
+    explanations = [Explanation(name, fit.vector, fit.x) for name, fit in fits.items()]
     return next_experiment(
         data.trials[0].design, task.forward, [*explanations, *instead], data.noise.sigma, data.sets[0].rig_limits
     )

@@ -1,4 +1,4 @@
-"""What the data need: one joint fit of every effect, then those dropped again that the data do not need.
+"""This module selects effects: one joint fit of all, then those are dropped again that the data do not need.
 
 Around the false minimum that a fit without them goes to the wrong names come first.
 """
@@ -35,9 +35,9 @@ HOPELESS = 4.0  # times the tolerance: what leaves more is not refined before th
 
 
 def select(task: Task) -> Selection:
-    """One joint fit, then backwards, to first order: dropped is what its joint covariance does not need, then what
-    trials left out gain too little by. What stays is fitted with its shapes and asked once more, and of several each by
-    a fit without it."""
+    """Select effects by one joint fit, then backwards, to first order: dropped is what its joint covariance does not
+    need, then what trials left out gain too little by. What stays is fitted with its shapes and tried once more, and of
+    several each by a fit without it."""
     every = fit_vector(["all"], factors=task.factors, designs=task.designs)
     vector = without(every, task.known)
     at_rest = fit_at_rest(task.data, task.fits, vector)
@@ -56,7 +56,7 @@ def select(task: Task) -> Selection:
 @dataclass(frozen=True)
 class _Begun:
     """Where a trace begins. plain: the declared parameters alone, as far as they are not hopeless. joint: makes the fit
-    of every effect, told what the plain one leaves of trials left out [m]."""
+    of every effect from what the plain one leaves of trials left out [m]."""
 
     plain: Fit
     joint: Callable[[float], Fit]
@@ -92,8 +92,8 @@ def _hopeful(task: Task) -> Policy:
 
 
 def backwards(refits: SetRefits, everything: Fit, plain: Fit) -> Selection:
-    """What the rules leave of a joint fit. plain: where the declared parameters ended by themselves, by the weights of
-    `everything`."""
+    """Return what the rules leave of a joint fit. plain: where the declared parameters ended by themselves, by the
+    weights of `everything`."""
     labels, small = worth(refits, everything)
     if not labels:
         alone = refits.alone(everything, plain)
@@ -115,7 +115,7 @@ def _excess(task: Task, fitted: Fit) -> float:
 
 
 def _adequate(task: Task, vector: FitVector, plain: Fit) -> Selection:
-    """What the declared parameters explain: effects take part to first order."""
+    """Return the selection where the declared parameters explain all: effects take part to first order."""
     everything = task.linearised(
         "every effect beside them", vector, FitStart(beside(vector, plain.x), inputs=plain.inputs)
     )
@@ -124,14 +124,14 @@ def _adequate(task: Task, vector: FitVector, plain: Fit) -> Selection:
 
 
 def without(vector: FitVector, known: Sequence[str]) -> FitVector:
-    """Less the effects that the model has already."""
+    """Return a vector less the effects that the model has already."""
     labels = [label for label, term in zip(vector.labels, vector.terms, strict=True) if term.name not in known]
     return vector.only(labels)[0]
 
 
 def worth(refits: SetRefits, everything: Fit) -> tuple[list[str], list[str]]:
-    """The terms that the joint fit says the data need, and of those the ones that trials left out gain too little by,
-    to first order. Shapes are not fitted yet, so what is left says nothing."""
+    """Return the terms that the joint fit says the data need, and those that trials left out gain too little by, to
+    first order. Shapes are not fitted yet, so what is left says nothing."""
     vector, judged = everything.vector, refits.judged(everything)
     certain = needed(everything.minimum, everything.covariance, vector, NEEDED)
     labels = _with_channels(judged, refits.tolerance, certain, sparse(everything, certain))
@@ -142,12 +142,12 @@ def worth(refits: SetRefits, everything: Fit) -> tuple[list[str], list[str]]:
 
 
 def _with_channels(judged: Judged, tolerance: float, certain: Sequence[str], few: Sequence[str]) -> list[str]:
-    """Those that are sparse, and the other channels of their effects where trials left out gain by them together. A
+    """Return the sparse terms, and the other channels of their effects where trials left out gain by them together. A
     place moves to where it is in a fit."""
     vector, trials = judged.fit.vector, judged.trials
     kept = [label for label in certain if label in few or _sits_in_a_channel(label)]
     one, all_of_them = (
-        trials.scored(vector.parts([label for label in vector.labels if label not in own])) for own in (few, kept)
+        trials.scored(vector.parts([label for label in vector.labels if label not in on])) for on in (few, kept)
     )
     several = len(kept) > len(few) and is_certain(trials.gain(one, all_of_them, judged.floor), tolerance)
     return kept if several else [*few]
@@ -159,7 +159,7 @@ def _sits_in_a_channel(label: str) -> bool:
 
 
 def sparse(everything: Fit, labels: Sequence[str]) -> list[str]:
-    """Of several places or channels of one effect, the one that costs most to drop: the sparse case."""
+    """Return the terms, and of several places or channels of one effect only the one that costs most to drop."""
     x, covariance = everything.minimum, everything.covariance
     costs = {label: cost(x, covariance, everything.vector.part(label)) for label in labels}
     best: dict[str, str] = {}
@@ -169,18 +169,18 @@ def sparse(everything: Fit, labels: Sequence[str]) -> list[str]:
 
 
 def enough(refits: SetRefits, everything: Fit, labels: Sequence[str], plain: Fit) -> Fit | None:
-    """The fit with one of the effects alone, that which costs most to drop, if it leaves as little as all together do,
-    to first order: the joint fit shares out what it does, and one by one the others go only slowly. Not tried where it
+    """Return the fit with the one effect that costs most to drop, if it leaves as little as all together do, to first
+    order: the joint fit shares its effect among others, which go only slowly one by one. It is not tried where it
     promises to leave more, and over half of what `plain` leaves."""
     vector = everything.vector
-    gone = vector.parts(label for label in vector.labels if label not in labels)
-    there = conditioned(everything.minimum, everything.covariance, gone)
+    off = vector.parts(label for label in vector.labels if label not in labels)
+    there = conditioned(everything.minimum, everything.covariance, off)
     *_, (strongest, _, _) = cheapest_first(*there, {label: vector.part(label) for label in labels})
     least = promised(everything, everything.minimum)
     promise = promised(everything, to_first_order(everything, [strongest]))
     if promise > PROMISING * plain.after and over(promise, least) > refits.tolerance:
         return None
     hopeless = float(np.hypot(least, refits.tolerance))
-    one = refits.of(everything, [strongest], hopeless=hopeless, sure=True, named=f"{strongest} alone")
+    one = refits.of(everything, [strongest], hopeless=hopeless, exact=True, named=f"{strongest} alone")
     fits = over(one.after, least) <= 0.5 * refits.tolerance
     return one if fits and not refits.needed_elsewhere(everything, one, vector.inside(there[0])) else None

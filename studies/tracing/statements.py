@@ -13,7 +13,7 @@ from studies.tracing.outcome import Outcome
 
 
 def verdict_in_words(outcome: Outcome) -> str:
-    """The answer in a sentence."""
+    """Return the answer in a sentence."""
     evidence, left = outcome.evidence, in_mm(outcome.evidence.after)
     before = f"{in_mm(evidence.before):.2f} mm"
     if outcome.verdict == "adequate":
@@ -24,10 +24,10 @@ def verdict_in_words(outcome: Outcome) -> str:
     if outcome.verdict == "unexplained":
         missing = "Something is missing that none of the known effects explains, alone or in combination:"
         if outcome.discovered is not None:
-            found = outcome.discovered
+            without, with_it = in_mm(outcome.discovered.before), in_mm(outcome.discovered.excess)
             return (
-                f"{missing} the excess over the noise is {in_mm(found.before):.2f} mm on held-out trials, and "
-                f"{in_mm(found.excess):.2f} mm with a formula that was found, which is in the model: "
+                f"{missing} the excess over the noise is {without:.2f} mm on held-out trials, and "
+                f"{with_it:.2f} mm with a formula that was found, which is in the model: "
                 f"{formula(outcome.model.effects[-1].term.values)}."
             )
         sentence = (
@@ -99,7 +99,7 @@ def experiment_in_words(outcome: Outcome) -> str | None:
 
 
 def as_text(outcome: Outcome) -> str:
-    """For the terminal."""
+    """Return a trace in words for the terminal."""
     result = outcome.as_json()
     error = result["error"]
     lines = [f"{outcome.verdict}: {verdict_in_words(outcome)}"]

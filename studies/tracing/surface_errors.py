@@ -19,7 +19,7 @@ FRAMES = 20  # of a trial
 
 @dataclass(frozen=True)
 class TrialError:
-    """m, of one trial's used frames."""
+    """The errors of one trial's used frames, m."""
 
     trial: str
     design: str
@@ -38,7 +38,7 @@ def errors_of_trials(
     *,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[TrialError]:
-    """Of every trial that has a used frame."""
+    """Return the errors of every trial that has a used frame."""
     times: list[Indices] = []
     chosen: list[Trial] = []
     for trial in trials:
@@ -61,14 +61,14 @@ def errors_of_trials(
 
 
 def mean_of(errors: Sequence[TrialError], role: str, which: str, error: str = "surface_rms") -> float | None:
-    """m, mean over trials of a role; None where there is none."""
-    own = [getattr(e, which) for e in errors if e.role == role]
-    own = [e for e in own if np.isfinite(e.surface_rms)]
-    return statistics(own)[error].mean if own else None
+    """Return the mean over trials of a role, m; None where there is none."""
+    pairs = [getattr(e, which) for e in errors if e.role == role]
+    finite = [e for e in pairs if np.isfinite(e.surface_rms)]
+    return statistics(finite)[error].mean if finite else None
 
 
 def other_layouts(errors: Sequence[TrialError]) -> dict[str, list[TrialError]]:
-    """By design, of those of which no trial was fitted."""
+    """Return the errors by design, of the designs of which no trial was fitted."""
     fitted = {e.design for e in errors if e.role == "fit"}
     names = dict.fromkeys(e.design for e in errors if e.design not in fitted)
     return {name: [e for e in errors if e.design == name] for name in names}

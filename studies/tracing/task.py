@@ -1,4 +1,4 @@
-"""What a trace fits, and its fits, which stand in its folder: one that was killed goes on with the next."""
+"""The data and fits of a trace. Fits are kept in its folder, so that one that was killed goes on with the next."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -33,8 +33,8 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What is fitted. factors: where they start. known: effects that the model has and that stay as they are.
-    elsewhere: trials of layouts that none of the fitted has, for their designs and pressures, not for their clouds."""
+    """The data and model of a trace. factors: where they start. known: effects that the model has and keeps as they
+    are. elsewhere: trials of layouts that none of the fitted has, for their designs and pressures, not their clouds."""
 
     data: MeasuredData
     forward: ForwardModel
@@ -47,16 +47,16 @@ class Task:
 
     @property
     def floor(self) -> float:
-        """m, RMS of the noise in the residuals."""
+        """Return the RMS of the noise in the residuals, m."""
         return self.data.noise.sigma
 
     @property
     def designs(self) -> list[Design]:
-        """Of the trials fitted."""
+        """Return the designs of the trials fitted."""
         return [trial.design for trial in self.data.trials]
 
     def differs_elsewhere(self, one: Place, other: Place) -> float:
-        """m, RMS between the motions of two models, on the layout of `elsewhere` where it is most; 0 without any."""
+        """Return the RMS distance of two models' motions, m, on the layout of `elsewhere` where it is most, or 0."""
         times = [trial.times for trial in self.elsewhere]
         cases = [place.vector.case(trial, place.x) for place in (one, other) for trial in self.elsewhere]
         sheets = sheets_of(self.forward)(cases, [*times, *times])
@@ -64,23 +64,25 @@ class Task:
         for trial, a, b in zip(self.elsewhere, sheets, sheets[len(times) :], strict=False):
             apart = np.linalg.norm(a.middle - b.middle, axis=-1)
             squares.setdefault(trial.design_name, []).append(float(np.square(np.fmin(apart, FAR)).mean()))
-        return max((float(np.sqrt(np.mean(own))) for own in squares.values()), default=0.0)
+        return max((float(np.sqrt(np.mean(means))) for means in squares.values()), default=0.0)
 
     def matters_elsewhere(self, one: Place, other: Place) -> bool:
-        """Whether two models differ on other layouts by the tolerance."""
+        """Return whether two models differ on other layouts by the tolerance."""
         return self.differs_elsewhere(one, other) >= self.tolerance
 
     @property
     def fits(self) -> Fits:
         """Return how its fits are made."""
-        return Fits(self.forward, self.tolerance, checkpoint=self.checkpoint, told=self._told, patient=True)
+        return Fits(
+            self.forward, self.tolerance, checkpoint=self.checkpoint, progress_of=self._progress_of, patient=True
+        )
 
-    def _told(self, named: str, vector: FitVector) -> Progress:
+    def _progress_of(self, named: str, vector: FitVector) -> Progress:
         begin = f"{named}, {len(vector.parameters)} unknowns: " if named else ""
         return lambda line, share: self.say(begin + line)
 
     def fit(self, named: str, vector: FitVector, start: FitStart, policy: Policy = END) -> Fit:
-        """As `optimize.fit.descent.fit`. named: in the folder and in what is said."""
+        """Fit as `optimize.fit.descent.fit` does. named: in the folder and in messages."""
         return self.fits.fit(self.problem(vector), start, policy, named)
 
     def input_errors(self, vector: FitVector, x: Array) -> InputErrors | None:
@@ -95,12 +97,12 @@ class Task:
         )
 
     def nearest(self, vector: FitVector, xs: Sequence[Array]) -> tuple[float, Array]:
-        """m RMS of the residuals capped at 10 mm, and the place of `xs` where that is least."""
+        """Return the RMS of the residuals capped at 10 mm, m, and the place of `xs` where that is least."""
         best = min(self.problem(vector).evaluate(xs), key=lambda one: one.misfit.rms)
         return best.misfit.rms, best.x
 
     def linearised(self, named: str, vector: FitVector, start: FitStart) -> Fit:
-        """A fit that ends where it begins, with the columns of the Jacobian that are missing by differences."""
+        """Return a fit that ends where it begins, with missing columns of the Jacobian by differences."""
         x, problem = start.x, self.problem(vector)
         assert x is not None
 
@@ -112,7 +114,7 @@ class Task:
         return kept(self.checkpoint, named, problem, start.inputs, there)
 
     def weighed(self, known: Fit, inputs: InputErrors | None) -> Fit:
-        """A fit as it ended, with what errors of the inputs do elsewhere: models are compared by the same weights."""
+        """Return a fit as it ended with `inputs` of another, so that models are compared by the same weights."""
         return concluded(self.problem(known.vector), known.state, inputs, known.before, known.iterations, known.ended)
 
     def problem(self, vector: FitVector) -> FitProblem:

@@ -1,4 +1,4 @@
-"""What a trace says: adequate, an effect, or unexplained."""
+"""The verdict of a trace: adequate, an effect, or unexplained."""
 
 import math
 import re
@@ -45,7 +45,7 @@ class Evidence:
 
 
 def decide(evidence: Evidence, tolerance: float) -> Word:
-    """The verdict, by docs/trace.md. tolerance: m."""
+    """Return the verdict by the rules of docs/trace.md. tolerance: m."""
     if evidence.adequate(tolerance):
         return "adequate"
     if evidence.effects == 0:
@@ -62,23 +62,23 @@ def decide(evidence: Evidence, tolerance: float) -> Word:
 
 
 def box_closed(evidence: Evidence) -> float:
-    """Share of the excess that the flexible baseline alone removes."""
+    """Return the share of the excess that the flexible baseline alone removes."""
     return max(1 - evidence.box_before / evidence.before, 0.0)
 
 
 def explains(evidence: Evidence) -> float | None:
-    """Share of the gap to the noise floor that the effects close; None where the baseline finds no gap."""
+    """Return the share of the gap to the noise floor that the effects close; None where the baseline finds no gap."""
     if evidence.before <= 0 or evidence.box_before >= evidence.before:
         return None
     return 1 - evidence.after / evidence.before
 
 
 def shared_out(evidence: Evidence, gains: Mapping[str, float]) -> dict[str, float]:
-    """Of that share, what each effect closes; of several, by what its absence costs. gains: m of excess, by effect."""
-    whole, costs = explains(evidence), {name: max(gain, 0.0) ** 2 for name, gain in gains.items()}
-    if whole is None:
+    """Return the part of `explains` of each effect, of several by what its absence costs. gains: m of excess each."""
+    share, costs = explains(evidence), {name: max(gain, 0.0) ** 2 for name, gain in gains.items()}
+    if share is None:
         return {}
-    return {name: whole * cost / max(sum(costs.values()), 1e-30) for name, cost in costs.items()}
+    return {name: share * cost / max(sum(costs.values()), 1e-30) for name, cost in costs.items()}
 
 
 def so_far(labels: Sequence[str]) -> str:
@@ -95,5 +95,5 @@ def effect_entry(effect: EffectTerm, explained: float | None) -> dict[str, Any]:
     """Return an effect as `trace.json` has it. explained: share of the gap that it closes."""
     declared = EFFECTS[effect.name]
     scope = effect.scope or declared.scope
-    own = {"name": effect.name, "site": declared.site, "scope": scope, "parameters": effect.parameters}
-    return own | {"explains": explained}
+    entry = {"name": effect.name, "site": declared.site, "scope": scope, "parameters": effect.parameters}
+    return entry | {"explains": explained}
