@@ -123,7 +123,11 @@ def _drawn(
     chosen = [allowed[i] for i in evenly(len(allowed), most_trials(len(allowed), effects=bool(vector.terms)))]
     files = {trial.file for trial in chosen}
     trials_of_sets = [(one, [t for t in one.trials if t.file in files]) for one in sets]
-    used = find_used_frames(trials_of_sets, options.coarse, progress=_searching(progress))
+
+    def searching(done: int, total: int) -> None:
+        progress(f"sensitive stretches: {done} of {total} motions", 0.0)  # before the fit begins
+
+    used = find_used_frames(trials_of_sets, options.coarse, progress=searching)
     data = MeasuredData.of(sets, chosen, used, DRAWN, seed=options.seed)
     return with_shapes_at_rest(data, allowed) if vector.terms else data  # factors alone go by horizons
 
@@ -162,11 +166,6 @@ def _with_spread(
         used=lambda trial: used.at(owners[trial.file], trial),
         progress=lambda done, total: progress(f"intervals: {done} of {total} trials", 1.0),
     )
-
-
-def _searching(progress: Progress) -> Callable[[int, int], None]:
-    """Return the progress of the search for sensitive stretches, which is done before the fit begins."""
-    return lambda done, total: progress(f"sensitive stretches: {done} of {total} motions", 0.0)
 
 
 def _fit(data: MeasuredData, fits: Fits, vector: FitVector, *, interruptible: bool) -> Fit:
