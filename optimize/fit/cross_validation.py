@@ -69,23 +69,23 @@ class LeftOut:
 
     @cached_property
     def kept(self) -> NDArray[np.bool_]:
-        """(N,) points that are there and not much farther off than the others of their frame."""
+        """Return which points (N,) are there and not much farther off than the others of their frame."""
         return not_strays(self.misfit) & (self.normal.counts > 0)
 
     @cached_property
     def residual(self) -> Array:
-        """(N,) m, cut at the loss's largest, zero where not kept."""
+        """Return the residual (N,) m, cut at the loss's largest, zero where not kept."""
         most = self.misfit.loss.largest
         return np.where(self.kept, np.clip(np.nan_to_num(self.misfit.residual), -most, most), 0.0)
 
     @cached_property
     def white(self) -> Array:
-        """(N, p) m, the Jacobian less what errors of the inputs can make of it."""
+        """Return the Jacobian (N, p) m less what errors of the inputs can explain of it."""
         return whitened(np.nan_to_num(self.jacobian), self.misfit.block, self.normal, self.inputs)
 
     @cached_property
     def _parts(self) -> tuple[Array, Array]:
-        """(samples, p, p) and (samples, p): Hessian and gradient by trial, tempered."""
+        """Return Hessian (samples, p, p) and gradient (samples, p) by trial, tempered."""
         weighted = self.white * self.normal.weights[:, None]
         residual, jacobian = np.nan_to_num(self.misfit.residual), np.nan_to_num(self.jacobian)
         rows = [np.flatnonzero(self.misfit.sample == s) for s in range(len(self.folds))]
@@ -95,13 +95,13 @@ class LeftOut:
 
     @property
     def information(self) -> Array:
-        """(p, p), tempered, of all trials, with the prior's."""
+        """Return the information (p, p), tempered, of all trials, with the prior's."""
         hessian = self._parts[0].sum(axis=0)
         return np.asarray(0.5 * (hessian + hessian.T) + np.diag(1 / self.prior**2))
 
     @property
     def gradient(self) -> Array:
-        """(p,), tempered, of all trials, with the prior's."""
+        """Return the gradient (p,), tempered, of all trials, with the prior's."""
         return np.asarray(self._parts[1].sum(axis=0) + self.x / self.prior**2)
 
     def scored(self, off: Indices | Sequence[int] = ()) -> Scored:

@@ -212,7 +212,7 @@ class _Work:
 
     @property
     def _starts(self) -> Array:
-        """(k, p)."""
+        """Return the places (k, p) where the fit may begin."""
         return np.atleast_2d(self.problem.vector.start if self.start.x is None else self.start.x)
 
     def _horizon(self, horizon: float, x: Array, along: Array, progress: Progress) -> tuple[Linearisation, Array]:

@@ -40,27 +40,27 @@ class Fit:
 
     @property
     def converged(self) -> bool:
-        """Whether it ended where a step promised next to nothing."""
+        """Return whether it ended where a step promised next to nothing."""
         return self.ended == "converged"
 
     @property
     def interrupted(self) -> bool:
-        """Whether it was ended by Ctrl-C."""
+        """Return whether it was ended by Ctrl-C."""
         return self.ended == "interrupted"
 
     @property
     def information(self) -> Array:
-        """(p, p) of the data alone, tempered."""
+        """Return the information (p, p) of the data alone, tempered."""
         return self.normal.information
 
     @property
     def sensitivity(self) -> Array:
-        """(p, p) m^2: the mean square change of the residuals, weighted by frame, is v^T sensitivity v."""
+        """Return (p, p) m^2: the mean square change of the residuals, weighted by frame, is v^T sensitivity v."""
         return self.normal.sensitivity
 
     @property
     def scale(self) -> float:
-        """m, robust standard deviation of the residuals."""
+        """Return the robust standard deviation of the residuals, m."""
         return self.normal.scale
 
 

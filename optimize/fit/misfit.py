@@ -50,7 +50,7 @@ class Misfit:
 
     @property
     def rms(self) -> float:
-        """m, capped."""
+        """Return the capped RMS, m."""
         return capped(self.residual, self.loss.cap)
 
 

@@ -37,7 +37,7 @@ class Normal:
 
     @property
     def information(self) -> Array:
-        """(p, p) of the data alone, tempered."""
+        """Return the information (p, p) of the data alone, tempered."""
         return self.tempering * self.hessian
 
 

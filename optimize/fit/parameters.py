@@ -70,22 +70,22 @@ class FitVector:
 
     @cached_property
     def prior(self) -> Array:
-        """(p,) standard deviations of x."""
+        """Return the standard deviations (p,) of x."""
         return np.array([parameter.deviation for parameter in self.parameters])
 
     @cached_property
     def precision(self) -> Array:
-        """(p, p) of the prior, of x."""
+        """Return the precision (p, p) of the prior, of x."""
         return np.diag(1 / self.prior**2)
 
     @cached_property
     def are_factors(self) -> NDArray[np.bool_]:
-        """(p,) which of the unknowns are factors, not parameters of effects."""
+        """Return which of the unknowns (p,) are factors, not parameters of effects."""
         return np.array([parameter.is_factor for parameter in self.parameters], dtype=bool)
 
     @cached_property
     def scale(self) -> Array:
-        """(p,) of x that counts as much as 1 of a factor's logarithm, where the length of a step is judged."""
+        """Return (p,) of x that counts as much as 1 of a factor's logarithm for the length of a step."""
         return np.array([1.0 if p.is_factor else p.deviation / TYPICAL for p in self.parameters])
 
     @cached_property
@@ -94,12 +94,12 @@ class FitVector:
 
     @property
     def without_effects(self) -> "FitVector":
-        """The factors alone."""
+        """Return the vector of the factors alone."""
         return FitVector(tuple(p for p in self.parameters if p.is_factor), self.factors)
 
     @cached_property
     def limits(self) -> Array:
-        """(2, p) of x."""
+        """Return the limits (2, p) of x."""
         return np.array([parameter.limits for parameter in self.parameters]).T.reshape(2, -1)
 
     def inside(self, x: Array) -> Array:

@@ -34,10 +34,10 @@ class FitStage:
 
 @dataclass(frozen=True)
 class Policy:
-    """name: for people. near: the first steps on all rows. end: those after them; None: another fit goes on. finer:
-    the last ones, of a problem with a finer engine. hopeless: m RMS: where a horizon leaves more, or on all rows the
-    minimum of the linearised residuals, the fit ends. content: m RMS: where steps that gain too little leave no more,
-    no Jacobian is made anew."""
+    """How a fit goes on and ends. name: for people. near: the first steps on all rows. end: those after them; None:
+    another fit goes on. finer: the last ones, of a problem with a finer engine. hopeless: m RMS: where a horizon leaves
+    more, or on all rows the minimum of the linearised residuals, the fit ends. content: m RMS: where steps that gain
+    too little leave no more, no Jacobian is made anew."""
 
     name: str
     near: FitStage

@@ -44,13 +44,13 @@ _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
 
 @dataclass(frozen=True)
 class CalibrationOptions:
-    """slopes: a cheaper simulator, for first steps and derivatives. coarse: a cheap one that finds sensitive stretches;
-    they are left out. Without it they are not looked for. points_per_side: of the simulator's grid, noted in the model.
-    orders: of the trials fitted; None: those of role `fit`. skipped: lines on bad trials left out before; skip_bad:
-    leave out those too that `trial_checks.implausible` finds. engines: (p,) standard deviations of the unknowns for the
-    difference between the simulator and what made the data, by default those of the virtual rig. intervals: whether
-    those of motions are calibrated too, on the trials of role `fit` that were not fitted. interruptible: Ctrl-C ends
-    the fit where its last iteration began, with a warning."""
+    """Options of a calibration. slopes: a cheaper simulator, for first steps and derivatives. coarse: a cheap one that
+    finds sensitive stretches; they are left out. Without it they are not looked for. points_per_side: of the
+    simulator's grid, noted in the model. orders: of the trials fitted; None: those of role `fit`. skipped: lines on bad
+    trials left out before; skip_bad: leave out those too that `trial_checks.implausible` finds. engines: (p,) standard
+    deviations of the unknowns for the difference between the simulator and what made the data, by default those of the
+    virtual rig. intervals: whether those of motions are calibrated too, on the trials of role `fit` that were not
+    fitted. interruptible: Ctrl-C ends the fit where its last iteration began, with a warning."""
 
     slopes: ForwardModel | None = None
     coarse: ForwardModel | None = None
@@ -123,7 +123,11 @@ def _drawn(
     chosen = [allowed[i] for i in evenly(len(allowed), most_trials(len(allowed), effects=bool(vector.terms)))]
     files = {trial.file for trial in chosen}
     trials_of_sets = [(one, [t for t in one.trials if t.file in files]) for one in sets]
-    used = find_used_frames(trials_of_sets, options.coarse, progress=_searching(progress))
+
+    def searching(done: int, total: int) -> None:
+        progress(f"sensitive stretches: {done} of {total} motions", 0.0)  # before the fit begins
+
+    used = find_used_frames(trials_of_sets, options.coarse, progress=searching)
     data = MeasuredData.of(sets, chosen, used, DRAWN, seed=options.seed)
     return with_shapes_at_rest(data, allowed) if vector.terms else data  # factors alone go by horizons
 
@@ -162,11 +166,6 @@ def _with_spread(
         used=lambda trial: used.at(owners[trial.file], trial),
         progress=lambda done, total: progress(f"intervals: {done} of {total} trials", 1.0),
     )
-
-
-def _searching(progress: Progress) -> Callable[[int, int], None]:
-    """Return the progress of the search for sensitive stretches, which is done before the fit begins."""
-    return lambda done, total: progress(f"sensitive stretches: {done} of {total} motions", 0.0)
 
 
 def _fit(data: MeasuredData, fits: Fits, vector: FitVector, *, interruptible: bool) -> Fit:

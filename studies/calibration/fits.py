@@ -18,10 +18,10 @@ from studies.measured.fit_data import MeasuredData
 
 @dataclass(frozen=True, eq=False)
 class Fits:
-    """tolerance: m of excess that a right model may leave. slopes: a cheaper engine, for first steps and derivatives.
-    progress_of: the progress of the fit of a name and a vector. named: before the names of fits in the checkpoint.
-    last: the policy of the last of several fits. patient: whether a joint fit begins again wherever a horizon leaves
-    more than a right model, not the first alone where that is far more."""
+    """How fits are made. tolerance: m of excess that a right model may leave. slopes: a cheaper engine, for first steps
+    and derivatives. progress_of: the progress of the fit of a name and a vector. named: before the names of fits in the
+    checkpoint. last: the policy of the last of several fits. patient: whether a joint fit begins again wherever a
+    horizon leaves more than a right model, not the first alone where that is far more."""
 
     forward: ForwardModel
     tolerance: float

@@ -101,17 +101,17 @@ class _Descent:
 
     @property
     def part(self) -> tuple[FitVector, Indices]:
-        """The unknowns that take part, and which they are."""
+        """Return the unknowns that take part, and which they are."""
         return self.vector.only([label for label in self.vector.labels if label not in self.inactive])
 
     @property
     def remaining(self) -> float:
-        """m RMS, capped."""
+        """Return the capped RMS, m."""
         return np.inf if self.fit is None else self.fit.after
 
     @property
     def jacobian(self) -> Array:
-        """(N, p) m, of all unknowns: NaN for those that take no part."""
+        """Return the Jacobian (N, p) m of all unknowns: NaN for those that take no part."""
         assert self.fit is not None
         assert self.at is not None
         return widened(self.fit.state.jacobian, self.at, len(self.x))

@@ -42,8 +42,8 @@ class Density:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredData:
-    """trials: those that a fit looks at, of the sets, each with frames that are used. samples: one a trial. noise: of
-    the sensor. accuracy: of the inputs, the worst of the sets."""
+    """Data of a fit. trials: those that a fit looks at, of the sets, each with frames that are used. samples: one a
+    trial. noise: of the sensor. accuracy: of the inputs, the worst of the sets."""
 
     sets: tuple[MeasurementSet, ...]
     trials: tuple[Trial, ...]

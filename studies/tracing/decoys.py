@@ -25,7 +25,7 @@ CHANCE = 0.95  # quantile of the decoys' gains that an effect must gain more tha
 
 @dataclass(frozen=True)
 class Decoys:
-    """gains: what trials left out gain by each, beside a fit; needed: whether its data do, as `NEEDED` has it."""
+    """Effects by chance. gains: of trials left out by each, beside a fit; needed: whether data need it, by `NEEDED`."""
 
     gains: tuple[Gain, ...]
     needed: tuple[bool, ...]

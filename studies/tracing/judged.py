@@ -18,8 +18,8 @@ _NONE = np.zeros(0, dtype=np.intp)
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """folds: of each trial; those with the same pressures share one. floor: noise, m. off: unknowns that take no part,
-    such as those at a limit."""
+    """A fit and its errors of trials left out. folds: of each trial; those with the same pressures share one. floor:
+    noise, m. off: unknowns that take no part, such as those at a limit."""
 
     fit: Fit
     folds: Sequence[int]

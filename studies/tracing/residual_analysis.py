@@ -16,10 +16,10 @@ _FOLLOWED = 0.05  # share of its mean square that a feature must take of held-ou
 
 @dataclass(frozen=True, eq=False)
 class Remains:
-    """cells: (CELLS, CELLS) m RMS over the cloth, by rising v, then u; NaN where no point is. over_time: s and m RMS of
-    frames, by trial. where: (u, v) m of the largest; when: s of the worst half second. follows: what it goes with,
-    None where with nothing. drift: m RMS by which it changes from the first trial fitted to the last, as far as it
-    goes with the place in the session and the use so far."""
+    """The analysis of a residual. cells: (CELLS, CELLS) m RMS over the cloth, by rising v, then u; NaN where no point
+    is. over_time: s and m RMS of frames, by trial. where: (u, v) m of the largest; when: s of the worst half second.
+    follows: what it goes with, None where with nothing. drift: m RMS by which it changes from the first trial fitted to
+    the last, as far as it goes with the place in the session and the use so far."""
 
     cells: Array
     over_time: dict[str, tuple[Array, Array]]

@@ -21,10 +21,11 @@ MUCH = 1.2  # times what a fit may lose of trials left out, in quadrature: what 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """everything: the joint fit; to first order about `plain` where that is adequate. plain: the declared parameters
-    alone. judged: the fit with what is needed, and what trials left out say of it; that of `plain` itself where nothing
-    is. small: effects that are certain but within the tolerance, or like all others too small for a cause. decoys:
-    beside what is chosen; None without effects. at_rest: what shapes at rest say of the effects that act there.
+    """The effects that are needed. everything: the joint fit; to first order about `plain` where that is adequate.
+    plain: the declared parameters alone. judged: the fit with what is needed, and what trials left out say of it; that
+    of `plain` itself where nothing is. small: effects that are certain but within the tolerance, or like all others too
+    small for a cause. decoys: beside what is chosen; None without effects. at_rest: what shapes at rest say of the
+    effects that act there.
 
     For the rules: of_all: m of excess that all effects leave of trials left out. most: the fit with most effects; what
     goes one after another must not add up, so fits with fewer are compared with it. asked: effects that a fit without
@@ -134,7 +135,7 @@ Step = Callable[[Refits, Selection], Selection | None]
 
 @dataclass(frozen=True)
 class Rule:
-    """threshold: what it asks for. origin: where that comes from."""
+    """A rule that makes a selection smaller. threshold: what it asks for. origin: where that comes from."""
 
     name: str
     threshold: str

@@ -54,8 +54,8 @@ Experiment = Mapping[str, Any] | None
 
 @dataclass(frozen=True)
 class Options:
-    """tolerance: m of held-out excess within which a model is adequate. grid: points a side; None: GRID. model: where
-    the fit starts, and effects that are known already; they stay as they are."""
+    """Options of a trace. tolerance: m of held-out excess within which a model is adequate. grid: points a side; None:
+    GRID. model: where the fit starts, and effects that are known already; they stay as they are."""
 
     tolerance: float = TOLERANCE
     grid: int | None = None

@@ -23,7 +23,7 @@ _FIRST_CLAUSE = re.compile(r"[,;:]")
 
 @dataclass(frozen=True)
 class Evidence:
-    """m of excess held out: of the refitted model, with all effects that were certain, and of the baseline on what
+    """Excess held out, m: of the refitted model, with all effects that were certain, and of the baseline on what
     either leaves.
 
     The baseline takes from what a model leaves that was fitted to all trials, so that its gain is over `fitted`, not
