@@ -159,13 +159,13 @@ class _Descent:
         return self._linearised(course, state, every, normal)
 
     def _best(self, state: Linearisation, step: Array, normal: Normal, promised: float) -> tuple[Evaluation, float]:
-        """Return where a step leads, and what is gained; where that is less than it promised, by its best length."""
+        """Return where a step leads, and what it gains; where that is far from its promise, by its best length."""
         vector, best = self.problem.vector, None
         for lengths in ((1.0,), LENGTHS):
             there = self.problem.evaluate([vector.inside(state.x + length * step) for length in lengths])
             gains = [-loss(state, other, normal, vector, self.inputs) for other in there]
             best = max([*zip(there, gains, strict=True), *([best] if best else [])], key=lambda one: one[1])
-            if best[1] > GOOD * promised:
+            if GOOD * promised < best[1] < promised / GOOD:
                 break
         assert best is not None
         return best
