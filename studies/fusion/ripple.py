@@ -23,6 +23,7 @@ REACH, TRIED = 0.7, 29  # pixels from the local plane, and depths within that ar
 JUMP = 0.06  # 1/m, of two surfaces
 LEAST_SHARE, LEAST_RATIO = 0.1, 10.0  # of the residuals' square that is ripple, and over that of other baselines
 ROUNDS = 3
+LOCAL = 0.15  # of the baseline's logarithm, that it moves from the best of BASELINES at most: else it is no peak
 RIPPLE_IMAGES = 3  # that show a camera's ripple
 
 
@@ -68,14 +69,15 @@ def ripple_of(depths: Sequence[Array], focal: float, pixel: float) -> Ripple | N
     shares = np.array([_fit(coarse, focal * baseline, focal)[0] for baseline in BASELINES])
     if shares.max() < LEAST_RATIO * np.median(shares):
         return None
-    images, frequency = [_Residuals(depth, WIDE / pixel) for depth in depths], focal * float(BASELINES[shares.argmax()])
+    images, begin = [_Residuals(depth, WIDE / pixel) for depth in depths], focal * float(BASELINES[shares.argmax()])
+    frequency = begin
     for _ in range(ROUNDS):
         _, ripple, change = _fit(images, frequency, focal, pixel)
         frequency += change
         for image in images:
             image.phase_by(ripple)
     share, ripple, _ = _fit(images, frequency, focal, pixel)
-    return ripple if share > LEAST_SHARE else None
+    return ripple if share > LEAST_SHARE and abs(np.log(frequency / begin)) < LOCAL else None
 
 
 class _Planes:
