@@ -182,7 +182,7 @@ def test_what_did_not_help_is_said(timed: GridResult) -> None:
     statements = replace(result, cells=(front, worse)).statements(both.cell)
     assert statements[0].startswith("2 muscles on both faces did not help: 2 on the front are nearer, at ")
     assert statements[0].endswith("its own search came to 9000.00 mm.")
-    one_face = replace(both, result=replace(front.result, pressures=np.array([[300e3, 0.0]])))
+    one_face = replace(both, result=replace(front.result, pressure=np.array([[300e3, 0.0]])))
     assert one_face.sides_used == "front"
     statements = replace(result, cells=(one_face,)).statements(both.cell)
     assert statements == ["1 of its 2 muscles is idle.", "Only the front pulls: a second face did not help."]

@@ -118,7 +118,7 @@ def result_of(folder: Path, forward, *pressures):
 
 def test_of_designs_equally_near_one_with_a_sure_loading_path_wins(tmp_path: Path) -> None:
     result = result_of(tmp_path, Buckler(), ALIKE, APART)
-    np.testing.assert_allclose(result.pressures, APART)
+    np.testing.assert_allclose(result.pressure, APART)
     assert not result.as_json()["way"]["hangs_on_it"]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from fabdesign.effects import register_file
+from fabdesign.effects import EFFECTS, register_file
 from fabdesign.nouns.forward import Term
 from sim import Simulator, state
 from sim.forces.added import AddedForce
@@ -15,10 +15,17 @@ from sim.materials import Constant, declare
 from tests.conftest import ROOT
 from tests.sim_designs import cloth, held, laced
 
-register_file(ROOT / "examples" / "cloth_creep.py")
 SIMULATOR = Simulator(points_per_side=21)
 SHARES, TIMES = (0.15, 0.25), (0.1, 0.5)  # s
 CREEP = (Term("cloth_creep", {"share_1": SHARES[0], "share_2": SHARES[1]}),)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def known():
+    """The effect of the example, known to these tests alone."""
+    register_file(ROOT / "examples" / "cloth_creep.py")
+    yield
+    del EFFECTS["cloth_creep"]
 
 
 def strain(middle):

@@ -245,7 +245,7 @@ def expected_within(result: StudyResult, objective: Objective, coarse: Predictor
 
 
 VERSIONS = f"fabdesign {__version__}, simulator {SIMULATOR}"
-_MADE_AGAIN = ("study", "design", "pressures", "targets", "history", "fewer")
+_MADE_AGAIN = ("study", "design", "pressure", "targets", "history", "fewer")
 _KEPT = [field.name for field in fields(StudyResult) if field.name not in _MADE_AGAIN]  # as they are
 _RAISED = ("limits.seconds", "limits.evaluations")  # without another result up to there
 _NO_MATTER = ("name", "targets", "outputs")  # the targets' points count, not their files

@@ -40,6 +40,7 @@ from studies.study import Simulated, StudyRun
 
 HISTORY = "history.sqlite"
 TENTH = 0.1  # of its limits, after which a search says how far it is
+ROUNDING = 1e-6  # m: a floor of less is that of markers, which have none
 FILES = "result.json", "design.toml", "pressures.csv", "report.html"  # of every result
 
 
@@ -170,7 +171,7 @@ def _reporting(
                 write_best(files, design, pressures, unfinished, [target.time for target in targets], study.rise)
         if not evaluations.message and evaluations.share >= TENTH and best is not None and shape is not None:
             least = floor(shape)
-            over = f", {best.value / least:.2f} times the noise floor" if least > 0 else ""
+            over = f", {best.value / least:.2f} times the noise floor" if least > ROUNDING else ""
             evaluations.message = (
                 f"after a tenth of its time {in_mm(best.value):.2f} mm{over}, in stage {evaluations.stage}"
             )
