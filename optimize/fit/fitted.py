@@ -1,6 +1,6 @@
 """Where a fit ended, and what is known about it: `Fit`; and how it is kept."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -12,6 +12,7 @@ from optimize.fit.misfit import Array, Misfit, capped, frames_of
 from optimize.fit.normal import Normal, scatter, step_to_minimum
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import InputErrors, Linearisation, Problem
+from optimize.fit.significance import conditioned
 
 # why a fit ended: too many steps; a step that promised next to nothing; more left than another fit would look at
 Ending = Literal["iterations", "converged", "hopeless", "interrupted"]
@@ -47,6 +48,11 @@ class Fit:
     def interrupted(self) -> bool:
         """Return whether it was ended by Ctrl-C."""
         return self.ended == "interrupted"
+
+    def without(self, labels: Iterable[str]) -> Array:
+        """Return (p,) where its unknowns are, to first order, with some of its terms off."""
+        there, _ = conditioned(self.minimum, self.covariance, self.vector.parts(labels))
+        return self.vector.inside(there)
 
     @property
     def information(self) -> Array:

@@ -16,7 +16,6 @@ from optimize.fit.misfit import Array
 from optimize.fit.parameters import FitVector
 from optimize.fit.policy import AT_REST
 from optimize.fit.rest_detection import standing_of
-from optimize.fit.significance import conditioned
 from studies.calibration.fits import Fits
 from studies.measured.fit_data import MeasuredData
 
@@ -62,10 +61,7 @@ def fit_at_rest(data: MeasuredData, fits: Fits, vector: FitVector) -> Fit | None
 def beginning(vector: FitVector, at_rest: Fit, dropped: Collection[str]) -> Array:
     """Return (p,) where a fit of motions begins: what shapes at rest say of an unknown that shows there, with the terms
     `dropped` at nothing, or its start."""
-    there = at_rest.x
-    if dropped:
-        part = at_rest.vector.parts(dropped)
-        there = at_rest.vector.inside(conditioned(at_rest.minimum, at_rest.covariance, part)[0])
+    there = at_rest.without(dropped) if dropped else at_rest.x
     known = {name: x for name, x, k in zip(at_rest.vector.names, there, _moves(at_rest), strict=True) if k}
     return np.array([known.get(p.name, p.start) for p in vector.parameters])
 

@@ -15,7 +15,7 @@ from optimize.fit.fitted import Fit
 from optimize.fit.misfit import Array, capped
 from optimize.fit.parameters import FitVector
 from optimize.fit.policy import NEAR
-from optimize.fit.significance import cheapest_first, conditioned
+from optimize.fit.significance import cheapest_first
 from studies.tracing.task import Task
 
 
@@ -60,8 +60,7 @@ def reduced(task: Task, joint: Fit, labels: Collection[str]) -> tuple[Fit, list[
 def begin_without(task: Task, known: Fit, labels: Collection[str]) -> Begin:
     """Return where a fit without the terms `labels` begins: the better of where the joint covariance says the others
     then are and where they are with them."""
-    part = known.vector.parts(labels)
-    there = known.vector.inside(conditioned(known.minimum, known.covariance, part)[0])
+    there = known.without(labels)
     vector, index = known.vector.only([label for label in known.vector.labels if label not in labels])
     rms, x = task.nearest(vector, [there[index], known.x[index]])
     return Begin(vector, x, known.state.jacobian[:, index], rms, promised(known, there))

@@ -14,7 +14,7 @@ from optimize.fit.normal import loss
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.policy import FitStage, Policy
 from optimize.fit.problem import Evaluation, widened
-from optimize.fit.significance import NEEDED, conditioned
+from optimize.fit.significance import NEEDED
 from studies.tracing.decoys import Decoys, decoys_beside
 from studies.tracing.judged import Judged
 from studies.tracing.reduction import promised
@@ -82,11 +82,7 @@ class SetRefits(Refits):
     def matters_elsewhere(self, fit: Fit, dropped: Sequence[str], label: str) -> bool:
         """Return whether a fit with terms `dropped` off differs on other layouts where one more is, to first order: by
         the tolerance, whatever is left of trials left out."""
-        vector = fit.vector
-        places = [
-            Place(vector, vector.inside(conditioned(fit.minimum, fit.covariance, vector.parts(labels))[0]))
-            for labels in (dropped, [*dropped, label])
-        ]
+        places = [Place(fit.vector, fit.without(labels)) for labels in (dropped, [*dropped, label])]
         return self.task.matters_elsewhere(*places)
 
     def needed_elsewhere(self, known: Fit, simpler: Fit, x: Array | None = None) -> bool:
@@ -119,8 +115,7 @@ def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
 
 def to_first_order(joint: Fit, labels: Sequence[str]) -> Array:
     """Return (p,) where a joint fit has its unknowns, to first order, with all terms but `labels` off."""
-    off = joint.vector.parts(label for label in joint.vector.labels if label not in labels)
-    return joint.vector.inside(conditioned(joint.minimum, joint.covariance, off)[0])
+    return joint.without(label for label in joint.vector.labels if label not in labels)
 
 
 def _chosen_only(term: Term) -> Term:
