@@ -29,7 +29,7 @@ verify-sim: .venv/.ready-test
 
 # a scheduler and workers as processes here, one or the other killed in the middle of a sweep and of a search
 verify-cluster: .venv/.ready-test
-	$(PYTHON) -m pytest tests/verify/test_verify_cluster.py tests/test_cluster.py
+	$(PYTHON) -m pytest tests/verify/test_verify_cluster.py tests/cluster/test_cluster.py
 
 # traces of the virtual rig's sets whose effects are known; a day, goes on where it stood, QUICK=1 for six sets; its part of docs/lab/trace.md
 verify-trace: .venv/.ready-test

@@ -21,7 +21,7 @@ from fabdesign.nouns.column import Column
 from fabdesign.nouns.forward import PARAMETERS, Case, Term
 from fabdesign.nouns.pressure import PressureProgram
 from sim import Simulator
-from tests.derivatives_reference import kinds, kinds_of_effects, lacking
+from tests.sim.derivatives_reference import kinds, kinds_of_effects, lacking
 
 ROUNDS = 5
 SIZES = 21, 41
@@ -92,9 +92,9 @@ def compared() -> list[Case]:
 
 
 def agreement() -> tuple[dict[str, list[float]], list[float], int]:
-    """Of each kind of column: what the reference's balance of forces lacks (tests/derivatives_reference.py), with the
-    kernels' muscle law; of all columns of the last eight shapes the same with the smooth law; and how many columns the
-    tangent gave."""
+    """Return, of each kind of column, what the reference's balance of forces (tests/sim/derivatives_reference.py) lacks
+    with the kernels' muscle law; of all columns of the last eight shapes the same with the smooth law; and how many
+    columns the tangent gave."""
     own, kinds_of_all, exact, smooth = compared(), kinds() + kinds_of_effects(), 0, list[float]()
     off: dict[str, list[float]] = {one.name: [] for one in kinds_of_all}
     for case, found in zip(own, Simulator(points_per_side=COMPARED).shape_jacobian(own, kinds_of_all), strict=True):

@@ -22,7 +22,7 @@ from PIL import Image
 from fabdesign.files.design_file import write_design
 from fabdesign.nouns.catalogue import build
 from tests.browser import Page, browser_at
-from tests.test_studio_browser import holds, on_screen
+from tests.studio.test_studio_browser import holds, on_screen
 
 OUT = Path("docs/studio.gif")
 WINDOW, WIDTH = (1150, 640), 880  # px, of the browser and of the picture

@@ -13,7 +13,7 @@ import numpy as np
 
 from scripts.studio_moving_picture import studio
 from tests.browser import Page
-from tests.test_studio_browser import holds
+from tests.studio.test_studio_browser import holds
 
 WINDOW, HIGH = (1400, 800), (1400, 960)  # px
 SEARCH = 180  # s

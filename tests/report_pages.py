@@ -78,7 +78,7 @@ def grid_page(width: float, height: float) -> str:
 def bench_page() -> str:
     """Return the page of a trace of a bench with friction."""
     rng, records = np.random.default_rng(4), []
-    from tests.test_trace_bench import cylinder
+    from tests.tracing.test_trace_bench import cylinder
 
     for k, pressure in enumerate((1e5, 3e5, 5e5, 7e5)):
         records.append(BenchRecord(f"record {k}", cylinder(rng, pressure, 4e-3, 2.0), {}))

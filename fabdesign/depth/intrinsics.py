@@ -1,10 +1,10 @@
 """Intrinsics of a depth camera: from pixels to rays, by all distortion models of the RealSense SDK, of ROS and of Azure
 Kinect.
 
-Deprojection follows the SDK's own (librealsense, rsutil: Newton and fixed-point rounds) and is
-checked against it in tests/test_depth_files.py. The SDK's deprojection is not the inverse of its own projection for
-Modified Brown-Conrady (it leaves the distortion away) and for f-theta (its scale is another one); there a ray is the
-one whose projection by the SDK is the pixel.
+Deprojection follows the SDK's own (librealsense, rsutil: Newton and fixed-point rounds) and is checked against it in
+tests/clouds/test_depth_files.py. The SDK's deprojection is not the inverse of its own projection for Modified
+Brown-Conrady (it leaves the distortion away) and for f-theta (its scale is another one); there a ray is the one whose
+projection by the SDK is the pixel.
 """
 
 from collections.abc import Callable, Mapping, Sequence

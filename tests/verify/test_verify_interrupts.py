@@ -10,8 +10,8 @@ import pytest
 
 from fabdesign.files.design_file import write_design
 from fabdesign.nouns.catalogue import build
+from tests.house.test_guests import homeless
 from tests.interrupted import ROOT, interrupted, snapshot
-from tests.test_guests import homeless
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are looked up in /proc")
 WITHIN = 2.0  # s

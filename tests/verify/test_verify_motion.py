@@ -8,8 +8,8 @@ from fabdesign.nouns.forward import Case
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.nouns.pressure import PressureProgram
 from sim import Simulator
+from tests.sim.sim_reference import ReferenceSheet
 from tests.sim_designs import cloth, linear_muscle
-from tests.sim_reference import ReferenceSheet
 from tests.thrown import thrown
 
 SIMULATOR = Simulator(points_per_side=21)

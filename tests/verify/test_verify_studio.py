@@ -1,7 +1,7 @@
 """Two tabs on one studio, in a real browser."""
 
 from tests.browser import Page
-from tests.test_studio_browser import WAIT, edge, exact, holds, page, pytestmark  # noqa: F401 a fixture, and what skips
+from tests.studio.test_studio_browser import WAIT, edge, exact, holds, page, pytestmark  # noqa: F401 a fixture, and what skips
 
 SECOND_TAB = """(() => {
   const frame = document.createElement('iframe');

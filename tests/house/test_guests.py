@@ -9,7 +9,7 @@ import pytest
 
 from fabdesign.runtime import shortage
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 
 def homeless(folder: Path, line: list[str], **changed: str) -> "subprocess.CompletedProcess[str]":

@@ -227,7 +227,7 @@ def test_the_demo_runs_both_searches_on_embedded_data(tmp_path: Path, monkeypatc
         {"076": Errors(1 / 3, 0, 0, 0)},
         {},
     )
-    monkeypatch.setattr("studies.demo.run.evaluate_shipped", lambda **_: shipped)  # held by tests/test_demo.py
+    monkeypatch.setattr("studies.demo.run.evaluate_shipped", lambda **_: shipped)  # held by tests/house/test_demo.py
     found = run_demo(tmp_path, forward=AnalyticCloth(), coarse=AnalyticCloth(21))
     runs, results = as_json(found)["runs"], found.runs
     assert [run["name"] for run in runs] == ["basic", "free"]

@@ -17,7 +17,7 @@ from studies.view.items import items_of
 from tests.samples import NAMES, mutations, write_samples
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # what damage brings; notes are not asked for
-MUTATIONS = 200  # of each kind; a longer run: python -m pytest tests/test_fuzz.py after a change of this number
+MUTATIONS = 200  # of each kind; a longer run: python -m pytest tests/hostile/test_fuzz.py after a change of this number
 SHOWN = (".npz", ".ply", ".stl", ".asc")  # that `view` reads by another way than `check`
 
 

@@ -14,7 +14,7 @@ from fabdesign.geometry.distances import chamfer
 from fabdesign.nouns.corrector import with_history
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model
-from tests.test_corrector import LEARNED, Bending, Stopped, measure, program
+from tests.corrector.test_corrector import LEARNED, Bending, Stopped, measure, program
 
 TIMES = np.arange(1, 9) / 20
 

@@ -22,7 +22,7 @@ from studies.layouts.run import run_study
 from studies.layouts.scatter import Scatter, linear
 from studies.prediction.forward_model import forward_model
 from tests.analytic_cloth import AnalyticCloth, WithJacobian
-from tests.test_robustness import LINE, ONE, ROBUST, STUDY, TWO, start_of, with_muscles
+from tests.search.test_robustness import LINE, ONE, ROBUST, STUDY, TWO, start_of, with_muscles
 
 FORWARD = forward_model(WithJacobian(11), None)
 MANY = replace(STUDY, positions=True, muscles=MuscleChoice(1, 2))

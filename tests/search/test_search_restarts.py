@@ -22,7 +22,7 @@ from optimize.search.starts import Start, pressure_starts
 from optimize.search.variations import straightened, variations, with_corners
 from studies.layout_search.first_layouts import first_starts
 from studies.layouts.reach import Reach, reach_of
-from tests.test_search import DESIGN, SPACE, Interrupted, drawn_anew, found_pressures, within
+from tests.search.test_search import DESIGN, SPACE, Interrupted, drawn_anew, found_pressures, within
 
 LIMITS = Limits()
 EIGHT = MuscleChoice(1, 8)

@@ -9,9 +9,9 @@ import pytest
 from studies.benches.calibrate import calibrate_bench
 from studies.benches.evaluate import evaluate_bench
 from studies.benches.write import write_bench_type
+from tests.benches.test_benches import j_force
 from tests.command_line import Run, one_line
-from tests.test_benches import j_force
-from tests.test_trace_bench import PRESSURES, actuator, cylinder, muscle
+from tests.tracing.test_trace_bench import PRESSURES, actuator, cylinder, muscle
 
 SIZES = "[constants]\nouter_diameter = 0.002\nmass_per_length = 0.004\naxis_offset = 0.001\n"
 SCALE = {"pressure_kpa": 1e-3, "pressure_amplitude_kpa": 1e-3}

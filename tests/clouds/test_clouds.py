@@ -14,7 +14,7 @@ from fabdesign.clouds.ply import read_ply, write_ply
 from fabdesign.errors import InputError
 from tests.meshes import sheet, write_obj, write_stl, write_xyz
 
-DATA = Path(os.environ.get("FABDESIGN_DATA", Path(__file__).resolve().parents[1] / "../shared/data"))
+DATA = Path(os.environ.get("FABDESIGN_DATA", Path(__file__).resolve().parents[2] / "../shared/data"))
 SQUARE = np.array([[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]])
 FACES = np.array([[0, 1, 2], [0, 2, 3]])
 

@@ -12,8 +12,8 @@ from sim.forces.contact import STIFFNESS, ContactPairs, ContactSheet, contact, f
 from sim.kernels import fields
 from sim.kernels.fields import LANES, F
 from tests.layers import depth
+from tests.sim.sim_reference import ReferenceSheet
 from tests.sim_designs import cloth, held, laced, rolled
-from tests.sim_reference import ReferenceSheet
 from tests.thrown import thrown
 
 N, L, T, G = 21, 0.2, 0.002, 9.81

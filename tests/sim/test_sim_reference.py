@@ -6,9 +6,9 @@ import pytest
 from fabdesign.nouns.forward import Case, Term
 from fabdesign.nouns.pressure import PressureProgram
 from sim import Simulator
+from tests.sim.sim_reference import ReferenceSheet
+from tests.sim.sim_reference_effects import ReferenceWithEffects
 from tests.sim_designs import cloth, held, laced, middle
-from tests.sim_reference import ReferenceSheet
-from tests.sim_reference_effects import ReferenceWithEffects
 
 EXACT = Simulator(points_per_side=11, time_step=1 / 240, calm_steps=1, iterations=60, tolerance=1e-8)
 N = EXACT.points_per_side

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from tests.sim_reference import ReferenceSheet, Terms, unit
+from tests.sim.sim_reference import ReferenceSheet, Terms, unit
 
 
 @dataclass

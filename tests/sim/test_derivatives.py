@@ -12,7 +12,7 @@ from fabdesign.nouns.model import EffectTerm, Model, Quantity
 from fabdesign.nouns.predictor import Predictor
 from sim import Simulator
 from studies.prediction.forward_model import without_resistance
-from tests.derivatives_reference import kinds, lacking
+from tests.sim.derivatives_reference import kinds, lacking
 from tests.sim_designs import cloth, held, laced
 
 N = 11

@@ -27,7 +27,7 @@ from studies.benches.strip import StripLaw
 from studies.benches.tracing import examine
 from studies.benches.write import write_bench_type
 
-DATA = Path(os.environ.get("FABDESIGN_DATA", Path(__file__).resolve().parents[1] / "../shared/data")) / "bench"
+DATA = Path(os.environ.get("FABDESIGN_DATA", Path(__file__).resolve().parents[2] / "../shared/data")) / "bench"
 
 
 def j_force(stretch):
@@ -361,7 +361,7 @@ def test_errors_of_a_bench_in_words():
 
 def test_a_new_specimen_is_a_law_and_a_line(monkeypatch):
     """As CONTRIBUTING.md has it: a spring is fitted, its errors are known, and a trace looks beside its law."""
-    text = (Path(__file__).parents[1] / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text(encoding="utf-8")
     source = text.split("## Add a specimen")[1].split("```python\n")[1].split("```")[0]
     spring = {"__name__": "spring"}
     exec(

@@ -26,7 +26,7 @@ from studies.report.page import html_of
 from studies.studio.widgets.declared import markdown
 from tests.command_line import Run, one_line
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 full_device = pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux")
 
 

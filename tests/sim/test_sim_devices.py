@@ -12,7 +12,7 @@ import pytest
 from fabdesign.errors import InputError
 from sim.kernels.frontend import HIDDEN_STEPS, SHORT_FRONTEND, wanted
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from tests.conftest import ROOT
-from tests.test_imports import FILES
+from tests.house.test_imports import FILES
 
 NEITHER = re.compile(
     r"(Of|What|By|The same|As|Than|Into|Within|Without|On|In|From|For|To|At|With|Over|Beside|Between)\b"

@@ -16,7 +16,7 @@ from fabdesign.nouns.pressure import PressureProgram, rising_program
 from optimize.fit.free_parameters import fit_vector
 from studies.calibration.calibrate import CalibrationOptions, calibrate
 from studies.prediction.forward_model import extrapolated
-from tests.test_calibrate import TIMES, Curler, write
+from tests.fit.test_calibrate import TIMES, Curler, write
 
 RANGE = LearnedRange(350e3, 400e3, 2)
 

@@ -8,7 +8,7 @@ from studies.benches.cylinder import friction_state
 from studies.benches.noise import noise_of
 from studies.benches.trace_report import as_text
 from studies.benches.tracing import examine
-from tests.test_benches import muscle_force
+from tests.benches.test_benches import muscle_force
 
 SIGMA = 0.05  # N
 Array = np.ndarray

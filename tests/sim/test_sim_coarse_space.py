@@ -14,8 +14,8 @@ from sim.solver.modes import modes_across, modes_down
 from sim.solver.muscles import solve
 from sim.state import COARSE, COARSE_ACROSS, COARSE_DOWN
 from sim.time_steps import Integrator, Scheme
+from tests.sim.sim_reference import ReferenceSheet
 from tests.sim_designs import held, laced
-from tests.sim_reference import ReferenceSheet
 
 N = 21
 SCHEME = Scheme(1 / 120, Integrator.GENERALISED_ALPHA)  # of the last step below, whose muscles are in the matrices

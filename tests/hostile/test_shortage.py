@@ -23,7 +23,7 @@ from optimize.search.multistart import search
 from studies.sensitivity.run import run_sensitivity
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Hanging, Run, one_line
-from tests.test_search import within
+from tests.search.test_search import within
 
 WRITING = {
     "new": "new cross -o {out}.toml",

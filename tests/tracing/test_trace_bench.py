@@ -13,8 +13,8 @@ from studies.benches.cylinder import friction_state
 from studies.benches.records import LAWS
 from studies.benches.trace_report import BenchOutcome, as_text
 from studies.benches.tracing import examine
+from tests.benches.test_benches import DATA, muscle_force
 from tests.command_line import Run, one_line
-from tests.test_benches import DATA, muscle_force
 
 TIGHT = 0.005  # of the largest output
 Rng = np.random.Generator

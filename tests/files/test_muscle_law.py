@@ -13,7 +13,7 @@ from fabdesign.geometry.curves import least_squares_with_inequalities
 from fabdesign.nouns.muscle import BenchTable
 from fabdesign.nouns.muscle_law import MuscleLaw
 
-DATA = Path(os.environ.get("FABDESIGN_DATA", Path(__file__).resolve().parents[1] / "../shared/data"))
+DATA = Path(os.environ.get("FABDESIGN_DATA", Path(__file__).resolve().parents[2] / "../shared/data"))
 
 
 def known_force(p, eps):

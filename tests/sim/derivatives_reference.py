@@ -8,7 +8,7 @@ from fabdesign.nouns import column
 from fabdesign.nouns.column import move
 from fabdesign.nouns.forward import PARAMETERS
 from sim.kernels.fields import CONTRACTION_STEP, FIRST_CONTRACTION, PRESSURE_STEP, TABLE
-from tests.sim_reference_effects import ReferenceWithEffects
+from tests.sim.sim_reference_effects import ReferenceWithEffects
 
 
 def kinds():
