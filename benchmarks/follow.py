@@ -28,6 +28,7 @@ from fabdesign.files.measurement_set import read_set
 from fabdesign.files.model_file import read_model, write_model
 from fabdesign.files.trial_file import TrialData, write_trial
 from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
@@ -44,7 +45,6 @@ from studies.follow.result import FollowResult
 from studies.follow.run import QUICK, run_follow
 from studies.follow.target import wanted_of
 
-Array = NDArray[np.float64]
 PAGE = ROOT / "docs" / "lab" / "follow.md"
 BEGIN, END = "<!-- table -->", "<!-- end of table -->"
 CYCLE, HIGHEST, NOISE, POINTS = 0.05, 280e3, 3e-4, 1500  # s; Pa, of hidden programs; m; of a frame

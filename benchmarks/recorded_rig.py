@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.files.design_file import write_design
 from fabdesign.files.pressure_file import write_pressures
 from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.pressure import PressureProgram
 from studies.rig.cameras import CAMERAS, POSITION, StereoCamera, disturb, look, mesh
@@ -19,7 +19,6 @@ from studies.rig.motion import equilibrium
 from studies.rig.scene import Resolution, Scene
 from studies.rig.specimen import TrialTask, control_points, prepare
 
-Array = NDArray[np.float64]
 DURATION, REST = 2.0, 0.8  # s, of the motion and before it
 FINE = 1 / 480  # s between the shapes that are kept
 OFFSETS = (0.0, 0.040, -0.040, 0.025)  # s

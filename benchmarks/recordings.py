@@ -20,11 +20,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.recorded_rig import DURATION, RecordedRig, make_rig, rms_to_faces
 from fabdesign.clouds.recording import read_recording
 from fabdesign.files.measurement_set import NewTrial, TrialData, read_set, write_set
+from fabdesign.nouns.array import Array
 from studies.fusion.cleaning import ImageFilter, clean_image
 from studies.fusion.clocks import Clock
 from studies.fusion.fuse import fuse
@@ -35,7 +35,6 @@ from studies.measured.bad_data import Tolerance
 from studies.rig.cameras import measure
 from studies.rig.ground_truth import Sensing
 
-Array = NDArray[np.float64]
 PAGE = Path(__file__).parents[1] / "docs" / "lab" / "fuse.md"
 BEGIN, END = "<!-- recordings -->", "<!-- end of recordings -->"
 

@@ -14,11 +14,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.machine import commit
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.model_file import read_model
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import MeasurementSet, Trial
@@ -28,7 +28,6 @@ from studies.intervals.calibrate import chosen
 from studies.intervals.draws import residuals
 from studies.intervals.widths import START, IntervalScore, RegionResiduals, combined, left_out
 
-Array = NDArray[np.float64]
 DRAWS = 16
 
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from corrector.inputs import MUSCLE, Fields
+from fabdesign.nouns.array import Array
 
-Array = NDArray[np.float64]
 Named = tuple[str, Array, bool]
 
 STRAIN = 0.01  # strain of a unit coefficient; units of the others are 1/m (curvature), rad (swings), m (displacements)

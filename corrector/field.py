@@ -19,13 +19,13 @@ from corrector.outputs import displacement_of, weight_over_stiffness
 from corrector.shape import FINE, LocalFrames, displaced
 from fabdesign.errors import InputError
 from fabdesign.geometry.shape import Shape
+from fabdesign.nouns.array import Floats
 from fabdesign.nouns.corrector import Corrector, Trust, central_hash, with_history
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model
 from fabdesign.output import whole_file
 
-Floats = NDArray[np.floating[Any]]
 NEAR = 0.2  # distance over which a design stops being one of those learned from
 
 

@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 from corrector.layout import NODES, deposits, intervals_of
 from corrector.shape import LocalFrames
 from fabdesign.geometry.shape import Shape
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.forward import MUSCLE_TYPES, Case
 from fabdesign.nouns.lag import after, first_order
 from fabdesign.nouns.muscle_law import MuscleLaw, law_of
 from fabdesign.nouns.pressure import PressureProgram
-
-Array = NDArray[np.float64]
 
 HISTORY = (1 / 30, 0.1, 0.3)  # s
 _LAGS = (0.05, 0.2)  # s, of a first-order lag that the pressure may have
@@ -89,7 +88,7 @@ def fields_of(case: Case, layout: MuscleFields, times: Array, motion: NDArray[np
     )
 
 
-def _muscle_fields(case: Case, layout: MuscleFields, times: Array, middle: NDArray[np.float32]) -> NDArray[np.float64]:
+def _muscle_fields(case: Case, layout: MuscleFields, times: Array, middle: NDArray[np.float32]) -> Array:
     design = case.design
     intervals = intervals_of(design)
     nodes = layout.deposits.shape[-1]

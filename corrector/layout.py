@@ -7,14 +7,12 @@ from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 from scipy.spatial import cKDTree
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import MuscleType
-
-Array = NDArray[np.float64]
 
 NODES = 11  # a side of the grid on which a corrector sees the cloth
 _DENSITY = 50.0  # 1/m of muscle per area that counts as one

@@ -23,7 +23,6 @@ from corrector.basis import STRAIN, Basis, Combination
 from corrector.layout import NODES
 from corrector.shape import (
     FINE,
-    Floats,
     LocalFrames,
     held_nodes,
     integration,
@@ -32,10 +31,9 @@ from corrector.shape import (
     refinement,
     tangent_changes,
 )
+from fabdesign.nouns.array import Array, Floats
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.forward import Case
-
-Array = NDArray[np.float64]
 
 _EASE = 1e-6  # of the identity, in 1/m^4: a cloth that nothing holds keeps its place
 

@@ -16,11 +16,10 @@ from scipy.spatial import cKDTree
 from torch import Tensor, nn
 
 from corrector.layout import described, distance
+from fabdesign.nouns.array import Floats
 from fabdesign.nouns.corrector import Trust, with_history
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import SIDE, Case
-
-Floats = NDArray[np.floating[Any]]
 
 FRAMES = 5  # whose codes the LSTM takes
 OUTPUT_POINTS = 2 * SIDE * SIDE

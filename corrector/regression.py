@@ -4,7 +4,6 @@ and the coefficients: ridge regression on many trials at once, in closed form.""
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +15,10 @@ from corrector.outputs import heights_of, weight_over_stiffness
 from corrector.shape import FINE, LocalFrames
 from fabdesign.geometry.shape import Shape
 from fabdesign.geometry.surface import Surface, front_triangles
+from fabdesign.nouns.array import Array, Floats
 from fabdesign.nouns.corrector import with_history
 from fabdesign.nouns.forward import Case
 from fabdesign.units import in_mm
-
-Floats = NDArray[np.floating[Any]]
-
 
 _WIDTHS = (5, 5, 5, 3, 3, 3)  # nodes, of the squares over which a round takes its means: wide as long as faces mix
 _SOFTNESS = (0.7e-3, 0.7e-3, 0.7e-3, 0.5e-3, 0.5e-3, 0.5e-3)  # m: how sharply a point is taken for one face's
@@ -87,7 +84,7 @@ class Examples:
     def of(
         case: Case,
         layout: MuscleFields,
-        times: NDArray[np.float64],
+        times: Array,
         motion: NDArray[np.floating],
         clouds: Sequence[NDArray[np.floating]],
     ) -> "Examples":
@@ -107,7 +104,7 @@ class Examples:
         goal = np.clip(in_mm(goal), -_FAR, _FAR)
         return Examples(flat.astype(np.float16), goal.astype(np.float32), weight.astype(np.float32))
 
-    def errors(self, coefficients: Floats | None = None) -> NDArray[np.float64]:
+    def errors(self, coefficients: Floats | None = None) -> Array:
         """Return (T,) mm RMS that is left with these coefficients (K,); by default without any."""
         remainder = self.goal
         if coefficients is not None:
@@ -117,7 +114,7 @@ class Examples:
         return np.asarray(np.sqrt((remainder**2 * self.weight).sum(axis=1)), dtype=np.float64)
 
     @cached_property
-    def equations(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def equations(self) -> tuple[Array, Array]:
         """(K, K) and (K,): normal equations of all frames, each by its error before."""
         matrix, right = 0.0, 0.0
         for heights, goal, weight, error in zip(self.heights, self.goal, self.weight, self.errors(), strict=True):
@@ -128,9 +125,6 @@ class Examples:
 
     def __len__(self) -> int:
         return len(self.goal)
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

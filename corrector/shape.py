@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from corrector.layout import NODES
 from fabdesign.geometry.shape import Shape
+from fabdesign.nouns.array import Floats
 from fabdesign.nouns.fabric import Fabric
 
-Floats = NDArray[np.floating[Any]]
 FINE = 2 * NODES - 1  # nodes a side of the grid on which a corrected cloth is put together
 
 

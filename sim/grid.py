@@ -5,9 +5,9 @@ from enum import IntEnum
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.effects.declaration import Specimen
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.muscle import Muscle
 
@@ -42,7 +42,6 @@ EDGES = 4  # kinds of support below this are edges
 TOP, BOTTOM, LEFT, RIGHT = range(EDGES)  # for kernels
 
 
-Array = NDArray[np.float64]
 Path = tuple[tuple[float, float], ...]
 FINE = 0.0025  # m between the points over which a node's mean is taken
 

@@ -13,11 +13,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
 from sim.state import PATCH
 
-Array = NDArray[np.float64]
 LOOP = 0.005  # m; the trials of rig_c (synthetic) that may be fitted like 4 to 5 mm best, 0 or 7 mm less
 WIDENED = 1 / 8  # with it grids of 10 and 5 mm come nearest to fine ones (docs/lab/simulator.md)
 

@@ -10,14 +10,12 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.effects.declaration import Specimen
 from fabdesign.geometry.curves import non_negative
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
 from sim.grid import Support
-
-Array = NDArray[np.float64]
 
 
 def bending_rigidities(fabric: Fabric) -> tuple[float, float, float, float]:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.shape import area_normals
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import SIDE, Case
 from sim.grid import Support
 from sim.lacing import interpolation_weights
@@ -28,7 +29,7 @@ def faces(middle: NDArray[np.float32], thickness: float) -> NDArray[np.float32]:
 
 
 @cache
-def _resample(n: int) -> NDArray[np.float64]:
+def _resample(n: int) -> Array:
     """Return (41, n) weights of the output points on a line of n nodes."""
     rows = np.zeros((SIDE, n))
     for k in range(SIDE):
@@ -37,7 +38,6 @@ def _resample(n: int) -> NDArray[np.float64]:
     return rows
 
 
-Array = NDArray[np.float64]
 FARTHEST = 10.0  # m from the origin, where a hung cloth has diverged
 
 

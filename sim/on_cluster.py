@@ -7,13 +7,13 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import Column
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.runtime.cluster import TASKS, Cluster
 from sim.chunks import BLOCKS
 from sim.kernels.fields import LANES
 
-Array = NDArray[np.float64]
 Model = TypeVar("Model")
 _Task = tuple[Any, str, list[Case], list[Array] | Sequence[Column] | None]  # model, method, cases, times or columns
 

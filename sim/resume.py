@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case
 from sim import state as declared
 from sim.chunks import Chunk, chunks_of, laid
@@ -16,8 +16,6 @@ from sim.schedule import Batch, of_motions
 from sim.simulator import Simulator
 from sim.step import advance
 from sim.time_steps import Jumps, together
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

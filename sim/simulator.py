@@ -10,6 +10,7 @@ import sim.effects  # noqa: F401 declares its planes before the first batch
 from fabdesign.effects.acting import acting_pressure, active, specimen_of
 from fabdesign.effects.declaration import ActingPressure
 from fabdesign.errors import InputError, require_number
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import Column, FacesJacobian, move
 from fabdesign.nouns.forward import HOLD, RISE, Case
 from fabdesign.nouns.model import POINTS_PER_SIDE
@@ -28,7 +29,6 @@ from sim.step import Solve, advance
 from sim.tangent.shapes import Jacobian, Solved, completed, faces_changes, share_out, solve_at_rest, together
 from sim.time_steps import Jumps, Steps, jumps_of, steps_of
 
-Array = NDArray[np.float64]
 TIME_STEPS = 1e-6, 1 / 240  # s
 MOST_CALM, MOST_ITERATIONS = 64, 1000
 TOLERANCES = 1e-12, 1e-3  # m

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects.declaration import ActingPressure
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.pressure import PressureProgram
 from sim.grid import Support
 
@@ -84,7 +85,6 @@ class Scheme:
         return *self.coefficients, self.ca, self.cv, known, carried, ages
 
 
-Array = NDArray[np.float64]
 AFTER_JUMP = ((1 / 240, 1), (1 / 40, 2), (1 / 15, 4))  # s after a large jump, ticks of a step until then
 LARGE = 50e3  # Pa, a jump that needs them
 JUMP = 1e3  # Pa between one step and the next

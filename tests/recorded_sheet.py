@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.files.design_file import write_design
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.catalogue import build
 from studies.rig.cameras import CAMERAS, POSITION, StereoCamera, disturb, draw, look
 
-Array = NDArray[np.float64]
 DESIGN = build("cross", muscles=2)
 SIDE = 41  # points
 STEPS = (0.0, 0.55)  # s

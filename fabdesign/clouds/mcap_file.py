@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.formats.toml_file import read_bytes
+from fabdesign.nouns.array import Array
 
-Array = NDArray[np.float64]
 LARGEST = 600_000_000  # bytes of the file, and of its points: some hundred clouds of four sensors
 _SCHEMAS = ("sensor_msgs/msg/PointCloud2", "sensor_msgs/PointCloud2")
 _CHUNK_SIZE = 25  # bytes into a chunk's record, where its unpacked size stands: as its index may not say

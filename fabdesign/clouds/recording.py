@@ -28,11 +28,11 @@ from fabdesign.formats.lab_table import require_seconds
 from fabdesign.formats.schema import ABOVE_0, FileUnit, Key, Second
 from fabdesign.formats.table import Table, load_toml
 from fabdesign.formats.toml_file import file_name, file_stem
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.runtime.effort import LONGEST
 
-Array = NDArray[np.float64]
 Convention = Literal["forward", "backward"]  # z forward and y down; or (x, -y, -z), as RealSense SDKs export
 
 FORMAT = "fabdesign.recording/1"

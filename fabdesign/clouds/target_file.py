@@ -8,21 +8,19 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.clouds.cloud_file import POINTS, Geometry, read_geometry
 from fabdesign.clouds.measured_points import sound_cloud
 from fabdesign.errors import InputError, note
 from fabdesign.geometry.hung_cloth import misplaced
 from fabdesign.geometry.placement import MARKERS, UNITS, Placement, PlacementFit, Unit, fit_markers, fit_placement
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.study_files.study_targets import TargetFile
 
 MOST = 10_000  # points that are compared: more cost time and say nothing new
 FEWEST = 6  # points: as many as a pose has unknowns
 _DENSE = 20_000  # points on a mesh by which it is registered
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from fabdesign.formats.schema import ABOVE_0, Metre
 from fabdesign.formats.table import Table
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
 
-Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
 _BESIDE, _ABOVE, _AHEAD = 0.05, 0.02, 0.75  # m, m, and of the cloth's longer side: as far as a cloth reaches
 

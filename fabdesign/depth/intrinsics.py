@@ -13,11 +13,10 @@ from functools import cached_property, partial
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
+from fabdesign.nouns.array import Array
 
-Array = NDArray[np.float64]
 Model = Literal["none", "brown_conrady", "inverse_brown_conrady", "modified_brown_conrady", "ftheta", "kannala_brandt4"]
 MOST_PIXELS = 4_200_000  # of an image: 2048 x 2048
 _ROUNDS = 60  # of the fixed point; the SDK takes 10, which agrees to 1e-6 for the lenses that it has

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.depth.images import read_depth_npz, read_image_folder
 from fabdesign.depth.mcap_images import has_depth, read_mcap_depth
@@ -14,8 +13,8 @@ from fabdesign.depth.stream import DepthStream
 from fabdesign.errors import InputError
 from fabdesign.formats.schema import ABOVE_0, FileUnit, Key, Metre, Within
 from fabdesign.formats.table import Table
+from fabdesign.nouns.array import Array
 
-Array = NDArray[np.float64]
 _ORTHONORMAL = 1e-3
 _BAGS = (".bag", ".db3")
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from fabdesign.clouds.frame_pairs import pair_frames
 from fabdesign.depth.intrinsics import Intrinsics
 from fabdesign.errors import InputError
+from fabdesign.nouns.array import Array
 
-Array = NDArray[np.float64]
 MOST_FRAMES = 100_000
 _UNITS = (1e-6, 0.1)  # m: of a depth unit
 

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.units import in_mm
 
-Array = NDArray[np.float64]
-Box = NDArray[np.float64]  # (2, 3) m, lowest and highest coordinates
+Box = Array  # (2, 3) m, lowest and highest coordinates
 
 YAW, PITCH = np.radians(34), np.radians(13)  # of the viewer, to the right of the front and above it
 RIGHT = np.array([np.cos(YAW), 0.0, -np.sin(YAW)])

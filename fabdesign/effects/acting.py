@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.declaration import ActingPressure, Array, Effect, Specimen
+from fabdesign.effects.declaration import ActingPressure, Effect, Specimen
 from fabdesign.effects.registry import check_values, effect_named
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import MUSCLE_TYPES, Case, Term
 
 

@@ -14,11 +14,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.pressure import PressureProgram
 
-Array = NDArray[np.float64]
 _RATE_WINDOW = 3  # rows on either side of the one whose rate is taken
 
 

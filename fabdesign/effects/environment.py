@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.declaration import Array, Effect, EffectParameter, Specimen, Values, to_constants
+from fabdesign.effects.declaration import Effect, EffectParameter, Specimen, Values, to_constants
+from fabdesign.nouns.array import Array
 
 # Air drag: quadratic, against the cloth's normal velocity.
 AIR_DRAG = Effect(

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.declaration import Array, Effect, EffectParameter, Specimen, Values, to_constants
+from fabdesign.effects.declaration import Effect, EffectParameter, Specimen, Values, to_constants
 from fabdesign.files.law_tables import MembraneCurve
+from fabdesign.nouns.array import Array
 
 
 # Orthotropy: the cloth is stiffer one way than its data sheet says.

@@ -9,10 +9,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.declaration import ActingPressure, Array, Effect, EffectParameter, Specimen, Values
+from fabdesign.effects.declaration import ActingPressure, Effect, EffectParameter, Specimen, Values
 from fabdesign.effects.fabric import ORTHOTROPY
 from fabdesign.effects.muscle import BRAID_HYSTERESIS
 from fabdesign.effects.pneumatics import lagged
+from fabdesign.nouns.array import Array
 
 UNIT = 200e3  # Pa, of which coefficients per pressure are told
 QUICK, SLOW = 0.1, 0.5  # s, of the two lags

@@ -5,15 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from fabdesign.effects.declaration import (
-    ActingPressure,
-    Array,
-    Effect,
-    EffectParameter,
-    MuscleRecord,
-    Values,
-    to_muscles,
-)
+from fabdesign.effects.declaration import ActingPressure, Effect, EffectParameter, MuscleRecord, Values, to_muscles
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.lag import SHORTEST, after, first_order
 from fabdesign.nouns.pressure import PressureProgram
 

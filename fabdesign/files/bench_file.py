@@ -14,7 +14,8 @@ from fabdesign.formats import lab_table
 from fabdesign.formats.decoder import as_number, decode
 from fabdesign.formats.schema import Key
 from fabdesign.formats.table import Table, load_toml
-from fabdesign.nouns.bench import Array, Bench, BenchRecord, Specimen
+from fabdesign.nouns.array import Array
+from fabdesign.nouns.bench import Bench, BenchRecord, Specimen
 from fabdesign.units import in_kpa
 
 FORMAT = "fabdesign.bench/1"

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fabdesign.errors import InputError, note
 from fabdesign.files.trial_file import program_of, read_trial_pressures
@@ -16,6 +16,7 @@ from fabdesign.formats.csv_table import write_rows
 from fabdesign.formats.lab_table import UNITS, LabTable, TableColumn, Unit, require_measured_pressures, unit_of
 from fabdesign.formats.schema import FileUnit, Kilopascal, Within
 from fabdesign.formats.table import Table
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import PressureProgram, require_pressures
 from fabdesign.runtime.effort import LONGEST
@@ -29,7 +30,6 @@ _CONSTANT = re.compile(r"\s*[-+.\w]+(\s+[a-zA-Z]+)?(\s*,\s*[-+.\w]+(\s+[a-zA-Z]+
 _CELL = re.compile(r"([-+]?(?:[\d.]+(?:e[-+]?\d+)?|nan|inf))\s*([a-z]*)", re.IGNORECASE)
 _WHICH = {"set", "setpoint", "soll", "command", "cmd", "target", "ref", "ist", "meas", "measured", "actual", "feedback"}
 _SLIGHT = 1 / 40  # of the benches' largest pressure: 400 kPa written in bar is a hundredth of it
-Array = NDArray[np.float64]
 _SHIFT = "of the log's clock: the cameras' common time of its first row; absent: found by the steps"
 _NOISE = 0.02  # of the largest pressure: below it a channel is at rest
 _ROWS = 5_000_000

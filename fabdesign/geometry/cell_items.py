@@ -4,9 +4,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fabdesign.nouns.array import Array, Indices
+
 Ints = NDArray[np.int32]
-Indices = NDArray[np.intp]
 
 ROUNDED_UP = 1 + 1e-12  # distances that must not be too short
 _SLIM = 1e-9  # of its longest edge: a triangle less high is one in length only

@@ -4,7 +4,8 @@ numba: a compiled function of another file must not be called here, for numba wo
 import numpy as np
 from numba import njit
 
-from fabdesign.geometry.cell_items import ROUNDED_UP, Array, Indices, Ints
+from fabdesign.geometry.cell_items import ROUNDED_UP, Ints
+from fabdesign.nouns.array import Array, Indices
 from fabdesign.runtime.working_time import watch_numba
 
 watch_numba()

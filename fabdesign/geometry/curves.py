@@ -2,9 +2,8 @@
 doi:10.1214/ss/1038425655), and least squares with inequalities, for curves that must rise, fall or bend one way."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fabdesign.nouns.array import Array
 
 _SLACKS = 1e-6, 1e-7, 1e-4, 1e-3  # in turn, until the inequalities hold
 _HELD = 1e-7  # of the data's scale

@@ -15,17 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.geometry.cell_items import (
-    Array,
-    Indices,
-    Ints,
-    bodies_of,
-    boxes_of,
-    centres_of,
-    corner_and_edges,
-    sorted_into_cells,
-)
+from fabdesign.geometry.cell_items import Ints, bodies_of, boxes_of, centres_of, corner_and_edges, sorted_into_cells
 from fabdesign.geometry.cell_search import edge_weights, search_cells
+from fabdesign.nouns.array import Array, Floats, Indices
 
 _PER_CELL = 12.0  # items in an occupied cell, were they all on one flat sheet
 _CELLS = 8  # at most, for each item
@@ -109,10 +101,7 @@ class Cells:
         return Cells(self.items, self.coarser * _COARSER)
 
 
-Floats = NDArray[np.floating[Any]]
-
-
-def nearest_distances(points: Floats, others: Floats) -> NDArray[np.float64]:
+def nearest_distances(points: Floats, others: Floats) -> Array:
     """Return (n,) m: distance of each of `points` (n, 3) to the nearest of `others` (m, 3)."""
     return np.sqrt(Cells.of_points(others).nearest(points).squared)
 
@@ -126,7 +115,7 @@ class ChamferTo:
     """Chamfer distances of several clouds to one, which is sorted once. weights: of each of its points, which their
     distances count by, and those of the points that they are nearest to."""
 
-    def __init__(self, cloud: Floats, weights: NDArray[np.float64] | None = None) -> None:
+    def __init__(self, cloud: Floats, weights: Array | None = None) -> None:
         self._cloud, self._cells, self._weights = cloud, Cells.of_points(cloud), weights
 
     def of(self, points: Floats) -> float:

@@ -9,15 +9,13 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from fabdesign.errors import InputError
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.forward import SIDE
 from fabdesign.units import from_mm, in_mm
-
-Array = NDArray[np.float64]
 
 _STRETCH = 1.15  # of the flat cloth's lengths: more than its weight and its muscles do
 _SMALL = 0.3  # of the held length, that the cloud spans at least

@@ -20,9 +20,8 @@ from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.geometry.shape import Face
 from fabdesign.geometry.surface import CAP, Nearest, Surface, capped_rms, half_of
 from fabdesign.geometry.wishes import Landmarks
+from fabdesign.nouns.array import Floats
 from fabdesign.units import in_mm
-
-Floats = NDArray[np.floating[Any]]
 
 DRAWS = 20  # of a floor
 

@@ -7,14 +7,13 @@ from itertools import permutations, product
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from fabdesign.geometry.hung_cloth import misplaced
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
 
-Array = NDArray[np.float64]
 Unit = Literal["m", "cm", "mm", "in"]
 
 UNITS: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}  # m

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from fabdesign.formats.schema import Key, Within
 from fabdesign.formats.table import Table
+from fabdesign.nouns.array import Array
 from fabdesign.units import in_mm
 
-Array = NDArray[np.float64]
 ON_EDGE = 1e-9  # m from a region's edge: so near is inside
 
 

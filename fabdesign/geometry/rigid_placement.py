@@ -7,14 +7,11 @@ there it may not find.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.floating[Any]]
+from fabdesign.nouns.array import Array, Floats
 
 SOME = 400  # points of either cloud: the motion of a sheet is known from few
 ROUNDS = 60

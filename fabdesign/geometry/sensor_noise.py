@@ -4,7 +4,6 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +11,7 @@ from scipy.spatial import cKDTree
 
 from fabdesign.errors import InputError
 from fabdesign.geometry.surface import Surface
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.floating[Any]]
+from fabdesign.nouns.array import Array, Floats
 
 _NEIGHBOURS = 64  # in a patch: enough that its six coefficients and the faces do not absorb the noise
 _PATCHES = 9_000  # that sigma is estimated from, at most, spread over the frames

@@ -10,12 +10,11 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fabdesign.nouns.array import Array, Floats
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.forward import Case, ForwardModel
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.floating[Any]]
 Face = Literal["both", "front", "back"]
 _FREE = {"top": -1, "bottom": 0, "left": -1, "right": 0}  # row or column of the free edge opposite the hung one
 
@@ -34,7 +33,7 @@ class Sheet(Protocol):
         ...
 
 
-Sheets = Callable[[Sequence[Case], Sequence[NDArray[np.float64]]], Sequence[Sheet]]
+Sheets = Callable[[Sequence[Case], Sequence[Array]], Sequence[Sheet]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +131,7 @@ class LacedMuscles:
     points: NDArray[np.float32]  # (T, p, 3) m, the axis at the fixed points
     begins: NDArray[np.int64]  # (muscles + 1,) muscle k has points begins[k]:begins[k + 1]
     sides: NDArray[np.int64]  # (muscles,) 1 on the front, -1 on the back
-    diameters: NDArray[np.float64]  # (muscles,) m, outer
+    diameters: Array  # (muscles,) m, outer
     contraction: NDArray[np.float32] | None = None  # (T, p - muscles), 1 - l / l0
     tension: NDArray[np.float32] | None = None  # (T, p - muscles) N
 

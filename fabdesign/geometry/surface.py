@@ -14,10 +14,8 @@ from fabdesign.errors import InputError
 from fabdesign.formats.toml_file import require_few
 from fabdesign.geometry.distances import Cells
 from fabdesign.geometry.shape import Face, Shape
+from fabdesign.nouns.array import Array, Floats, Indices
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.floating[Any]]
-Indices = NDArray[np.intp]
 _TURNED = 1e-6  # of the area of a polygon, squared
 
 

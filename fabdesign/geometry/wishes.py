@@ -13,11 +13,10 @@ from fabdesign.formats.schema import ABOVE_0, FileUnit, Key, Metre, Within
 from fabdesign.formats.table import Table
 from fabdesign.geometry.hung_cloth import held_places, on_flat_cloth
 from fabdesign.geometry.shape import Shape, at_places, bilinear
+from fabdesign.nouns.array import Array, Floats
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.units import in_mm
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.floating[Any]]
 Point = tuple[float, float, float]
 
 EDGES = ("top", "bottom", "left", "right")

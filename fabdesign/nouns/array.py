@@ -1,6 +1,10 @@
-"""The array that most of the code hands on: float64, in SI."""
+"""The arrays that most of the code hands on, in SI."""
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
+Indices = NDArray[np.intp]

@@ -5,13 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fabdesign.errors import InputError
+from fabdesign.nouns.array import Array
 
 Specimen = Literal["muscle", "strip", "cylinder", "actuator"]
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

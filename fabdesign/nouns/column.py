@@ -4,7 +4,7 @@ shape at rest change with columns, and with what a model puts on top of it."""
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fabdesign.effects.acting import terms_of
 from fabdesign.effects.registry import effect_named
 from fabdesign.errors import InputError
+from fabdesign.nouns.array import Floats
 from fabdesign.nouns.forward import Case, Term
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.nouns.pressure import PressureProgram
@@ -161,7 +162,6 @@ def _lengths(path: tuple[tuple[float, float], ...]) -> np.ndarray:
     return np.array([np.hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(path)])
 
 
-Floats = NDArray[np.floating[Any]]
 OnTop = Callable[[Sequence[Case], Sequence[Floats]], list[NDArray[np.float32]]]  # of cases and their (2 n, 3) m
 
 

@@ -3,17 +3,16 @@
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Floats
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model
 from fabdesign.runtime.fingerprint import sha256
-
-Floats = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)

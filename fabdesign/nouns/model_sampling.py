@@ -7,16 +7,14 @@ from functools import cached_property
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.effects.registry import effect_named, labels_of
 from fabdesign.errors import InputError
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.corrector import central_hash
 from fabdesign.nouns.forward import FACTOR_RANGE
 from fabdesign.nouns.model import Model, Spread
 from fabdesign.runtime.fingerprint import sha256
-
-Array = NDArray[np.float64]
 
 
 def joint_root(model: Model) -> Array:

@@ -16,12 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.geometry.curves import design_matrix, least_squares_with_inequalities
+from fabdesign.nouns.array import Array
 from fabdesign.units import in_kpa
 
 if TYPE_CHECKING:
     from fabdesign.nouns.muscle import BenchTable
 
-Array = NDArray[np.float64]
 
 _PRESSURE_SPANS = 8  # at most; a table with fewer pressures gets fewer
 _CONTRACTION_SPANS = 10

@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from fabdesign.effects.acting import is_sensing, observed, seen_at
 from fabdesign.geometry.shape import Shape, Sheet, sheets_of
-from fabdesign.nouns.column import Column, FacesJacobian, Floats, Jacobians, with_on_top
+from fabdesign.nouns.array import Array, Floats
+from fabdesign.nouns.column import Column, FacesJacobian, Jacobians, with_on_top
 from fabdesign.nouns.corrector import Corrector, with_history
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.pressure import PressureProgram
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,12 @@ import numpy as np
 
 from fabdesign.effects.registry import EFFECTS
 from fabdesign.geometry.shape import Shape
-from fabdesign.nouns.column import Column, Floats, Jacobians, of_effect
+from fabdesign.nouns.array import Array, Floats, Indices
+from fabdesign.nouns.column import Column, Jacobians, of_effect
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.nouns.trial import Accuracy
 from optimize.fit.clouds import Match, Sample, match
-from optimize.fit.misfit import Array, Indices
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import Evaluation, InputErrors, Linearisation, Problem, columns
 

@@ -6,9 +6,10 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from fabdesign.nouns.array import Array
 from fabdesign.runtime.store import Arrays, Checkpoint
 from optimize.fit.clouds import Sample
-from optimize.fit.misfit import Array, Misfit, capped, frames_of
+from optimize.fit.misfit import Misfit, capped, frames_of
 from optimize.fit.normal import Normal, scatter, step_to_minimum
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import InputErrors, Linearisation, Problem

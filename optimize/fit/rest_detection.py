@@ -6,11 +6,10 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from fabdesign.files.trial_file import TrialData
-from fabdesign.nouns.column import Floats
+from fabdesign.nouns.array import Array, Floats, Indices
 from fabdesign.nouns.trial import Trial
 from optimize.fit.at_rest import Standing
 from optimize.fit.clouds import Sample
-from optimize.fit.misfit import Array, Indices
 
 HELD = 0.3  # s that it must stand at the end of constant pressures: a swing stops for a moment where it turns
 AHEAD = 0.13  # s between the frames that are compared

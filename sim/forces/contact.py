@@ -13,6 +13,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case
 from sim.kernels.fields import LANES, F, Timed, floats, ints
 from sim.kernels.transfer import read
@@ -92,7 +93,6 @@ def put(nb: ti.i32, index: ints(4), value: floats(4)):
                 k = F.after[k]
 
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int_]
 LAYERS = 2  # a node meets the nearest two: one before it, one behind
 STIFFNESS = 0.03  # of the membrane's, k / t^2 [N/m^3], of each layer's nodes against the other

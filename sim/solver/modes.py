@@ -10,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from sim.grid import Support
 from sim.state import COARSE_ACROSS, COARSE_DOWN, COARSE_SAMPLES
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -45,7 +44,7 @@ def modes_down(n: int, support: Support) -> tuple[Array, Array]:
     return across.tangential[:, order], across.stretching[order]
 
 
-def by_four(modes: Modes) -> NDArray[np.float64]:
+def by_four(modes: Modes) -> Array:
     """Return (entries, 8): both bases as the transforms read them, half of the rows of the even vectors, of the odd
     ones, and the transposes: rows by four, tangential, then normal."""
     even = len(modes.normal) - modes.odd
@@ -93,9 +92,7 @@ PRODUCTS = (
 )  # fmt: skip
 
 
-def tables(
-    across: Modes, down: NDArray[np.float64], eigen_down: NDArray[np.float64]
-) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+def tables(across: Modes, down: Array, eigen_down: Array) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     """Return what C.shared and C.place hold; down (n, n): modes along v, softest first, and their eigenvalues."""
     n = len(down)
     nodes = np.rint((np.arange(COARSE_SAMPLES) + 0.5) * (n - 1) / COARSE_SAMPLES).astype(int)
@@ -116,18 +113,18 @@ def tables(
     return numbers, np.concatenate([columns, nodes, np.ravel(PRODUCTS)]).astype(np.int32)
 
 
-def _at_edges(modes: NDArray[np.float64], eigen: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+def _at_edges(modes: Array, eigen: Array) -> tuple[Array, ...]:
     """Return tangential modes, and what means and slopes of edges are of them, at the nodes."""
     shrink = _shrink(eigen)
     return modes, modes * shrink, np.gradient(modes, axis=0) / shrink
 
 
-def _shrink(eigen: NDArray[np.float64]) -> NDArray[np.float64]:
+def _shrink(eigen: Array) -> Array:
     """Return how much less the mean of two neighbours is than a mode between them."""
     return np.sqrt(np.clip(1 - eigen / 4, 0, None))
 
 
-def _edge_means(modes: NDArray[np.float64], eigen: NDArray[np.float64]) -> NDArray[np.float64]:
+def _edge_means(modes: Array, eigen: Array) -> Array:
     weight = np.ones(len(modes))
     weight[[0, -1]] = 0.5
     return (modes * _shrink(eigen)) @ (modes.T * weight)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fabdesign.effects.acting import specimen_of
 from fabdesign.effects.declaration import Specimen
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import Move
 from fabdesign.nouns.forward import OF_MUSCLES, Case
 from sim.grid import masses, muscle_masses
@@ -24,7 +25,6 @@ from sim.loading import constants_of, side_by_side
 from sim.materials import CONSTANTS, REST_CURVATURES, Lane, M
 from sim.tangent.muscle_forces import Grid, Pull, Strand, summed
 
-Array = NDArray[np.float64]
 LARGE = 0.5  # of a constant
 CURVED = 20.0  # 1/m, what LARGE counts of where a curvature is zero
 OF_SOLVER = "MEAN_MASS", "WEIGHT_TENSION"

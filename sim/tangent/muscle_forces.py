@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.muscle import BenchTable, Muscle, MuscleType
 from fabdesign.nouns.muscle_law import law_of
 from sim.lacing import line_weights
 
-Array = NDArray[np.float64]
 AT_ONCE = 1_000_000  # nodes around fixed points
 
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import Column, FacesJacobian, move
 from fabdesign.nouns.forward import Case
 from sim.kernels.fields import LANES, SLOTS, F, allocate_tangent
@@ -17,7 +18,6 @@ from sim.schedule import Batch
 from sim.tangent.explicit import Explicit
 from sim.tangent.shape_kernels import SOLVED, explicit, read_columns, read_found, solve_columns, still, write_columns
 
-Array = NDArray[np.float64]
 ITERATIONS = 100  # at most, of a solve: some 25 are usual
 TOLERANCE = 1e-4  # of the preconditioned residual to the solution: soft modes then lack up to 1e-2 of a column
 SETTLING = 2  # Newton steps from where a damped motion came to rest

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.bench import BenchRecord
 from fabdesign.nouns.lag import first_order
 from fabdesign.units import in_kpa
-from optimize.fit.misfit import Array
 from studies.benches.cylinder import friction_state
 from studies.benches.law import Law
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fabdesign.effects import EFFECTS
+from fabdesign.nouns.array import Array, Indices
 from fabdesign.nouns.forward import Term
 from optimize.fit.fitted import Fit, concluded
-from optimize.fit.misfit import Array, Indices
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.problem import BenchProblem
 from optimize.fit.significance import NEEDED, conditioned, eliminated

@@ -12,6 +12,7 @@ from fabdesign.errors import InputError
 from fabdesign.files.bench_file import read_bench
 from fabdesign.files.model_file import write_model
 from fabdesign.formats.json_file import write_json
+from fabdesign.nouns.array import Array, Indices
 from fabdesign.nouns.bench import Bench, BenchRecord
 from fabdesign.nouns.model import EffectTerm, Model, Provenance, Quantity
 from fabdesign.output import new_folder, write_text
@@ -20,7 +21,6 @@ from fabdesign.version import __version__
 from optimize.fit.clouds import evenly
 from optimize.fit.cross_validation import Scored
 from optimize.fit.descent import Progress, parts
-from optimize.fit.misfit import Array, Indices
 from studies.benches.law import rms
 from studies.benches.noise import noise_of
 from studies.benches.records import LAWS, output_of, require_columns, unit_of

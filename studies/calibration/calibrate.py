@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fabdesign.errors import InputError
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.model import POINTS_PER_SIDE, Model
 from fabdesign.nouns.predictor import Predictor
@@ -14,7 +15,6 @@ from fabdesign.runtime.store import Checkpoint
 from optimize.fit.clouds import Sample, evenly
 from optimize.fit.descent import FitStart, Interrupted, Progress, silent
 from optimize.fit.fitted import Fit
-from optimize.fit.misfit import Array
 from optimize.fit.parameters import DECLARED, FitVector
 from optimize.fit.policy import NEAR, FitStage, Policy, to_the_end
 from studies.calibration.ambiguities import ambiguities

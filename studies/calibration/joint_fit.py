@@ -14,11 +14,11 @@ import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import label_effect
+from fabdesign.nouns.array import Array, Indices
 from fabdesign.nouns.forward import Term
 from optimize.fit.clouds import evenly
 from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
-from optimize.fit.misfit import Array, Indices
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.policy import NEAR
 from optimize.fit.problem import horizons_of, widened

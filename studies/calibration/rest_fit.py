@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import Jacobians
 from fabdesign.nouns.trial import Trial
 from optimize.fit.at_rest import RestProblem, Standing, acting_at_rest
 from optimize.fit.clouds import evenly
 from optimize.fit.descent import fit
 from optimize.fit.fitted import Fit
-from optimize.fit.misfit import Array
 from optimize.fit.parameters import FitVector
 from optimize.fit.policy import AT_REST
 from optimize.fit.rest_detection import standing_of

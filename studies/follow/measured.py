@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from math import isqrt
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +13,10 @@ from fabdesign.files.measurement_set import read_set
 from fabdesign.files.trial_file import TrialData, read_trial
 from fabdesign.geometry.shape import Face, normals
 from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.array import Array, Floats
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import require_pressures
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.floating[Any]]
 SMOOTH = 0.05  # of the cloth's side, over which measured heights are averaged
 APART = 0.5  # of a frame's interval: a wanted instant farther from all frames has no measured shape
 FARTHEST = 0.02  # m: points farther off the model's cloth are none of it

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.metrics import Errors
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.study_files.follow_file import FollowStudy
 from fabdesign.units import in_kpa, in_mm
@@ -15,7 +16,6 @@ from studies.follow.programs import Regulator
 from studies.follow.scatter import MotionCopies
 from studies.follow.wanted import Wanted
 
-Array = NDArray[np.float64]
 AT_LIMIT = 0.5  # of a resolution: so near a limit is at it
 OUT_OF_REACH = 2.0  # times the floor, from which on a reason is sought
 FLOORLESS = 0.5e-3  # m, the same of a target without noise

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.files.design_file import write_design
 from fabdesign.files.pressure_file import read_csv, write_pressures
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.pressure import require_pressures
@@ -38,7 +38,6 @@ from studies.follow.windows import Effort, FollowTask, solve
 from studies.layout_search.target import pose_errors
 from studies.prediction.forward_model import forward_model, without_resistance
 
-Array = NDArray[np.float64]
 ALGORITHM = 2  # of what a study's folder keeps: raised where it is no longer what this code would compute
 PRESSURES = "pressures.csv"
 COARSE = 21  # points a side, with which a pass begins

@@ -1,11 +1,10 @@
 """How sure a motion is: the program with other pressures and models, and where small changes lead to another side."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.model_sampling import Ensemble
@@ -14,9 +13,6 @@ from fabdesign.study_files.follow_file import MotionScatter
 from studies.follow.wanted import Wanted
 from studies.prediction.forward_model import forward_model
 from studies.prediction.stability import instants_elsewhere, rms_of_each, to_either_side
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,9 +5,9 @@ from dataclasses import replace
 from math import isqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.geometry.shape import Shape
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import pressure
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.predictor import Predictor
@@ -16,7 +16,6 @@ from studies.follow.programs import UNIT, Regulator
 from studies.follow.wanted import Wanted
 from studies.follow.wanted import moved as moved_distances
 
-Array = NDArray[np.float64]
 APART = 0.3  # s between two instants, at least
 STEPS = 3  # of Gauss-Newton
 BEGIN = 0.2  # of the highest pressures, where the first instant's search begins

@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.files.motion_file import read_motion
@@ -13,6 +12,7 @@ from fabdesign.formats.npz_file import open_npz
 from fabdesign.geometry.hung_cloth import require_on_cloth
 from fabdesign.geometry.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
 from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.runtime.effort import LONGEST
 from fabdesign.study_files.follow_file import FollowStudy, Moment, MovingTarget
@@ -20,7 +20,6 @@ from fabdesign.study_files.study_targets import TargetFile
 from studies.follow.wanted import Wanted
 from studies.layout_search.target import LoadedTarget, load_target
 
-Array = NDArray[np.float64]
 POINTS = 2000  # of a frame that are kept: an error of so many is as good
 NOISE_FRAMES = 5  # by which a trial's noise is estimated
 LEAST = 2  # instants

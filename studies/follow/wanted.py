@@ -4,20 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isqrt
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.geometry.metrics import landmark_errors, surface_rms
 from fabdesign.geometry.shape import Shape, at_places, bilinear
 from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.array import Array, Floats, Indices
 from optimize.fit.clouds import Match, Nodes, nodes_of
 from studies.layout_search.target import LoadedTarget
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Floats = NDArray[np.floating[Any]]
 POINTS = 300  # of a cloud that are compared while searching: more say nothing new
 SCALE = 2e-4  # m, of what distances are worth where a target shows no noise
 WISHED = 1e-3  # m, the same of wishes, which nobody means so exactly

@@ -4,11 +4,10 @@ from collections.abc import Callable, Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from studies.fusion.joint import SensorView, gaps
 
-Array = NDArray[np.float64]
 DISAGREE = 0.003  # m, median distance between sensors that is no noise
 BETTER = 0.5  # what a swap or another frame must leave of it
 LEAST_OVERLAP = 60  # points

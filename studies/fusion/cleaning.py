@@ -13,7 +13,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-Array = NDArray[np.float64]
+from fabdesign.nouns.array import Array
+
 WINDOW = 0.005  # m, half the side of the window
 SPACING = 0.003  # m between fitted pixels
 LEAST_SUPPORT = 0.35  # of a window, on the plane; a border that is straight has half of it

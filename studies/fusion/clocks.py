@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from studies.fusion.moving import StampedView
 
-Array = NDArray[np.float64]
 GRID = 0.004  # s
 LEAST_OVERLAP = 0.5  # of the shorter of two views
 SIMILAR = 0.6  # least correlation that says where a view lies

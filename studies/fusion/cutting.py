@@ -14,6 +14,7 @@ from fabdesign.depth.cut import Cut, of_colour
 from fabdesign.depth.sensor import Sensor
 from fabdesign.depth.stream import DepthStream
 from fabdesign.errors import InputError, note
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
 from studies.fusion.cleaning import FILTERS, Cleaned, ImageFilter, clean_image
 from studies.fusion.clocks import Losses, begins_to_move, losses
@@ -23,7 +24,6 @@ from studies.fusion.moving import StampedView, with_speeds
 from studies.fusion.ripple import RIPPLE_IMAGES, Ripple, ripple_of
 from studies.measured.bad_data import Tolerance
 
-Array = NDArray[np.float64]
 MARGIN = 0.03  # m around the box: what nominal poses are off
 LEAST_PIXELS = 200
 REST_IMAGES, LEAST_REST = 12, 3

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.clouds.recording import Recording
 from fabdesign.errors import InputError
 from fabdesign.files.measurement_set import TrialData
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.trial import RecordingTiming
 from fabdesign.units import in_mm
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from studies.fusion.joint import SensorView
     from studies.fusion.stamped import StampedFrames
 
-Array = NDArray[np.float64]
 JUST_BEFORE = 1e-6  # s: a frame's set point is that of the interval it ends
 
 

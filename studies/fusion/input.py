@@ -5,11 +5,11 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.clouds.recording import Recording
 from fabdesign.depth.sensor import Sensor
 from fabdesign.errors import InputError
+from fabdesign.nouns.array import Array
 from studies.fusion.checks import DISAGREE, disagreement, shifted_sensor, swapped_pair
 from studies.fusion.cleaning import clean, clean_image, raster
 from studies.fusion.joint import SensorView, align
@@ -17,7 +17,6 @@ from studies.fusion.reference import Pose, off, register_to_rest
 from studies.fusion.ripple import RIPPLE_IMAGES, ripple_of
 from studies.measured.bad_data import Tolerance
 
-Array = NDArray[np.float64]
 REST = -1  # the frame number of the reference
 NOMINAL_ERROR = (np.radians(1.0), 0.005)  # rad and m that poses are taken to be off, where there is no reference
 

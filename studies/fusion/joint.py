@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from studies.fusion.cleaning import Cleaned
 from studies.fusion.clocks import Clock
 from studies.fusion.moving import StampedView, view_at
 from studies.fusion.reference import Pose, moved
 
-Array = NDArray[np.float64]
 REACH = 0.006  # m, between corresponding points, and as much more as the faces lie apart
 PAIR_NOISE = 1.0e-3  # m, of one point-to-plane distance: the depth noise of a point and of a plane
 INDEPENDENT = 3.0  # distances that count as one

@@ -9,11 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from studies.fusion.cleaning import Cleaned
 
-Array = NDArray[np.float64]
 MOST_DEPTH_CHANGE = 0.08  # m between two images; more is another surface
 LEAST_SHARE = 0.2  # of a view's points whose motion is known
 

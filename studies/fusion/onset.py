@@ -8,15 +8,14 @@ the supply and the muscles take to answer is in it: an effect of the model (`dea
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from fabdesign.files.pressure_file import steps_of
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.pressure import PressureProgram
 from studies.fusion.clocks import Clock, best_lag
 from studies.fusion.moving import StampedView, change
 
-Array = NDArray[np.float64]
 FADES = 0.15  # s, time constant of the motion after a step, for the coarse place
 GRID = 0.004  # s
 CLEAR = 0.004  # m of displacement that shows how the cloth moves

@@ -8,19 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 import open3d as o3d
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from fabdesign.depth.sensor import Sensor
 from fabdesign.errors import InputError
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.units import in_mm
 from studies.fusion.cleaning import Cleaned, clean
 from studies.fusion.surface import point_cloud
 
-Array = NDArray[np.float64]
 OUTLINE_NOISE = (1e-3, 3e-4, 1e-4)  # m, softness of the cloth's border, round by round
 HOLES, STRAYS = 0.05, 0.003  # shares of pixels without depth on the cloth, and with depth off it
 PLANE_NOISE = 8e-4  # m

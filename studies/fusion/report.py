@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.units import in_mm
 from studies.report.page import Block, Picture, TableBlock, Text, Title, html_of
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from studies.fusion.frames import FusionReport
     from studies.fusion.stamped import StampedFrames
 
-Array = NDArray[np.float64]
 SLICES = 3
 AROUND = 60  # pixels
 SLICE = 0.008  # m, half the width of a slice in the picture

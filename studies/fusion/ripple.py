@@ -13,7 +13,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-Array = NDArray[np.float64]
+from fabdesign.nouns.array import Array
+
 WIDE = 0.036  # m, side of the window of a local plane: more than a period of ripple on a cloth seen obliquely
 BASELINES = np.geomspace(0.03, 0.13, 26)  # m
 NOISE = 0.04  # pixels of disparity

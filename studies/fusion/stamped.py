@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from fabdesign.clouds.recording import Recording
 from fabdesign.depth.sensor import Sensor
 from fabdesign.errors import InputError, note
 from fabdesign.files.pressure_file import steps_of
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.nouns.trial import RecordingTiming, SensorTiming
@@ -28,7 +28,6 @@ from studies.fusion.joint import SensorView, TimedViews, align_timed
 from studies.fusion.onset import pressure_offset
 from studies.measured.bad_data import Tolerance
 
-Array = NDArray[np.float64]
 COARSELY = 0.01  # s, how well clocks are known by the motion alone
 UNKNOWN = 0.03  # s, where it does not say it
 STEADY, SLOW = 0.35, 0.02  # of the speed, and m/s: what it may change from image to image

@@ -4,12 +4,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import open3d as o3d
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from fabdesign.errors import InputError
+from fabdesign.nouns.array import Array
 
-Array = NDArray[np.float64]
 NORMAL_RADIUS, NORMAL_NEIGHBOURS = 0.012, 30  # m
 SPARE = 1.13  # grid points over points that are asked for (the paper: about 3,800 over 3,362)
 SHRINK = 0.92  # of the box, where there are too few

@@ -6,15 +6,14 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fabdesign.clouds.recording import Recording
 from fabdesign.depth.sensor import SeenTarget, depth_stream
 from fabdesign.depth.stream import DepthStream, paired_as_stamped
 from fabdesign.errors import InputError
+from fabdesign.nouns.array import Array
 
-Array = NDArray[np.float64]
 Seen = Mapping[tuple[int, int], Array]  # (frame, corner) -> (3,) m in the camera's frame
 OFF_SPHERE = 0.004  # m from the surface that counts as on it
 LEAST_ON_SPHERE = 0.1  # of the pixels that a whole sphere there would have

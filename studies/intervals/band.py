@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from corrector.shape import LocalFrames
 from fabdesign.geometry.shape import Shape
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.forward import SIDE, Case, ForwardModel
 from fabdesign.nouns.model import Spread
@@ -19,8 +20,6 @@ from fabdesign.nouns.trial import Trial
 from fabdesign.units import in_mm
 from studies.intervals.draws import REGIONS, Motion, drawn_motions, looked_at, region_terms, residuals_of, rests
 from studies.intervals.widths import IntervalScore
-
-Array = NDArray[np.float64]
 
 
 def bands(
@@ -81,7 +80,7 @@ def width_in_words(widths: Sequence[Array]) -> str:
 
 
 # of a trial's clouds and the frames that are used
-IntervalJudge = Callable[[Sequence[NDArray[np.float64]], NDArray[np.intp]], IntervalScore | None]
+IntervalJudge = Callable[[Sequence[Array], NDArray[np.intp]], IntervalScore | None]
 
 
 def interval_judges(

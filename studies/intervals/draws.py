@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from corrector.regression import offsets
 from corrector.shape import FINE, LocalFrames
 from fabdesign.geometry.shape import Shape
+from fabdesign.nouns.array import Array, Floats
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.forward import SIDE, Case, ForwardModel
 from fabdesign.nouns.model import Model
@@ -22,8 +23,6 @@ from fabdesign.nouns.trial import Trial
 from fabdesign.runtime.effort import batches
 from studies.intervals.widths import RegionResiduals
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.floating]
 REGIONS = 3  # a side
 
 

@@ -4,14 +4,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import ndtr
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.model_sampling import INSIDE, TWO_SIDED
 from fabdesign.units import in_mm
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ import numpy as np
 
 from fabdesign.errors import InputError
 from fabdesign.formats.json_file import read_json, write_json
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import PARAMETERS, Case, ForwardModel, Term
 from fabdesign.nouns.trial import MeasurementSet, Trial
@@ -20,7 +21,7 @@ from fabdesign.runtime.fingerprint import sha256
 from fabdesign.runtime.store import read_kept, user_cache
 from fabdesign.version import SIMULATOR
 from optimize.fit.parameters import PRIOR
-from studies.measured.used_frames import Array, Flags, Stretch, UsedFrames, used_mask
+from studies.measured.used_frames import Flags, Stretch, UsedFrames, used_mask
 from studies.prediction.stability import BENT, LEAST, OF_MOTION, instants_elsewhere, sides
 
 GRID = 21  # points a side, of the simulator that searches

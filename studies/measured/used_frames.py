@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from fabdesign.formats.json_file import plain
 from fabdesign.formats.schema import Key
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.trial import MeasurementSet, Trial
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 WHY = "tilting the frame by 0.05 degrees and changing the pressures by 1 % leads to another shape there"

@@ -12,6 +12,7 @@ from fabdesign.effects.acting import seen_at
 from fabdesign.effects.registry import effect_named
 from fabdesign.files.motion_file import Motion, square_triangles
 from fabdesign.geometry.shape import LacedMuscles, laced_muscles
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
@@ -87,16 +88,13 @@ class WithMuscleStates:
         self._simulator: Any = simulator
         self.last: list[Any] = []
 
-    def motions(self, cases: Sequence[Case], times: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float32]]:
+    def motions(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
         self.last = self._simulator.run(cases, times)
         return [motion.points for motion in self.last]
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
         self.last = self._simulator.rest(cases)
         return [shape.points[0] for shape in self.last]
-
-
-Array = NDArray[np.float64]
 
 
 def laced_motions(

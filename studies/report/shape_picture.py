@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from fabdesign.drawings.oblique import box_of, draw_points, draw_room, draw_triangles
 from fabdesign.geometry.shape import Shape
 from fabdesign.geometry.surface import front_triangles
+from fabdesign.nouns.array import Array
 from fabdesign.units import in_mm
 
-Array = NDArray[np.float64]
 SHOWN = 900  # points of the target drawn
 CLOTH, TARGET = "#8fb3d9", "#b2182b"
 WIDTH, HEIGHT, DPI = 9.0, 4.4, 90  # inches of a picture, and dots an inch

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array, Indices
 from fabdesign.nouns.lag import first_order
 from fabdesign.nouns.pressure import PressureProgram
 from optimize.fit.clouds import places_on_cloth
 from optimize.fit.cross_validation import Scored
-from optimize.fit.misfit import Array, Indices, frames_of
+from optimize.fit.misfit import frames_of
 from studies.tracing.residuals import Residuals
 
 BANDS = (0, 3), (4, 5), (6, 7)  # degrees of the polynomials on the cloth

@@ -8,9 +8,9 @@ import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import label_effect
+from fabdesign.nouns.array import Indices
 from optimize.fit.cross_validation import Gain, LeftOut, Scored
 from optimize.fit.fitted import Fit
-from optimize.fit.misfit import Indices
 
 CAUSE = 0.3  # of its prior's deviation, at its strongest: an effect that is less is in any careful build
 _NONE = np.zeros(0, dtype=np.intp)

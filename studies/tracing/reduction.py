@@ -8,11 +8,12 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from fabdesign.geometry.metrics import over
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Term
 from fabdesign.units import in_mm
 from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
-from optimize.fit.misfit import Array, capped
+from optimize.fit.misfit import capped
 from optimize.fit.parameters import FitVector
 from optimize.fit.policy import NEAR
 from optimize.fit.significance import cheapest_first

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fabdesign.effects import EFFECTS
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Term
 from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
-from optimize.fit.misfit import Array
 from optimize.fit.normal import loss
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.policy import FitStage, Policy

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimize.fit.misfit import Array, Indices
+from fabdesign.nouns.array import Array, Indices
 from studies.tracing.black_box import RIDGES, Frames, frames_at, lagged
 from studies.tracing.residuals import Residuals
 

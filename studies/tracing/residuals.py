@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.shape import Sheet
+from fabdesign.nouns.array import Array
 from optimize.fit.clouds import Match, Sample
 from optimize.fit.cross_validation import LeftOut, Scored
 from optimize.fit.fitted import Fit
-from optimize.fit.misfit import Array
 from studies.measured.fit_data import MeasuredData
 
 

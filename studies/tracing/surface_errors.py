@@ -7,10 +7,10 @@ import numpy as np
 
 from fabdesign.geometry.metrics import Errors, statistics, trial_errors
 from fabdesign.geometry.sensor_noise import SensorNoise
+from fabdesign.nouns.array import Indices
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.trial import Trial
 from optimize.fit.clouds import evenly
-from optimize.fit.misfit import Indices
 from studies.measured.used_frames import Stretch, used_mask
 from studies.tracing.task import Place
 

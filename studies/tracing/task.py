@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from fabdesign.geometry.shape import sheets_of
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.trial import Trial
 from fabdesign.runtime.store import Checkpoint
 from optimize.fit.descent import FitStart, Progress, begun
 from optimize.fit.fitted import Fit, concluded, kept
-from optimize.fit.misfit import Array
 from optimize.fit.parameters import FitVector
 from optimize.fit.policy import END, STEP, Policy
 from optimize.fit.problem import FitProblem, InputErrors

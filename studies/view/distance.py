@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.clouds.cloud_file import POINTS
 from fabdesign.errors import InputError
@@ -13,14 +12,13 @@ from fabdesign.geometry.metrics import Errors, frame_errors, mean_errors
 from fabdesign.geometry.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
 from fabdesign.geometry.shape import Shape
 from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.array import Array
 from fabdesign.units import in_mm
 from studies.view.items import Item
 
 INSTANTS = 40  # of a motion, at most
 _NOISE_FRAMES = 8  # that a sensor's noise is estimated from
 _FEWEST = 800  # points of a cloth's cloud, under which a curved cloth looks like noise
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

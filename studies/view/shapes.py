@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from fabdesign.nouns.array import Array
 from studies.view.items import Item
 
-Array = NDArray[np.float64]
 Triangles = NDArray[np.int64]
 AROUND = 6  # points of a tube's ring
 FRONT, BACK, MESH, CLOUD = (0.80, 0.22, 0.22), (0.22, 0.45, 0.75), (0.45, 0.60, 0.42), (0.13, 0.17, 0.24)  # RGB

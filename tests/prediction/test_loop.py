@@ -36,7 +36,6 @@ from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line
 from tests.few_effects import few_effects
 
-Array = NDArray[np.float64]
 NOISE = SensorNoise(0.0006, 0.002, 0.02)
 GAIN = 0.7  # of the devices' muscles
 HIDDEN = 1e3 * np.array([240.0, 120.0])  # Pa

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.optimize import fsolve
 from scipy.special import j0
@@ -21,6 +20,7 @@ from fabdesign.files.design_file import write_design
 from fabdesign.files.law_tables import MembraneCurve
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.pressure_file import constant_program
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.design import Design, Term
 from fabdesign.nouns.muscle import Muscle
@@ -35,7 +35,6 @@ from studies.rig.run import linear_membrane
 from studies.rig.scene import Resolution, Scene, build_scene
 from studies.rig.specimen import TrialTask, control_points, prepare
 
-Array = NDArray[np.float64]
 COARSE = Resolution(element=0.04, step=1 / 240)
 G = 9.81
 DUO = build("vertical")

@@ -4,17 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.files.design_file import write_design
 from fabdesign.files.measurement_set import read_set
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.catalogue import build
 from studies.rig import run_rig
 from studies.rig.specimen import TrialTask, prepare
 from tests.command_line import Run
-
-Array = NDArray[np.float64]
 
 
 def test_several_designs_in_one_session(tmp_path: Path, run: Run) -> None:

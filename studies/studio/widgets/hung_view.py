@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.surface import face_triangles, front_triangles
-from fabdesign.nouns.array import Array
+from fabdesign.nouns.array import Array, Floats
 from fabdesign.nouns.design import Design
 from fabdesign.units import in_kpa
 from studies.studio.drawings import LiveShape
@@ -136,7 +136,6 @@ def _distances(shape: LiveShape, comparison: Comparison, largest: float) -> Node
     return Node("mesh_trimesh", {"mesh": mesh})
 
 
-Floats = NDArray[np.floating[Any]]
 _KNOT = 0.0035  # m, radius
 _DARK, _GREY = (20, 20, 20), (120, 130, 142)
 
