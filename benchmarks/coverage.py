@@ -6,7 +6,7 @@
 
 Each set: a catalogue layout, factors drawn from calibration's prior, four trials of 1.5 s with random pressures to fit
 and one more to hold out. Two sets at a time; those already calibrated, in FOLDER/results_61.jsonl, are not done again.
-`engine` writes its column of studies/calibration/engine_difference.csv, `test` docs/lab/coverage.md, or
+`engine` writes its column of studies/fitting/engine_difference.csv, `test` docs/lab/coverage.md, or
 coverage_41.md with 41 points a side.
 """
 
@@ -34,9 +34,9 @@ from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.output import write_text
 from optimize.fit.parameters import PRIOR
 from sim import Simulator
-from studies.calibration.calibrate import CalibrationOptions, calibrate
-from studies.calibration.fitted_model import QUANTILE
-from studies.calibration.intervals import data_share, engine_difference
+from studies.calibration.calibrate import CalibrationOptions, calibrate_sets
+from studies.fitting.fitted_model import QUANTILE
+from studies.fitting.intervals import data_share, engine_difference
 from studies.measured.fit_data import noise_of
 from studies.rig import run_rig
 from studies.rig.ground_truth import GroundTruth
@@ -81,7 +81,7 @@ def calibrated(seed: int, folder: Path, grid: int) -> dict[str, Any]:
     factors = make(seed, folder)
     measured = read_set(folder)
     slopes = Simulator(points_per_side=min(grid, POINTS_PER_SIDE))
-    found = calibrate(measured, simulator, options=CalibrationOptions(slopes=slopes, points_per_side=grid))
+    found = calibrate_sets(measured, simulator, options=CalibrationOptions(slopes=slopes, points_per_side=grid))
     known = Model({name: Parameter(factor, (factor, factor)) for name, factor in factors.items()})
     return {
         "seed": seed,

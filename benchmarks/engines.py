@@ -4,7 +4,7 @@
 
 MODEL: what `fabdesign trace SET` wrote, KEY: of the same set (data/rig_*/key.toml: a third engine, neither the
 simulator nor the virtual rig). Says how many true factors are inside the 90 % intervals as they are, and inside those
-that the other sets' errors give; writes the column `keyed` of studies/calibration/engine_difference.csv, whose other
+that the other sets' errors give; writes the column `keyed` of studies/fitting/engine_difference.csv, whose other
 column, of the virtual rig, `benchmarks/coverage.py engine` writes. `calibrate` and `trace` take the larger.
 """
 
@@ -19,8 +19,8 @@ from fabdesign.files.model_file import read_model
 from fabdesign.formats.csv_table import write_rows
 from fabdesign.nouns.forward import PARAMETERS
 from fabdesign.nouns.model import Model
-from studies.calibration.fitted_model import QUANTILE
-from studies.calibration.intervals import FILE, data_share, engine_columns, engine_difference
+from studies.fitting.fitted_model import QUANTILE
+from studies.fitting.intervals import FILE, data_share, engine_columns, engine_difference
 
 _ROUNDS = 50  # of taking the engines' term out of an interval
 _SMALLEST = 1e-4  # of a logarithm

@@ -38,7 +38,7 @@ from fabdesign.study_files.unseen_file import CandidateMeasurement
 from fabdesign.units import in_mm
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
-from studies.calibration.calibrate import CalibrationOptions, calibrate
+from studies.calibration.calibrate import CalibrationOptions, calibrate_sets
 from studies.measured.fit_data import noise_of
 from studies.measured.sensitive_stretches import GRID, find_used_frames
 from studies.training.data import KEPT_BACK, choose
@@ -99,7 +99,7 @@ def fitted(plan: Plan, measured: MeasurementSet, work: Path) -> tuple[Model, flo
             print(f"{plan.name}: {', '.join(f'{t.name} of {t.design_name}' for t in more)}", flush=True)
             trials += more
             began = time.process_time()
-        found = calibrate(
+        found = calibrate_sets(
             replace(measured, trials=tuple(trials)),
             simulator,
             vector=unknowns(plan, measured),

@@ -39,7 +39,7 @@ from fabdesign.output import write_text
 from fabdesign.study_files.follow_file import FollowStudy, MotionScatter, MovingTarget
 from optimize.fit.free_parameters import fit_vector
 from sim import Simulator
-from studies.calibration.calibrate import CalibrationOptions, calibrate
+from studies.calibration.calibrate import CalibrationOptions, calibrate_sets
 from studies.follow.programs import regulator_of
 from studies.follow.result import FollowResult
 from studies.follow.run import QUICK, run_follow
@@ -254,7 +254,7 @@ def calibrated(rig: Rig, design: Design, place: Path) -> Model:
         measure(rig, programs, place / "others")
     vector = fit_vector(tuple(DEVICE), FIXED, where="bench")
     options = CalibrationOptions(slopes=Simulator(GRID, time_step=QUICK), points_per_side=GRID)
-    calibration = calibrate(read_set(place / "others"), Simulator(GRID), vector=vector, options=options)
+    calibration = calibrate_sets(read_set(place / "others"), Simulator(GRID), vector=vector, options=options)
     write_model(calibration.model, file)
     return calibration.model
 

@@ -7,28 +7,26 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.clouds.measured_points import note_removed, require_room, sound_points
 from fabdesign.errors import InputError
 from fabdesign.formats.lab_table import require_measured_pressures, require_seconds
 from fabdesign.formats.npz_file import NpzArrays, open_npz
 from fabdesign.formats.toml_file import require_few
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.output import whole_file
 from fabdesign.runtime.effort import LONGEST
 from fabdesign.units import from_kpa, in_kpa
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class TrialData:
     """The arrays measured in one motion."""
 
-    time: Floats  # (T,) s after rest
-    pressure: Floats  # (T, channels) Pa, set point during the interval that ends at that frame
-    frames: tuple[Floats, ...]  # T clouds (n_t, 3) m, unordered, both faces
+    time: Array  # (T,) s after rest
+    pressure: Array  # (T, channels) Pa, set point during the interval that ends at that frame
+    frames: tuple[Array, ...]  # T clouds (n_t, 3) m, unordered, both faces
 
     @cached_property
     def program(self) -> PressureProgram:
@@ -53,7 +51,7 @@ def read_trial(path: Path, *, size: float | None = None) -> TrialData:
         raise InputError(f"{path}: offsets do not rise from 0 to the number of points, {len(points)}")
     require_few(int(np.diff(offsets.astype(np.int64)).max()), path, "points in a frame")
     require_room(points, str(path))
-    frames: list[Floats] = []
+    frames: list[Array] = []
     removed, hit = np.zeros(3, dtype=np.intp), 0
     for t, (a, b) in enumerate(pairwise(offsets)):  # one at a time, or all points would lie here three times
         metres = points[a:b].astype(np.float64) * float(scale)
@@ -64,13 +62,13 @@ def read_trial(path: Path, *, size: float | None = None) -> TrialData:
     return TrialData(time, pressure, tuple(frames))
 
 
-def read_trial_pressures(path: Path) -> tuple[Floats, Floats]:
+def read_trial_pressures(path: Path) -> tuple[Array, Array]:
     """Return `time` (T,) s and `pressure` (T, channels) Pa of a trial, without its clouds. Raises InputError."""
     with open_npz(path, "a trial's arrays") as arrays:
         return _time_and_pressure(arrays, path)
 
 
-def program_of(time: Floats, pressure: Floats) -> PressureProgram:
+def program_of(time: Array, pressure: Array) -> PressureProgram:
     """Return the program of a trial's arrays: row k holds until time[k], the first from 0."""
     start = np.concatenate([[0.0], time[:-1]])
     if len(time) > 1 and time[0] == 0:  # a frame at rest: its row holds for no time
@@ -97,7 +95,7 @@ def write_trial(data: TrialData, path: Path, *, scale: float = 1e-4) -> None:
         )
 
 
-def _time_and_pressure(arrays: NpzArrays, path: Path) -> tuple[Floats, Floats]:
+def _time_and_pressure(arrays: NpzArrays, path: Path) -> tuple[Array, Array]:
     for name in ("time", "pressure"):
         require_few(math.prod(arrays.shape(name)), path, f"values of {name}")
     seconds = arrays.sound("time", "(T,) float64", lambda a: a.ndim == 1 and len(a)).astype(np.float64)

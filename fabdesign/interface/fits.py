@@ -90,8 +90,7 @@ def calibrate(
     from fabdesign.files.model_file import write_model
     from fabdesign.nouns.model import Model
     from fabdesign.runtime.effort import CALIBRATION, fit_in_words, fit_seconds
-    from studies.calibration.calibrate import DRAWN, CalibrationOptions, orders_of
-    from studies.calibration.calibrate import calibrate as calibrate_sets
+    from studies.calibration.calibrate import DRAWN, CalibrationOptions, calibrate_sets, orders_of
     from studies.measured.sensitive_stretches import GRID as COARSE
 
     orders = None if fit is None else orders_of(",".join(map(str, fit)))
@@ -189,8 +188,8 @@ def trace(
             return of_bench.trace_bench(benches[0], folder, tolerance=share, force=run.force, progress=run.progress)
     from fabdesign.nouns.model import Model
     from fabdesign.runtime.effort import TRACE, Pace, fit_in_words, fit_seconds
+    from studies.model_selection.verdict import SO_FAR
     from studies.tracing.run import DRAWN, GRID, TOLERANCE, TRIALS, Options, trace_set
-    from studies.tracing.verdict import SO_FAR
 
     fitted, sets = run.model(model), all_sets(measured)
     if len(sets) != 1:
@@ -300,7 +299,7 @@ def train(
     from fabdesign.runtime.effort import CALIBRATION, fit_seconds, in_words, on_cores, training_seconds
     from studies.measured.sensitive_stretches import GRID as COARSE
     from studies.training.data import TrainingOptions
-    from studies.training.train import train as train_on
+    from studies.training.train import train_on
 
     run, out = Run(**given), Path(out)
     base = run.model(model) or Model()

@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.formats.schema import ABOVE_0, Key, Kilopascal, KilopascalPerSecond, Second, Within
+from fabdesign.nouns.array import Array
 from fabdesign.runtime.effort import LONGEST
 from fabdesign.units import in_kpa
 
@@ -26,22 +26,22 @@ class PressureProgram:
     time (R,) s, rising from 0; pressure (R, channels) Pa, gauge; duration: length of the motion in s.
     """
 
-    time: NDArray[np.float64]
-    pressure: NDArray[np.float64]
+    time: Array
+    pressure: Array
     duration: float
 
     @classmethod
-    def of_rows(cls, time: NDArray[np.float64], pressure: NDArray[np.float64], *, duration: float) -> "PressureProgram":
+    def of_rows(cls, time: Array, pressure: Array, *, duration: float) -> "PressureProgram":
         """Return the program of these rows; a row that repeats the one before it is dropped."""
         changed = np.concatenate([[True], (pressure[1:] != pressure[:-1]).any(axis=1)])
         return cls(time[changed], pressure[changed], duration)
 
-    def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, times: Array) -> Array:
         """Return (n, channels) Pa in force just after each of `times` [s]."""
         row = np.searchsorted(self.time, np.asarray(times) + 1e-9, side="right") - 1
         return self.pressure[np.clip(row, 0, None)]
 
-    def means(self, edges: NDArray[np.float64]) -> NDArray[np.float64]:
+    def means(self, edges: Array) -> Array:
         """Return (n - 1, channels) Pa: means between every two of the instants `edges` (n,) s, rising; none before t =
         0."""
         held = self.pressure[:-1] * np.diff(self.time)[:, None]
@@ -52,9 +52,7 @@ class PressureProgram:
         return np.asarray(np.diff(integral, axis=0) / np.diff(edges)[:, None])
 
 
-def rising_program(
-    last: NDArray[np.float64], rise: float, duration: float, *, resolution: float = 100.0
-) -> PressureProgram:
+def rising_program(last: Array, rise: float, duration: float, *, resolution: float = 100.0) -> PressureProgram:
     """Return a program whose channels rise linearly and together from 0 to `last` (channels,) Pa within `rise` s, in
     RISE_STEPS rows of whole `resolution` Pa, then hold until `duration` s."""
     share = (np.arange(RISE_STEPS) + 1) / RISE_STEPS
@@ -63,7 +61,7 @@ def rising_program(
     return PressureProgram(rise * np.arange(RISE_STEPS) / RISE_STEPS, rows, duration)
 
 
-def sequence_program(rows: NDArray[np.float64], rise: float, hold: float) -> PressureProgram:
+def sequence_program(rows: Array, rise: float, hold: float) -> PressureProgram:
     """Return a program from 0 to each of `rows` (k, channels) Pa in turn, linearly within `rise` s in RISE_STEPS rows,
     and `hold` s at each."""
     share = (np.arange(RISE_STEPS) + 1)[:, None] / RISE_STEPS
@@ -74,7 +72,7 @@ def sequence_program(rows: NDArray[np.float64], rise: float, hold: float) -> Pre
     return PressureProgram(times, steps, len(rows) * (rise + hold))
 
 
-def limits(design: "Design") -> NDArray[np.float64]:
+def limits(design: "Design") -> Array:
     """Return (channels,) Pa: the lowest maximum of the muscle types on each channel, 1,000 kPa where none is stated."""
     most = np.full(design.channels, LARGEST)
     for muscle in design.muscles:
@@ -84,12 +82,12 @@ def limits(design: "Design") -> NDArray[np.float64]:
     return most
 
 
-def in_words(pressures: NDArray[np.float64]) -> str:
+def in_words(pressures: Array) -> str:
     """Return pressures (channels,) Pa for people: "channel 0: 312 kPa, channel 1: 0 kPa"."""
     return ", ".join(f"channel {k}: {in_kpa(value):.0f} kPa" for k, value in enumerate(pressures))
 
 
-def poses_in_words(pressures: Sequence[NDArray[np.float64]]) -> list[str]:
+def poses_in_words(pressures: Sequence[Array]) -> list[str]:
     """Return a line for the final pressures of each pose, (channels,) Pa."""
     several = len(pressures) > 1
     return [
@@ -148,3 +146,43 @@ class RigLimits:
 
 
 USUAL_LIMITS = RigLimits()
+
+
+def standard_programs(design: "Design", rig: RigLimits = USUAL_LIMITS) -> dict[str, PressureProgram]:
+    """Return steps, staircases and ramps within the limits of the muscles and the rig: every channel alone in turn, one
+    face, the other, all."""
+    most, seconds = np.minimum(limits(design), rig.pressure), rig.duration
+    on = {(m.channel, m.side) for m in design.muscles}
+    faces = {s: np.array([(c, s) in on for c in range(design.channels)]) for s in ("front", "back")}
+    groups = {f"the {side}": where for side, where in faces.items() if where.any()}
+    candidates: dict[str, PressureProgram] = {}
+    for said, where in groups.items():
+        p = np.where(where, most, 0.0)
+        candidates[f"step of {said}, held"] = _rows([0.0], [p], seconds)
+        candidates[f"step of {said} on and off"] = _rows([0.0, seconds / 2], [p, 0 * p], seconds)
+        stairs = np.array([1, 2, 3, 2, 1, 0]) / 3
+        candidates[f"staircase of {said}, up and down"] = _rows(
+            np.arange(6) * seconds / 6, stairs[:, None] * p, seconds
+        )
+        times = np.arange(60) * seconds / 60
+        candidates[f"slow ramp of {said}, up and down"] = _rows(
+            times, (1 - np.abs(times / seconds * 2 - 1))[:, None] * p, seconds
+        )
+    alone = np.diag(most)
+    candidates["each channel alone in turn"] = _rows(np.arange(len(most)) * seconds / len(most), alone, seconds)
+    both = np.tril(np.ones((len(most), len(most)))) * most * 0.7
+    candidates["one channel more at a time"] = _rows(np.arange(len(most)) * seconds / len(most), both, seconds)
+    return {name: program for name, program in candidates.items() if fastest(program) <= rig.rate * (1 + 1e-9)}
+
+
+def fastest(program: PressureProgram) -> float:
+    """Return the largest change of a set point over the time to the next, Pa/s; infinite for a step at 0 s."""
+    if program.pressure[0].any():
+        return float("inf")
+    if len(program.time) < 2:
+        return 0.0
+    return float((np.abs(np.diff(program.pressure, axis=0)).max(axis=1) / np.diff(program.time)).max())
+
+
+def _rows(times: Any, pressures: Any, seconds: float) -> PressureProgram:
+    return PressureProgram(np.asarray(times, dtype=float), np.atleast_2d(np.asarray(pressures, dtype=float)), seconds)

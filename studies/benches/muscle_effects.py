@@ -21,7 +21,7 @@ from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import BenchProblem
 from studies.benches.muscle import Rows, motion_columns
-from studies.calibration.fitted_model import effect_term, quantities_of
+from studies.fitting.fitted_model import effect_term, quantities_of
 
 _SPANS = (4, 6)  # of pressure and contraction
 _RIDGE = 1e-4  # of the law's coefficients, relative to the tension's size

@@ -18,10 +18,10 @@ from optimize.fit.problem import BenchProblem
 from optimize.fit.significance import NEEDED, conditioned, eliminated
 from studies.benches.law import rms
 from studies.benches.trace_candidates import ShapedEffect
-from studies.calibration.fitted_model import QUANTILE
-from studies.tracing.judged import Judged
-from studies.tracing.rules import ON_BENCHES, Refits, Selection, follow
-from studies.tracing.verdict import STRUCTURE
+from studies.fitting.fitted_model import QUANTILE
+from studies.model_selection.judged import Judged
+from studies.model_selection.rules import ON_BENCHES, Refits, Selection, follow
+from studies.model_selection.verdict import STRUCTURE
 
 _WIDE = 3.0  # prior deviation of a strength, times the one that moves the records as much as all that the law leaves
 _AT_LIMIT = 1e-6  # of the prior's deviation

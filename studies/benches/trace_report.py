@@ -17,10 +17,8 @@ from fabdesign.units import in_kpa, in_mm
 from studies.benches.noise import BenchNoise
 from studies.benches.records import for_people, shown
 from studies.benches.trace_fit import BenchCandidate
+from studies.model_selection.verdict import STRUCTURE, Evidence, Word, effect_entry, effect_in_words, shared_out
 from studies.report import charts, page
-from studies.tracing.report import error_bars
-from studies.tracing.statements import effect_in_words
-from studies.tracing.verdict import STRUCTURE, Evidence, Word, effect_entry, shared_out
 
 Curve = tuple[str, Array, Array, Array, Array]  # a record: its name, the rows' place, measured, before, after
 
@@ -169,7 +167,7 @@ def _blocks(outcome: BenchOutcome) -> Iterator[page.Block]:
     yield page.Title(f"{outcome.bench.name}: what its quasi-static law lacks", 1)
     yield page.Text(Markup("<b>{}.</b> {}").format(outcome.verdict.capitalize(), bench_in_words(outcome)), "verdict")
     yield from page.texts("quiet", [page.sentence(x) for x in (outcome.bench.description, outcome.bench.source) if x])
-    yield error_bars(outcome.as_json()["error"], "noise", unit, "RMS of records left out", scale)
+    yield charts.error_bars(outcome.as_json()["error"], "noise", unit, "RMS of records left out", scale)
     yield page.Title("Candidates")
     chosen = {effect.name for effect in outcome.effects}
     gains = [

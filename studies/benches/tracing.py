@@ -27,10 +27,10 @@ from studies.benches.records import LAWS, output_of, require_columns, unit_of
 from studies.benches.trace_candidates import ShapedEffect, Signals, shapes_of, signals_of
 from studies.benches.trace_fit import BenchTask, alike, candidates_of, select
 from studies.benches.trace_report import BenchOutcome, Curve, render_bench
-from studies.calibration.fitted_model import quantities_of
-from studies.tracing.black_box import WIDTHS, kernel_of, left_out, standardised
-from studies.tracing.judged import Judged
-from studies.tracing.verdict import Evidence, decide
+from studies.fitting.fitted_model import quantities_of
+from studies.model_selection.black_box import WIDTHS, kernel_of, left_out, standardised
+from studies.model_selection.judged import Judged
+from studies.model_selection.verdict import Evidence, decide
 
 TOLERANCE = 0.02  # of the largest output
 LEAST_RECORDS = 3  # records of role fit

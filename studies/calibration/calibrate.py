@@ -18,13 +18,13 @@ from optimize.fit.fitted import Fit
 from optimize.fit.parameters import DECLARED, FitVector
 from optimize.fit.policy import NEAR, FitStage, Policy, to_the_end
 from studies.calibration.ambiguities import ambiguities
-from studies.calibration.fits import Fits
-from studies.calibration.fitted_model import fitted_model
-from studies.calibration.intervals import EXCESS, far_factors, interval_warnings, with_engines
-from studies.calibration.joint_fit import joint_fit, joint_fit_from_rest
-from studies.calibration.rest_fit import fit_at_rest, with_shapes_at_rest
 from studies.calibration.result import Calibration
 from studies.calibration.trial_checks import DISAGREE, implausible
+from studies.fitting.fits import Fits
+from studies.fitting.fitted_model import fitted_model
+from studies.fitting.intervals import EXCESS, far_factors, interval_warnings, with_engines
+from studies.fitting.joint_fit import joint_fit, joint_fit_from_rest
+from studies.fitting.rest_fit import fit_at_rest, with_shapes_at_rest
 from studies.intervals.calibrate import chosen as chosen_trials
 from studies.intervals.calibrate import with_spread
 from studies.measured.bad_data import Tolerance
@@ -64,7 +64,7 @@ class CalibrationOptions:
     interruptible: bool = False
 
 
-def calibrate(
+def calibrate_sets(
     measured: MeasurementSet | Sequence[MeasurementSet],
     forward: ForwardModel,
     *,

@@ -11,7 +11,7 @@ from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.nouns.model import Model
 from fabdesign.units import in_mm
 from optimize.fit.fitted import Fit
-from studies.calibration.intervals import excess
+from studies.fitting.intervals import excess
 from studies.intervals.calibrate import spread_json
 from studies.measured.fit_data import MeasuredData
 from studies.measured.used_frames import UsedFrames

@@ -16,10 +16,10 @@ from fabdesign.study_files.sensitivity_file import read_sensitivity
 from fabdesign.study_files.study_file import read_head, read_study
 from fabdesign.study_files.unseen_file import FREE, read_unseen
 from optimize.fit.free_parameters import fit_vector
-from studies.benches.records import SIZES, require_columns, require_sizes
+from studies.benches import SIZES, require_columns, require_sizes
 from studies.check.design import design_findings, spacing
 from studies.check.findings import Findings, failures
-from studies.follow.target import wanted_of
+from studies.follow import wanted_of
 from studies.layout_search.target import load_target
 
 
@@ -36,7 +36,7 @@ def study_findings(path: Path) -> Findings:
         findings = failures([partial(fit_vector, unseen.free, where=f"{path}: {FREE}")])
         return findings + design_findings(unseen.unsewn.design, f"{path}: design") if unseen.unsewn else findings
     if kind == "loop":
-        from studies.loop.run import open_study  # here: its report needs what a page is drawn with
+        from studies.loop import open_study
 
         loop = read_loop(path)
         return design_findings(loop.search.design, f"{path}: design") + failures([partial(open_study, loop)])

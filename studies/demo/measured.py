@@ -22,7 +22,7 @@ from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.units import in_mm
-from studies.layouts.report import ERRORS, error_cells
+from studies.layouts import ERRORS, error_cells
 from studies.measured.fit_data import noise_of
 from studies.measured.sensitive_stretches import GRID, find_used_frames
 from studies.prediction.forward_model import forward_model

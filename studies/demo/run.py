@@ -30,9 +30,7 @@ from fabdesign.units import in_kpa, in_mm
 from optimize.search.evaluations import Evaluations
 from studies.demo.measured import MODEL, SET, ShippedErrors, as_blocks, evaluate_shipped
 from studies.demo.measured import as_text as shipped_as_text
-from studies.layouts.report import Section, render_report
-from studies.layouts.result import VERSIONS, StudyResult
-from studies.layouts.run import run_study
+from studies.layouts import VERSIONS, Section, StudyResult, render_report, run_study
 from studies.report.shape_picture import draw_shape
 
 TARGET = "demo_target.npz"

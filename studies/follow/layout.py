@@ -17,7 +17,7 @@ from sim import Simulator
 from studies.follow.programs import Regulator
 from studies.follow.wanted import Wanted
 from studies.layout_search.first_layouts import COARSE
-from studies.layouts.run import run_study
+from studies.layouts import run_study
 
 FOLDER = "layout"  # of the search, what `optimize` writes
 

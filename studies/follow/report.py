@@ -12,8 +12,7 @@ from fabdesign.units import in_kpa, in_mm
 from fabdesign.version import __version__
 from studies.follow.result import FollowResult
 from studies.report import charts, page
-from studies.view.items import Item
-from studies.view.page import render_page
+from studies.view import Item, render_page
 
 _FRAMES = 90  # of the moving picture, at most
 

@@ -18,8 +18,7 @@ from studies.layout_grid.report import write_report
 from studies.layout_grid.turns import CellResult, CellTurns, GridResult, best_beneath, next_turn, recent_gain, seeds_of
 from studies.layout_search.first_layouts import first_starts
 from studies.layout_search.target import load_target
-from studies.layouts.result import StudyResult
-from studies.layouts.run import run_study
+from studies.layouts import StudyResult, run_study
 from studies.study import Simulated, StudyRun
 
 CELLS = "cells"  # the folder of the searches' folders

@@ -18,7 +18,7 @@ from optimize.search.search_state import StartRow
 from optimize.search.starts import Start
 from optimize.search.variations import pulling, with_idle
 from studies.layout_search.first_layouts import PULL
-from studies.layouts.result import StudyResult
+from studies.layouts import StudyResult
 
 PULLS = 0.05  # of the pressure range, over its lowest, from which on a muscle does something
 WORDS = {"front": "on the front", "back": "on the back", "both": "on both faces"}

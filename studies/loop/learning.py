@@ -19,8 +19,7 @@ from fabdesign.output import WorkFolder
 from fabdesign.study_files.loop_file import LoopStudy
 from fabdesign.units import in_mm
 from optimize.fit.free_parameters import fit_vector
-from studies.calibration.calibrate import CalibrationOptions, calibrate
-from studies.calibration.result import Calibration
+from studies.calibration import Calibration, CalibrationOptions, calibrate_sets
 from studies.loop.record import Learned, TracedEffects
 from studies.measured.sensitive_stretches import GRID
 from studies.prediction.evaluate import evaluate_sets
@@ -114,8 +113,7 @@ def _traced(
 ) -> Traced:
     from fabdesign.runtime.fingerprint import OtherContent
     from studies.measured.fit_data import TooLittle
-    from studies.tracing.run import Options, trace_set
-    from studies.tracing.statements import verdict_in_words
+    from studies.tracing import Options, trace_set, verdict_in_words
 
     learning = study.learning
     trace = partial(
@@ -153,7 +151,7 @@ def _calibrated(
         terms=start.terms,
         designs=[design for measured in sets for design in measured.designs.values()],
     )
-    return calibrate(
+    return calibrate_sets(
         sets,
         simulators(grid),
         vector=vector,
@@ -178,8 +176,7 @@ def _trained(
 ) -> tuple[str, bool]:
     """Return what a network is worth, in a line, and whether it is used: the model with it takes the place of the one
     without where it brings the trials kept back nearer, of every design."""
-    from studies.training.data import TrainingOptions
-    from studies.training.train import train
+    from studies.training import TrainingOptions, train_on
 
     assert study.learning.train is not None
     if study.learning.train == "paper":
@@ -187,7 +184,7 @@ def _trained(
     with work.adding() as files:
         (files / name).mkdir()
         try:
-            result = train(
+            result = train_on(
                 [measured],
                 simulators(study.points_per_side),
                 files / name / MODEL,

@@ -18,7 +18,7 @@ from fabdesign.study_files.loop_file import LoopStudy, StopRule, VirtualRig
 from fabdesign.units import in_mm
 from fabdesign.version import SIMULATOR, __version__
 from studies.layout_search.target import LoadedTarget
-from studies.layouts.result import study_content
+from studies.layouts import study_content
 from studies.report import charts, page
 from studies.study import write_result
 

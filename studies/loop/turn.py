@@ -22,7 +22,7 @@ from optimize.fit.descent import Progress
 from optimize.search.evaluations import Evaluations
 from studies.layout_search.first_layouts import COARSE
 from studies.layout_search.target import LoadedTarget, target_errors
-from studies.layouts.run import run_study
+from studies.layouts import run_study
 from studies.loop.learning import Simulators, learn, model_of
 from studies.loop.measuring import MEASURED, measured, programs_for
 from studies.loop.record import ChosenDesign, Learned, ShapeErrors, shape_errors

@@ -1,7 +1,7 @@
 """Charts of a page, drawn by Plotly: axes with titles that have room, a legend above the axes, rows with names; and
 scenes that a person turns: clouds, cloths and lines in space."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,6 +64,17 @@ def bars(name: str, rows: Sequence[tuple[str, float, str]], unit: str, x: str) -
     drawn = go.Bar(orientation="h", y=names, x=values, marker_color=colours, text=text, textposition="auto")
     axis = {"rangemode": "tozero"}
     return chart(name, [drawn], x=f"{x}, {unit}", height=_height(rows), xaxis=axis, yaxis=_NAMED)
+
+
+def error_bars(error: Mapping[str, Any], noise: str, unit: str, x: str, scale: float = 1.0) -> Chart:
+    """Return the errors of a trace, as its file has them. noise: what the floor is called."""
+    rows = [
+        (noise, error["noise_floor"], GREY),
+        ("flexible baseline", error["ceiling"], GREY),
+        ("after", error["after"]["held_out"], BLUE),
+        ("before", error["before"]["held_out"], RED),
+    ]
+    return bars("bars", [(name, scale * value, colour) for name, value, colour in rows], unit, x)
 
 
 def gains(name: str, rows: Sequence[Gain], unit: str, x: str, tolerance: float, *, scale: float = 1.0) -> Chart:

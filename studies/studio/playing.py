@@ -16,7 +16,7 @@ from fabdesign.nouns.forward import RISE
 from fabdesign.nouns.pressure import PressureProgram, require_pressures, rising_program
 from fabdesign.output import new_files
 from fabdesign.units import in_mm
-from studies.follow.programs import case_of
+from studies.follow import case_of
 from studies.prediction.predict import frame_times
 from studies.studio.document import Document
 from studies.studio.layout import Layout
@@ -24,8 +24,7 @@ from studies.studio.measured import TrialErrors, TrialMotion, ask_of_trial
 from studies.studio.opening import FRAME_RATE, MovingProgram
 from studies.studio.shapes import Shapes
 from studies.studio.solver import Answer, Ask, Kind
-from studies.view.items import Item
-from studies.view.write import KINDS, write_panels
+from studies.view import KINDS, Item, write_panels
 
 SLOW = (".gif", ".mp4")  # for which the page would stand still; `view` writes them
 _PAUSE = 0.5  # s, before a motion begins again

@@ -30,7 +30,7 @@ from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.runtime import working_time
 from fabdesign.runtime.supervisor import uninterrupted
-from studies.follow.wanted import Wanted
+from studies.follow import Wanted
 from studies.prediction.forward_model import forward_model, laced_motions
 
 COARSE = 21  # points a side, while something is dragged
@@ -178,7 +178,7 @@ class StudioSolver:
 
     def _resumed(self, simulator: Any, case: Case, ask: Ask) -> Points:
         """Return a program's motion, from the state before the first set point that is another than the last time."""
-        from studies.follow.resumed import Resumed
+        from studies.studio.resumed import Resumed
 
         self._program = self._program or Resumed(simulator)
         points: Points = self._program.motion(case, ask.times)

@@ -13,9 +13,9 @@ from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import widened
 from optimize.fit.significance import NEEDED, alike, does
+from studies.model_selection.rules import Selection
 from studies.tracing.experiment import Explanation
 from studies.tracing.refits import ASKED, SetRefits
-from studies.tracing.rules import Selection
 from studies.tracing.task import Task
 
 

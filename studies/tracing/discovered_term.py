@@ -19,7 +19,7 @@ from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.policy import NEAR
 from optimize.fit.significance import NEEDED, eliminated
-from studies.tracing.rules import Selection
+from studies.model_selection.rules import Selection
 from studies.tracing.task import Task
 
 SHARE = 0.5  # of the excess of trials left out, that may stay

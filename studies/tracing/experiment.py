@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case, ForwardModel, Term
-from fabdesign.nouns.pressure import USUAL_LIMITS, PressureProgram, RigLimits, limits
+from fabdesign.nouns.pressure import USUAL_LIMITS, RigLimits, standard_programs
 from fabdesign.units import in_kpa, in_mm
 from optimize.fit.parameters import FitVector
 
@@ -34,46 +34,6 @@ class Explanation:
         return self.vector.terms_at(self.x)[-1]
 
 
-def programs(design: Design, rig: RigLimits = USUAL_LIMITS) -> dict[str, PressureProgram]:
-    """Return steps, staircases and ramps within the limits of the muscles and the rig: every channel alone in turn, one
-    face, the other, all."""
-    most, seconds = np.minimum(limits(design), rig.pressure), rig.duration
-    on = {(m.channel, m.side) for m in design.muscles}
-    faces = {s: np.array([(c, s) in on for c in range(design.channels)]) for s in ("front", "back")}
-    groups = {f"the {side}": where for side, where in faces.items() if where.any()}
-    candidates: dict[str, PressureProgram] = {}
-    for said, where in groups.items():
-        p = np.where(where, most, 0.0)
-        candidates[f"step of {said}, held"] = _rows([0.0], [p], seconds)
-        candidates[f"step of {said} on and off"] = _rows([0.0, seconds / 2], [p, 0 * p], seconds)
-        stairs = np.array([1, 2, 3, 2, 1, 0]) / 3
-        candidates[f"staircase of {said}, up and down"] = _rows(
-            np.arange(6) * seconds / 6, stairs[:, None] * p, seconds
-        )
-        times = np.arange(60) * seconds / 60
-        candidates[f"slow ramp of {said}, up and down"] = _rows(
-            times, (1 - np.abs(times / seconds * 2 - 1))[:, None] * p, seconds
-        )
-    alone = np.diag(most)
-    candidates["each channel alone in turn"] = _rows(np.arange(len(most)) * seconds / len(most), alone, seconds)
-    both = np.tril(np.ones((len(most), len(most)))) * most * 0.7
-    candidates["one channel more at a time"] = _rows(np.arange(len(most)) * seconds / len(most), both, seconds)
-    return {name: program for name, program in candidates.items() if fastest(program) <= rig.rate * (1 + 1e-9)}
-
-
-def fastest(program: PressureProgram) -> float:
-    """Return the largest change of a set point over the time to the next, Pa/s; infinite for a step at 0 s."""
-    if program.pressure[0].any():
-        return float("inf")
-    if len(program.time) < 2:
-        return 0.0
-    return float((np.abs(np.diff(program.pressure, axis=0)).max(axis=1) / np.diff(program.time)).max())
-
-
-def _rows(times: Any, pressures: Any, seconds: float) -> PressureProgram:
-    return PressureProgram(np.asarray(times, dtype=float), np.atleast_2d(np.asarray(pressures, dtype=float)), seconds)
-
-
 def next_experiment(
     design: Design,
     forward: ForwardModel,
@@ -88,7 +48,7 @@ def next_experiment(
     """
     if len(explanations) < 2:
         return None
-    tried = programs(design, rig)
+    tried = standard_programs(design, rig)
     times = np.linspace(rig.duration / _FRAMES, rig.duration, _FRAMES)
     first = explanations[0]
     factors = np.flatnonzero(first.vector.are_factors).tolist()

@@ -15,10 +15,10 @@ from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.policy import FitStage, Policy
 from optimize.fit.problem import Evaluation, widened
 from optimize.fit.significance import NEEDED
-from studies.tracing.decoys import Decoys, decoys_beside
-from studies.tracing.judged import Judged
+from studies.model_selection.decoys import Decoys, decoys_beside
+from studies.model_selection.judged import Judged
+from studies.model_selection.rules import Refits
 from studies.tracing.reduction import promised
-from studies.tracing.rules import Refits
 from studies.tracing.task import Place, Task
 
 # A step is the last that promises less than a quarter, in log likelihood, of what makes an effect needed.

@@ -1,7 +1,6 @@
 """The page that says what a trace found: self-contained, for any browser, without a network."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -11,13 +10,12 @@ from fabdesign.files.motion_file import square_triangles
 from fabdesign.nouns.model import Parameter
 from fabdesign.units import in_mm
 from studies.measured.used_frames import WHY
+from studies.model_selection.residuals import Residuals
 from studies.report import charts, page
 from studies.tracing.outcome import Outcome
 from studies.tracing.residual_analysis import remains
-from studies.tracing.residuals import Residuals
 from studies.tracing.statements import experiment_in_words, verdict_in_words
-from studies.view.items import Item
-from studies.view.page import render_page
+from studies.view import Item, render_page
 
 _FRAMES = 45  # of the motion shown
 _ERROR = """Surface RMS: distance of every measured point to the model's faces, capped at 10 mm, in the frames used of
@@ -44,7 +42,7 @@ def _answer(outcome: Outcome) -> Iterator[page.Block]:
     if outcome.synthetic:
         yield page.Text(Markup("Measured on a <b>synthetic rig</b>: {}").format(rig), "note")
     yield from page.texts("note", map(page.sentence, outcome.said))
-    yield error_bars(result["error"], "noise floor", "mm", "surface RMS of trials held out")
+    yield charts.error_bars(result["error"], "noise floor", "mm", "surface RMS of trials held out")
     tested = any(error.role == "test" for error in outcome.errors)
     held_out = "those of role test, looked at once" if tested else "each trial left out in turn, to first order"
     yield page.Text(_ERROR.format(held_out), "quiet")
@@ -67,17 +65,6 @@ def _answer(outcome: Outcome) -> Iterator[page.Block]:
         ("effect", "in the model", "gain\nmm", "smallest value\nthat would have shown"), rows, left=(3,)
     )
     yield page.Text(_GAIN, "quiet")
-
-
-def error_bars(error: Mapping[str, Any], noise: str, unit: str, x: str, scale: float = 1.0) -> page.Chart:
-    """Return the errors of a trace, as its file has them. noise: what the floor is called."""
-    rows = [
-        (noise, error["noise_floor"], charts.GREY),
-        ("flexible baseline", error["ceiling"], charts.GREY),
-        ("after", error["after"]["held_out"], charts.BLUE),
-        ("before", error["before"]["held_out"], charts.RED),
-    ]
-    return charts.bars("bars", [(name, scale * value, colour) for name, value, colour in rows], unit, x)
 
 
 def _detectable(effect: str, values: Mapping[str, float]) -> str:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fabdesign.nouns.array import Array, Indices
-from studies.tracing.black_box import RIDGES, Frames, frames_at, lagged
-from studies.tracing.residuals import Residuals
+from studies.model_selection.black_box import RIDGES, Frames, frames_at, lagged
+from studies.model_selection.residuals import Residuals
 
 CELLS = 10  # of the map of the cloth, a side
 _SIDE = 41

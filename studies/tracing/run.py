@@ -21,23 +21,23 @@ from fabdesign.units import in_mm
 from fabdesign.version import SIMULATOR
 from optimize.fit.clouds import evenly
 from optimize.fit.cross_validation import LeftOut
-from studies.calibration.rest_fit import with_shapes_at_rest
+from studies.fitting.rest_fit import with_shapes_at_rest
 from studies.measured.fit_data import Density, MeasuredData, TooLittle
 from studies.measured.sensitive_stretches import sensitive_stretches
 from studies.measured.splits import fit_trials
 from studies.measured.used_frames import Stretch, UsedFrames, share_left_out
-from studies.tracing.black_box import baseline_score
+from studies.model_selection.black_box import baseline_score
+from studies.model_selection.residuals import Residuals
+from studies.model_selection.rules import Selection
+from studies.model_selection.verdict import Evidence, decide
 from studies.tracing.candidates import candidates_of, same_from_rest
 from studies.tracing.discovered_term import discover
 from studies.tracing.experiment import Explanation, next_experiment
 from studies.tracing.outcome import Outcome, model_of
 from studies.tracing.residual_analysis import remains
-from studies.tracing.residuals import Residuals
-from studies.tracing.rules import Selection
 from studies.tracing.selection import select
 from studies.tracing.surface_errors import errors_of_trials
 from studies.tracing.task import Place, Task
-from studies.tracing.verdict import Evidence, decide
 
 ALGORITHM = 25  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
 TOLERANCE = 0.5e-3  # m of excess

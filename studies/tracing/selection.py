@@ -19,15 +19,15 @@ from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
 from optimize.fit.policy import AT_REST, NEAR, Policy
 from optimize.fit.significance import NEEDED, cheapest_first, conditioned, cost, needed
-from studies.calibration.intervals import expected_rms
-from studies.calibration.joint_fit import beside, joint_fit
-from studies.calibration.rest_fit import beginning, fit_at_rest
-from studies.tracing.judged import Judged, is_certain
+from studies.fitting.intervals import expected_rms
+from studies.fitting.joint_fit import beside, joint_fit
+from studies.fitting.rest_fit import beginning, fit_at_rest
+from studies.model_selection.judged import Judged, is_certain
+from studies.model_selection.rules import ON_SETS, Selection, below, follow
+from studies.model_selection.verdict import so_far
 from studies.tracing.reduction import promised, reduced
 from studies.tracing.refits import SetRefits, to_first_order
-from studies.tracing.rules import ON_SETS, Selection, below, follow
 from studies.tracing.task import Task
-from studies.tracing.verdict import so_far
 
 SLIGHT = 2.0  # times the tolerance: what leaves no more is near the minimum, and the joint fit begins there
 PROMISING = 0.5  # of what the declared parameters leave: where one effect promises to leave more, it is not all

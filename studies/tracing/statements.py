@@ -7,6 +7,7 @@ from fabdesign.effects.learned import formula
 from fabdesign.nouns.forward import Term
 from fabdesign.nouns.model import EffectTerm, Quantity
 from fabdesign.units import in_mm
+from studies.model_selection.verdict import effect_in_words
 from studies.report.page import gain_in_words
 from studies.tracing.experiment import Explanation
 from studies.tracing.outcome import Outcome
@@ -73,18 +74,6 @@ def _term_in_words(term: Term) -> str:
     effect = EFFECTS[term.name]
     quantities = {name: Quantity(value, effect.parameters[name].unit) for name, value in term.values.items()}
     return effect_in_words(EffectTerm(term.name, quantities))
-
-
-def effect_in_words(effect: EffectTerm) -> str:
-    values = ", ".join(f"{name.replace('_', ' ')} {_value(q)}" for name, q in effect.parameters.items())
-    return f"{effect.name.replace('_', ' ')} ({values})"
-
-
-def _value(quantity: Quantity) -> str:
-    unit = "" if quantity.unit == "1" else f" {quantity.unit}"
-    if quantity.interval90 is None:
-        return f"{quantity.value:.3g}{unit}"
-    return f"{quantity.value:.3g}{unit}, 90 % {quantity.interval90[0]:.3g} to {quantity.interval90[1]:.3g}"
 
 
 def experiment_in_words(outcome: Outcome) -> str | None:

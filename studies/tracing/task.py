@@ -16,7 +16,7 @@ from optimize.fit.fitted import Fit, concluded, kept
 from optimize.fit.parameters import FitVector
 from optimize.fit.policy import END, STEP, Policy
 from optimize.fit.problem import FitProblem, InputErrors
-from studies.calibration.fits import Fits
+from studies.fitting.fits import Fits
 from studies.measured.fit_data import MeasuredData
 
 FAR = 0.020  # m: a point that is farther off counts as this far

@@ -18,7 +18,7 @@ from fabdesign.runtime.effort import batches
 from fabdesign.runtime.store import Arrays, Checkpoint
 from optimize.fit.clouds import evenly
 from optimize.fit.parameters import FitVector
-from studies.calibration.calibrate import CalibrationOptions, calibrate
+from studies.calibration import CalibrationOptions, calibrate_sets
 from studies.measured.sensitive_stretches import find_used_frames
 from studies.measured.splits import split
 from studies.measured.used_frames import UsedFrames
@@ -148,7 +148,7 @@ def fitted_base(
         return options.base
     taking_part = {chosen.trial.file for chosen in learned}
     learning = [replace(one, trials=tuple(t for t in one.trials if t.file in taking_part)) for one in sets]
-    return calibrate(
+    return calibrate_sets(
         [one for one in learning if one.trials],
         forward,
         vector=options.vector,

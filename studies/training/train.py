@@ -107,7 +107,7 @@ class TrainingResult(Tabled):
         return columns
 
 
-def train(
+def train_on(
     sets: Sequence[MeasurementSet],
     forward: ForwardModel,
     output: Path,

@@ -17,7 +17,7 @@ from fabdesign.units import in_mm
 from optimize.fit.clouds import evenly
 from optimize.fit.descent import Progress, parts
 from optimize.fit.free_parameters import fit_vector
-from studies.calibration.calibrate import CalibrationOptions, calibrate
+from studies.calibration import CalibrationOptions, calibrate_sets
 from studies.prediction.evaluate import evaluate_sets
 from studies.prediction.evaluation_report import SetEvaluation
 from studies.prediction.forward_model import forward_model
@@ -30,10 +30,10 @@ def left_out(
 ) -> dict[str, Any]:
     """Return errors of the data sheet and of what the other designs' trials of role `fit` gave, on at most
     `study.trials` trials of the design `name`; an overlay of one of them goes to `picture` (PNG). With effects fitted
-    besides (`study.free`) the errors without them, of factors fitted alone, are said too. coarse: as `calibrate` and
-    `evaluate` take it; sensitive stretches are neither fitted nor evaluated. What `evaluate` says of a design and of
-    these stretches, the model's factors and effects, and how many trials were fitted. Raises InputError where nothing
-    is left to fit or to evaluate."""
+    besides (`study.free`) the errors without them, of factors fitted alone, are said too. coarse: as `calibrate_sets`
+    and `evaluate_sets` take it; sensitive stretches are neither fitted nor evaluated. What `evaluate` says of a design
+    and of these stretches, the model's factors and effects, and how many trials were fitted. Raises InputError where
+    nothing is left to fit or to evaluate."""
     measured = study.measured
     assert measured is not None
     others = tuple(trial for trial in measured.trials if trial.design_name != name and trial.role == "fit")
@@ -42,7 +42,7 @@ def left_out(
         raise InputError(f"{measured.name}: without {name}, no trial is left to {'evaluate' if others else 'fit'}")
     tests = tuple(replace(of_design[i], role="test") for i in evenly(len(of_design), study.trials))
     fitting, judging = parts(progress, _FIT)
-    calibration = calibrate(
+    calibration = calibrate_sets(
         replace(measured, trials=others),
         forward,
         vector=fit_vector(study.free, designs=[trial.design for trial in others]),

@@ -21,13 +21,12 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import MUSCLE_TYPES, OF_MUSCLES, Case, ForwardModel
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.model_sampling import Ensemble, spread_of
-from fabdesign.nouns.pressure import PressureProgram, RigLimits
+from fabdesign.nouns.pressure import PressureProgram, RigLimits, standard_programs
 from fabdesign.study_files.unseen_file import CandidateMeasurement, Unsewn
 from fabdesign.units import in_kpa, in_mm
 from optimize.fit.parameters import PRIOR
 from studies.intervals.band import shapes_with_error
 from studies.prediction.stability import moves, snaps, to_either_side
-from studies.tracing.experiment import programs
 from studies.unseen.report import Measurement, Percentiles, PoseResult
 
 
@@ -251,5 +250,5 @@ def candidates_of(unsewn: Unsewn, rig: RigLimits) -> list[CandidateMeasurement]:
     """Return the study's measurements; else steps, staircases and ramps on the design that the rig can do."""
     if unsewn.candidates:
         return [*unsewn.candidates]
-    named = programs(unsewn.design, rig)
+    named = standard_programs(unsewn.design, rig)
     return [CandidateMeasurement(name, unsewn.design, program) for name, program in named.items()]

@@ -122,12 +122,12 @@ def trained(tmp_path_factory: pytest.TempPathFactory):
 
 
 def _train(measured: Path, output: Path, **options):
-    from studies.training.train import train
+    from studies.training.train import train_on
 
     given = {"base": Model({"bending": Parameter(1.0)})} | options
     how = {name: given.pop(name) for name in ("force", "progress") if name in given}
     forward = given.pop("forward", Bending())
-    return train([read_set(measured)], forward, output, TrainingOptions(**given), goes_to=output, **how)
+    return train_on([read_set(measured)], forward, output, TrainingOptions(**given), goes_to=output, **how)
 
 
 def _off(motion: np.ndarray, truth: np.ndarray) -> float:

@@ -33,11 +33,11 @@ def small():
 
 def _train(measured: Path, output: Path, **options):
     from studies.training.data import TrainingOptions
-    from studies.training.train import train
+    from studies.training.train import train_on
 
     given = {"plan": small(), "network": "paper"} | options
     how = {name: given.pop(name) for name in ("force", "progress") if name in given}
-    return train([read_set(measured)], Bending(), output, TrainingOptions(Model(), **given), goes_to=output, **how)
+    return train_on([read_set(measured)], Bending(), output, TrainingOptions(Model(), **given), goes_to=output, **how)
 
 
 def test_the_answer_is_a_cloud_from_the_sixth_frame_on(measured: Path, tmp_path: Path) -> None:

@@ -20,9 +20,9 @@ from optimize.fit.problem import columns
 from optimize.fit.rest_detection import HELD, standing_of
 from optimize.fit.significance import NEEDED, needed
 from sim import Simulator
-from studies.calibration.fits import Fits
-from studies.calibration.joint_fit import negligible, unneeded
-from studies.calibration.rest_fit import LEAST, beginning, fit_at_rest
+from studies.fitting.fits import Fits
+from studies.fitting.joint_fit import negligible, unneeded
+from studies.fitting.rest_fit import LEAST, beginning, fit_at_rest
 from studies.measured.fit_data import MeasuredData
 from studies.measured.used_frames import UsedFrames
 

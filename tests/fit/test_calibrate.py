@@ -24,9 +24,10 @@ from optimize.fit.normal import Normal, directions
 from optimize.fit.parameters import DECLARED, PRIOR
 from optimize.fit.problem import Evaluation, FitProblem, Problem, horizons_of
 from sim.motion import faces
-from studies.calibration.calibrate import DRAWN, CalibrationOptions, calibrate
-from studies.calibration.intervals import engine_difference, interval_warnings, noise_rms
+from studies.calibration.calibrate import DRAWN, CalibrationOptions
+from studies.calibration.calibrate import calibrate_sets as calibrate
 from studies.calibration.report import as_text
+from studies.fitting.intervals import engine_difference, interval_warnings, noise_rms
 from studies.measured.bad_data import sound_trials
 from studies.measured.splits import fit_trials
 from tests.few_effects import few_effects
@@ -240,7 +241,7 @@ def test_effects_that_are_nothing_early_on_come_out_as_nothing_in_the_end(measur
         parts.append(problem.vector.labels)
         return fit(problem, *arguments, **options)
 
-    monkeypatch.setattr("studies.calibration.fits.fit", fit_seen)
+    monkeypatch.setattr("studies.fitting.fits.fit", fit_seen)
     found = calibrate(
         exact(measured),
         Curler(),
@@ -463,7 +464,7 @@ def test_factors_of_a_wrong_model_are_not_refined(tmp_path, monkeypatch):
         return found, total
 
     near, few = fitted()
-    monkeypatch.setattr("studies.calibration.fits.expected_rms", lambda noise, tolerance: 1.0)  # m: nothing is wrong
+    monkeypatch.setattr("studies.fitting.fits.expected_rms", lambda noise, tolerance: 1.0)  # m: nothing is wrong
     refined, many = fitted()
     assert near.after > 2 * 0.8e-3
     assert few < many and near.after < 1.05 * refined.after

@@ -12,7 +12,8 @@ from fabdesign.nouns.forward import PARAMETERS, Case, Term
 from fabdesign.nouns.pressure import PressureProgram
 from optimize.fit.free_parameters import fit_vector
 from sim import Simulator
-from studies.calibration.calibrate import CalibrationOptions, calibrate, most_trials
+from studies.calibration.calibrate import CalibrationOptions, most_trials
+from studies.calibration.calibrate import calibrate_sets as calibrate
 from tests.simulated_set import simulated_set
 
 TIMES = np.arange(1, 9) / 16  # s

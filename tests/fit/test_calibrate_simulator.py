@@ -7,7 +7,8 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import PARAMETERS
 from fabdesign.nouns.pressure import PressureProgram
 from sim import Simulator
-from studies.calibration.calibrate import CalibrationOptions, calibrate
+from studies.calibration.calibrate import CalibrationOptions
+from studies.calibration.calibrate import calibrate_sets as calibrate
 from tests.simulated_set import simulated_set
 
 TRUTH = dict(zip(PARAMETERS, np.exp([0.14, -0.02, -0.16, 0.06, -0.2, -0.05, 0.01]), strict=True))

@@ -14,7 +14,8 @@ from fabdesign.nouns.learned_range import LearnedRange
 from fabdesign.nouns.model import EffectTerm, Model
 from fabdesign.nouns.pressure import PressureProgram, rising_program
 from optimize.fit.free_parameters import fit_vector
-from studies.calibration.calibrate import CalibrationOptions, calibrate
+from studies.calibration.calibrate import CalibrationOptions
+from studies.calibration.calibrate import calibrate_sets as calibrate
 from studies.prediction.forward_model import extrapolated
 from tests.fit.test_calibrate import TIMES, Curler, write
 

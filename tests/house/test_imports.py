@@ -78,6 +78,28 @@ def _module_imports() -> dict[str, set[str]]:
     return imported
 
 
+# rooms of `studies` whose modules the other rooms borrow; each borrows from these alone
+LOWER = {"fitting", "intervals", "layout_search", "measured", "model_selection", "prediction", "report"}
+
+
+def test_rooms_of_studies_meet_at_their_doors() -> None:
+    """What several rooms need lies in a lower one; of any other they import what its `__init__` names."""
+    studies = [file for file in FILES if file.parts[len(ROOT.parts)] == "studies"]
+    rooms = {file: file.relative_to(ROOT / "studies").parts[0].removesuffix(".py") for file in studies}
+    inside = []
+    for file, room in rooms.items():
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.ImportFrom) or not (node.module or "").startswith("studies"):
+                continue
+            for alias in node.names:
+                _, other, *rest = f"{node.module}.{alias.name}".split(".")
+                if other in (room, *LOWER, "study"):
+                    continue
+                if room in LOWER or len(rest) > 1 or (ROOT / "studies" / other / f"{rest[0]}.py").is_file():
+                    inside.append(f"{file.relative_to(ROOT).as_posix()}: {node.module}.{alias.name}")
+    assert inside == []
+
+
 def test_what_no_type_check_sees_imports_what_is_there() -> None:
     """Benchmarks, scripts and examples: modules of this project by their file, names by a word in it."""
     missing = []

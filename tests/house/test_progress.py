@@ -13,7 +13,7 @@ from fabdesign.runtime import effort
 from fabdesign.study_files.loop_file import read_loop
 from studies.benches.tracing import examine
 from studies.loop.run import loop_in_words
-from studies.tracing.verdict import so_far
+from studies.model_selection.verdict import so_far
 from tests.conftest import ROOT
 
 COUNT = """

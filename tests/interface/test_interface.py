@@ -125,14 +125,14 @@ def test_predict_and_evaluate(run: Run, asked: Callable[[], list[str]], monkeypa
 # of each: what is called below, the command, and the same in Python
 BELOW = {
     "calibrate": (
-        "studies.calibration.calibrate.calibrate",
+        "studies.calibration.calibrate.calibrate_sets",
         "calibrate set --fit 0,2 --free air_drag --fix damping --model model.toml --grid 31 --seed 3 -o m.toml",
         lambda: fabdesign.calibrate(
             "set", "m.toml", fit=[0, 2], free=["air_drag"], fix=["damping"], model="model.toml", grid=31, seed=3
         ),
     ),
     "train": (
-        "studies.training.train.train",
+        "studies.training.train.train_on",
         "train set --model model.toml --free air_drag --hold-out cross --seed 2 --skip-bad -o m.toml",
         lambda: fabdesign.train(
             ["set"], "m.toml", model="model.toml", free=["air_drag"], hold_out=["cross"], seed=2, skip_bad=True
@@ -144,7 +144,7 @@ BELOW = {
         lambda: fabdesign.trace("set", "traced", model="model.toml", tolerance=0.7e-3, seed=4),
     ),
     "defaults of calibrate": (
-        "studies.calibration.calibrate.calibrate",
+        "studies.calibration.calibrate.calibrate_sets",
         "calibrate set -o m.toml",
         lambda: fabdesign.calibrate("set", "m.toml"),
     ),

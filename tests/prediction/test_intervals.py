@@ -154,7 +154,7 @@ def test_calibrate_leaves_trials_of_role_test_alone(measured: MeasurementSet, mo
         return replace(model, spread=None), "said"
 
     monkeypatch.setattr(calibration, "with_spread", spared)
-    found = calibration.calibrate(
+    found = calibration.calibrate_sets(
         measured, Roll(), options=calibration.CalibrationOptions(orders=[0, 9, 21], intervals=True)
     )
     assert found.intervals == "said"

@@ -50,7 +50,7 @@ def program(channel_0: np.ndarray) -> PressureProgram:
 @pytest.fixture
 def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A study whose target bows as under RAMP: a cloud each 0.1 s from rest on."""
-    monkeypatch.setattr("studies.follow.resumed.Resumed", Bowing)
+    monkeypatch.setattr("studies.studio.resumed.Resumed", Bowing)
     write_design(DESIGN, tmp_path / "cross.toml")
     (tmp_path / "clouds").mkdir()
     at_rest = Bowing(None).motion(Case(DESIGN, program(RAMP * 0)), np.zeros(1))
@@ -194,7 +194,7 @@ def test_the_page_shows_knots_that_are_dragged(study: Path) -> None:
 def test_a_motion_goes_on_from_the_state_before_what_changed() -> None:
     """Bit for bit as from rest, with the simulator itself."""
     from sim import Simulator
-    from studies.follow.resumed import Resumed
+    from studies.studio.resumed import Resumed
 
     simulator, times = Simulator(11), 0.05 * np.arange(1, 7)
     rows = np.array([[50e3, 0], [90e3, 10e3], [90e3, 60e3], [20e3, 60e3], [20e3, 0], [70e3, 0]], float)

@@ -24,7 +24,7 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import PARAMETERS, Case, Term
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
-from fabdesign.nouns.pressure import PressureProgram, RigLimits
+from fabdesign.nouns.pressure import PressureProgram, RigLimits, standard_programs
 from fabdesign.output import work_folder
 from fabdesign.runtime.store import Checkpoint
 from optimize.fit.cross_validation import LeftOut
@@ -34,28 +34,27 @@ from optimize.fit.normal import _bounded_step
 from optimize.fit.policy import END, NEAR, STEP
 from optimize.fit.problem import Evaluation, FitProblem, horizons_of
 from optimize.fit.significance import NEEDED, alike, conditioned, cost, needed, undecided
-from studies.calibration.fits import Fits
-from studies.calibration.intervals import far_factors
-from studies.calibration.joint_fit import joint_fit, negligible
+from studies.fitting.fits import Fits
+from studies.fitting.intervals import far_factors
+from studies.fitting.joint_fit import joint_fit, negligible
 from studies.measured.fit_data import MeasuredData
 from studies.measured.splits import fit_trials
 from studies.measured.used_frames import UsedFrames
-from studies.tracing.black_box import baseline_score, basis_of
+from studies.model_selection.black_box import baseline_score, basis_of
+from studies.model_selection.decoys import decoys_beside, exchanged, turned
+from studies.model_selection.judged import CAUSE, Judged, strength
+from studies.model_selection.residuals import Residuals
+from studies.model_selection.rules import Selection, loses
+from studies.model_selection.verdict import Evidence, decide, explains
 from studies.tracing.candidates import candidates_of
-from studies.tracing.decoys import decoys_beside, exchanged, turned
-from studies.tracing.experiment import programs
-from studies.tracing.judged import CAUSE, Judged, strength
 from studies.tracing.reduction import begin_without, reduced
 from studies.tracing.refits import SetRefits, _label_in
 from studies.tracing.residual_analysis import remains
-from studies.tracing.residuals import Residuals
-from studies.tracing.rules import Selection, loses
 from studies.tracing.run import DRAWN, trace_set
 from studies.tracing.selection import backwards, enough, sparse, worth
 from studies.tracing.statements import as_text
 from studies.tracing.surface_errors import TrialError, other_layouts
 from studies.tracing.task import Place, Task
-from studies.tracing.verdict import Evidence, decide, explains
 from tests.few_effects import few_effects
 
 TRIED = "braid_hysteresis", "muscle_creep", "odd_muscle", "filling_lag", "dead_time", "supply_droop", "time_offset"
@@ -521,9 +520,9 @@ def test_an_effect_that_is_next_to_nothing_is_no_cause(selected, late, unhurried
     chosen = Selection(joint, unhurried, Judged(found, data.folds, data.noise.sigma))
     assert sorted(chosen.labels) == ["filling_lag", "supply_droop"] and not chosen.slight
     less, more = sorted(chosen.labels, key=partial(strength, found))
-    monkeypatch.setattr("studies.tracing.judged.CAUSE", (droop + lag) / 2)
+    monkeypatch.setattr("studies.model_selection.judged.CAUSE", (droop + lag) / 2)
     assert (chosen.labels, chosen.slight) == ((more,), (less,))
-    monkeypatch.setattr("studies.tracing.judged.CAUSE", 2 * max(droop, lag))
+    monkeypatch.setattr("studies.model_selection.judged.CAUSE", 2 * max(droop, lag))
     with work_folder(tmp_path / "out", made_by="trace") as work:
         task = Task(
             data, Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], Checkpoint(work, {}),
@@ -711,9 +710,7 @@ def test_what_lay_aside_is_asked_for_again_at_the_end(late, monkeypatch):
             asked.append((named, problem.vector.labels, forward.made - made, start.jacobian))
             return found
 
-    monkeypatch.setattr(
-        "studies.calibration.joint_fit.negligible", lambda early, tolerance: frozenset(["supply_droop"])
-    )
+    monkeypatch.setattr("studies.fitting.joint_fit.negligible", lambda early, tolerance: frozenset(["supply_droop"]))
     found = joint_fit(data, joint.vector, joint.vector.start, Asked(forward, 0.5e-3, last=lambda vector: END))
     *_, (_, without, _, _), (named, labels, _, jacobian) = asked
     assert named == "at last" and labels == joint.vector.labels and "supply_droop" not in without
@@ -733,7 +730,7 @@ def test_a_joint_fit_that_leaves_too_much_begins_again_where_the_factors_alone_l
     """Over the first horizon, or with patience a later one; the better of both goes on."""
     joint, data = late
     asked = []
-    monkeypatch.setattr("studies.calibration.joint_fit.negligible", lambda early, tolerance: frozenset())
+    monkeypatch.setattr("studies.fitting.joint_fit.negligible", lambda early, tolerance: frozenset())
 
     class Asked(Fits):
         def fit(self, problem, start, policy, named=""):
@@ -936,15 +933,15 @@ def test_trials_left_out_are_predicted_from_the_others(late):
 
 def test_programs_keep_the_limits():
     design = build("basic")
-    for program in programs(design, RigLimits(pressure=250e3)).values():
+    for program in standard_programs(design, RigLimits(pressure=250e3)).values():
         assert program.pressure.shape[1] == design.channels
         assert program.pressure.min() >= 0 and program.pressure.max() <= 250e3
 
 
 def test_programs_keep_what_the_laboratory_can_do():
     slow = RigLimits(pressure=200e3, rate=250e3, duration=2.0)
-    found = programs(build("basic"), slow)
-    assert found and {*found} < {*programs(build("basic"))}
+    found = standard_programs(build("basic"), slow)
+    assert found and {*found} < {*standard_programs(build("basic"))}
     for program in found.values():
         assert program.duration == 2.0
         assert not program.pressure[0].any()  # a step at 0 s is none that takes time

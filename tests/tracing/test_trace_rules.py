@@ -5,9 +5,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from studies.tracing import rules
-from studies.tracing.decoys import Decoys
-from studies.tracing.rules import Refits, Selection, follow
+from studies.model_selection import rules
+from studies.model_selection.decoys import Decoys
+from studies.model_selection.rules import Refits, Selection, follow
 
 SURE = 0.9  # of a gain, its lower end: certain
 

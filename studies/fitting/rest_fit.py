@@ -16,7 +16,7 @@ from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitVector
 from optimize.fit.policy import AT_REST
 from optimize.fit.rest_detection import standing_of
-from studies.calibration.fits import Fits
+from studies.fitting.fits import Fits
 from studies.measured.fit_data import MeasuredData
 
 TRIALS = 48  # looked at for shapes at rest, at most

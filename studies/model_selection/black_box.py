@@ -19,7 +19,7 @@ from fabdesign.nouns.pressure import PressureProgram
 from optimize.fit.clouds import places_on_cloth
 from optimize.fit.cross_validation import Scored
 from optimize.fit.misfit import frames_of
-from studies.tracing.residuals import Residuals
+from studies.model_selection.residuals import Residuals
 
 BANDS = (0, 3), (4, 5), (6, 7)  # degrees of the polynomials on the cloth
 LAGS = 0.05, 0.2, 0.8  # s, of first-order lags of the pressures

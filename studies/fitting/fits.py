@@ -12,7 +12,7 @@ from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitVector
 from optimize.fit.policy import NEAR, Policy
 from optimize.fit.problem import FitProblem
-from studies.calibration.intervals import expected_rms
+from studies.fitting.intervals import expected_rms
 from studies.measured.fit_data import MeasuredData
 
 

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import label_effect
-from fabdesign.nouns.model import EffectTerm
+from fabdesign.nouns.model import EffectTerm, Quantity
 
 Word = Literal["adequate", "effect", "unexplained"]
 SHARE_OF_A_CAUSE = 0.6  # of the gap, that effects must close to be its cause
@@ -97,3 +97,15 @@ def effect_entry(effect: EffectTerm, explained: float | None) -> dict[str, Any]:
     scope = effect.scope or declared.scope
     entry = {"name": effect.name, "site": declared.site, "scope": scope, "parameters": effect.parameters}
     return entry | {"explains": explained}
+
+
+def effect_in_words(effect: EffectTerm) -> str:
+    values = ", ".join(f"{name.replace('_', ' ')} {_value(q)}" for name, q in effect.parameters.items())
+    return f"{effect.name.replace('_', ' ')} ({values})"
+
+
+def _value(quantity: Quantity) -> str:
+    unit = "" if quantity.unit == "1" else f" {quantity.unit}"
+    if quantity.interval90 is None:
+        return f"{quantity.value:.3g}{unit}"
+    return f"{quantity.value:.3g}{unit}, 90 % {quantity.interval90[0]:.3g} to {quantity.interval90[1]:.3g}"
