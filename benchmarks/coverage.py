@@ -38,7 +38,7 @@ from studies.calibration.calibrate import CalibrationOptions, calibrate_sets
 from studies.fitting.fitted_model import QUANTILE
 from studies.fitting.intervals import data_share, engine_difference
 from studies.measured.fit_data import noise_of
-from studies.rig import run_rig
+from studies.rig import RigSession, run_rig
 from studies.rig.ground_truth import GroundTruth
 from studies.rig.run import end_with_parent
 
@@ -59,7 +59,7 @@ def make(seed: int, folder: Path) -> dict[str, float]:
     programs = [
         PressureProgram(np.array([0.0, 0.5, 1.0]), rng.uniform(0, 400e3, (3, design.channels)), 1.5) for _ in range(5)
     ]
-    run_rig(design, programs, out=folder, truth=GroundTruth(seed, factors), test_trials=1)
+    run_rig(RigSession([(design, programs)], GroundTruth(seed, factors), test_trials=1), folder)
     return factors
 
 

@@ -59,7 +59,6 @@ def ship(measured: MeasurementSet, model: Model, output: Path) -> Path:
         (NewTrial(t.name, t.design_name, t.order, t.role, thinned(t)) for t in tests),
         name=SET,
         description=f"{len(tests)} {DESIGN} trials of {measured.name}, thinned; {measured.description}",
-        made_by="demo_model",
     )
     (output / SET / ".fabdesign").unlink(missing_ok=True)
     weights = (output / MODEL).with_suffix(".safetensors")

@@ -96,7 +96,7 @@ CASES = (
 
 def study_of(case: LoopCase, number: int, folder: Path) -> LoopStudy:
     """The case's study in its folder, which is made with its key and its target, measured on the rig at rest."""
-    from studies.rig import run_rig
+    from studies.rig import RigSession, run_rig
     from studies.rig.scene import Resolution
 
     pressures = 1e3 * np.array(case.pressures, dtype=float)
@@ -111,10 +111,8 @@ def study_of(case: LoopCase, number: int, folder: Path) -> LoopStudy:
             f"{case.effect}\n[sensing]\nframe_rate = 20.0\npoints = 600\n",
         )
         program = rising_program(pressures, RISE, RISE + HOLD)
-        run_rig(
-            case.design, [program], out=folder / "target_set", truth=key, force=True,
-            resolution=Resolution(element=ELEMENT, step=STEP),
-        )  # fmt: skip
+        session = RigSession([(case.design, [program])], key, resolution=Resolution(element=ELEMENT, step=STEP))
+        run_rig(session, folder / "target_set", force=True)
         frames = read_set(folder / "target_set").trials[0].load().frames[-8:]
         points = np.concatenate(frames)
         drawn = np.random.default_rng(number).permutation(len(points))[:POINTS]

@@ -10,6 +10,7 @@ An SDK is a folder named realsense-VERSION in which pyrealsense2 was installed (
 import argparse
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -190,12 +191,12 @@ def _factors(rig: RecordedRig, folder: Path, fused: Path) -> dict[str, dict[str,
     )
     perfect = TrialData(data.time, data.pressure, frames)
     design = rig.task.design
+    shutil.rmtree(folder / "perfect", ignore_errors=True)
     write_set(
         folder / "perfect",
         {design.name: design},
         [NewTrial("000", design.name, 0, "fit", perfect)],
         name="p",
-        force=True,
     )
     factors: dict[str, dict[str, Any]] = {}
     for name, measured in (("perfect", folder / "perfect"), ("fused", fused)):

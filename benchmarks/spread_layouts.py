@@ -37,7 +37,7 @@ from studies.intervals.calibrate import chosen
 from studies.intervals.draws import residuals
 from studies.intervals.widths import IntervalScore, RegionResiduals, calibrated
 from studies.measured.sensitive_stretches import find_used_frames
-from studies.rig import EffectSetting, GroundTruth, Sensing, run_rig
+from studies.rig import EffectSetting, GroundTruth, RigSession, Sensing, run_rig
 from studies.rig.scene import Resolution
 
 LAYOUTS, TRIALS = 10, 6
@@ -83,11 +83,8 @@ def measured_in(folder: Path) -> MeasurementSet:
         folder.mkdir(parents=True, exist_ok=True)
         session = [(own, programs(k, own.channels)) for k, own in enumerate(map(layout, range(LAYOUTS)))]
         run_rig(
-            *session[0],
-            more=session[1:],
-            out=folder / "set",
-            truth=TRUTH,
-            resolution=RIG,
+            RigSession(session, TRUTH, resolution=RIG),
+            folder / "set",
             workers=1,
             progress=lambda done, total: print(f"measured: {done} of {total}", flush=True),
         )

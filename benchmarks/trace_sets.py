@@ -18,7 +18,7 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import PARAMETERS
 from fabdesign.nouns.pressure import PressureProgram
 from optimize.fit.parameters import PRIOR
-from studies.rig import EffectSetting, run_rig
+from studies.rig import EffectSetting, RigSession, run_rig
 from studies.rig.effects.unlisted import OF
 from studies.rig.ground_truth import GroundTruth
 
@@ -165,7 +165,7 @@ def measure(
     """Measure pressure programs on the virtual rig, into `folder`."""
     effects = tuple(EffectSetting(name, values) for name, values in rig.effects.items())
     truth = GroundTruth(rig.seed, rig.factors, effects)
-    run_rig(rig.design, told, out=folder, truth=truth, test_trials=test_trials, workers=workers, force=True)
+    run_rig(RigSession([(rig.design, told)], truth, test_trials), folder, workers=workers, force=True)
 
 
 def programs(channels: int, rng: np.random.Generator) -> list[PressureProgram]:

@@ -77,13 +77,14 @@ def _bent(design: Design) -> Design:
 
 def measured(truth: Truth, pose: int, folder: Path) -> Path:
     """The cloud of a pose as the rig's sensor sees it at rest; made once."""
-    from studies.rig import run_rig
+    from studies.rig import RigSession, run_rig
 
     file = folder / f"{truth.name}_{pose}.npz"
     if not file.is_file():
         out = folder / f"{truth.name}_{pose}"
         program = rising_program(truth.pressures[pose], RISE, RISE + HOLD)
-        run_rig(truth.design, [program], out=out, force=True, resolution=Resolution(element=ELEMENT, step=STEP))
+        coarse = Resolution(element=ELEMENT, step=STEP)
+        run_rig(RigSession([(truth.design, [program])], resolution=coarse), out, force=True)
         frames = read_set(out).trials[0].load().frames[-8:]
         points = np.concatenate(frames)
         np.savez(file, points=points[np.random.default_rng(pose).permutation(len(points))[:POINTS]])

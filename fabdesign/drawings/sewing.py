@@ -139,14 +139,22 @@ class Exported:
     left_out: tuple[str, ...]  # what could not be made, and what would help
 
 
+@dataclass(frozen=True)
+class Sewing:
+    """How a design is sewn. paper: of the pages, "a4" or "letter"; None: no pages. seam_allowance: of cloth outside the
+    cloth's edge [m]. tail_length: of a muscle, left free at each end [m], in place of the muscle types' own."""
+
+    paper: str | None = "a4"
+    seam_allowance: float = 0.01
+    tail_length: float | None = None
+
+
 def export_design(
     design: Design,
     folder: Path,
+    sewing: Sewing = Sewing(),
     *,
     stem: str,
-    paper: str | None = "a4",
-    seam_allowance: float = 0.01,
-    tail_length: float | None = None,
     pressures: Sequence[Path] = (),
     force: bool = False,
     inputs: Inputs = (),
@@ -154,12 +162,12 @@ def export_design(
     """Write the laced faces' templates as SVG, their pages as PDF, the cut list, the pressures and, where ezdxf is
     installed, a DXF.
 
-    paper: "a4" or "letter"; None: no pages. seam_allowance: of cloth outside the cloth's edge [m]. tail_length: of a
-    muscle, left free at each end [m], in place of the muscle types' own. pressures: a file for each pose, written as
-    `STEM_pressures.csv`, `STEM_pressures_2.csv`. force, inputs: as `new_folder` takes them.
+    pressures: a file for each pose, written as `STEM_pressures.csv`, `STEM_pressures_2.csv`. force, inputs: as
+    `new_folder` takes them.
     Raises InputError where a muscle type in use has no tail length, where a muscle is longer than its stock, for a
     length out of range, for too many pages, and like `new_folder`.
     """
+    paper, seam_allowance, tail_length = sewing.paper, sewing.seam_allowance, sewing.tail_length
     if paper is not None and paper not in PAPERS:
         raise InputError(f"paper {paper}; expected one of {', '.join(PAPERS)}")
     for name, value in (("seam allowance", seam_allowance), ("tail length", tail_length)):

@@ -55,17 +55,13 @@ def write_set(
     description: str = "",
     frame_rate: float | None = None,
     accuracy: Accuracy = USUAL,
-    made_by: str = "write_set",
-    force: bool = False,
 ) -> None:
-    """Write a set, whole or not at all; `trials` may be a generator, one is held at a time.
-
-    made_by, force: as `new_folder` takes them. Raises InputError like it.
-    """
+    """Write a set, whole or not at all; `trials` may be a generator, one is held at a time. Raises InputError like
+    `new_folder`."""
     files = (f"{file_stem(key)}.toml" for key in designs)
     listed: list[Trial] = []
     timings: dict[str, RecordingTiming] = {}
-    with new_folder(folder, made_by=made_by, force=force) as unfinished:
+    with new_folder(folder, made_by="write_set") as unfinished:
         for key, design in designs.items():
             write_design(design, unfinished / f"{file_stem(key)}.toml")
         for trial in trials:

@@ -147,7 +147,7 @@ def export(
     paper: Paper of the PDF's pages.
     pressures: Pressures to write too, a file for each pose; by default those beside a DESIGN that optimize wrote.
     """
-    from fabdesign.drawings.sewing import export_design, pressures_beside
+    from fabdesign.drawings.sewing import Sewing, export_design, pressures_beside
     from fabdesign.interface.arguments import one_design
 
     read = one_design(design)
@@ -156,10 +156,8 @@ def export(
     return export_design(
         read,
         Path(out),
+        Sewing(None if paper == "none" else paper, seam_allowance, tail_length),
         stem=read.name if file is None else file.stem,
-        paper=None if paper == "none" else paper,
-        seam_allowance=seam_allowance,
-        tail_length=tail_length,
         pressures=chosen,
         force=Run(**given).force,
         inputs=[*paths_of(design), *chosen],

@@ -106,20 +106,16 @@ def rig(
 
     more: what follows on the command line. Returns the number of trials.
     """
-    from studies.rig import run_rig
+    from studies.rig import RigSession, run_rig
 
     if out is None:
         raise InputError("rig: no output; expected the measurement set to write")
     run, session = Run(**given), _session(design, many_of("pressures", pressures), more)
     with run.computing():
         run_rig(
-            design,
-            session[0][1],
-            more=session[1:],
-            out=out,
-            truth=key,
+            RigSession(session, key, test_trials),
+            out,
             recording=recording,
-            test_trials=test_trials,
             force=run.force,
             progress=lambda done, of: run.progress(f"measured {done} of {of} trials", done / of),
             say=run.say,

@@ -62,6 +62,7 @@ def evaluate(
     from studies.prediction.coarser_grid import enough_points
     from studies.prediction.evaluate import evaluate_sets
     from studies.prediction.evaluation_report import write_evaluation
+    from studies.prediction.forward_model import forward_model
 
     fitted = run.known_model(model, without)
     roles: tuple[Role, ...] = ("test", "fit") if all_trials else ("test",)
@@ -82,9 +83,8 @@ def evaluate(
             run.progress(in_words(seconds, f"{len(asked)} trials", on_cores()), None)
         forward = simulator(grid) if grid else enough_points(fitted, trials, simulator, tell=run.say)
         evaluation = evaluate_sets(
-            fitted,
+            forward_model(forward, fitted),
             sets,
-            forward,
             coarse=simulator(COARSE),
             all_trials=all_trials,
             interruptible=True,

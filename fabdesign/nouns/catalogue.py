@@ -9,6 +9,7 @@ from functools import cache
 from importlib.resources import as_file, files
 from math import inf
 from pathlib import Path
+from typing import TypedDict, Unpack
 
 from fabdesign.errors import InputError, note
 from fabdesign.files.design_file import read_design, read_part
@@ -80,16 +81,22 @@ def standard() -> Design:
         return read_design(folder / "standard.toml")
 
 
+class Size(TypedDict, total=False):
+    """The size of a cloth [m]."""
+
+    width: float | None
+    height: float | None
+
+
 def build(
     layout: str,
     *,
-    width: float | None = None,
-    height: float | None = None,
     muscles: int | None = None,
     fabric: Fabric | None = None,
     muscle_type: MuscleType | None = None,
     fixed_point_pitch: float = 0.02,
     name: str | None = None,
+    **size: Unpack[Size],
 ) -> Design:
     """Return a design of a catalogue layout: `basic`, `side`, `cross` or `vertical`.
 
@@ -110,11 +117,10 @@ def build(
             f"layout {layout}: fixed points {fixed_point_pitch:g} m apart; expected at least {CLOSEST:g} m"
         )
     cloth = fabric or standard().fabric
-    cloth = replace(
-        cloth,
-        width=cloth.width if width is None else width,
-        height=cloth.height if height is None else height,
-    )
+    if (width := size.get("width")) is not None:
+        cloth = replace(cloth, width=width)
+    if (height := size.get("height")) is not None:
+        cloth = replace(cloth, height=height)
     if not (0 < cloth.width <= 10 and 0 < cloth.height <= 10):
         raise InputError(f"layout {layout}: a cloth of {cloth.width:g} by {cloth.height:g} m; expected 0 to 10 m")
     kind = muscle_type or standard().muscle_types["EM20"]

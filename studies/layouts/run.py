@@ -20,7 +20,6 @@ from optimize.search.margins import constraint_margins
 from optimize.search.multistart import INTERRUPTED, search
 from optimize.search.objective import Objective
 from optimize.search.starts import Start
-from optimize.search.thinning import Fewer
 from studies.layout_search.first_layouts import (
     first_starts,
     forward_models,
@@ -132,7 +131,8 @@ def _searched(
         except KeyboardInterrupt:
             stop_reason = INTERRUPTED
     chosen = points if follow and robust is None else points[: FINALISTS if follow else 1]
-    result = _result(study, targets, evaluations, fine, stop_reason, chosen, follow=follow, fewer=fewer)
+    result = study_result(study, targets, evaluations, fine, stop_reason, chosen, follow=follow)
+    result = replace(result, fewer=fewer)
     if not follow:
         return result
     result = replace(result, within=expected_within(result, objective, quick))
@@ -190,7 +190,7 @@ def _floor(study: Study, targets: tuple[LoadedTarget, ...]) -> Callable[[Array],
     return floor
 
 
-def _result(
+def study_result(
     study: Study,
     targets: tuple[LoadedTarget, ...],
     evaluations: Evaluations,
@@ -199,7 +199,6 @@ def _result(
     points: Sequence[Start] = (),
     *,
     follow: bool = True,
-    fewer: Fewer | None = None,
 ) -> StudyResult:
     """Return the result of the first of `points` whose loading path is not sensitive, else of the first: where its
     motion leads, valued once more on the full model, and the resting cloth. By default points are what is as near as
@@ -248,5 +247,4 @@ def _result(
         stop_reason=stop_reason,
         reach=reach,
         loading_path=path,
-        fewer=fewer,
     )

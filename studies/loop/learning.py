@@ -23,6 +23,7 @@ from studies.calibration import Calibration, CalibrationOptions, calibrate_sets
 from studies.loop.record import Learned, TracedEffects
 from studies.measured.sensitive_stretches import GRID
 from studies.prediction.evaluate import evaluate_sets
+from studies.prediction.forward_model import forward_model
 
 MODEL = "model.toml"
 TRACE = "trace"  # the folder of the trace
@@ -221,9 +222,8 @@ def _held_out(
     None where no frame of such trials is used."""
     grid = study.points_per_side
     try:
-        errors = evaluate_sets(
-            model, sets, simulators(grid), coarse=simulators(min(grid, GRID)), seed=study.search.seed
-        ).designs
+        predictor = forward_model(simulators(grid), model)
+        errors = evaluate_sets(predictor, sets, coarse=simulators(min(grid, GRID)), seed=study.search.seed).designs
     except InputError:
         return None
     means = {

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fabdesign.drawings.sewing import export_design
+from fabdesign.drawings.sewing import Sewing, export_design
 from fabdesign.errors import InputError
 from fabdesign.files.design_file import write_design
 from fabdesign.files.measurement_set import NewTrial, read_set, write_set
@@ -17,7 +17,7 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import PressureProgram, limits, rising_program
 from fabdesign.nouns.trial import MeasurementSet, Role, Trial
-from fabdesign.output import WorkFolder, write_text
+from fabdesign.output import WorkFolder, new_folder, write_text
 from fabdesign.study_files.loop_file import Laboratory, LoopStudy, VirtualRig
 from fabdesign.units import in_kpa
 
@@ -126,56 +126,33 @@ def measured(
 
 
 def _on_rig(source: VirtualRig, asked: Asked, out: Path, progress: Counter) -> MeasurementSet:
-    from studies.rig import DEFAULT, GroundTruth, read_ground_truth, run_rig
+    from studies.rig import DEFAULT, RigSession, run_rig
 
     changed = {name: value for name in ("element", "step") if (value := getattr(source, name)) is not None}
-    run_rig(
-        asked.design,
-        asked.programs,
-        out=out,
-        truth=GroundTruth() if source.truth is None else read_ground_truth(source.truth),
-        test_trials=asked.held_out,
-        resolution=replace(DEFAULT, **changed),
-        progress=progress,
-    )
+    designs = [(asked.design, asked.programs)]
+    session = RigSession(designs, source.truth, asked.held_out, replace(DEFAULT, **changed))
+    run_rig(session, out, progress=progress)
     return read_set(out)
 
 
 def _keep(measured: MeasurementSet, asked: Asked, name: str, folder: Path) -> None:
     """The set with its trials' names and roles as the loop has them."""
     trials = sorted(measured.trials, key=lambda trial: trial.order)
-    write_set(
-        folder,
-        {name: trials[0].design},
-        (
-            NewTrial(
-                f"{name}_{trial.order:03d}",
-                name,
-                trial.order,
-                "test" if trial.role == "test" else asked.role(trial.order),
-                trial.load(),
-            )
-            for trial in trials
-        ),
-        name=name,
-        description=measured.description,
-        frame_rate=measured.frame_rate,
-        made_by="loop",
-        force=True,  # what a killed run left
+    roles = ("test" if trial.role == "test" else asked.role(trial.order) for trial in trials)
+    renamed = (
+        NewTrial(f"{name}_{trial.order:03d}", name, trial.order, role, trial.load())
+        for trial, role in zip(trials, roles, strict=True)
     )
+    about, rate = measured.description, measured.frame_rate
+    with new_folder(folder, made_by="loop", force=True) as unfinished:  # in place of what a killed run left
+        write_set(unfinished, {name: trials[0].design}, renamed, name=name, description=about, frame_rate=rate)
 
 
 def ask(source: Laboratory, asked: Asked, work: WorkFolder, name: str) -> None:
     """Write what to sew and what to run: design, template, cut list, a CSV a trial, and a page that says it."""
     folder = work.folder / name / ASKED
-    export_design(
-        asked.design,
-        folder / "sew",
-        stem="design",
-        paper=source.paper,
-        tail_length=source.tail_length,
-        force=(folder / "sew").exists(),
-    )
+    sewing = Sewing(source.paper, tail_length=source.tail_length)
+    export_design(asked.design, folder / "sew", sewing, stem="design", force=(folder / "sew").exists())
     with work.adding() as files:
         at = files / name / ASKED
         at.mkdir(parents=True)

@@ -4,25 +4,24 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.geometry.metrics import Errors, closed, statistics, trial_errors
 from fabdesign.geometry.sensor_noise import SensorNoise, estimate_noise
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case, ForwardModel
-from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.runtime.effort import batches
 from studies.intervals.band import IntervalJudge, interval_judges
 from studies.measured.fit_data import noise_clouds
 from studies.measured.sensitive_stretches import find_used_frames
-from studies.measured.used_frames import Flags
+from studies.measured.used_frames import UsedFrames
 from studies.prediction.evaluation_report import ERRORS, DesignResult, SetEvaluation, TrialResult
 from studies.prediction.forward_model import forward_model
 
@@ -31,9 +30,8 @@ _UNKNOWN = Errors(*[np.nan] * 5)
 
 
 def evaluate_sets(
-    model: Model,
+    predictor: Predictor,
     sets: Sequence[MeasurementSet],
-    forward: ForwardModel,
     *,
     coarse: ForwardModel | None = None,
     all_trials: bool = False,
@@ -41,10 +39,10 @@ def evaluate_sets(
     interruptible: bool = False,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> SetEvaluation:
-    """Return errors of `model` on the trials of role `test`, with `all_trials` of the others too, in a table of their
-    own.
+    """Return errors of a model, by its simulator, on the trials of role `test`, with `all_trials` of the others too, in
+    a table of their own.
 
-    forward: the simulator. coarse: a cheap one that finds the sensitive stretches of these trials
+    coarse: a cheap simulator that finds the sensitive stretches of these trials
     (measured.sensitive_stretches), which are left out. Without it they are not looked for. After is all of the model;
     before is what it was without effects and corrector, or, where it has neither, the data sheet. A model's intervals
     are evaluated at every sixth frame; coarse moves its drawn models.
@@ -52,18 +50,15 @@ def evaluate_sets(
     Raises InputError where no trial is left, or no frame of a design's trials; SimulationError where every
     motion of a design diverges.
     """
-    predictors = [forward_model(forward, each, sensing=True) for each in (model.before, model)]
+    model, forward = predictor.model, predictor.simulator
+    predictors = [forward_model(forward, model.before, sensing=True), replace(predictor, sensing=True)]
     jobs = _jobs(sets, ("test", "fit") if all_trials else ("test",))
     if not jobs:
         raise InputError(f"{', '.join(s.name for s in sets)}: no trial of role test; --all takes the others too")
     used = find_used_frames([(s, [t for job in jobs if job.measured is s for t in job.trials]) for s in sets], coarse)
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        noises = _noises(jobs, threads)
-        tasks = [
-            (partial(_errors, noise, seed, partial(used.at, job.measured), job.measured.name), trial)
-            for job, noise in zip(jobs, noises, strict=True)
-            for trial in job.trials
-        ]
+        jobs = _with_noise(jobs, threads)
+        tasks = [(partial(_errors, job, used, seed), trial) for job in jobs for trial in job.trials]
         results: list[TrialResult] = []
         try:
             for task in _evaluated(tasks, predictors, coarse or forward, threads):
@@ -73,23 +68,23 @@ def evaluate_sets(
             if not (interruptible and results):
                 raise
             begins = np.cumsum([0, *(len(job.trials) for job in jobs[:-1])])
-            begun = int((begins < len(results)).sum())
-            jobs, noises = jobs[:begun], noises[:begun]
+            jobs = jobs[: int((begins < len(results)).sum())]
     tables: dict[str, dict[str, DesignResult]] = {"test": {}, "fit": {}}
-    for job, noise in zip(jobs, noises, strict=True):
+    for job in jobs:
         of_set, results = results[: len(job.trials)], results[len(job.trials) :]
-        tables[job.role][job.title] = _summarise(job.title, job.measured, noise.result(), of_set)
+        tables[job.role][job.title] = _summarise(job, of_set)
     return SetEvaluation(tables["test"], tables["fit"], used, model.unreliable)
 
 
 @dataclass(frozen=True)
 class _Job:
-    """The trials of one design and role of a set: a row of a table."""
+    """The trials of one design and role of a set: a row of a table. noise: theirs, being estimated."""
 
     measured: MeasurementSet
     role: str
     title: str
     trials: Sequence[Trial]
+    noise: "Future[SensorNoise]" = field(default_factory=Future)
 
 
 def _jobs(sets: Sequence[MeasurementSet], roles: Sequence[str]) -> list[_Job]:
@@ -104,8 +99,8 @@ def _jobs(sets: Sequence[MeasurementSet], roles: Sequence[str]) -> list[_Job]:
     return jobs
 
 
-def _noises(jobs: Sequence[_Job], threads: ThreadPoolExecutor) -> list["Future[SensorNoise]"]:
-    """Return the noise of each job; what one set has of cloths of one thickness was seen by one sensor, and is
+def _with_noise(jobs: Sequence[_Job], threads: ThreadPoolExecutor) -> list[_Job]:
+    """Return the jobs, each with its noise; what one set has of cloths of one thickness was seen by one sensor, and is
     estimated once."""
     alike: dict[tuple[int, float], list[Trial]] = {}
     keys = []
@@ -113,7 +108,7 @@ def _noises(jobs: Sequence[_Job], threads: ThreadPoolExecutor) -> list["Future[S
         keys.append((id(job.measured), job.trials[0].design.fabric.thickness))
         alike.setdefault(keys[-1], []).extend(job.trials)
     noises = {key: threads.submit(estimate_noise, noise_clouds(trials), key[1]) for key, trials in alike.items()}
-    return [noises[key] for key in keys]
+    return [replace(job, noise=noises[key]) for job, key in zip(jobs, keys, strict=True)]
 
 
 def _evaluated(
@@ -138,22 +133,14 @@ def _evaluated(
 
 
 def _errors(
-    noise: "Future[SensorNoise]",
-    seed: int,
-    used: Callable[[Trial], Flags],
-    name: str,
-    trial: Trial,
-    frames: Sequence[NDArray[np.float64]],
-    judge: IntervalJudge,
-    *predicted: Any,
+    job: _Job, used: UsedFrames, seed: int, trial: Trial, frames: Sequence[Array], judge: IntervalJudge, *predicted: Any
 ) -> TrialResult:
-    """Return the errors of a trial of the set `name` with these clouds before and after; its motions are
-    `predicted`."""
-    kept = np.flatnonzero(used(trial))
+    """Return the errors of a trial with these clouds before and after; its motions are `predicted`."""
+    name, kept = job.measured.name, np.flatnonzero(used.at(job.measured, trial))
     if not len(kept):
         return TrialResult(name, trial.name, trial.order, trial.role, _UNKNOWN, _UNKNOWN, 0.0)
     clouds, seed = [frames[k] for k in kept.tolist()], seed + trial.order
-    before, after = (trial_errors(clouds, motion[kept], noise.result(), seed=seed) for motion in predicted)
+    before, after = (trial_errors(clouds, motion[kept], job.noise.result(), seed=seed) for motion in predicted)
     share, judged = len(kept) / len(frames), judge(frames, kept)
     return TrialResult(name, trial.name, trial.order, trial.role, before, after, share, judged)
 
@@ -170,9 +157,8 @@ def _motions(trials: Sequence[Trial], *predictors: Predictor) -> list[list[Any]]
     return [next(batches_of) if p.corrector is None else p.motions(cases, times) for p in predictors]
 
 
-def _summarise(
-    title: str, measured: MeasurementSet, noise: SensorNoise, results: Sequence[TrialResult]
-) -> DesignResult:
+def _summarise(job: _Job, results: Sequence[TrialResult]) -> DesignResult:
+    measured, title = job.measured, job.title
     # a trial on which either diverges is left out of both, so that the two compare
     sound = [r for r in results if np.isfinite(r.before.chamfer) and np.isfinite(r.after.chamfer)]
     if not sound and not any(r.used for r in results):
@@ -186,4 +172,4 @@ def _summarise(
     before, after = statistics([r.before for r in sound]), statistics([r.after for r in sound])
     means = [Errors(**{name: table[name].mean for name in ERRORS}) for table in (before, after)]
     source = f"{measured.name}: {measured.description}" if measured.description else measured.name
-    return DesignResult(source, noise, tuple(results), before, after, closed(*means))
+    return DesignResult(source, job.noise.result(), tuple(results), before, after, closed(*means))

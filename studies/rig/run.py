@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -38,35 +38,39 @@ Given = Path | str | Design
 Program = Path | str | PressureProgram
 
 
+@dataclass(frozen=True)
+class RigSession:
+    """What the rig measures: designs in their order, each with its pressure programs, a trial each. truth: of the
+    specimen, or its file. The last `test_trials` trials of each design get role "test"."""
+
+    designs: Sequence[tuple[Given, Sequence[Program]]]
+    truth: Path | str | GroundTruth | None = None
+    test_trials: int = 0
+    resolution: Resolution = DEFAULT
+
+
 def run_rig(
-    design: Given,
-    pressures: Sequence[Program],
-    *,
-    more: Sequence[tuple[Given, Sequence[Program]]] = (),
+    session: RigSession,
     out: Path | str,
-    truth: Path | str | GroundTruth | None = None,
+    *,
     recording: Path | str | None = None,
-    test_trials: int = 0,
-    resolution: Resolution = DEFAULT,
     workers: int | None = None,
     force: bool = False,
     progress: Callable[[int, int], None] = lambda done, of: None,
     say: Callable[[str], None] = lambda line: None,
 ) -> None:
-    """Measure a design on the virtual rig: one trial a pressure program, in session order, into the set `out`.
+    """Measure a session on the virtual rig into the set `out`.
 
-    `more`: designs measured after it in the same session, each with its pressures; `order` counts on. The last
-    `test_trials` trials of each design get role "test". `recording`: a folder for the raw clouds of four virtual depth
-    cameras of the first program; their true poses go beside it, to RECORDING.truth.json. force: replace folders that
-    this program made, and that file. progress(done, of) is called after each trial; say with an
-    estimate before. Raises InputError;
-    studies.rig.motion.RigDiverged where a motion has no solution.
+    `recording`: a folder for the raw clouds of four virtual depth cameras of the first program; their true poses go
+    beside it, to RECORDING.truth.json. force: replace folders that this program made, and that file. progress(done, of)
+    is called after each trial; say with an estimate before. Raises InputError; studies.rig.motion.RigDiverged where a
+    motion has no solution.
     """
-    session = [(design, pressures), *more]
-    inputs = [g for g in (truth, *(x for d, ps in session for x in (d, *ps))) if isinstance(g, Path | str)]
+    truth, test_trials, resolution = session.truth, session.test_trials, session.resolution
+    inputs = [g for g in (truth, *(x for d, ps in session.designs for x in (d, *ps))) if isinstance(g, Path | str)]
     out, recording = Path(out), None if recording is None else Path(recording)
     truth = truth if isinstance(truth, GroundTruth) else GroundTruth() if truth is None else read_ground_truth(truth)
-    read = [_read(*part, test_trials) for part in session]
+    read = [_read(*part, test_trials) for part in session.designs]
     for given in (design for design, _ in read if design.fabric.membrane_curve is not None):
         k1, k2 = linear_membrane(given).fabric.membrane_stiffness
         name, to = given.name, f"up to {WORKING_STRAIN:.0%} of strain"

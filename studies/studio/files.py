@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fabdesign.drawings.sewing import Exported, export_design
+from fabdesign.drawings.sewing import Exported, Sewing, export_design
 from fabdesign.errors import InputError
 from fabdesign.files.design_file import read_design, write_design
 from fabdesign.files.pressure_file import pressure_file_of, write_pressures
@@ -150,7 +150,7 @@ def save_template(layout: Layout, folder: Path, *, replace: bool) -> Exported:
     """Write what `fabdesign export` does into a folder. Raises InputError like it."""
     kinds = [layout.design.muscle_types[muscle.type] for muscle in layout.design.muscles]
     tail = _TAIL if any(kind.tail_length is None for kind in kinds) else None
-    return export_design(layout.design, folder, stem="design", tail_length=tail, force=replace)
+    return export_design(layout.design, folder, Sewing(tail_length=tail), stem="design", force=replace)
 
 
 def _template(layout: Layout, folder: Path) -> tuple[str, ...]:

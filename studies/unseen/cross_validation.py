@@ -53,9 +53,8 @@ def left_out(
 
     def evaluated(model: Model, what: str) -> SetEvaluation:
         return evaluate_sets(
-            model,
+            forward_model(forward, model),
             [replace(measured, trials=tests)],
-            forward,
             coarse=coarse,
             seed=study.seed,
             progress=lambda done, total: judging(

@@ -21,7 +21,7 @@ from fabdesign.nouns.catalogue import build
 from studies.fusion.frames import FusionReport
 from studies.fusion.fuse import fuse, fuse_all
 from studies.fusion.reference import off
-from studies.rig import GroundTruth, run_rig
+from studies.rig import GroundTruth, RigSession, run_rig
 from studies.rig.scene import Resolution
 
 DESIGN = build("basic")
@@ -35,14 +35,8 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     coarse = Resolution(element=0.02, step=1 / 480)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("FABDESIGN_CACHE", str(folder / "cache"))
-        run_rig(
-            DESIGN,
-            [program],
-            out=folder / "set",
-            truth=GroundTruth(seed=5),
-            recording=folder / "recording",
-            resolution=coarse,
-        )
+        session = RigSession([(DESIGN, [program])], GroundTruth(seed=5), resolution=coarse)
+        run_rig(session, folder / "set", recording=folder / "recording")
     return folder / "recording"
 
 

@@ -20,6 +20,7 @@ from studies.demo import measured
 from studies.demo.measured import as_blocks
 from studies.measured.used_frames import UsedFrames
 from studies.prediction.evaluate import evaluate_sets
+from studies.prediction.forward_model import forward_model
 from studies.prediction.stability import Branches
 from studies.report.page import html_of
 
@@ -102,7 +103,7 @@ def test_each_model_is_simulated_once_and_evaluated_as_evaluate_does(monkeypatch
     rolling = Rolling()
     errors = measured.evaluate_shipped(forward=rolling)
     assert rolling.asked == len(errors.errors) == 4  # data sheet, calibrated, with effects, corrected
-    [expected] = evaluate_sets(errors.shipped, [found], Rolling()).designs.values()
+    [expected] = evaluate_sets(forward_model(Rolling(), errors.shipped), [found]).designs.values()
     [trial] = expected.trials
     assert (errors.errors[measured.CALIBRATED], errors.errors[measured.CORRECTED]) == (trial.before, trial.after)
     assert errors.errors[measured.SHEET] != trial.before

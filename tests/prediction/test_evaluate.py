@@ -19,6 +19,7 @@ from studies.measured.fit_data import noise_of
 from studies.prediction import evaluate
 from studies.prediction.evaluate import evaluate_sets
 from studies.prediction.evaluation_report import tables_markdown, write_evaluation
+from studies.prediction.forward_model import forward_model
 
 NOISE = SensorNoise(0.0006, 0.003, 0.012)
 TIMES = np.array([0.1, 0.2, 0.3])
@@ -68,7 +69,7 @@ def measured(tmp_path_factory):
 
 def test_data_sheet_against_parameters_on_test_trials_only(measured):
     seen, forward = [], Curler(rest=1.2)
-    evaluation = evaluate_sets(SOFT, [measured], forward, progress=lambda *done: seen.append(done))
+    evaluation = evaluate_sets(forward_model(forward, SOFT), [measured], progress=lambda *done: seen.append(done))
     assert seen == [(1, 2), (2, 2)]
     assert forward.batches == [4]  # two trials, before and after
     assert not evaluation.others
@@ -94,7 +95,8 @@ def test_a_trials_errors_are_those_computed_alone_and_the_noise_is_the_sets(meas
     renamed = dataclasses.replace(measured.trials[0], design_name="again")
     both = dataclasses.replace(measured, trials=(renamed, *measured.trials[1:3]))
     noise, seen = noise_of([measured.trials[1], measured.trials[2], renamed]), []
-    found = evaluate_sets(SOFT, [both], Curler(), all_trials=True, seed=3, progress=lambda *done: seen.append(done))
+    predictor = forward_model(Curler(), SOFT)
+    found = evaluate_sets(predictor, [both], all_trials=True, seed=3, progress=lambda *done: seen.append(done))
     assert seen == [(1, 3), (2, 3), (3, 3)]
     assert found.designs["cross"].noise == found.others["again"].noise == noise
     for trial, own in zip(measured.trials[1:3], found.designs["cross"].trials, strict=True):
@@ -105,7 +107,7 @@ def test_a_trials_errors_are_those_computed_alone_and_the_noise_is_the_sets(meas
 
 def test_effects_are_what_after_adds(measured):
     model = dataclasses.replace(SOFT, effects=(EffectTerm("odd_muscle", {"factor": Quantity(1.2, "1")}),))
-    design = evaluate_sets(model, [measured], Curler()).designs["cross"]
+    design = evaluate_sets(forward_model(Curler(), model), [measured]).designs["cross"]
     # before: the parameters alone are short of a sixth of the pressure; after: nothing is missing
     assert design.after["surface_rms"].mean == pytest.approx(design.after["surface_floor"].mean, rel=0.1)
     assert design.closed.value == pytest.approx(1, abs=0.05)
@@ -113,7 +115,7 @@ def test_effects_are_what_after_adds(measured):
 
 
 def test_other_trials_have_a_table_of_their_own_and_diverged_ones_are_named(measured, tmp_path):
-    evaluation = evaluate_sets(SOFT, [measured], Curler(), all_trials=True)
+    evaluation = evaluate_sets(forward_model(Curler(), SOFT), [measured], all_trials=True)
     assert [t.role for t in evaluation.designs["cross"].trials] == ["test", "test"]
     assert evaluation.others["cross"].diverged == ["003"]
     assert len(evaluation.others["cross"].trials) == 2
@@ -136,7 +138,7 @@ def test_other_trials_have_a_table_of_their_own_and_diverged_ones_are_named(meas
 def test_lone_trial_has_no_spread_and_a_worse_model_is_said_to_be_worse(measured):
     one = dataclasses.replace(measured, trials=measured.trials[1:2])
     worse = Model(parameters={"bending": Parameter(2.0)})
-    text = tables_markdown(evaluate_sets(worse, [one], Curler(rest=1.2)))
+    text = tables_markdown(evaluate_sets(forward_model(Curler(rest=1.2), worse), [one]))
     rows = [row for row in text.splitlines() if row.startswith("| cross")]
     assert all("(" not in row for row in rows)
     assert "the excess grew by" in rows[1] and rows[1].endswith(" * |")
@@ -145,14 +147,14 @@ def test_lone_trial_has_no_spread_and_a_worse_model_is_said_to_be_worse(measured
 
 def test_two_sets_with_one_design_and_sets_without_test_trials(measured):
     one = dataclasses.replace(measured, trials=measured.trials[1:2])
-    both = evaluate_sets(SOFT, [one, dataclasses.replace(one, name="again")], Curler())
+    both = evaluate_sets(forward_model(Curler(), SOFT), [one, dataclasses.replace(one, name="again")])
     assert sorted(both.designs) == ["again/cross", "curled/cross"]
     untested = dataclasses.replace(measured, trials=measured.trials[:1])
     with pytest.raises(InputError, match="curled: no trial of role test"):
-        evaluate_sets(SOFT, [untested], Curler())
+        evaluate_sets(forward_model(Curler(), SOFT), [untested])
     lost = dataclasses.replace(measured, trials=measured.trials[3:])
     with pytest.raises(SimulationError, match="every motion of cross diverged"):
-        evaluate_sets(SOFT, [lost], Curler(), all_trials=True)
+        evaluate_sets(forward_model(Curler(), SOFT), [lost], all_trials=True)
 
 
 class Tosser(Curler):
@@ -168,8 +170,8 @@ class Tosser(Curler):
 
 
 def test_sensitive_stretches_are_left_out_and_named(measured, tmp_path):
-    blind = evaluate_sets(SOFT, [measured], Curler())
-    found = evaluate_sets(SOFT, [measured], Curler(), coarse=Tosser())
+    blind = evaluate_sets(forward_model(Curler(), SOFT), [measured])
+    found = evaluate_sets(forward_model(Curler(), SOFT), [measured], coarse=Tosser())
     assert blind.as_json()["unjudged"] is None
     printed = found.as_json()
     [stretch] = printed["unjudged"]
@@ -185,4 +187,4 @@ def test_sensitive_stretches_are_left_out_and_named(measured, tmp_path):
     assert "Left out as sensitive, 50% of the frames: 002 0.0 to 0.3 s" in text and "no frame used: 002" in text
     alone = dataclasses.replace(measured, trials=measured.trials[2:3])
     with pytest.raises(InputError, match="every frame is sensitive, small changes of the inputs lead to another shape"):
-        evaluate_sets(SOFT, [alone], Curler(), coarse=Tosser())
+        evaluate_sets(forward_model(Curler(), SOFT), [alone], coarse=Tosser())

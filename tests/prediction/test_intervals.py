@@ -25,6 +25,7 @@ from studies.intervals.band import over_nodes, width_in_words
 from studies.intervals.calibrate import with_spread
 from studies.prediction.evaluate import evaluate_sets
 from studies.prediction.evaluation_report import tables_markdown
+from studies.prediction.forward_model import forward_model
 from studies.prediction.predict import predict
 
 DESIGN = build("cross")
@@ -80,7 +81,7 @@ def test_calibrated_on_some_trials_they_hold_on_others(
     spread = model.spread
     assert spread is not None and spread.trials == 10 and 0.75 <= spread.held <= 1
     assert said.startswith("90 % intervals calibrated on 10 trials that were not fitted: mean width ")
-    evaluation = evaluate_sets(model, [measured], Roll())
+    evaluation = evaluate_sets(forward_model(Roll(), model), [measured])
     [design] = evaluation.designs.values()
     found = design.intervals
     assert found is not None and 0.75 <= found.inside <= 1 and found.count == 8 * 2 * 9
@@ -90,10 +91,10 @@ def test_calibrated_on_some_trials_they_hold_on_others(
     assert f"cross: 90 % intervals hold {found.inside:.0%} of the regions' heights" in tables_markdown(evaluation)
     # the covariance alone: 1 % of the motion in place of 10
     alone = replace(spread, constant=1e-6, covariance=1.645, motion=0.0)
-    [narrow] = evaluate_sets(replace(model, spread=alone), [measured], Roll()).designs.values()
+    [narrow] = evaluate_sets(forward_model(Roll(), replace(model, spread=alone)), [measured]).designs.values()
     assert narrow.intervals is not None and narrow.intervals.inside < 0.5 < found.inside
     assert narrow.intervals.crps > found.crps
-    [none] = evaluate_sets(MODEL, [measured], Roll()).designs.values()
+    [none] = evaluate_sets(forward_model(Roll(), MODEL), [measured]).designs.values()
     assert none.intervals is None and none.after == design.after
 
 

@@ -313,7 +313,7 @@ def test_the_cloth_is_found_in_its_points_whatever_was_believed(truth: float, be
 
 def test_a_reduced_loop_on_the_rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Simulator and virtual rig, both coarse: two designs, the second by what the first one's trials taught."""
-    from studies.rig import run_rig
+    from studies.rig import RigSession, run_rig
     from studies.rig.scene import Resolution
 
     few_effects(monkeypatch, "filling_lag", "orthotropy", "frame_tilt")
@@ -323,7 +323,7 @@ def test_a_reduced_loop_on_the_rig(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     write_design(design, tmp_path / "start.toml")
     program = rising_program(HIDDEN, 0.3, 0.9)
     coarse = Resolution(element=0.04, step=1 / 240)
-    run_rig(design, [program], out=tmp_path / "hidden", truth=tmp_path / "key.toml", resolution=coarse)
+    run_rig(RigSession([(design, [program])], tmp_path / "key.toml", resolution=coarse), tmp_path / "hidden")
     np.savetxt(tmp_path / "target.xyz", np.concatenate(read_set(tmp_path / "hidden").trials[0].load().frames[-6:]))
     rig = f'[rig]\nkey = "key.toml"\nelement = 0.04\nstep = {1 / 240}\n'
     text = (

@@ -27,7 +27,7 @@ from fabdesign.drawings.pages import (
     tiled,
     window,
 )
-from fabdesign.drawings.sewing import export_design, pressures_beside, write_cut_list
+from fabdesign.drawings.sewing import Sewing, export_design, pressures_beside, write_cut_list
 from fabdesign.drawings.template import Words, face_drawing, what_it_shows, whole_template
 from fabdesign.errors import InputError, InputNote
 from fabdesign.files.pressure_file import constant_program, write_pressures
@@ -51,7 +51,7 @@ def svg_points(element: ET.Element) -> list[list[float]]:
 @pytest.mark.parametrize(("side", "first"), [("front", 250 / 8), ("back", 250 * 7 / 8)])
 def test_svg_is_at_one_to_one_and_the_back_is_mirrored(side: str, first: float, tmp_path: Path) -> None:
     design = build("basic", width=0.25)
-    export_design(design, tmp_path, stem="d", paper=None, seam_allowance=0.012, tail_length=0.0)
+    export_design(design, tmp_path, Sewing(paper=None, seam_allowance=0.012, tail_length=0.0), stem="d")
     svg = ET.parse(tmp_path / f"d_{side}.svg").getroot()
     page = [float(size) for size in svg.attrib["viewBox"].split()[2:]]
     assert [svg.attrib["width"], svg.attrib["height"]] == [f"{size:g}mm" for size in page]  # 1 unit is 1 mm
@@ -69,7 +69,7 @@ def test_svg_is_at_one_to_one_and_the_back_is_mirrored(side: str, first: float, 
 
 
 def test_without_allowance_the_cloth_is_what_is_cut(tmp_path: Path) -> None:
-    export_design(build("side"), tmp_path, stem="d", paper=None, seam_allowance=0.0, tail_length=0.0)
+    export_design(build("side"), tmp_path, Sewing(paper=None, seam_allowance=0.0, tail_length=0.0), stem="d")
     (outline,) = ET.parse(tmp_path / "d_front.svg").getroot().findall("{*}polygon")
     assert svg_points(outline)[2] == [200, 200]
     assert "stroke-dasharray" not in outline.attrib
@@ -118,7 +118,7 @@ def test_names_of_pages() -> None:
 
 @pytest.mark.parametrize("paper", ["a4", "letter"])
 def test_pdf_pages_are_at_one_to_one(paper: str, tmp_path: Path) -> None:
-    made = export_design(build("cross"), tmp_path, stem="d", paper=paper, tail_length=0.02)
+    made = export_design(build("cross"), tmp_path, Sewing(paper=paper, tail_length=0.02), stem="d")
     assert tmp_path / f"d_{paper}.pdf" in made.files
     content = (tmp_path / f"d_{paper}.pdf").read_bytes()
     boxes = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", content)
@@ -155,14 +155,14 @@ def test_pages_are_limited(tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match=r"pages of A4 for a cloth of 10 x 10 m; expected at most 200, or --paper none"
     ):
-        export_design(build("basic", width=10, height=10), tmp_path / "out", stem="d", tail_length=0.0)
+        export_design(build("basic", width=10, height=10), tmp_path / "out", Sewing(tail_length=0.0), stem="d")
     assert not (tmp_path / "out").exists()
     assert set(NAMES) == set(PAPERS)
 
 
 def test_dxf_layers(tmp_path: Path) -> None:
     ezdxf = pytest.importorskip("ezdxf")
-    export_design(build("cross"), tmp_path, stem="d", paper=None, tail_length=0.0)
+    export_design(build("cross"), tmp_path, Sewing(paper=None, tail_length=0.0), stem="d")
     space = ezdxf.readfile(tmp_path / "d.dxf").modelspace()
     outlines = {
         line.dxf.layer: [p[:2] for p in line.get_points()] for line in space.query("LWPOLYLINE[layer!='FRONT']")
@@ -174,17 +174,17 @@ def test_dxf_layers(tmp_path: Path) -> None:
 def test_a_missing_dxf_extra_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fabdesign.drawings.sewing.find_spec", lambda name: None)
     with pytest.warns(InputNote, match="no DXF"):
-        made = export_design(build("cross"), tmp_path, stem="d", paper=None, tail_length=0.0)
+        made = export_design(build("cross"), tmp_path, Sewing(paper=None, tail_length=0.0), stem="d")
     assert made.left_out == ("no DXF: pip install 'fabdesign[dxf]'",)
     assert not (tmp_path / "d.dxf").exists()
 
 
 def test_cut_list_has_tails(tmp_path: Path) -> None:
     design = with_type(build("cross"), tail_length=0.05, stock_length=0.4)
-    export_design(design, tmp_path, stem="d", paper=None)
+    export_design(design, tmp_path, Sewing(paper=None), stem="d")
     rows = (tmp_path / "d_cut_list.csv").read_text().splitlines()
     assert rows[1] == "0,EM20,front,0,240.4,50.0,340.4,13"  # 170 mm sqrt(2), and a tail at each end
-    export_design(design, tmp_path / "asked", stem="d", paper=None, tail_length=0.03)
+    export_design(design, tmp_path / "asked", Sewing(paper=None, tail_length=0.03), stem="d")
     assert "240.4,30.0,300.4" in (tmp_path / "asked" / "d_cut_list.csv").read_text()
 
 
@@ -204,17 +204,17 @@ def test_no_cut_list_without_tails(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"EM20 has no tail_length.*expected --tail-length, in m"):
         export_design(build("cross"), tmp_path / "out", stem="d")
     assert not (tmp_path / "out").exists()
-    export_design(standard(), tmp_path, stem="d", paper=None)  # no muscles, no tails
+    export_design(standard(), tmp_path, Sewing(paper=None), stem="d")  # no muscles, no tails
 
 
 def test_muscle_longer_than_its_stock(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"muscle 0 needs 340.4 mm; expected at most its stock, 300 mm of EM20"):
-        export_design(with_type(build("cross"), stock_length=0.3), tmp_path / "out", stem="d", tail_length=0.05)
+        export_design(with_type(build("cross"), stock_length=0.3), tmp_path / "out", Sewing(tail_length=0.05), stem="d")
     assert not (tmp_path / "out").exists()
 
 
 def test_a_side_without_muscles_is_not_written(tmp_path: Path) -> None:
-    made = export_design(build("vertical"), tmp_path, stem="d", paper=None, tail_length=0.0)
+    made = export_design(build("vertical"), tmp_path, Sewing(paper=None, tail_length=0.0), stem="d")
     assert not (tmp_path / "d_back.svg").exists() and tmp_path / "d_front.svg" in made.files
 
 
@@ -274,9 +274,9 @@ def test_a_results_pressures_are_exported_with_it(tmp_path: Path) -> None:
     (folder / "result.json").touch()
     files = pressures_beside(folder / "design.toml")
     assert [file.name for file in files] == ["pressures.csv", "pressures_2.csv"]
-    made = export_design(design, tmp_path / "out", stem="d", paper=None, tail_length=0.0, pressures=files)
+    made = export_design(design, tmp_path / "out", Sewing(paper=None, tail_length=0.0), stem="d", pressures=files)
     assert (tmp_path / "out" / "d_pressures_2.csv").read_text() == files[1].read_text()
     assert poses_in_words(made.pressures)[1] == "pressures of pose 2: channel 0: 300 kPa, channel 1: 100 kPa"
     with pytest.raises(InputError, match="expected 3 channels"):
-        export_design(build("vertical"), tmp_path / "other", stem="d", tail_length=0.0, pressures=files)
+        export_design(build("vertical"), tmp_path / "other", Sewing(tail_length=0.0), stem="d", pressures=files)
     assert not (tmp_path / "other").exists()

@@ -26,7 +26,7 @@ from fabdesign.nouns.design import Design, Term
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.nouns.muscle_law import MuscleLaw
 from fabdesign.nouns.pressure import PressureProgram
-from studies.rig import EffectSetting, GroundTruth, Sensing, read_ground_truth, run_rig
+from studies.rig import EffectSetting, GroundTruth, RigSession, Sensing, read_ground_truth, run_rig
 from studies.rig.cameras import faces
 from studies.rig.effects import EFFECTS, LISTED
 from studies.rig.ground_truth import with_effects_of
@@ -256,7 +256,7 @@ def test_a_set_holds_points_with_the_stated_noise_and_not_the_key(tmp_path: Path
         sensing=Sensing(frame_rate=10.0, points=4000, noise=0.001, strays=0.0),
     )
     program = constant_program(np.zeros(3), 0.3)
-    run_rig(DUO, [program, program], out=tmp_path / "set", truth=truth, test_trials=1, resolution=COARSE, workers=1)
+    run_rig(RigSession([(DUO, [program, program])], truth, 1, COARSE), tmp_path / "set", workers=1)
     measured = read_set(tmp_path / "set")
     assert [t.role for t in measured.trials] == ["fit", "test"]
     data = measured.trials[0].load()

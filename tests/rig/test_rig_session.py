@@ -10,7 +10,7 @@ from fabdesign.files.design_file import write_design
 from fabdesign.files.measurement_set import read_set
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.catalogue import build
-from studies.rig import run_rig
+from studies.rig import RigSession, run_rig
 from studies.rig.specimen import TrialTask, prepare
 from tests.command_line import Run
 
@@ -42,7 +42,7 @@ def test_several_designs_in_one_session(tmp_path: Path, run: Run) -> None:
     code, _, err = run("rig", vertical, paths["a"], cross, "-o", tmp_path / "none")
     assert code == 2 and "cross.toml: no pressures" in err
     with pytest.raises(InputError, match="design vertical: two of this name"):
-        run_rig(vertical, [paths["a"]], more=[(vertical, [paths["b"]])], out=tmp_path / "none")
+        run_rig(RigSession([(vertical, [paths["a"]]), (vertical, [paths["b"]])]), tmp_path / "none")
     assert not (tmp_path / "none").exists()
 
 

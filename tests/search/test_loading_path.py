@@ -16,7 +16,7 @@ from optimize.search.objective import Objective, Target
 from studies.layout_search.target import LoadedTarget
 from studies.layouts.loading_path import loading_paths
 from studies.layouts.report import Section, render_report
-from studies.layouts.run import _result
+from studies.layouts.run import study_result
 from studies.prediction.forward_model import forward_model
 
 DUO = build("basic", muscles=2)  # one on the front, one on the back
@@ -113,7 +113,7 @@ def result_of(folder: Path, forward, *pressures):
         evaluations.evaluate(0, [(k, x) for k, (_, x) in enumerate(starts)])
         assert evaluations.best.start == 0 and len(evaluations.finalists()) == len(pressures)
         model = forward_model(forward, None)  # as a study makes it
-        return _result(study, (LoadedTarget(cloud, description="rolled"),), evaluations, model, "ended")
+        return study_result(study, (LoadedTarget(cloud, description="rolled"),), evaluations, model, "ended")
 
 
 def test_of_designs_equally_near_one_with_a_sure_loading_path_wins(tmp_path: Path) -> None:

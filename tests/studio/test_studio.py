@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fabdesign.drawings.sewing import export_design
+from fabdesign.drawings.sewing import Sewing, export_design
 from fabdesign.effects.registry import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.files.design_file import read_design, write_design
@@ -984,7 +984,7 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         page.widgets.press("Files", *export)
         template = folder / "basic_template"
         cut_list = (template / "design_cut_list.csv").read_text()
-        export_design(session.document.layout.design, folder / "exported", stem="design", tail_length=0.03)
+        export_design(session.document.layout.design, folder / "exported", Sewing(tail_length=0.03), stem="design")
         assert cut_list == (folder / "exported" / "design_cut_list.csv").read_text()
         assert (template / "design_a4.pdf").is_file()
         studio.turn()

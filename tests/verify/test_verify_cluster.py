@@ -22,7 +22,7 @@ from fabdesign.errors import SimulationError
 from fabdesign.files.design_file import write_design
 from fabdesign.files.pressure_file import constant_program
 from fabdesign.runtime.cluster import current, on_cluster
-from studies.rig import GroundTruth, run_rig
+from studies.rig import GroundTruth, RigSession, run_rig
 from studies.rig.scene import Resolution
 from tests.conftest import ROOT
 
@@ -161,10 +161,10 @@ def test_a_search_with_a_worker_killed(address: str, tmp_path: Path) -> None:
 
 def test_rig_trials(address: str, tmp_path: Path) -> None:
     programs = [constant_program([kpa * 1e3, 0.0], 0.1) for kpa in (50, 100)]
-    options: dict[str, Any] = {"truth": GroundTruth(), "resolution": Resolution(element=0.05)}
     design = fabdesign.build("vertical", muscles=2)
-    run_rig(design, programs, out=tmp_path / "here", workers=1, **options)
+    session = RigSession([(design, programs)], GroundTruth(), resolution=Resolution(element=0.05))
+    run_rig(session, tmp_path / "here", workers=1)
     with on_cluster(address):
-        run_rig(design, programs, out=tmp_path / "there", **options)
+        run_rig(session, tmp_path / "there")
     for trial in ("000.npz", "001.npz"):
         assert (tmp_path / "here/trials" / trial).read_bytes() == (tmp_path / "there/trials" / trial).read_bytes()
