@@ -145,7 +145,7 @@ class _Descent:
                 ended = self.problem.with_jacobian(there, state.jacobian)
                 return replace(course, state=ended, ended="converged")
             if not small and gain > PROMISED * promised:
-                updated = self.problem.with_jacobian(there, _updated(self.problem, state, there))
+                updated = self.problem.with_jacobian(there, updated_jacobian(self.problem, state, there))
                 return replace(course, state=updated, exact=False)
             if there.misfit.rms <= self.content:
                 return replace(course, state=self.problem.with_jacobian(there, state.jacobian), ended="converged")
@@ -291,7 +291,7 @@ def _promised(state: Linearisation, step: Array) -> Evaluation:
     return Evaluation(state.x + step, misfit, state.sheets)
 
 
-def _updated(problem: Problem, state: Linearisation, other: Evaluation) -> Array:
+def updated_jacobian(problem: Problem, state: Linearisation, other: Evaluation) -> Array:
     """Return the Jacobian at another place, updated by how the residuals changed on the way (Broyden)."""
     step = problem.moving(other.x - state.x)
     before, after, most = state.misfit.residual, other.misfit.residual, state.misfit.loss.cap

@@ -57,14 +57,14 @@ def step_to_minimum(
         normal = normal_equations(state, step, vector, inputs, far)
         gradient = normal.tempering * normal.gradient + weight @ state.x
         damped = normal.information + weight + damping * np.diag(np.diag(normal.information))
-        last, step = step, _bounded_step(damped, gradient, state.x, vector)
+        last, step = step, bounded_step(damped, gradient, state.x, vector)
         step = step * min(1.0, LARGEST / max(float(np.abs(step / vector.scale).max(initial=0.0)), 1e-12))
         if np.abs((step - last) / vector.scale).max(initial=0.0) < 1e-4:
             break
     return step, normal
 
 
-def _bounded_step(hessian: Array, gradient: Array, x: Array, vector: FitVector) -> Array:
+def bounded_step(hessian: Array, gradient: Array, x: Array, vector: FitVector) -> Array:
     """Return the step to the quadratic model's least value within the limits: a step that is cut at one of them
     afterwards leaves the other unknowns where they are no good."""
     step = np.asarray(-np.linalg.solve(hessian, gradient), dtype=np.float64)

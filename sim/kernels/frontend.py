@@ -133,7 +133,7 @@ def first_call(costly: str, sizes: tuple[int, ...]) -> Iterator[None]:
     with not_counted(), brief():
         mark = _mark(costly, sizes) if costly else None
         if mark is not None and not mark.exists():
-            note(f"compiling the simulator ({costly}; {_in_words(sizes)}), once on this machine: about {SECONDS} s")
+            note(f"compiling the simulator ({costly}; {sizes_in_words(sizes)}), once on this machine: about {SECONDS} s")
         yield
         if mark is not None:
             with suppress(OSError):  # without a mark the next process says it again
@@ -141,7 +141,7 @@ def first_call(costly: str, sizes: tuple[int, ...]) -> Iterator[None]:
                 mark.touch()
 
 
-def _in_words(sizes: tuple[int, ...]) -> str:
+def sizes_in_words(sizes: tuple[int, ...]) -> str:
     """Return for which designs kernels of these sizes serve: of others they are compiled apart."""
     nodes, points, *_ = sizes
     return f"grids up to {isqrt(nodes) - 2} points a side, designs up to {points} fixed points"

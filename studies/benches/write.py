@@ -35,7 +35,7 @@ def write_cloth(strips: Sequence[BenchCalibration], output: Path) -> list[Path]:
     """Write what strips of one cloth (`require_one_cloth`) say, as `write_bench_type` writes one."""
     across, down = (_curve(strip) for strip in sorted(strips, key=lambda strip: strip.bench.constants["direction"]))
     curve = MembraneCurve((across.strain[0], down.strain[1]), (across.tension[0], down.tension[1]))
-    origin = "; ".join(_origin(strip.bench) for strip in strips)
+    origin = "; ".join(origin_of(strip.bench) for strip in strips)
     return _write_curve(curve, origin, output)
 
 
@@ -53,7 +53,7 @@ def write_bench_type(calibration: BenchCalibration, output: Path) -> list[Path]:
     table = _table_of(output)
     if isinstance(law, BenchMuscle):
         document = tomlkit.document()
-        document.add(tomlkit.comment(_origin(bench)))
+        document.add(tomlkit.comment(origin_of(bench)))
         document["format"] = "fabdesign.design/1"
         entry = tomlkit.table()
         for key in SIZES:
@@ -68,8 +68,8 @@ def write_bench_type(calibration: BenchCalibration, output: Path) -> list[Path]:
         write_text(output, tomlkit.dumps(document))
         return [output, table]
     if isinstance(law, StripLaw) and "width" in bench.constants:
-        return _write_curve(_curve(calibration), _origin(bench), output)
-    write_bench_law(law.file(bench), output, table, comment=_origin(bench))
+        return _write_curve(_curve(calibration), origin_of(bench), output)
+    write_bench_law(law.file(bench), output, table, comment=origin_of(bench))
     return [output, table]
 
 
@@ -97,6 +97,6 @@ def _table_of(output: Path) -> Path:
     return output.with_name(f"{output.stem}_law.csv")
 
 
-def _origin(bench: Bench) -> str:
+def origin_of(bench: Bench) -> str:
     source = bench.source or bench.description
     return f"fitted to the bench {bench.name}{source and f': {source}'}"

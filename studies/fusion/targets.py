@@ -38,7 +38,7 @@ def with_target_poses(recording: Recording) -> tuple[Recording, dict[str, float]
         raise InputError(f"{place}: a target is seen in depth images; expected bag or images of each sensor")
     paired, chosen = paired_as_stamped(streams, 30.0, str(place))
     chosen = chosen[np.unique(np.linspace(0, len(chosen) - 1, MOST_IMAGES).round().astype(int))]
-    seen = [_still(_points(stream, [int(k) for k in chosen[:, c]], target)) for c, stream in enumerate(paired)]
+    seen = [_still(target_points(stream, [int(k) for k in chosen[:, c]], target)) for c, stream in enumerate(paired)]
     nominal = [sensor.camera_to_world for sensor in recording.sensors]
     poses, residuals = solve(seen, nominal, [sensor.name for sensor in recording.sensors])
     sensors = tuple(replace(s, camera_to_world=pose) for s, pose in zip(recording.sensors, poses, strict=True))
@@ -115,7 +115,7 @@ def _rigid(points: Array, onto: Array) -> Array:
     return pose
 
 
-def _points(stream: DepthStream, numbers: Sequence[int], target: SeenTarget) -> dict[tuple[int, int], Array]:
+def target_points(stream: DepthStream, numbers: Sequence[int], target: SeenTarget) -> dict[tuple[int, int], Array]:
     """Return the target's points in a camera's frame, by frame and corner."""
     seen: dict[tuple[int, int], Array] = {}
     rng = np.random.default_rng(0)

@@ -73,7 +73,7 @@ class _Grid:
         self._work, self._study, self._how, self._progress = work, study, how, progress
         self._cells = [*study.cells]
         self._found: list[CellResult] = []
-        self._turns, spent = _state(work.folder / TURNS)
+        self._turns, spent = turns_kept(work.folder / TURNS)
         self._began = working_time.seconds() - spent
         self._end = 0.0  # s that a turn took beyond its search
         self._longest = 0.0  # s that it took to follow the motions to a result
@@ -210,7 +210,7 @@ class _Grid:
             write_json(files / TURNS, state)
 
 
-def _state(file: Path) -> tuple[dict[str, CellTurns], float]:
+def turns_kept(file: Path) -> tuple[dict[str, CellTurns], float]:
     """Return the turns of each cell and the s spent; none before the first turn."""
 
     def read(file: Path) -> tuple[dict[str, CellTurns], float]:

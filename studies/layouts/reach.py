@@ -103,7 +103,7 @@ def helps_of(study: Study, point: Start, objective: Objective, forward: ForwardM
         for name, what in CHANGED_FACTORS.items()
         for sign in (1, -1)
     ]
-    before, nearer = what_helps(jacobians, objective, point, changes, _wider(study, point[0]), _of_types(point[0]))
+    before, nearer = what_helps(jacobians, objective, point, changes, _wider(study, point[0]), spaces_by_type(point[0]))
     return Helps(before, tuple(change for change in nearer if before - change.value > WORTH * before))
 
 
@@ -123,7 +123,7 @@ def _wider(study: Study, space: DesignSpace) -> dict[str, DesignSpace]:
     return spaces
 
 
-def _of_types(space: DesignSpace) -> dict[str, DesignSpace]:
+def spaces_by_type(space: DesignSpace) -> dict[str, DesignSpace]:
     """Return the space with all muscles of one type, of those that the design has besides."""
     muscles = space.design.muscles
     spaces = {}

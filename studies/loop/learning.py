@@ -71,7 +71,7 @@ def learn(
     measured, known, said = together(sets), known.without(["corrector"]), []
     traced, model, started = None, None, known
     if study.learning.trace:
-        traced, learned, lines = _traced(study, measured, known, work.folder / name / TRACE, simulators, say)
+        traced, learned, lines = traced_by(study, measured, known, work.folder / name / TRACE, simulators, say)
         said += lines
         if learned is not None:
             started = replace(known, effects=learned.effects)
@@ -109,7 +109,7 @@ def model_of(work: WorkFolder, name: str) -> Model:
     return read_model(work.folder / name / MODEL)
 
 
-def _traced(
+def traced_by(
     study: LoopStudy, measured: MeasurementSet, known: Model, out: Path, simulators: Simulators, say: Say
 ) -> Traced:
     from fabdesign.runtime.fingerprint import OtherContent

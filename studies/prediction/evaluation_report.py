@@ -243,7 +243,7 @@ def _write_histogram(evaluation: SetEvaluation, path: Path) -> None:
     axes = figure.subplots(len(panels), 2, squeeze=False)
     for row, (kind, name, design) in zip(axes, panels, strict=True):
         for axis, error, floor in zip(row, ("chamfer", "surface_rms"), ("chamfer_floor", "surface_floor"), strict=True):
-            _draw_distribution(axis, design, error)
+            draw_distribution(axis, design, error)
             axis.axvline(in_mm(design.after[floor].mean), color="black", linestyle="--", label="noise floor")
             axis.set(xlabel=f"{ERROR_NAMES[error]}, mm", title=f"{name}, {kind} trials")
             axis.legend(fontsize="small", loc="center left", bbox_to_anchor=(1, 0.5))
@@ -251,7 +251,7 @@ def _write_histogram(evaluation: SetEvaluation, path: Path) -> None:
     figure.savefig(path, dpi=120)
 
 
-def _draw_distribution(axis: Any, design: DesignResult, error: str) -> None:
+def draw_distribution(axis: Any, design: DesignResult, error: str) -> None:
     """Draw the errors before and after: a mark a trial of a few, else how many trials have which error."""
     states = {"before": "tab:gray", "after": "tab:blue"}
     if len(design.trials) < _FEW:

@@ -87,7 +87,7 @@ def run_rig(
     def trials() -> Generator[NewTrial, None, None]:
         seconds = sum(rig_seconds(float(t.times[-1]), t.design.fabric.width * t.design.fabric.height) for t in tasks)
         say(in_words(seconds / workers, f"{len(tasks)} trials", on_cores()))
-        with closing(_shapes(tasks, workers)) as motions:
+        with closing(shapes_of(tasks, workers)) as motions:
             for task, role, shapes in zip(tasks, roles, motions, strict=True):
                 yield NewTrial(f"{task.order:03d}", task.design.name, task.order, role, _sense(task, shapes))
                 progress(task.order + 1, len(tasks))
@@ -179,7 +179,7 @@ def _sense(task: TrialTask, shapes: Array) -> TrialData:
     return TrialData(task.times, task.program.at(task.times - 1e-6), clouds)
 
 
-def _shapes(tasks: Sequence[TrialTask], workers: int) -> Generator[Array, None, None]:
+def shapes_of(tasks: Sequence[TrialTask], workers: int) -> Generator[Array, None, None]:
     """Yield control points of every task, in order; on a cluster, or on several cores where there are several tasks."""
     if (cluster := current()) is not None:
         yield from cluster.map(control_points, tasks, lambda task: f"trial {task.order} of {task.design.name}")

@@ -128,7 +128,7 @@ def _lost(known: Fit, other: Fit) -> float:
     x = np.zeros(len(known.x))
     places = {name: k for k, name in enumerate(known.vector.names)}
     labels = {
-        label: _label_in(known.vector, t) for label, t in zip(other.vector.labels, other.vector.terms, strict=True)
+        label: label_in(known.vector, t) for label, t in zip(other.vector.labels, other.vector.terms, strict=True)
     }
     for name, value in zip(other.vector.names, other.x, strict=True):
         label, dot, key = name.rpartition(".")
@@ -138,7 +138,7 @@ def _lost(known: Fit, other: Fit) -> float:
     return loss(known.state, there, known.normal, known.vector, known.inputs)
 
 
-def _label_in(vector: FitVector, term: Term) -> str:
+def label_in(vector: FitVector, term: Term) -> str:
     """Return the label of a term in a vector: that of the same effect, of several in the same channel."""
     same = [(label, other) for label, other in zip(vector.labels, vector.terms, strict=True) if other.name == term.name]
     chosen = _chosen_only(term).values

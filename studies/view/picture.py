@@ -59,7 +59,7 @@ def save_picture(
     low, high = oblique.extent(box)
     height = width * float((high[1] - low[1]) / (high[0] - low[0]))
     size = max(width * len(instants), _LEAST_WIDTH) + 0.2
-    heads = [_wrapped(item, distance, size) for item, distance in zip(items, apart, strict=True)]
+    heads = [wrapped_head(item, distance, size) for item, distance in zip(items, apart, strict=True)]
     heights = [height + 0.35 + _LINE * (head.count("\n") + 1) for head in heads]
     figure = plt.figure(figsize=(size, sum(heights) + 0.4), layout="constrained")
     _draw_key(figure, items, overlay=overlay)
@@ -140,7 +140,7 @@ def _save_video(animation: FuncAnimation, path: Path) -> None:
         ) from None
 
 
-def _wrapped(item: Item, distance: Distance | None, width: float) -> str:
+def wrapped_head(item: Item, distance: Distance | None, width: float) -> str:
     """Return what stands over a row, in lines that a picture of `width` inches holds."""
     lines = [item.title]
     if distance is not None:

@@ -373,7 +373,7 @@ def test_a_charuco_board_is_seen() -> None:
     cv2 = pytest.importorskip("cv2", reason="the extra board is not installed")
     from fabdesign.depth.sensor import SeenTarget
     from fabdesign.depth.stream import DepthStream
-    from studies.fusion.targets import _points
+    from studies.fusion.targets import target_points
 
     target = SeenTarget("calibration", square=0.03, marker=0.022)
     board = cv2.aruco.CharucoBoard((5, 7), 0.03, 0.022, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
@@ -385,7 +385,7 @@ def test_a_charuco_board_is_seen() -> None:
     stream = DepthStream(
         "a", camera, 1e-3, np.zeros(1), stream.read, colour=lambda k: image, colour_camera=camera
     )  # fmt: skip
-    seen = _points(stream, [0], target)
+    seen = target_points(stream, [0], target)
     assert len(seen) == 4 * 6
     points = np.array([seen[0, k] for k in range(24)]).reshape(6, 4, 3)
     np.testing.assert_allclose(points[..., 2], 0.6, atol=5e-3)

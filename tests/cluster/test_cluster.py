@@ -25,7 +25,7 @@ from fabdesign.study_files.study_file import read_head
 from sim import Simulator
 from sim.on_cluster import OnCluster, batches
 from studies.rig import GroundTruth
-from studies.rig.run import _shapes
+from studies.rig.run import shapes_of
 from studies.rig.scene import DEFAULT
 from studies.rig.specimen import TrialTask
 from studies.sensitivity.run import run_sensitivity
@@ -118,7 +118,7 @@ def test_rig_trials_are_tasks(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr("studies.rig.run.current", Elsewhere)
     task = TrialTask(build("cross"), constant_program([0.0, 0.0]), np.zeros(1), 3, GroundTruth(), DEFAULT)
-    assert [*_shapes([task], 1)] == ["control_points of trial 3 of cross"]
+    assert [*shapes_of([task], 1)] == ["control_points of trial 3 of cross"]
 
 
 def test_a_worker_of_another_version_is_refused(address: str, monkeypatch: pytest.MonkeyPatch) -> None:

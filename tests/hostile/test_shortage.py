@@ -205,13 +205,13 @@ def test_what_is_damaged_in_a_kept_file_is_said_with_its_place(tmp_path: Path) -
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_what_is_kept_beside_is_done_again_too(damage: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """How a grid shared its time, and a motion of the rig in the user's cache."""
-    from studies.layout_grid.run import _state
+    from studies.layout_grid.run import turns_kept
     from studies.rig import specimen
 
     file = tmp_path / "turns.json"
     file.write_bytes(DAMAGES[damage](b'{"spent": 3.0, "cells": {}}\n'))
     with pytest.warns(InputNote, match=r"turns.json: damaged .*; how the time was shared is computed again$"):
-        assert _state(file) == ({}, 0.0)
+        assert turns_kept(file) == ({}, 0.0)
     monkeypatch.setattr(specimen, "_digest", lambda task: "task")
     monkeypatch.setattr(specimen, "user_cache", lambda kind: tmp_path)
     monkeypatch.setattr(specimen, "_run", lambda task: np.arange(6.0))

@@ -17,11 +17,11 @@ from fabdesign.nouns.bench import Bench, BenchRecord
 from fabdesign.nouns.catalogue import build, standard
 from fabdesign.nouns.model import Model, Parameter
 from fabdesign.study_files.study_file import read_head, read_study
-from studies.benches.write import _origin
+from studies.benches.write import origin_of
 from studies.check.design import design_findings
 from studies.layouts.result import write_best
 from studies.measured.used_frames import UsedFrames
-from studies.prediction.evaluation_report import SetEvaluation, _draw_distribution, tables_markdown
+from studies.prediction.evaluation_report import SetEvaluation, draw_distribution, tables_markdown
 from tests.report_pages import search_result
 
 
@@ -47,8 +47,8 @@ def test_a_diameter_in_mm_is_called_one() -> None:
 
 def test_a_bench_without_source_ends_its_comment() -> None:
     bench = Bench("SLEEVE28B", "muscle", (), "force", {}, (BenchRecord("r", {}, {}),))
-    assert _origin(bench) == "fitted to the bench SLEEVE28B"
-    assert _origin(replace(bench, source="own")) == "fitted to the bench SLEEVE28B: own"
+    assert origin_of(bench) == "fitted to the bench SLEEVE28B"
+    assert origin_of(replace(bench, source="own")) == "fitted to the bench SLEEVE28B: own"
 
 
 def test_print_and_a_notebook_show_some_lines() -> None:
@@ -87,7 +87,7 @@ def test_errors_of_a_few_trials_are_marks_not_bars_of_height_one() -> None:
 
     axes = Figure().subplots()
     trials = [Made(before=Made(chamfer=k * 1e-3), after=Made(chamfer=1e-3)) for k in range(4)]
-    _draw_distribution(axes, Made(trials=trials), "chamfer")
+    draw_distribution(axes, Made(trials=trials), "chamfer")
     assert not axes.patches and axes.lines[0].get_xdata().tolist() == [0.0, 1.0, 2.0, 3.0]
 
 

@@ -12,7 +12,7 @@ from fabdesign.runtime import working_time
 from fabdesign.runtime.working_time import Stopwatch
 from fabdesign.study_files.study_file import Study, StudyLimits
 from fabdesign.study_files.study_targets import TargetFile
-from sim.kernels.frontend import _in_words
+from sim.kernels.frontend import sizes_in_words
 from sim.loading import SIZES
 from studies.layouts.run import run_study
 from tests.analytic_cloth import AnalyticCloth
@@ -97,5 +97,5 @@ def test_a_search_is_the_same_whether_its_kernels_are_compiled_or_not(
 
 
 def test_a_compilation_says_for_which_designs_it_serves() -> None:
-    assert _in_words((43 * 43, 256, 44, 4, 8)) == "grids up to 41 points a side, designs up to 256 fixed points"
+    assert sizes_in_words((43 * 43, 256, 44, 4, 8)) == "grids up to 41 points a side, designs up to 256 fixed points"
     assert SIZES[0] == (43, 96)  # what `fabdesign prepare` says that it compiles for

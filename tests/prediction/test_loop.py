@@ -26,7 +26,7 @@ from fabdesign.output import work_folder
 from fabdesign.runtime.fingerprint import OtherContent
 from fabdesign.study_files.loop_file import StopRule, read_loop
 from studies.check.study import study_findings
-from studies.loop.learning import _traced, learn
+from studies.loop.learning import traced_by, learn
 from studies.loop.measuring import Asked, programs_for, within_rate
 from studies.loop.record import stop_reason
 from studies.loop.resting_shape import resting_faces
@@ -207,7 +207,7 @@ def test_a_trace_that_other_code_began_is_begun_anew(place: Path, monkeypatch: p
     monkeypatch.setattr("studies.tracing.run.trace_set", traced)
     design = build("cross")
     measured = on_device(Asked(design, (constant_program(HIDDEN),), 1, 1), place / "set")
-    found = _traced(read_loop(place / "study.toml"), measured, Model(), place / "trace", simulators, lambda line: None)
+    found = traced_by(read_loop(place / "study.toml"), measured, Model(), place / "trace", simulators, lambda line: None)
     assert forced == [False, True]
     assert found == (None, None, ["not traced: d: 2 trials"])
 

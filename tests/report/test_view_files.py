@@ -23,7 +23,7 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
 from studies.view.distance import distances
 from studies.view.items import items_of
-from studies.view.picture import _wrapped
+from studies.view.picture import wrapped_head
 from studies.view.shapes import AROUND, points_beneath
 from tests.analytic_cloth import AnalyticCloth
 
@@ -302,5 +302,5 @@ def test_a_muscle_knows_the_points_of_its_side_that_it_lies_on(files: dict[str, 
 def test_words_over_a_picture_stay_within_it(files: dict[str, Path]) -> None:
     items = items_of([files["trial"], files["motion"]])
     distance = distances(items)[1]
-    lines = _wrapped(items[1], distance, 6.0).splitlines()
+    lines = wrapped_head(items[1], distance, 6.0).splitlines()
     assert max(map(len, lines)) <= 78 and lines[-1].startswith("surface RMS")

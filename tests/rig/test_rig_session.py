@@ -30,7 +30,7 @@ def test_several_designs_in_one_session(tmp_path: Path, run: Run) -> None:
     vertical, cross = tmp_path / "vertical.toml", tmp_path / "cross.toml"
     session = (vertical, paths["a"], paths["b"], cross, paths["c"])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("studies.rig.run._shapes", lambda tasks, workers: (still(task) for task in tasks))
+        patch.setattr("studies.rig.run.shapes_of", lambda tasks, workers: (still(task) for task in tasks))
         code, _, err = run("rig", *session, "--key", key, "--test-trials", 1, "-o", tmp_path / "set")
     assert code == 0, err
     trials = read_set(tmp_path / "set").trials

@@ -21,7 +21,7 @@ from optimize.search.design_space import DesignSpace, Limits
 from optimize.search.objective import Objective, Target
 from optimize.search.slopes import Change, what_helps
 from studies.layout_search.target import LoadedTarget
-from studies.layouts.reach import _of_types, missed_at
+from studies.layouts.reach import spaces_by_type, missed_at
 from studies.layouts.run import run_study
 from tests.analytic_cloth import WithJacobian
 
@@ -74,9 +74,9 @@ def test_another_type_of_muscle_is_among_what_helps() -> None:
     types = {kind.name: kind, "strong": replace(kind, name="strong")}
     design = replace(DESIGN, muscle_types=types)
     space = DesignSpace(design, Limits(pressure=(0.0, 150e3)), np.full((1, 3), 150e3))
-    [(name, own)] = _of_types(space).items()
+    [(name, own)] = spaces_by_type(space).items()
     assert name == "muscles of type strong" and {muscle.type for muscle in own.design.muscles} == {"strong"}
-    assert _of_types(replace(space, design=DESIGN)) == {}
+    assert spaces_by_type(replace(space, design=DESIGN)) == {}
     objective, forward = Objective([Target(cloud([180, 180, 180]))]), ByType(21)
     before, [found] = what_helps(forward.faces_jacobian, objective, (space, np.ones(3)), [], {}, {name: own})
     [there] = objective.shapes(forward, [(own, np.ones(3))])

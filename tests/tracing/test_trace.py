@@ -28,9 +28,9 @@ from fabdesign.nouns.pressure import PressureProgram, RigLimits, standard_progra
 from fabdesign.output import work_folder
 from fabdesign.runtime.store import Checkpoint
 from optimize.fit.cross_validation import LeftOut
-from optimize.fit.descent import FitStart, _updated, fit
+from optimize.fit.descent import FitStart, updated_jacobian, fit
 from optimize.fit.free_parameters import fit_vector
-from optimize.fit.normal import _bounded_step
+from optimize.fit.normal import bounded_step
 from optimize.fit.policy import END, NEAR, STEP
 from optimize.fit.problem import Evaluation, FitProblem, horizons_of
 from optimize.fit.significance import NEEDED, alike, conditioned, cost, needed, undecided
@@ -48,7 +48,7 @@ from studies.model_selection.rules import Selection, loses
 from studies.model_selection.verdict import Evidence, decide, explains
 from studies.tracing.candidates import candidates_of
 from studies.tracing.reduction import begin_without, reduced
-from studies.tracing.refits import SetRefits, _label_in
+from studies.tracing.refits import SetRefits, label_in
 from studies.tracing.residual_analysis import remains
 from studies.tracing.run import DRAWN, trace_set
 from studies.tracing.selection import backwards, enough, sparse, worth
@@ -373,8 +373,8 @@ def test_of_several_channels_or_places_the_odd_one_stays(monkeypatch):
     assert sparse(found, ["dead_time", "odd_muscle:1", "odd_muscle:2"]) == ["dead_time", "odd_muscle:1"]
     assert sparse(found, [here, "dead_time", there]) == ["dead_time", there]
     own, index = vector.only(["odd_muscle:1"])
-    assert own.labels == ("odd_muscle",) and _label_in(vector, own.terms[0]) == "odd_muscle:1"
-    assert _label_in(own, vector.terms[vector.labels.index("odd_muscle:1")]) == "odd_muscle"
+    assert own.labels == ("odd_muscle",) and label_in(vector, own.terms[0]) == "odd_muscle:1"
+    assert label_in(own, vector.terms[vector.labels.index("odd_muscle:1")]) == "odd_muscle"
     assert own.names[-1] == "odd_muscle.factor" and own.terms_at(x[index])[0].values["channel"] == 1
     assert own.terms_at(x[index])[0].values["factor"] == pytest.approx(np.exp(-0.4))
 
@@ -388,7 +388,7 @@ def test_a_step_ends_where_the_quadratic_model_is_least_within_the_bounds(seed):
     root = rng.normal(size=(size, size))
     hessian, gradient = root @ root.T + 0.1 * np.eye(size), 3.0 * rng.normal(size=size)
     x = vector.inside(rng.normal(size=size))
-    end = x + _bounded_step(hessian, gradient, x, vector)
+    end = x + bounded_step(hessian, gradient, x, vector)
     low, high = vector.limits
     assert (end >= low - 1e-9).all() and (end <= high + 1e-9).all()
     slope = gradient + hessian @ (end - x)
@@ -970,7 +970,7 @@ def test_a_gain_up_and_every_channel_down_as_much_is_left_to_the_priors(monkeypa
     at = Evaluation(x, SimpleNamespace(residual=residual, loss=SimpleNamespace(cap=99.0)), [])
     state = problem.linearise(at, np.eye(len(x)))
     there = Evaluation(x + rng.normal(size=len(x)), SimpleNamespace(residual=rng.normal(size=30)), [])
-    updated = _updated(problem, state, there)
+    updated = updated_jacobian(problem, state, there)
     np.testing.assert_allclose(state.jacobian @ idle, 0.0, atol=1e-12)
     np.testing.assert_allclose(updated @ idle, 0.0, atol=1e-12)
     np.testing.assert_allclose(updated @ (there.x - x), there.misfit.residual - residual)  # Broyden's secant
