@@ -10,7 +10,7 @@ from fabdesign.runtime.supervisor import supervised
 def main() -> None:
     """Run the command line in a child process of this one."""
     _import_nothing_of_the_user()
-    supervised(_command_line, _give_up)
+    supervised(command_line, _give_up)
 
 
 def _import_nothing_of_the_user() -> None:
@@ -26,7 +26,7 @@ def _import_nothing_of_the_user() -> None:
     os.environ.setdefault("PYTHONSAFEPATH", "1")
 
 
-def _command_line() -> None:
+def command_line() -> None:
     from fabdesign.cli import main
 
     main()

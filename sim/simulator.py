@@ -86,7 +86,7 @@ class Simulator:
             raise InputError(f"self_contact is {self.self_contact!r}; expected True or False")
 
     @property
-    def _calm(self) -> int:
+    def calm(self) -> int:
         return self.calm_steps or (1 if self.self_contact else 8 if self.points_per_side <= 41 else 4)
 
     def solve(self, batch: Batch) -> Solve:
@@ -109,7 +109,7 @@ class Simulator:
         motions = dict[int, SimulatedMotion]()
         wanted = [np.asarray(t, dtype=float) for t in times]
         with lock:
-            for engine, patient, asked in self._tries(motions, len(cases)):
+            for engine, patient, asked in self.tries(motions, len(cases)):
                 steps = {i: engine.steps(cases[i], wanted[i]) for i in asked}
                 for chunk in chunks_of(cases, self.points_per_side, {i: one.pattern for i, one in steps.items()}):
                     batch, still = engine.started(chunk, patient=patient)
@@ -149,13 +149,13 @@ class Simulator:
             motions[i] = motion_of(case, times[i], shapes[frames].reshape(-1, n, n, 3), states[frames])
         return motions
 
-    def _tries(
+    def tries(
         self, results: Mapping[int, SimulatedMotion], count: int
     ) -> Iterator[tuple["Simulator", bool, list[int]]]:
         """Yield all of the cases; then, finer and with patience, those whose result by then is lost."""
         yield self, False, [*range(count)]
         if lost := [i for i in range(count) if results[i].diverged]:
-            yield self._finer(), True, lost
+            yield self.finer(), True, lost
 
     def steps(self, case: Case, times: Array, *, begin: int = 0, jumps: Jumps | None = None) -> Steps:
         """Return the steps of a motion with frames at `times` [s], from tick `begin` on. jumps: after which steps are
@@ -174,7 +174,7 @@ class Simulator:
     def steps_under(self, acting: ActingPressure, times: Array, jumps: Jumps, *, begin: int = 0) -> Steps:
         """Return the steps of a motion under pressures that act at least until the last of `times` [s]."""
         until = replace(acting, ticks=_ticks(times, self.time_step))
-        return steps_of(until, times, jumps, calm=self._calm, begin=begin)
+        return steps_of(until, times, jumps, calm=self.calm, begin=begin)
 
     def _require_room(self, cases: Sequence[Case], times: Sequence[Array]) -> None:
         """Raise InputError where the motions, all together in memory, would take too much."""
@@ -182,8 +182,8 @@ class Simulator:
         channels = max((case.program.pressure.shape[1] for case in cases), default=0)
         require_motion(max(ends, default=0.0), sum(map(len, times)), self.points_per_side, channels=channels)
 
-    def _finer(self) -> "Simulator":
-        calm = max(1, self._calm // 2)
+    def finer(self) -> "Simulator":
+        calm = max(1, self.calm // 2)
         return replace(
             self,
             time_step=max(self.time_step / 2, TIME_STEPS[0]),
@@ -205,7 +205,7 @@ class Simulator:
             return OnCluster(self, cluster).ask("rest", cases)
         shapes: dict[int, SimulatedMotion] = {}
         with lock:
-            for engine, patient, asked in self._tries(shapes, len(cases)):
+            for engine, patient, asked in self.tries(shapes, len(cases)):
                 for chunk in chunks_of(cases, self.points_per_side, dict.fromkeys(asked, ())):
                     batch = engine._at_rest(chunk, patient=patient)
                     middle, states = batch.positions(F.x0), batch.states()

@@ -17,7 +17,7 @@ from tests.sim_designs import held
 def tried_once(simulator: Simulator, cases, times, *, patient=False):
     """Its motions, as the first try has them, or with `patient` the second."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(Simulator, "_tries", lambda own, _, count: [(own, patient, [*range(count)])])
+        patched.setattr(Simulator, "tries", lambda own, _, count: [(own, patient, [*range(count)])])
         return simulator.run(cases, times)
 
 
@@ -37,7 +37,7 @@ def thrown(simulator: Simulator, design, velocity, times, *, positions=None):
         F.node3.from_numpy(state)
         ticks = int(np.ceil(times[-1] / simulator.time_step - 1e-6))
         acting = ActingPressure(case.program, ticks, simulator.time_step)
-        steps = steps_of(acting, times, Jumps((), ()), calm=simulator._calm)
+        steps = steps_of(acting, times, Jumps((), ()), calm=simulator.calm)
         [middle] = _moved(simulator, batch, packed, [steps])
     return middle
 

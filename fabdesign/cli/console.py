@@ -79,7 +79,7 @@ def described(title: str, *, interval: float = 0.0) -> Iterator[Callable[[str, f
     """Return a context for work that says what it does, and about what share of it is done; without a share a line is
     an answer or an estimate, which stays. Elsewhere than on a terminal steps follow at least `interval` s apart, and
     end with the time that is left."""
-    if not _on_terminal():
+    if not on_terminal():
         begin, shown_at = working_time.seconds(), -inf
 
         def tell_step(line: str, share: float | None) -> None:
@@ -135,7 +135,7 @@ def bar() -> "Progress":
     )
 
 
-def _on_terminal() -> bool:
+def on_terminal() -> bool:
     from rich.console import Console
 
     return Console(stderr=True).is_terminal

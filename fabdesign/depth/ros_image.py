@@ -18,7 +18,7 @@ from fabdesign.errors import InputError
 _COMPRESSED_DEPTH = 12  # bytes before the PNG of a compressedDepth message
 _ENCODINGS = {"16UC1": ("u2", 1), "mono16": ("u2", 1), "32FC1": ("f4", 1), "rgb8": ("u1", 3), "bgr8": ("u1", 3)}
 DEPTH, COLOUR, METRES = ("16UC1", "mono16"), ("rgb8", "bgr8"), ("32FC1",)
-_CHUNK = 256_000_000  # bytes of a chunk, unpacked
+LARGEST_CHUNK = 256_000_000  # bytes of a chunk, unpacked
 
 
 def bound_chunks(reader: Any, path: Path) -> None:
@@ -28,9 +28,9 @@ def bound_chunks(reader: Any, path: Path) -> None:
     def bounded(make: Callable[[], Any]) -> Callable[[bytes], bytes]:
         def unpack(content: bytes) -> bytes:
             machine = make()
-            unpacked = machine.decompress(content, max_length=_CHUNK)
+            unpacked = machine.decompress(content, max_length=LARGEST_CHUNK)
             if not machine.eof:
-                raise InputError(f"{path}: a chunk unpacks to over {_CHUNK / 1e6:.0f} MB, or is cut short")
+                raise InputError(f"{path}: a chunk unpacks to over {LARGEST_CHUNK / 1e6:.0f} MB, or is cut short")
             return bytes(unpacked)
 
         return unpack
@@ -41,8 +41,10 @@ def bound_chunks(reader: Any, path: Path) -> None:
     names = {function: name for name, function in rosbag1.decompressors.items()}
     size = path.stat().st_size
     for place, chunk in reader.chunks.items():
-        if chunk.datasize > min(size, _CHUNK):
-            raise InputError(f"{path}: a chunk of {chunk.datasize / 1e6:.0f} MB; expected at most {_CHUNK / 1e6:.0f}")
+        if chunk.datasize > min(size, LARGEST_CHUNK):
+            raise InputError(
+                f"{path}: a chunk of {chunk.datasize / 1e6:.0f} MB; expected at most {LARGEST_CHUNK / 1e6:.0f}"
+            )
         name = names.get(chunk.decompressor, "none")
         reader.chunks[place] = chunk._replace(decompressor=kinds.get(name, chunk.decompressor))
 

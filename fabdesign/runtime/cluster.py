@@ -264,10 +264,10 @@ def this_worker() -> WorkerInfo:
     facts = {"fabdesign": __version__, "simulator": SIMULATOR, "code": code, "python": platform.python_version()}
     given = os.environ.get("TI_CPU_MAX_NUM_THREADS", "")
     threads = int(given) if given.isdecimal() and int(given) else cores()
-    return WorkerInfo(facts | {name: _version(name) for name in _LIBRARIES}, _processor(), threads)
+    return WorkerInfo(facts | {name: library_version(name) for name in _LIBRARIES}, _processor(), threads)
 
 
-def _version(library: str) -> str:
+def library_version(library: str) -> str:
     try:
         return metadata.version(library)
     except metadata.PackageNotFoundError:

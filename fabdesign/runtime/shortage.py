@@ -123,9 +123,9 @@ def ensure_cache_folder() -> None:
         return
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path(os.environ.get("HOME", "")) / ".cache")
     there = [cache, *(folder for folder in (cache / "taichi", cache / "taichi" / "ticache") if folder.exists())]
-    if cache.is_absolute() and all(map(_is_writable, there)):
+    if cache.is_absolute() and all(map(is_writable, there)):
         return
-    folder = _temporary()
+    folder = temporary_folder()
     os.environ["XDG_CACHE_HOME"] = str(folder)
     os.environ.setdefault("MPLCONFIGDIR", str(folder / "matplotlib"))
     note(f"{cache}: cannot be written; {folder} takes its place (XDG_CACHE_HOME sets another)")
@@ -134,7 +134,7 @@ def ensure_cache_folder() -> None:
 def require_writable(variable: str) -> None:
     """Raise InputError where the folder that an environment variable names cannot be written."""
     given = os.environ.get(variable)
-    if given and not _is_writable(Path(given)):
+    if given and not is_writable(Path(given)):
         raise InputError(f"{variable} is {given!r}: cannot be written; expected another folder")
 
 
@@ -147,7 +147,7 @@ def remove_stale_lock(folder: Path) -> None:
             lock.unlink()
 
 
-def _is_writable(folder: Path) -> bool:
+def is_writable(folder: Path) -> bool:
     """Return whether files can be written in the folder, which is made where it is not there, and hold something."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -158,7 +158,7 @@ def _is_writable(folder: Path) -> bool:
         return error.errno == errno.EFBIG  # a limit that holds in any folder
 
 
-def _temporary() -> Path:
+def temporary_folder() -> Path:
     """Return the user's own one: others must not put kernels there that this user then runs."""
     try:
         folder = Path(tempfile.gettempdir()) / f"fabdesign-cache-{os.getuid()}"

@@ -51,12 +51,12 @@ class Stopwatch:
                 self._excluded += self._clock() - self._stopped_at
 
 
-_wall, _processor = Stopwatch(lambda: time.monotonic()), Stopwatch(lambda: time.process_time())
+wall, _processor = Stopwatch(lambda: time.monotonic()), Stopwatch(lambda: time.process_time())
 
 
 def seconds() -> float:
     """Return Wall-clock s since some instant, without compiling and loading."""
-    return _wall.seconds()
+    return wall.seconds()
 
 
 def processor_seconds() -> float:
@@ -66,12 +66,12 @@ def processor_seconds() -> float:
 
 def compile_seconds() -> float:
     """Return Wall-clock s that this process has spent on compiling and loading."""
-    return _wall.excluded
+    return wall.excluded
 
 
 def compiling() -> bool:
     """Return whether code is being compiled or loaded now."""
-    return _wall.stands_still
+    return wall.stands_still
 
 
 @contextmanager
@@ -85,12 +85,12 @@ def not_counted() -> Iterator[None]:
 
 
 def _stop() -> None:
-    _wall.stop()
+    wall.stop()
     _processor.stop()
 
 
 def _go() -> None:
-    _wall.go()
+    wall.go()
     _processor.go()
 
 

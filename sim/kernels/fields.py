@@ -113,7 +113,7 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     try:
         _make_fields(sizes, blocks)
         _make_shared(sizes, blocks)
-        F.after = ti.field(ti.i32, shape=_longest()) if wanted(HIDDEN_STEPS) else Following()  # filled with a batch
+        F.after = ti.field(ti.i32, shape=longest_loop()) if wanted(HIDDEN_STEPS) else Following()  # filled with a batch
     finally:
         mark(F, C)  # also where it is interrupted
     F.runtime, F.ready = runtime(), True
@@ -190,7 +190,7 @@ def allocate_tangent() -> None:
     T.start = F.node
 
 
-def _longest() -> int:
+def longest_loop() -> int:
     """Return the longest of all loops: one that steps beyond the table of steps need not end."""
     shapes = [value.shape for space in (F, C) for value in vars(space).values() if hasattr(value, "shape")]
     return max(entries for shape in shapes for entries in shape)

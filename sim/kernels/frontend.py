@@ -133,7 +133,9 @@ def first_call(costly: str, sizes: tuple[int, ...]) -> Iterator[None]:
     with not_counted(), brief():
         mark = _mark(costly, sizes) if costly else None
         if mark is not None and not mark.exists():
-            note(f"compiling the simulator ({costly}; {sizes_in_words(sizes)}), once on this machine: about {SECONDS} s")
+            note(
+                f"compiling the simulator ({costly}; {sizes_in_words(sizes)}), once on this machine: about {SECONDS} s"
+            )
         yield
         if mark is not None:
             with suppress(OSError):  # without a mark the next process says it again

@@ -63,7 +63,7 @@ def fuse_all(
         for order, recording in enumerate(given):
             tolerance = Tolerance(skip_bad)
             try:
-                fusion, report = _fused(recording, tolerance, points, per_frame, seed, progress)
+                fusion, report = fused_recording(recording, tolerance, points, per_frame, seed, progress)
             except InputError as error:
                 line = str(error) if len(given) == 1 else f"recording {recording.folder}: {error}"
                 if len(given) == 1 or not skip_bad:
@@ -120,7 +120,7 @@ def _designs(recordings: Sequence[Recording]) -> tuple[list[str], dict[str, Desi
     return keys, designs
 
 
-def _fused(
+def fused_recording(
     recording: Recording,
     tolerance: Tolerance,
     points: int,

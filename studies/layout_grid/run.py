@@ -58,7 +58,7 @@ def run_layouts(
     for target in search.targets:
         load_target(target, search.design, seed=search.seed)  # sound, or said at once
     with run.folder(out, "layouts", [target.file for target in search.targets if target.points is None]) as work:
-        result = _Grid(work, run.study, how, progress).searched()
+        result = GridSearch(work, run.study, how, progress).searched()
         if work.anew and result.interrupted:
             work.complete = False
         with work.adding() as files:
@@ -66,7 +66,7 @@ def run_layouts(
     return result
 
 
-class _Grid:
+class GridSearch:
     """The turns of a grid in its folder."""
 
     def __init__(self, work: WorkFolder, study: LayoutsStudy, how: Simulated, progress: Progress) -> None:

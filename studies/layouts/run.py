@@ -76,7 +76,7 @@ def run_study(
                     _write(work, kept)
                 return kept
             report = _reporting(work, study, targets, progress)
-            result = _searched(study, targets, begun, history, report, follow=follow, how=how)
+            result = searched(study, targets, begun, history, report, follow=follow, how=how)
             if not result.interrupted:
                 keep(history, result, follow=follow)
         if work.anew and result.interrupted:
@@ -93,7 +93,7 @@ def _write(work: WorkFolder, result: StudyResult) -> None:
         write_text(files / "report.html", render_report(name, [Section(name, result)]))
 
 
-def _searched(
+def searched(
     study: Study,
     targets: tuple[LoadedTarget, ...],
     starts: list[Start],

@@ -112,7 +112,7 @@ def measured(
     folder = work.folder / name / MEASURED
     if isinstance(study.source, VirtualRig):
         with tempfile.TemporaryDirectory() as temporary:
-            result = _on_rig(study.source, asked, Path(temporary) / "set", progress)
+            result = measured_on_rig(study.source, asked, Path(temporary) / "set", progress)
             _keep(result, asked, name, folder)
         return read_set(folder)
     place = study.source.folder / name
@@ -125,7 +125,7 @@ def measured(
     return read_set(folder)
 
 
-def _on_rig(source: VirtualRig, asked: Asked, out: Path, progress: Counter) -> MeasurementSet:
+def measured_on_rig(source: VirtualRig, asked: Asked, out: Path, progress: Counter) -> MeasurementSet:
     from studies.rig import DEFAULT, RigSession, run_rig
 
     changed = {name: value for name in ("element", "step") if (value := getattr(source, name)) is not None}

@@ -25,7 +25,7 @@ from studies.measured.used_frames import UsedFrames
 from studies.prediction.evaluation_report import ERRORS, DesignResult, SetEvaluation, TrialResult
 from studies.prediction.forward_model import forward_model
 
-_AT_ONCE = 16  # trials, two motions each in memory
+AT_ONCE = 16  # trials, two motions each in memory
 _UNKNOWN = Errors(*[np.nan] * 5)
 
 
@@ -121,7 +121,7 @@ def _evaluated(
     Files are read here, not beside the simulator: Python 3.11 may fail where two threads parse (gh-106905), as numpy
     does for an array's header and Taichi for a kernel."""
     waiting: list[Future[TrialResult]] = []
-    for part in batches([2 * len(trial.times) for _, trial in tasks], _AT_ONCE):
+    for part in batches([2 * len(trial.times) for _, trial in tasks], AT_ONCE):
         trials = [trial for _, trial in tasks[part]]
         motions = _motions(trials, *predictors)
         judges = interval_judges(trials, predictors[-1], coarse, motions[-1])

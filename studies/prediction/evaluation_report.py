@@ -154,7 +154,7 @@ def write_evaluation(evaluation: SetEvaluation, out: Path) -> None:
         write_json(unfinished / "evaluation.json", evaluation.as_json())
         (unfinished / "evaluation.md").write_text(tables_markdown(evaluation), encoding="utf-8")
         _write_trials(evaluation, unfinished / "trials.csv")
-        _write_histogram(evaluation, unfinished / "histogram.png")
+        write_histogram(evaluation, unfinished / "histogram.png")
 
 
 def tables_markdown(evaluation: SetEvaluation) -> str:
@@ -234,7 +234,7 @@ def _write_trials(evaluation: SetEvaluation, path: Path) -> None:
     write_rows(path, header, rows)
 
 
-def _write_histogram(evaluation: SetEvaluation, path: Path) -> None:
+def write_histogram(evaluation: SetEvaluation, path: Path) -> None:
     from matplotlib.figure import Figure
 
     panels = [("test", *item) for item in evaluation.designs.items()]

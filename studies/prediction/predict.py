@@ -23,7 +23,7 @@ from studies.intervals.band import bands
 from studies.prediction.forward_model import forward_model, laced_motions, laced_rests
 
 FRAME_RATE = 60.0  # Hz, of the paper's cameras
-_AT_ONCE = 32  # motions in memory
+AT_ONCE = 32  # motions in memory
 
 
 def frame_times(
@@ -86,7 +86,7 @@ def predicted(
     SimulationError."""
     whole = forward_model(forward, model, sensing=True)
     cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
-    for part in batches([len(trial.times) for trial in trials], _AT_ONCE):
+    for part in batches([len(trial.times) for trial in trials], AT_ONCE):
         batch = trials[part]
         times = [trial.times for trial in batch]
         motions = laced_motions(forward, model, cases[part], times, sensing=True)

@@ -54,7 +54,7 @@ def control_points(task: TrialTask) -> Array:
 
     Raises RigDiverged where even a quarter of the time step finds no solution.
     """
-    return kept(user_cache("rig") / f"{_digest(task)}.npy", lambda: _run(task), np.load, _write_points)
+    return kept(user_cache("rig") / f"{digest_of(task)}.npy", lambda: computed_points(task), np.load, _write_points)
 
 
 def _write_points(file: Path, points: Array) -> None:
@@ -62,7 +62,7 @@ def _write_points(file: Path, points: Array) -> None:
         np.save(stream, points)
 
 
-def _run(task: TrialTask) -> Array:
+def computed_points(task: TrialTask) -> Array:
     step = task.resolution.step
     for refinement in (1, 2, 4):
         scene = prepare(task)
@@ -81,7 +81,7 @@ def _run(task: TrialTask) -> Array:
     raise AssertionError  # the loop returns or raises
 
 
-def _digest(task: TrialTask) -> str:
+def digest_of(task: TrialTask) -> str:
     """Return the hash of everything that a motion depends on, the code of its mechanics included."""
     parts = [task.design, task.order, task.truth.seed, sorted(task.truth.parameters.items()), task.resolution]
     parts += [(e.name, sorted(e.parameters.items())) for e in task.truth.effects if e.name not in OF_CLOUDS]

@@ -62,7 +62,7 @@ def run_unseen(
             forward, coarse = simulator(study.points_per_side, study), coarse or simulator(GRID)
         result: UnseenResult = {"name": study.name, "seed": study.seed, "points_per_side": study.points_per_side}
         before = parts(progress, _UNSEWN)[0] if study.measured is not None else progress
-        result = _unsewn(result, study, forward, checkpoint, before)
+        result = with_unsewn(result, study, forward, checkpoint, before)
         if study.measured is not None:
             result["free"] = list(study.free)
             result["left_out"] = _left_out(study, work, forward, coarse or forward, checkpoint, progress)
@@ -89,7 +89,7 @@ def unseen_in_words(study: UnseenStudy) -> str:
     return in_words(seconds, *what, on_cores())
 
 
-def _unsewn(
+def with_unsewn(
     result: UnseenResult, study: UnseenStudy, engine: ForwardModel, checkpoint: Checkpoint, progress: Progress
 ) -> UnseenResult:
     """Return the result with what there is to say of a layout before it is sewn."""

@@ -123,7 +123,7 @@ def test_rig_trials_are_tasks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_worker_of_another_version_is_refused(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     machines.this_worker.cache_clear()
-    monkeypatch.setattr(machines, "_version", lambda _: "1.0")
+    monkeypatch.setattr(machines, "library_version", lambda _: "1.0")
     said = r"worker \S+ has taichi 1\.7\.4; expected 1\.0, as on this machine$"
     with pytest.raises(InputError, match=said), on_cluster(address):
         pass

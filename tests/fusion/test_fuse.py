@@ -216,7 +216,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         report = FusionReport(recording.name, len(frames), (), 2.0, 2.0, (), 0.0)
         return SimpleNamespace(data=lambda: data, draw=lambda *_: None), report
 
-    monkeypatch.setattr("studies.fusion.fuse._fused", fused)
+    monkeypatch.setattr("studies.fusion.fuse.fused_recording", fused)
 
 
 @pytest.mark.usefixtures("quick")

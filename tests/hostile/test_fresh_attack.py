@@ -226,9 +226,9 @@ def test_a_full_cache_folder_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyP
         def write(self, content: bytes) -> int:
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    assert shortage._is_writable(tmp_path)
+    assert shortage.is_writable(tmp_path)
     monkeypatch.setattr(tempfile, "TemporaryFile", lambda dir: Full())
-    assert not shortage._is_writable(tmp_path)
+    assert not shortage.is_writable(tmp_path)
 
 
 def test_the_line_of_a_full_disk_names_the_file_and_counts_what_is_free(

@@ -42,7 +42,7 @@ def deaf(how):
             time.sleep(60)
         any(itertools.repeat(0, 10**14))
 
-program._command_line = cli.main
+program.command_line = cli.main
 signal.signal(signal.SIGQUIT, signal.SIG_DFL)  # which a shell ignores in what it runs in the background
 program.main()
 """

@@ -212,9 +212,9 @@ def test_what_is_kept_beside_is_done_again_too(damage: str, tmp_path: Path, monk
     file.write_bytes(DAMAGES[damage](b'{"spent": 3.0, "cells": {}}\n'))
     with pytest.warns(InputNote, match=r"turns.json: damaged .*; how the time was shared is computed again$"):
         assert turns_kept(file) == ({}, 0.0)
-    monkeypatch.setattr(specimen, "_digest", lambda task: "task")
+    monkeypatch.setattr(specimen, "digest_of", lambda task: "task")
     monkeypatch.setattr(specimen, "user_cache", lambda kind: tmp_path)
-    monkeypatch.setattr(specimen, "_run", lambda task: np.arange(6.0))
+    monkeypatch.setattr(specimen, "computed_points", lambda task: np.arange(6.0))
     assert specimen.control_points(None).tolist() == [*range(6)]  # type: ignore[arg-type]
     kept = tmp_path / "task.npy"
     kept.write_bytes(DAMAGES[damage](kept.read_bytes()))

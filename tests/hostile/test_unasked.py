@@ -55,9 +55,7 @@ def test_output_is_refused_and_replaced_with_force(
     folder: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(
-        "studies.prediction.evaluation_report._write_histogram", lambda _, path: path.touch()
-    )  # is slow
+    monkeypatch.setattr("studies.prediction.evaluation_report.write_histogram", lambda _, path: path.touch())  # is slow
     monkeypatch.chdir(folder)
     assert run(*line.split())[0] == 0
     before = snapshot(folder)

@@ -143,9 +143,9 @@ def test_a_folder_for_kernels_that_cannot_be_written_is_refused(tmp_path: Path) 
 def test_a_temporary_folder_of_others_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     mine = tmp_path / f"fabdesign-cache-{os.getuid()}"
-    assert shortage._temporary() == mine == shortage._temporary()
+    assert shortage.temporary_folder() == mine == shortage.temporary_folder()
     mine.chmod(0o777)  # others may have put kernels there
-    assert shortage._temporary() != mine
+    assert shortage.temporary_folder() != mine
     mine.rmdir()
     mine.symlink_to(tmp_path)
-    assert shortage._temporary() not in (mine, tmp_path)
+    assert shortage.temporary_folder() not in (mine, tmp_path)

@@ -150,6 +150,53 @@ def test_a_class_name_stands_for_one_thing() -> None:
     assert {name: files for name, files in named.items() if len(files) > 1} == {}
 
 
+KERNELS = re.compile(r"(ti\.|njit|Timed)")  # what is compiled takes and returns numbers one by one
+
+
+def _returned(node: ast.FunctionDef) -> list[ast.expr]:
+    """Return the parts of the tuple that a function returns, or may return; none of a vector of numbers."""
+    kinds = (
+        [ast.parse(str(node.returns.value)).body[0].value] if isinstance(node.returns, ast.Constant) else [node.returns]
+    )  # type: ignore[attr-defined]
+    if isinstance(kinds[0], ast.BinOp):
+        kinds = [kinds[0].left, kinds[0].right]
+    for kind in kinds:
+        if isinstance(kind, ast.Subscript) and ast.unparse(kind.value) == "tuple" and isinstance(kind.slice, ast.Tuple):
+            parts = kind.slice.elts
+            return [] if {*map(ast.unparse, parts)} in ({"float"}, {"int"}) else parts
+    return []
+
+
+def test_functions_take_seven_things_and_return_two() -> None:
+    """Verbs aside, whose parameters are the options of commands."""
+    wide = []
+    for file in FILES:
+        if file.parent == ROOT / "fabdesign" / "interface":
+            continue
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.FunctionDef) or any(KERNELS.match(ast.unparse(d)) for d in node.decorator_list):
+                continue
+            given = node.args
+            names = [each.arg for each in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
+            count = len({*names} - {"self", "cls"}) + (given.vararg is not None) + (given.kwarg is not None)
+            if count > 7 or len(_returned(node)) > 2:
+                wide.append(f"{file.relative_to(ROOT).as_posix()}: {node.name}")
+    assert wide == []
+
+
+def test_tests_take_what_is_public() -> None:
+    """Names that tests import, or put something else in the place of."""
+    private = re.compile(rf"({'|'.join(PACKAGES)})(\.\w+)*\._[A-Za-z]\w*")
+    taken = []
+    for file in sorted((ROOT / "tests").rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            names = [node.value] if isinstance(node, ast.Constant) and isinstance(node.value, str) else []
+            if isinstance(node, ast.ImportFrom):
+                names = [f"{node.module}.{alias.name}" for alias in node.names]
+            taken += [f"{file.name}: {name}" for name in names if private.fullmatch(name)]
+    assert taken == []
+
+
 def test_output_has_one_door() -> None:
     inner = [f for f in FILES if re.search(r"\bfabdesign\.output\.\w", f.read_text(encoding="utf-8"))]
     assert {file.parent for file in inner} == {ROOT / "fabdesign" / "output"}

@@ -86,7 +86,7 @@ def test_a_search_shows_its_best_and_the_seconds_left():
 def test_an_estimate_stays_and_a_step_is_followed_by_the_time_left(monkeypatch, capsys):
     clock = iter([0.0, 0.0, 10.0, 12.0, 25.0])
     monkeypatch.setattr(console.working_time, "seconds", lambda: next(clock))
-    monkeypatch.setattr(console, "_on_terminal", lambda: False)
+    monkeypatch.setattr(console, "on_terminal", lambda: False)
     with console.described("tracing", interval=5.0) as shown:
         shown("8 trials, 45 unknowns, 2 cores: about 4 min", None)
         shown("every effect, iteration 1", 0.25)

@@ -104,9 +104,7 @@ def test_equilibrium(run: Run, asked: Callable[[], list[str]]) -> None:
 
 
 def test_predict_and_evaluate(run: Run, asked: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        "studies.prediction.evaluation_report._write_histogram", lambda _, path: path.touch()
-    )  # is slow
+    monkeypatch.setattr("studies.prediction.evaluation_report.write_histogram", lambda _, path: path.touch())  # is slow
     assert run("predict", "set", "--model", "model.toml", "-o", "out")[0] == 0
     before = asked()
     motions = fabdesign.predict(fabdesign.read_set("set"), "model.toml")
@@ -329,7 +327,7 @@ def test_optimize(run: Run, asked: Callable[[], list[str]], monkeypatch: pytest.
         seen.append(({k: repr(v) for k, v in content.items()}, target, [x.tolist() for _, x in starts]))
         raise InputError("seen")
 
-    monkeypatch.setattr("studies.layouts.run._searched", note)
+    monkeypatch.setattr("studies.layouts.run.searched", note)
     assert run("optimize", "study.toml", "-o", "out", "--seconds", 50)[2].endswith("fabdesign: seen\n")
     with pytest.raises(InputError, match=r"^seen$"):
         fabdesign.optimize(
@@ -359,7 +357,7 @@ UNCERTAIN = Model(
 )
 STUDIES = {
     "layouts": (
-        "studies.layout_grid.run._Grid",
+        "studies.layout_grid.run.GridSearch",
         '[target]\nfile = "target.npz"\n[grid]\nmuscles = [1, 3]\nsides = ["front"]\n[limits]\nevaluations = 90\n'
         "pressure = [0, 250.5]\n",
         lambda: fabdesign.layouts(
@@ -368,7 +366,7 @@ STUDIES = {
         ),
     ),
     "unseen": (
-        "studies.unseen.run._unsewn",
+        "studies.unseen.run.with_unsewn",
         "pressures = [[200.5, 0]]\nsamples = 9\npoints_per_side = 15\n[rig_limits]\nrate = 400\n"
         '[measured]\nset = "pair"\ntrials = 2\nfree = ["air_drag"]\n',
         lambda: fabdesign.unseen(
@@ -486,8 +484,8 @@ def test_ctrl_c_keeps_what_is_done(asked: Callable[[], list[str]], monkeypatch: 
 
 
 def test_ctrl_c_keeps_the_trials_that_are_done(asked: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("studies.prediction.predict._AT_ONCE", 1)
-    monkeypatch.setattr("studies.prediction.evaluate._AT_ONCE", 1)
+    monkeypatch.setattr("studies.prediction.predict.AT_ONCE", 1)
+    monkeypatch.setattr("studies.prediction.evaluate.AT_ONCE", 1)
     batches: list[int] = []
 
     def some(self: Cloth, cases: Sequence[Case], times: Sequence[np.ndarray]) -> list[np.ndarray]:

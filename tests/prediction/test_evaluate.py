@@ -91,7 +91,7 @@ def test_data_sheet_against_parameters_on_test_trials_only(measured):
 
 def test_a_trials_errors_are_those_computed_alone_and_the_noise_is_the_sets(measured, monkeypatch):
     """In batches of two, whose motions are simulated while others are evaluated; one sensor saw both designs."""
-    monkeypatch.setattr(evaluate, "_AT_ONCE", 2)
+    monkeypatch.setattr(evaluate, "AT_ONCE", 2)
     renamed = dataclasses.replace(measured.trials[0], design_name="again")
     both = dataclasses.replace(measured, trials=(renamed, *measured.trials[1:3]))
     noise, seen = noise_of([measured.trials[1], measured.trials[2], renamed]), []

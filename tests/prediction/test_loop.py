@@ -26,7 +26,7 @@ from fabdesign.output import work_folder
 from fabdesign.runtime.fingerprint import OtherContent
 from fabdesign.study_files.loop_file import StopRule, read_loop
 from studies.check.study import study_findings
-from studies.loop.learning import traced_by, learn
+from studies.loop.learning import learn, traced_by
 from studies.loop.measuring import Asked, programs_for, within_rate
 from studies.loop.record import stop_reason
 from studies.loop.resting_shape import resting_faces
@@ -107,7 +107,9 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "study.toml").write_text(STUDY)
     (tmp_path / "lab.toml").write_text(LABORATORY)
     monkeypatch.setattr(
-        "studies.loop.measuring._on_rig", lambda source, asked, out, progress: on_device(asked, out), raising=True
+        "studies.loop.measuring.measured_on_rig",
+        lambda source, asked, out, progress: on_device(asked, out),
+        raising=True,
     )
     return tmp_path
 
@@ -131,7 +133,7 @@ def test_a_turn_brings_the_device_nearer_also_when_it_is_killed_on_the_way(
         progress(1, len(asked.programs))
         return found
 
-    monkeypatch.setattr("studies.loop.measuring._on_rig", device)
+    monkeypatch.setattr("studies.loop.measuring.measured_on_rig", device)
     for at in ("turn 0, measuring: ", "turn 1, evaluating the shape"):
 
         def killing(line: str, share: float | None, at: str = at) -> None:
@@ -170,7 +172,7 @@ def test_a_network_learns_what_remains_and_the_next_design_is_chosen_with_it(
     surface = Surface.of_faces(curled(shape, CURL))
     np.savetxt(place / "target.xyz", NOISE.draw(surface, 1500, np.random.default_rng(3)))
     monkeypatch.setattr(
-        "studies.loop.measuring._on_rig", lambda source, asked, out, _: on_device(asked, out, curl=CURL)
+        "studies.loop.measuring.measured_on_rig", lambda source, asked, out, _: on_device(asked, out, curl=CURL)
     )
     (place / "study.toml").write_text(TRAINED)
     outcome = run_loop(place / "study.toml", place / "out", simulators=simulators)
@@ -207,7 +209,9 @@ def test_a_trace_that_other_code_began_is_begun_anew(place: Path, monkeypatch: p
     monkeypatch.setattr("studies.tracing.run.trace_set", traced)
     design = build("cross")
     measured = on_device(Asked(design, (constant_program(HIDDEN),), 1, 1), place / "set")
-    found = traced_by(read_loop(place / "study.toml"), measured, Model(), place / "trace", simulators, lambda line: None)
+    found = traced_by(
+        read_loop(place / "study.toml"), measured, Model(), place / "trace", simulators, lambda line: None
+    )
     assert forced == [False, True]
     assert found == (None, None, ["not traced: d: 2 trials"])
 

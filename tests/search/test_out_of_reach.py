@@ -21,7 +21,7 @@ from optimize.search.design_space import DesignSpace, Limits
 from optimize.search.objective import Objective, Target
 from optimize.search.slopes import Change, what_helps
 from studies.layout_search.target import LoadedTarget
-from studies.layouts.reach import spaces_by_type, missed_at
+from studies.layouts.reach import missed_at, spaces_by_type
 from studies.layouts.run import run_study
 from tests.analytic_cloth import WithJacobian
 

@@ -38,10 +38,10 @@ def test_option_out_of_range_is_told_in_a_line(option, value, said):
         Simulator(**{option: value})
 
 
-def test_extreme_options_can_be_tried_again_finer():
+def test_extreme_options_can_be_tried_againfiner():
     least = Simulator(time_step=1e-6, iterations=1000, calm_steps=1)
-    assert least._finer() == least
-    assert Simulator()._finer() == replace(Simulator(), time_step=1 / 3840, calm_steps=4, iterations=32)
+    assert least.finer() == least
+    assert Simulator().finer() == replace(Simulator(), time_step=1 / 3840, calm_steps=4, iterations=32)
 
 
 def test_numpy_numbers_are_numbers():

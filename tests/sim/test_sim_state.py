@@ -61,7 +61,7 @@ def test_no_loop_over_a_field_is_longer_than_the_table_of_steps(monkeypatch):
     nodes outgrew those of vectors, in a process that had registered an effect of its own."""
     assert F.after.shape[0] >= max(getattr(F, name).shape[1] for name in (*ZEROED, *ZEROED3))
     monkeypatch.setattr(fields, "F", SimpleNamespace(node3=F.node3, node=SimpleNamespace(shape=(8, 10**6))))
-    assert fields._longest() == 10**6
+    assert fields.longest_loop() == 10**6
 
 
 def test_planes_lie_apart():

@@ -671,7 +671,8 @@ time.sleep(60)
         assert search.running
         time.sleep(0.05)
     search.stop()
-    search._process.wait(30)
+    while search.running:
+        time.sleep(0.05)
     assert search.problem == (None if kept else "best 3.9 mm")
     search.close()
 

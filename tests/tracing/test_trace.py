@@ -28,7 +28,7 @@ from fabdesign.nouns.pressure import PressureProgram, RigLimits, standard_progra
 from fabdesign.output import work_folder
 from fabdesign.runtime.store import Checkpoint
 from optimize.fit.cross_validation import LeftOut
-from optimize.fit.descent import FitStart, updated_jacobian, fit
+from optimize.fit.descent import FitStart, fit, updated_jacobian
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.normal import bounded_step
 from optimize.fit.policy import END, NEAR, STEP
