@@ -83,9 +83,8 @@ def fields_of(case: Case, layout: MuscleFields, times: Array, motion: NDArray[np
     motion: (1 + H, T, 2 side^2, 3) m, simulated at the times themselves, then `HISTORY` seconds before each.
     """
     middle = Shape(motion).middle.astype(np.float32)
-    return Fields(
-        _muscle_fields(case, layout, times, middle), *_shape_fields(case.design.fabric, middle), *_common(case, times)
-    )
+    common = _shape_fields(case.design.fabric, middle) | _common(case, times)
+    return Fields(muscles=_muscle_fields(case, layout, times, middle), **common)
 
 
 def _muscle_fields(case: Case, layout: MuscleFields, times: Array, middle: NDArray[np.float32]) -> Array:
@@ -161,7 +160,7 @@ def _contractions(case: Case, middle: NDArray[np.float32]) -> Array:
     return np.concatenate(result, axis=-1)
 
 
-def _shape_fields(fabric: Fabric, middle: NDArray[np.float32]) -> tuple[Array, Array, Array, Array]:
+def _shape_fields(fabric: Fabric, middle: NDArray[np.float32]) -> dict[str, Array]:
     """Return `Fields.curvature`, `strain`, `changes`, `speeds`."""
     frames = LocalFrames.of(middle, fabric.width, fabric.height, NODES)
     curvature = np.moveaxis(_curvatures(frames, fabric), -1, 2).astype(np.float64)  # (1 + H, T, 3, n, n)
@@ -172,7 +171,12 @@ def _shape_fields(fabric: Fabric, middle: NDArray[np.float32]) -> tuple[Array, A
     places = middle[:, :, ::every, ::every]
     speeds = [(places[0] - places[h + 1]) / seconds / _SPEED for h, seconds in enumerate(HISTORY)]
     along = np.array([np.einsum("...i,...i->...", frames.normal[0], speed) for speed in speeds])
-    return curvature[0], strain.astype(np.float64), curvature[0] - curvature[2:], along.astype(np.float64)
+    return {
+        "curvature": curvature[0],
+        "strain": strain.astype(np.float64),
+        "changes": curvature[0] - curvature[2:],
+        "speeds": along.astype(np.float64),
+    }
 
 
 def _curvatures(frames: LocalFrames, fabric: Fabric) -> NDArray[np.floating]:
@@ -184,14 +188,14 @@ def _curvatures(frames: LocalFrames, fabric: Fabric) -> NDArray[np.floating]:
     return np.stack([-_LENGTH * np.einsum("...i,...i->...", a, b) for a, b in pairs], axis=-1)
 
 
-def _common(case: Case, times: Array) -> tuple[Array, Array, Array]:
+def _common(case: Case, times: Array) -> dict[str, Array]:
     """Return `Fields.total`, `opened`, `since`."""
     program = case.program
     pressure = program.at(times) if case.design.channels else np.zeros((len(times), 1))
     last = np.searchsorted(program.time, times + 1e-9, side="right") - 1
     since = times - program.time[np.clip(last, 0, None)]
     total, opened = pressure.sum(axis=1) / _PRESSURE / 8, (pressure > 1e3).sum(axis=1) / 8
-    return total, opened, np.exp(-since / np.array([[0.1], [0.4]]))
+    return {"total": total, "opened": opened, "since": np.exp(-since / np.array([[0.1], [0.4]]))}
 
 
 def lagged(program: PressureProgram, times: Array, lag: float) -> Array:

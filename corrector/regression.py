@@ -54,8 +54,8 @@ def offsets(middle: Floats, cloud: Floats, thickness: float, nodes: int = FINE) 
     return mean(height - half * face, weight, 1)
 
 
-def _heights(middle: Floats, cloud: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return (n,) height [m] over the nearest triangle's plane, and row and column of the nearest place."""
+def _heights(middle: Floats, cloud: Floats) -> Array:
+    """Return (3, n): height [m] over the nearest triangle's plane, and row and column of the nearest place."""
     side = middle.shape[0]
     triangles = front_triangles(side, side)
     surface = Surface(middle.reshape(-1, 3).astype(np.float64), triangles)
@@ -64,7 +64,7 @@ def _heights(middle: Floats, cloud: Floats) -> tuple[Floats, Floats, Floats]:
     place = np.einsum("nc,ncd->nd", nearest.weights, surface.vertices[corners])
     height = np.einsum("nd,nd->n", cloud - place, surface.normals_of(nearest.triangle))
     rows, cols = np.divmod(corners, side)
-    return height, (nearest.weights * rows).sum(axis=1), (nearest.weights * cols).sum(axis=1)
+    return np.stack([height, (nearest.weights * rows).sum(axis=1), (nearest.weights * cols).sum(axis=1)])
 
 
 _MOST = 8.0  # points, more of which do not make a node count more: its error is the model's then

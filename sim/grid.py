@@ -46,9 +46,8 @@ Path = tuple[tuple[float, float], ...]
 FINE = 0.0025  # m between the points over which a node's mean is taken
 
 
-def node_arrays(specimen: Specimen, n: int) -> tuple[Array, Array, Array]:
-    """Return the rest positions (n n, 3) m, lumped masses (n n,) kg and free (n n,), rows of rising v."""
-    fabric = specimen.design.fabric
+def node_arrays(fabric: Fabric, n: int) -> tuple[Array, Array]:
+    """Return the rest positions (n n, 3) m and free (n n,), rows of rising v."""
     u, v = np.linspace(0, fabric.width, n), np.linspace(0, fabric.height, n)
     uu, vv = np.meshgrid(u, v)
     rest = np.stack([uu - fabric.width / 2, -vv, np.zeros_like(uu)], axis=-1).reshape(-1, 3)
@@ -59,7 +58,7 @@ def node_arrays(specimen: Specimen, n: int) -> tuple[Array, Array, Array]:
     elif not isinstance(fabric.hung, str):
         for pu, pv in fabric.hung:
             free[round(pv / v[1]), round(pu / u[1])] = 0
-    return rest, masses(specimen, n), free.ravel()
+    return rest, free.ravel()
 
 
 def masses(specimen: Specimen, n: int) -> Array:

@@ -9,6 +9,7 @@ hem than LOOP the knots are as far apart as the hem is away, so that a muscle th
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,11 +29,25 @@ def patch_size(nodes: int, spacing: float) -> int:
     return min(4 * max(1, int(np.ceil(LOOP / spacing - 1e-9))), 4 * (nodes // 4), PATCH)
 
 
-def line_weights(
-    t: ArrayLike, nodes: int, spacing: float | Array, count: int
-) -> tuple[NDArray[np.int_], Array, Array, Array]:
-    """Return of loops at `t` (...) [m] on a line of nodes: first node (...), weights (..., count), derivatives of these
-    [1/m], first moments [m]. spacing: m, one for all or (..., 1).
+class LineWeights(NamedTuple):
+    """The weights of loops on a line of nodes, by their first node (...)."""
+
+    first: NDArray[np.int_]
+    value: Array  # (..., count)
+    slope: Array  # (..., count) 1/m, derivatives of the weights
+    moment: Array  # (..., count) m
+
+
+class MuscleLoops(NamedTuple):
+    """The loops at a muscle's p fixed points."""
+
+    first: NDArray[np.int32]  # (p, 2) node
+    weights: Array  # (6, p, PATCH)
+    lengths: Array  # m, of the intervals
+
+
+def line_weights(t: ArrayLike, nodes: int, spacing: float | Array, count: int) -> LineWeights:
+    """Return the weights of loops at `t` (...) [m] on a line of nodes. spacing: m, one for all or (..., 1).
 
     `count`: of weights, patch_size at least. B-spline weights, with knots a spacing apart at least, and Catmull-Rom
     weights, of no variance, are mixed for the loop's. Beyond the ends of the line the quadratic of three nodes goes on.
@@ -48,7 +63,7 @@ def line_weights(
     value, slope = sharp + share * (value - sharp), rise / spacing + share * (slope - rise / spacing)
     first, fold = _fold(around, nodes)
     value, slope = (np.einsum("...nk,...k->...n", fold, w) for w in (value, slope))
-    return first, value, slope, value * ((first[..., None] + np.arange(count)) * spacing - at)
+    return LineWeights(first, value, slope, value * ((first[..., None] + np.arange(count)) * spacing - at))
 
 
 def interpolation_weights(t: float, nodes: int) -> tuple[int, Array]:
@@ -148,14 +163,11 @@ def lace(design: Design, n: int, across: int, down: int) -> Lacing:
 
 
 @lru_cache(maxsize=512)
-def _loops(
-    muscle: Muscle, n: int, hu: float, hv: float, across: int, down: int
-) -> tuple[NDArray[np.int32], Array, Array]:
-    """Return of the muscle's fixed points the first node (p, 2), weights (6, p, PATCH); lengths of its intervals
-    [m]."""
+def _loops(muscle: Muscle, n: int, hu: float, hv: float, across: int, down: int) -> MuscleLoops:
     points = muscle.fixed_points()
     i, wu, du, eu = line_weights(points[:, 0], n, hu, across)
     j, wv, dv, ev = line_weights(points[:, 1], n, hv, down)
     touching = np.zeros((6, len(points), PATCH))
     touching[::2, :, :across], touching[1::2, :, :down] = (wu, du, eu), (wv, dv, ev)
-    return np.stack([j, i], axis=1).astype(np.int32), touching, np.linalg.norm(np.diff(points, axis=0), axis=1)
+    lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return MuscleLoops(np.stack([j, i], axis=1).astype(np.int32), touching, lengths)

@@ -14,7 +14,7 @@ from fabdesign.nouns.muscle import BenchTable, MuscleType
 from fabdesign.nouns.muscle_law import law_of
 from fabdesign.runtime.effort import MEMORY
 from sim import state
-from sim.grid import Support, node_arrays, node_means
+from sim.grid import Support, masses, node_arrays, node_means
 from sim.kernels import fields as f
 from sim.kernels.fields import LANES, TABLE, TYPES, F, allocate
 from sim.kernels.transfer import Contents, Shared
@@ -97,14 +97,14 @@ def side_by_side(values: Sequence[NDArray]) -> NDArray:
 
 def node_values(specimen: Specimen, n: int) -> dict[str, NDArray]:
     """Return what a lane has on the padded grid."""
-    rest, mass, free = node_arrays(specimen, n)
+    rest, free = node_arrays(specimen.design.fabric, n)
 
     def padded(values: NDArray) -> NDArray:
         return np.pad(values.reshape(n, n), 1).ravel()
 
     positions = np.array([padded(component) for component in rest.T])
     of_places = {name: padded(node_means(specimen, name, n)) for name in state.added("node")}
-    return {"x0": positions, "q": positions, "mass": padded(mass), "free": padded(free)} | of_places
+    return {"x0": positions, "q": positions, "mass": padded(masses(specimen, n)), "free": padded(free)} | of_places
 
 
 def muscle_table(cases: Sequence[Case]) -> dict[tuple[str, MuscleType], int]:

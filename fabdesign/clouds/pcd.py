@@ -33,9 +33,9 @@ def read_pcd(path: Path | str) -> NDArray[np.float64]:
     """
     path = Path(path)
     content = read_bytes(path, "a PCD")
-    fields, count, data, start = _header(content, path)
-    columns = _columns(content[start:], fields, count, data, path)
-    firsts = {field.name: column[:, :1] for field, column in zip(fields, columns, strict=True)}
+    header = _header(content, path)
+    columns = _columns(content[header.start :], header.fields, header.points, header.data, path)
+    firsts = {field.name: column[:, :1] for field, column in zip(header.fields, columns, strict=True)}
     require_one_instant(firsts, str(path))
     return np.concatenate([firsts[axis] for axis in "xyz"], axis=1, dtype=np.float64)
 
@@ -44,8 +44,16 @@ def _refuse(path: Path, why: str) -> NoReturn:
     raise InputError(f"{path}: {why}; expected a sound PCD")
 
 
-def _header(content: bytes, path: Path) -> tuple[list[_Field], int, str, int]:
-    """Return the fields, the number of points, how they stand there, and where they begin."""
+class _Header(NamedTuple):
+    """The fields, the number of points, how they stand there, and where they begin."""
+
+    fields: list[_Field]
+    points: int
+    data: str
+    start: int
+
+
+def _header(content: bytes, path: Path) -> _Header:
     values: dict[str, list[str]] = {}
     at = 0
     while "DATA" not in values:
@@ -96,7 +104,7 @@ def _header(content: bytes, path: Path) -> tuple[list[_Field], int, str, int]:
     data = " ".join(values["DATA"])
     if data not in ("ascii", "binary", "binary_compressed"):
         _refuse(path, f"its data are {data[:40]}")
-    return fields, points, data, at
+    return _Header(fields, points, data, at)
 
 
 def _columns(body: bytes, fields: list[_Field], points: int, data: str, path: Path) -> list[NDArray[Any]]:

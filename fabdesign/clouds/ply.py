@@ -58,8 +58,11 @@ def read_ply(path: Path | str) -> Ply:
     """Return vertices and faces of a PLY. Raises InputError, with one line, for anything that is not a sound file."""
     path = Path(path)
     content = read_bytes(path, "a PLY")
-    order, elements, start = _header(content, path)
-    body = _Body(content[start:], order, path)
+    end = _END.search(content, 0, _LONGEST_HEADER)
+    if not content.startswith(b"ply") or end is None:
+        _refuse(path, "has no PLY header")
+    order, elements = _header(content[: end.start()].decode("latin-1"), path)
+    body = _Body(content[end.end() :], order, path)
     points, corners = None, PlyColumn(np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp))
     for name, count, properties in elements:
         require_few(count, path, f"{name} rows")
@@ -100,14 +103,11 @@ def _refuse(path: Path, why: str) -> NoReturn:
     raise InputError(f"{path}: {why}; expected a sound PLY")
 
 
-def _header(content: bytes, path: Path) -> tuple[str, list[Element], int]:
-    """Return the byte order ('' for ascii), the elements, and where the body starts."""
-    end = _END.search(content, 0, _LONGEST_HEADER)
-    if not content.startswith(b"ply") or end is None:
-        _refuse(path, "has no PLY header")
+def _header(text: str, path: Path) -> tuple[str, list[Element]]:
+    """Return the byte order ('' for ascii) and the elements."""
     order: str | None = None
     elements: list[Element] = []
-    for words in (line.split() for line in content[: end.start()].decode("latin-1").splitlines()[1:]):
+    for words in (line.split() for line in text.splitlines()[1:]):
         match words:
             case [] | ["comment" | "obj_info", *_]:
                 pass
@@ -135,7 +135,7 @@ def _header(content: bytes, path: Path) -> tuple[str, list[Element], int]:
         if (element == "face") != bool(lists) and rows:  # else a mesh is taken for a cloud
             unread = f"{element} rows with {lists[0]}" if lists else "face rows without vertex_indices"
             _refuse(path, f"has {unread}, which are not read")
-    return order, elements, end.end()
+    return order, elements
 
 
 def _points(columns: dict[str, PlyColumn], properties: Sequence[Property], path: Path) -> NDArray[np.float64]:

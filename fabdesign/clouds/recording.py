@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import tomlkit
@@ -228,10 +228,17 @@ def write_recording(
     file.write_text(tomlkit.dumps(document), encoding="utf-8", newline="\n")
 
 
-def _stamped(keys: RecordingKeys, mcap: Path) -> tuple[Array, NDArray[np.intp] | None, str]:
-    """Return the times of an MCAP's frames, their clouds, and a line on frames that are left out: by the stamps, where
-    these say something, else in the order of the first sensor's clouds, from one interval after rest on. Raises
-    InputError."""
+class _Stamped(NamedTuple):
+    """The times of frames, their clouds, and a line on frames that are left out."""
+
+    times: Array
+    clouds: NDArray[np.intp] | None
+    left_out: str
+
+
+def _stamped(keys: RecordingKeys, mcap: Path) -> _Stamped:
+    """Return an MCAP's frames: by the stamps, where these say something, else in the order of the first sensor's
+    clouds, from one interval after rest on. Raises InputError."""
     given, stamps = None if keys.times is None else np.array(keys.times), read_stamps(mcap)
     rate = keys.frame_rate if given is None else None
     topics = [str(sensor.topic) for sensor in keys.sensors]
@@ -244,7 +251,7 @@ def _stamped(keys: RecordingKeys, mcap: Path) -> tuple[Array, NDArray[np.intp] |
             note(f"{mcap}: its stamps do not say which clouds are of one frame; they are paired in their order")
         times = given if given is not None else np.arange(1, len(stamps[topics[0]]) + 1) / (rate or 1.0)
         require_seconds(times, str(mcap))
-        return times, None, ""
+        return _Stamped(times, None, "")
     whole = pairs.whole
     if rate is not None and not 1 / _OTHER_RATE < rate * pairs.interval < _OTHER_RATE:
         raise InputError(f"{mcap}: a cloud every {pairs.interval:.4g} s by their stamps; expected {1 / rate:.4g} s")
@@ -255,7 +262,7 @@ def _stamped(keys: RecordingKeys, mcap: Path) -> tuple[Array, NDArray[np.intp] |
     left_out = left_out_line(pairs, topics, times, str(mcap))
     if left_out:
         note(left_out)
-    return times[whole], pairs.clouds[whole], left_out
+    return _Stamped(times[whole], pairs.clouds[whole], left_out)
 
 
 def _times(keys: RecordingKeys, folder: Path) -> Array:

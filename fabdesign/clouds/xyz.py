@@ -146,8 +146,15 @@ def _split(line: str, mark: str | None) -> list[str]:
     return [cell.strip().strip('"') for cell in line.split(mark)]
 
 
-def _named(path: Path, lines: Lines, mark: str | None) -> tuple[list[int], Unit | None, Lines]:
-    """Return the places of x, y and z, their unit, and the lines below the header and its units."""
+class _Named(NamedTuple):
+    """The places of x, y and z, their unit, and the lines below the header and its units."""
+
+    columns: list[int]
+    unit: Unit | None
+    lines: Lines
+
+
+def _named(path: Path, lines: Lines, mark: str | None) -> _Named:
     headings = [parse_heading(cell) for cell in _split(lines[0][1], mark)]
     names = [heading.name for heading in headings]
     if len(set(names)) < len(names) or not set(_AXES) <= set(names):
@@ -163,7 +170,7 @@ def _named(path: Path, lines: Lines, mark: str | None) -> tuple[list[int], Unit 
     for i in (i for i, name in enumerate(names) if names_instants(name)):
         cells = np.array([",".join(_split(line, mark)[i : i + 1]) for _, line in rest])
         require_one_instant({headings[i].text: cells}, str(path))
-    return columns, _unit(path, lines[0], symbols), rest
+    return _Named(columns, _unit(path, lines[0], symbols), rest)
 
 
 def _unit(path: Path, header: tuple[int, str], symbols: list[str | None]) -> Unit | None:

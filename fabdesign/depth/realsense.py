@@ -11,7 +11,7 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,11 +136,16 @@ def _stream(reader: Any, path: Path, depth: BagStream, colour: BagStream | None,
     )
 
 
-def _counted(
-    reader: Any, images: Any, metadata: Mapping[int, Mapping[str, str]]
-) -> tuple[list[int], NDArray[np.float64], NDArray[np.int64] | None]:
-    """Return of every image the log time [ns], and the frame's own stamp [s] and number; None where nothing says it. Of
-    a `.db3` they stand in the metadata, of a `.bag` the message begins with them."""
+class _Counted(NamedTuple):
+    """The log time [ns] of every image, and the frame's own stamp [s] and number; None where nothing says it."""
+
+    times: list[int]
+    stamps: NDArray[np.float64]
+    numbers: NDArray[np.int64] | None
+
+
+def _counted(reader: Any, images: Any, metadata: Mapping[int, Mapping[str, str]]) -> _Counted:
+    """Return what is known of every image: of a `.db3` by the metadata, of a `.bag` by how the message begins."""
     times, stamps, counters = [], [], []
     for _, time, raw in reader.messages(connections=[images]):
         if len(raw) < 16:
@@ -156,7 +161,8 @@ def _counted(
     if None not in milliseconds:
         stamps = [1e-3 * float(str(each)) for each in milliseconds]
     numbers = counters if None in numbers else numbers
-    return times, np.array(stamps), None if None in numbers else np.array([int(str(n)) for n in numbers], np.int64)
+    counts = None if None in numbers else np.array([int(str(n)) for n in numbers], np.int64)
+    return _Counted(times, np.array(stamps), counts)
 
 
 def _message(reader: Any, images: Any, time: int, repeat: int, where: str) -> Any:

@@ -172,7 +172,7 @@ def write_pages(design: Design, path: Path, *, paper: str, seam_allowance: float
     with whole_file(path) as unfinished, rc_context({"pdf.fonttype": 42}):  # words stay words
         about = {"Title": f"{design.name}, sewing template", "CreationDate": None}
         with PdfPages(unfinished, metadata=about) as pdf:
-            pdf.savefig(_overview(design, list(zip(sides, faces, tilings, strict=True)), paper, count))
+            pdf.savefig(overview_figure(design, list(zip(sides, faces, tilings, strict=True)), paper, count))
             number = 1
             for side, face, tiling in zip(sides, faces, tilings, strict=True):
                 shown = what_it_shows(design, side, seam_allowance)
@@ -180,34 +180,34 @@ def write_pages(design: Design, path: Path, *, paper: str, seam_allowance: float
                     number += 1
                     title = f"{design.name}, {side} face: page {page_name(row, column)}"
                     foot = f"print at 100 % on {NAMES[paper]}; sheet {number} of {count}"
-                    pdf.savefig(_page(face, tiling, row, column, (title, shown, foot)))
+                    pdf.savefig(page_figure(face, tiling, row, column, (title, shown, foot)))
     return count
 
 
-def _page(face: Drawing, tiling: Tiling, row: int, column: int, words: tuple[str, str, str]) -> Any:
+def page_figure(face: Drawing, tiling: Tiling, row: int, column: int, words: tuple[str, str, str]) -> Any:
     """Return one page with its part of a face. words: its title, what it shows, and what stands beside the bar."""
-    figure = _figure(tiling.page)
+    figure = blank_figure(tiling.page)
     page, part = tiling.page, tiling.box_of(row, column)
     inside, outside = joints(tiling, row, column)
-    within = _axes(figure, page, (MARGIN, HEAD, page[0] - MARGIN, page[1] - FOOT), part)
-    _draw(within, [*face.shapes, *inside])
+    within = page_axes(figure, page, (MARGIN, HEAD, page[0] - MARGIN, page[1] - FOOT), part)
+    draw_shapes(within, [*face.shapes, *inside])
     # the whole page, in the drawing's frame
     whole = (part[0] - MARGIN, part[1] - HEAD, part[2] + MARGIN, part[3] + FOOT)
-    around = _axes(figure, page, (0, 0, *page), whole)
+    around = page_axes(figure, page, (0, 0, *page), whole)
     left, top, right, bottom = part
     left += 8 if column else 0  # beside the crop mark
     title, shown = (size_within(text, right - left - 8, size) for text, size in zip(words, (4.0, 2.7), strict=False))
     heading = [Words((left, top - 5.6), words[0], title, bold=True), Words((left, top - 1.6), words[1], shown)]
     beside = Words((left + 104, bottom + 5), words[2], 2.7)
-    _draw(around, [*heading, *outside, *scale_bar((left, bottom + 5)), beside])
+    draw_shapes(around, [*heading, *outside, *scale_bar((left, bottom + 5)), beside])
     return figure
 
 
-def _overview(design: Design, faces: list[tuple[str, Drawing, Tiling]], paper: str, count: int) -> Any:
+def overview_figure(design: Design, faces: list[tuple[str, Drawing, Tiling]], paper: str, count: int) -> Any:
     """Return the first page: what to do, how the pages lie together, and a bar in each direction."""
     page = PAPERS[paper]
-    figure = _figure(page)
-    around = _axes(figure, page, (0, 0, *page), (0, 0, *page))
+    figure = blank_figure(page)
+    around = page_axes(figure, page, (0, 0, *page), (0, 0, *page))
     title = f"{design.name}: sewing template"
     size = size_within(title, page[0] - 2 * MARGIN, 6)
     shapes: list[Shape] = [Words((MARGIN, 18), title, size, bold=True)]
@@ -220,7 +220,7 @@ def _overview(design: Design, faces: list[tuple[str, Drawing, Tiling]], paper: s
         long = 4.0 if i % 5 == 0 else 2.0
         shapes.append(Line(((MARGIN + 4, low - 10 * i), (MARGIN + 4 + long, low - 10 * i)), 0.3))
     shapes.append(Words((MARGIN + 2, low - 50), "measure this: 100 mm", 3.2, anchor="middle", turn=-90))
-    _draw(around, shapes)
+    draw_shapes(around, shapes)
     top, left, right = 56.0, MARGIN + 14, page[0] - MARGIN
     each = (low - 12 - top) / len(faces)
     for i, (side, face, tiling) in enumerate(faces):
@@ -231,19 +231,19 @@ def _overview(design: Design, faces: list[tuple[str, Drawing, Tiling]], paper: s
         head = top + i * each
         names = f"{page_name(0, 0)} to {page_name(tiling.rows - 1, tiling.columns - 1)}"
         words = f"{side} face, pages {names}" if tiling.rows * tiling.columns > 1 else f"{side} face, page {names[:2]}"
-        _draw(around, [Words((left, head), words, 3.6, bold=True)])
+        draw_shapes(around, [Words((left, head), words, 3.6, bold=True)])
         place = (left, head + 3, left + scale * (x1 - x0), head + 3 + scale * (y1 - y0))
-        _draw(_axes(figure, page, place, laid.box), laid.shapes, scale)
+        draw_shapes(page_axes(figure, page, place, laid.box), laid.shapes, scale)
     return figure
 
 
-def _figure(page: tuple[float, float]) -> Any:
+def blank_figure(page: tuple[float, float]) -> Any:
     from matplotlib.figure import Figure
 
     return Figure(figsize=(page[0] * _MM, page[1] * _MM))
 
 
-def _axes(
+def page_axes(
     figure: Any,
     page: tuple[float, float],
     place: tuple[float, float, float, float],
@@ -257,7 +257,7 @@ def _axes(
     return axes
 
 
-def _draw(axes: Any, shapes: Any, scale: float = 1.0) -> None:
+def draw_shapes(axes: Any, shapes: Any, scale: float = 1.0) -> None:
     """Shapes in their order. scale: page millimetres to a unit of the drawing."""
     from matplotlib.patches import Circle as Disc
     from matplotlib.patches import Polygon

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import tomlkit
 
@@ -106,8 +106,15 @@ def read_part(path: Path | str) -> DesignPart:
     return DesignPart(types, decode(Fabric, whole), frozenset(keys), tuple(effects))
 
 
-def _contents(root: Table, above: tuple[Path, ...]) -> tuple[list[Table], dict[str, MuscleType], list[Term]]:
-    """Return the [fabric] tables, muscle types and effects of a file and of all that it includes."""
+class _Contents(NamedTuple):
+    """The [fabric] tables, muscle types and effects of a file and of all that it includes."""
+
+    fabrics: list[Table]
+    types: dict[str, MuscleType]
+    effects: list[Term]
+
+
+def _contents(root: Table, above: tuple[Path, ...]) -> _Contents:
     path, above = root.file, (*above, root.file.resolve())
     fabrics: list[Table] = []
     types: dict[str, MuscleType] = {}
@@ -138,7 +145,7 @@ def _contents(root: Table, above: tuple[Path, ...]) -> tuple[list[Table], dict[s
         effects.append(_of_bench(effect.term, types, where := root.inner("effects", number)))
         if [(e.name, e.scope) for e in effects].count((effects[-1].name, effects[-1].scope)) > 1:
             raise where.error(f"{effects[-1].name} of {effects[-1].scope} is there already")
-    return fabrics, types, effects
+    return _Contents(fabrics, types, effects)
 
 
 def _of_bench(term: Term, types: Mapping[str, MuscleType], table: Table) -> Term:

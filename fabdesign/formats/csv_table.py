@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from math import isfinite
 from pathlib import Path
+from typing import NamedTuple
 
 from fabdesign.errors import InputError, note
 from fabdesign.formats.toml_file import LARGEST_TEXT, decode_any, read_bytes
@@ -91,8 +92,8 @@ def require_decimals(path: Path, rows: Iterable[tuple[int, Sequence[str]]], mark
         return
     if (first := _first_thousands(path, rows, _WITH_COMMA if commas else _WITH_POINT)) is None:
         return
-    where, number, beside_others = first
-    if beside_others or (commas and mark not in (";", "\t")):
+    where, number = first.where, first.number
+    if first.beside_others or (commas and mark not in (";", "\t")):
         whole, decimal = (number.replace("," if commas else ".", sign) for sign in ("", "."))
         raise InputError(
             f"{where} may be {whole} or {decimal}; expected numbers that part no thousands, and semicolons between the "
@@ -104,11 +105,16 @@ def require_decimals(path: Path, rows: Iterable[tuple[int, Sequence[str]]], mark
         note(f"{where} is read with a decimal point, and so are all numbers")
 
 
-def _first_thousands(
-    path: Path, rows: Iterable[tuple[int, Sequence[str]]], kind: re.Pattern[str]
-) -> tuple[str, str, bool] | None:
-    """Return where the first number with such a sign stands, the number, and whether others stand without one in such a
-    column; None where a number shows that the sign is decimal, or none has it."""
+class _Thousands(NamedTuple):
+    """A number that may part thousands, and whether numbers without a sign stand in such a column too."""
+
+    where: str
+    number: str
+    beside_others: bool
+
+
+def _first_thousands(path: Path, rows: Iterable[tuple[int, Sequence[str]]], kind: re.Pattern[str]) -> _Thousands | None:
+    """Return the first number with such a sign; None where a number shows that the sign is decimal, or none has it."""
     first: tuple[str, str] | None = None
     plain, columns = set(), set()
     for line, row in rows:
@@ -120,7 +126,7 @@ def _first_thousands(
                 columns.add(i)
             elif is_number(cell):
                 plain.add(i)
-    return None if first is None else (*first, bool(columns & plain))
+    return None if first is None else _Thousands(*first, bool(columns & plain))
 
 
 def separator(header: str) -> str:

@@ -13,7 +13,7 @@ from functools import cache
 from math import isfinite
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 from fabdesign.runtime.effort import COARSEST, FINEST
 from fabdesign.units import from_mm, in_mm, kilopascals, pascals
@@ -131,17 +131,26 @@ def _file_key(each: "Field[Any]", hint: Any) -> FileKey:
     return FileKey(each.name, tuple(tables), name, plain, notes, sentence, default)
 
 
-def annotated(hint: Any, outer: Notes = Notes()) -> tuple[Any, Notes, str]:
-    """Return a type without its annotations, and what they say; what the outer ones say is kept."""
+class Unannotated(NamedTuple):
+    """A type without its annotations, and what they say."""
+
+    type: Any
+    notes: Notes
+    sentence: str
+
+
+def annotated(hint: Any, outer: Notes = Notes()) -> Unannotated:
+    """Return a type and what its annotations say; what the outer ones say is kept."""
     if get_origin(hint) is not Annotated:
-        return hint, outer, ""
+        return Unannotated(hint, outer, "")
     plain, *marks = get_args(hint)
     key, unit, within = outer.key, outer.unit, outer.within
     for mark in marks:
         key = mark if isinstance(mark, Key) else key
         unit = mark if isinstance(mark, FileUnit) else unit
         within = mark if isinstance(mark, Within) else within
-    return plain, Notes(key, unit, within), next((mark for mark in marks if isinstance(mark, str)), "")
+    sentence = next((mark for mark in marks if isinstance(mark, str)), "")
+    return Unannotated(plain, Notes(key, unit, within), sentence)
 
 
 def members(hint: Any) -> tuple[Any, ...]:

@@ -25,6 +25,19 @@ _TOGETHER = 1.4  # cells' edges: in cells so long lie points that are asked toge
 _COARSER = 3.0  # times as long are the cells that points are looked for in that are far from everything
 
 
+class _Grid(NamedTuple):
+    """The cells as `search_cells` takes them."""
+
+    low: Array  # least corner
+    edge: float  # of a cell
+    widest: float  # how far items reach from their centres
+    shape: Ints  # cells each way
+    start: Ints  # first place of each cell's items in their order
+    order: Indices
+    bodies: Array  # `bodies_of`, in that order
+    boxes: Array  # `boxes_of`, in that order
+
+
 class NearestItem(NamedTuple):
     """The nearest item of each of n points."""
 
@@ -72,10 +85,7 @@ class Cells:
         return Cells(corner_and_edges(vertices, triangles))
 
     @cached_property
-    def _grid(self) -> tuple[Array, float, float, Ints, Ints, Indices, Array, Array]:
-        """Return what `search_cells` takes: least corner, cells' edge, how far items reach from their centres, how many
-        cells each way, first place of each cell's items in their order, that order, and `bodies_of` and `boxes_of` in
-        it."""
+    def _grid(self) -> _Grid:
         centres, low, size, widest = centres_of(self.items)
         long = np.sort(size)[::-1]
         suits = np.sqrt(_PER_CELL * long[0] * max(long[1], 1e-3 * long[0]) / len(centres))
@@ -86,14 +96,14 @@ class Cells:
         shape = (np.floor(size / edge) + 1).astype(np.int32)
         start, order = sorted_into_cells(centres, np.arange(len(centres)), low, edge, shape)
         bodies, boxes = bodies_of(self.items, order), boxes_of(self.items, order)
-        return low, edge, widest, shape, start, order, bodies, boxes
+        return _Grid(low, edge, widest, shape, start, order, bodies, boxes)
 
     def _asked(self, points: Array, pending: Indices) -> tuple[Ints, Indices]:
         """Return the pending points in cells of their own: those of one cell are asked together."""
-        low, edge, widest, shape, *_ = self._grid
-        long = edge * _TOGETHER if widest > 0 else edge
-        wide = (shape * edge / long).astype(np.int32) + np.int32(1)
-        first, asked = sorted_into_cells(points, pending, low, long, wide)
+        grid = self._grid
+        long = grid.edge * _TOGETHER if grid.widest > 0 else grid.edge
+        wide = (grid.shape * grid.edge / long).astype(np.int32) + np.int32(1)
+        first, asked = sorted_into_cells(points, pending, grid.low, long, wide)
         return first, asked
 
     @cached_property

@@ -4,7 +4,7 @@ not show the edge, so that for them one-way distances decide."""
 import warnings
 from dataclasses import dataclass
 from itertools import permutations, product
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -87,9 +87,9 @@ def fit_placement(
     metres = given.apply(factor * points)
     fits = []
     for turn in right_angles()[: 1 if rotation is not None else None]:
-        final, shift, width = _laid_on_edge(metres, turn, fabric, drawn)
-        gap = _strip_gap(final.apply(metres) + shift, fabric) + abs(width - fabric.width)
-        fits.append((gap + TIE * turn.magnitude() / (np.pi / 2), final * given, shift))
+        laid = _laid_on_edge(metres, turn, fabric, drawn)
+        gap = _strip_gap(laid.turn.apply(metres) + laid.shift, fabric) + abs(laid.width - fabric.width)
+        fits.append((gap + TIE * turn.magnitude() / (np.pi / 2), laid.turn * given, laid.shift))
     least, turn, shift = min(fits, key=lambda candidate: candidate[0])
     if fits[0][0] <= least + _GAIN:
         least, turn, shift = fits[0]
@@ -143,9 +143,15 @@ def right_angles() -> list[Rotation]:
     return sorted(turns, key=lambda turn: round(float(turn.magnitude()), 6))
 
 
-def _laid_on_edge(points: Array, turn: Rotation, fabric: Fabric, drawn: bool) -> tuple[Rotation, Array, float]:
-    """Return the turn, made straight, the shift that lays the upper edge of the turned points on the hung edge, and how
-    wide [m] that upper edge is."""
+class _LaidEdge(NamedTuple):
+    """The upper edge of points, laid on the hung edge: the turn, made straight, and the shift."""
+
+    turn: Rotation
+    shift: Array
+    width: float  # m
+
+
+def _laid_on_edge(points: Array, turn: Rotation, fabric: Fabric, drawn: bool) -> _LaidEdge:
     for _ in range(_ROUNDS):
         turned = turn.apply(points)
         edge = _upper_edge(turned, fabric.height if drawn else 0.0)
@@ -156,7 +162,7 @@ def _laid_on_edge(points: Array, turn: Rotation, fabric: Fabric, drawn: bool) ->
     top, depth = np.median(edge[:, 1]), np.median(edge[:, 2])
     beside = turned[turned[:, 1] > top - _TOP * _STRIP * fabric.height, 0]
     left, right = np.quantile(beside, [0.005, 0.995]) if drawn else (beside.min(), beside.max())
-    return turn, -np.array([(left + right) / 2, top, depth]), float(right - left)
+    return _LaidEdge(turn, -np.array([(left + right) / 2, top, depth]), float(right - left))
 
 
 def _upper_edge(points: Array, height: float) -> Array:

@@ -112,15 +112,15 @@ def _in_cells(at: Array, rows: int, columns: int) -> tuple[Array, NDArray[np.int
     return (at - low).T, low.T
 
 
-def strains(middle: Floats, size: tuple[float, float]) -> tuple[Array, Array, Array]:
-    """Return engineering strain across, down, and shear [rad], each (..., rows, columns), of a mid-surface (..., rows,
+def strains(middle: Floats, size: tuple[float, float]) -> Array:
+    """Return engineering strain across, down, and shear [rad], (3, ..., rows, columns), of a mid-surface (..., rows,
     columns, 3) m against the flat cloth of `size` (width, height) m; by central differences, one-sided at the hems."""
     rows, columns = middle.shape[-3:-1]
     across = np.gradient(np.asarray(middle, np.float64), size[0] / (columns - 1), axis=-2)
     down = np.gradient(np.asarray(middle, np.float64), size[1] / (rows - 1), axis=-3)
     lengths = [np.linalg.norm(way, axis=-1) for way in (across, down)]
     sine = (across * down).sum(axis=-1) / (lengths[0] * lengths[1])
-    return lengths[0] - 1, lengths[1] - 1, np.arcsin(np.clip(sine, -1, 1))
+    return np.stack([lengths[0] - 1, lengths[1] - 1, np.arcsin(np.clip(sine, -1, 1))])
 
 
 @dataclass(frozen=True, eq=False)

@@ -78,10 +78,10 @@ class Surface:
         triangles = face_triangles(rows, per_face // rows)
         return Surface(np.asarray(points, dtype=np.float64), half_of(triangles, face))
 
-    def _corners(self, triangle: Indices | slice = slice(None)) -> tuple[Array, Array, Array]:
-        """Return (n, 3) each: first corner, and the two edges from it, of those triangles (n,)."""
+    def _corners(self, triangle: Indices | slice = slice(None)) -> Array:
+        """Return (3, n, 3): first corner, and the two edges from it, of those triangles (n,)."""
         a, b, c = (self.vertices[self.triangles[triangle, i]] for i in range(3))
-        return a, b - a, c - a
+        return np.stack([a, b - a, c - a])
 
     @cached_property
     def areas(self) -> Array:

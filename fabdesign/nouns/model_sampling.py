@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from statistics import NormalDist
+from typing import NamedTuple
 
 import numpy as np
 
@@ -84,15 +85,22 @@ def covered(model: Model) -> set[str]:
     return factors | {f"effects.{name}" for name in names if name not in model.parameters}
 
 
-def _centre(model: Model, name: str) -> tuple[float, bool, tuple[float, float]]:
-    """Value, whether its logarithm is what is normal, and bounds."""
+class _Centre(NamedTuple):
+    """The value of a parameter, whether its logarithm is what is normal, and its bounds."""
+
+    value: float
+    logarithmic: bool
+    bounds: tuple[float, float]
+
+
+def _centre(model: Model, name: str) -> _Centre:
     if name in model.parameters:
-        return model.parameters[name].factor, True, FACTOR_RANGE
+        return _Centre(model.parameters[name].factor, True, FACTOR_RANGE)
     effect, _, key = name.rpartition(".")
     for label, term in zip(labels_of(model.terms), model.effects, strict=True):
         if label == effect and key in term.parameters:
             declared = effect_named(term.name, "covariance").parameters[key]
-            return term.parameters[key].value, declared.transform == "log", declared.bounds
+            return _Centre(term.parameters[key].value, declared.transform == "log", declared.bounds)
     raise InputError(f"the model's [covariance] names {name}; expected parameters that the model has")
 
 

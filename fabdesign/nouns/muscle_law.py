@@ -138,14 +138,14 @@ def _check(p: Array, eps: Array, force: Array) -> None:
         )
 
 
-def _penalties(m: int, n: int) -> tuple[Array, Array, Array]:
+def _penalties(m: int, n: int) -> list[Array]:
     """Return the roughness of S along pressure and along contraction and of K, and a slight pull that makes the fit
     unique."""
     second_p, second_e = np.diff(np.eye(m), 2, axis=0), np.diff(np.eye(n), 2, axis=0)
     along_p = np.hstack([np.kron(second_p, np.eye(n)), np.zeros((len(second_p) * n, m))])
     along_e = np.hstack([np.kron(np.eye(m), second_e), np.zeros((m * len(second_e), m))])
     flat_kink = np.hstack([np.zeros((m - 1, m * n)), np.diff(np.eye(m), axis=0)])
-    return along_p, along_e, np.vstack([flat_kink, 1e-3 * np.eye(m * n + m)])
+    return [along_p, along_e, np.vstack([flat_kink, 1e-3 * np.eye(m * n + m)])]
 
 
 def _cross_validated_penalty(a: Array, b: Array, m: int, n: int) -> Array:

@@ -80,11 +80,11 @@ class Match(Misfit):
     weights: Array  # (N, 3) barycentric
 
 
-def places_on_cloth(match: Match) -> tuple[Array, Array, Array]:
-    """Return (N,) each: u and v of the matched places, -1 to 1, and 1 on the front, -1 on the back."""
+def places_on_cloth(match: Match) -> Array:
+    """Return (3, N): u and v of the matched places, -1 to 1, and 1 on the front, -1 on the back."""
     place = match.vertex % (SIDE * SIDE)
     u, v = (np.einsum("nc,nc->n", match.weights, 2 * k / (SIDE - 1) - 1) for k in (place % SIDE, place // SIDE))
-    return u, v, np.where(match.vertex[:, 0] < SIDE * SIDE, 1.0, -1.0)
+    return np.stack([u, v, np.where(match.vertex[:, 0] < SIDE * SIDE, 1.0, -1.0)])
 
 
 def match(samples: Sequence[Sample], motions: Sequence[Motion]) -> Match:

@@ -166,23 +166,21 @@ class Margins:
         self._bent = [(*self._corners[i], kinds[i].min_bend_radius or 0.0) for i in bent]
         self._spacing = limits.spacing
         pairs = [(j, i) for i in range(len(muscles)) for j in range(i) if muscles[i].side == muscles[j].side]
-        self._first, self._second, self._groups = self._segments(pairs)
+        self._segments, self._groups = self._of_pairs(pairs)
         alone = {"shortest": range(len(muscles)), "stock_length": self._stocked, "min_bend_radius": bent}
         of: list[tuple[str, tuple[int, ...]]] = [(name, (i,)) for name, whom in alone.items() for i in whom]
         of += [("spacing", pair) for pair in pairs]
         self.names, self.muscles = tuple(name for name, _ in of), tuple(whom for _, whom in of)
 
-    def _segments(self, pairs: list[tuple[int, int]]) -> tuple[list[int], list[int], list[int]]:
+    def _of_pairs(self, pairs: list[tuple[int, int]]) -> tuple[list[tuple[int, int]], list[int]]:
         """Return the corners that all pairs of segments start at, and where each pair of muscles begins."""
-        first: list[int] = []
-        second: list[int] = []
+        segments: list[tuple[int, int]] = []
         groups: list[int] = []
         for j, i in pairs:
-            groups.append(len(first))
-            segment_pairs = list(product(*(range(a, b - 1) for a, b in (self._corners[j], self._corners[i]))))
-            first += [p for p, _ in segment_pairs]
-            second += [q for _, q in segment_pairs]
-        return first, second, groups
+            groups.append(len(segments))
+            one, other = (range(a, b - 1) for a, b in (self._corners[j], self._corners[i]))
+            segments += product(one, other)
+        return segments, groups
 
     def lengths(self, corners: Array) -> Array:
         """Return (..., muscles) m on the flat cloth."""
@@ -195,7 +193,7 @@ class Margins:
         parts = [lengths - self._shortest, self._stock - lengths[..., self._stocked]]
         parts += [(bend_radius(corners[..., a:b, :]) - least)[..., None] for a, b, least in self._bent]
         if self._groups:
-            p, r = np.array(self._first), np.array(self._second)
+            p, r = np.array(self._segments).T
             apart = segment_clearance(*(corners[..., k, :] for k in (p, p + 1, r, r + 1)))
             parts.append(np.minimum.reduceat(apart, self._groups, axis=-1) - self._spacing)
         return np.concatenate(parts, axis=-1)

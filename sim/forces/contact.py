@@ -182,8 +182,8 @@ def find(x: Array, sheet: ContactSheet, cutoff: float, before: ContactPairs) -> 
     return pairs
 
 
-def _candidates(x: Array, sheet: ContactSheet, cutoff: float) -> tuple[Ints, Ints, Ints]:
-    """Return nodes, and rows and columns of cells around the nodes of other layers that are near."""
+def _candidates(x: Array, sheet: ContactSheet, cutoff: float) -> Ints:
+    """Return (3, k): nodes, and rows and columns of cells around the nodes of other layers that are near."""
     from scipy.spatial import cKDTree  # half a second that only contact needs
 
     n = len(x)
@@ -201,7 +201,7 @@ def _candidates(x: Array, sheet: ContactSheet, cutoff: float) -> tuple[Ints, Int
     inside = (row >= 0) & (row < n - 1) & (column >= 0) & (column < n - 1)
     once = np.unique(((node * n + row) * n + column)[inside])
     node, cell = np.divmod(once, n * n)
-    return node, *np.divmod(cell, n)
+    return np.stack([node, *np.divmod(cell, n)])
 
 
 def _close(rows: Ints, columns: Ints, sheet: ContactSheet) -> NDArray[np.bool_]:

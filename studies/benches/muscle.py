@@ -4,7 +4,7 @@ with effects in what the law sees of them."""
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -123,7 +123,7 @@ class BenchMuscle(Law):
         law, constants, misfit = _fitted(rows, np.zeros(2), _ROUNDS, friction=rubs)
         rng = np.random.default_rng(seed)
         blocks = np.unique(rows.block)
-        again: list[tuple[MuscleLaw, Array | None, float]] = []
+        again: list[_Fitted] = []
         for _ in range(refits):
             drawn = rng.choice(blocks, len(blocks))
             index = np.concatenate([np.flatnonzero(rows.block == block) for block in drawn])
@@ -197,11 +197,16 @@ def _has_friction(terms: Sequence[Term]) -> bool:
     return any(term.name == "braid_hysteresis" for term in terms)
 
 
-def _fitted(
-    rows: Rows, constants: Array, rounds: int, *, friction: bool = True
-) -> tuple[MuscleLaw, Array | None, float]:
-    """Return the law, (viscosity, hysteresis) not below 0 where there is motion, and the misfit [N]; from given
-    constants."""
+class _Fitted(NamedTuple):
+    """A fit: the law, and where there is motion viscosity and hysteresis, not below 0."""
+
+    law: MuscleLaw
+    constants: Array | None
+    misfit: float  # N
+
+
+def _fitted(rows: Rows, constants: Array, rounds: int, *, friction: bool = True) -> _Fitted:
+    """Return the fit from given constants."""
     from scipy.optimize import nnls
 
     motion, force = motion_columns(rows.rate, friction=friction), rows.force + rows.friction
@@ -211,7 +216,7 @@ def _fitted(
         residual = law.tension(rows.pressure, rows.contraction) - force
         if moves:
             constants, _ = nnls(motion, residual)
-    return law, constants if moves else None, rms(residual - motion @ constants)
+    return _Fitted(law, constants if moves else None, rms(residual - motion @ constants))
 
 
 def _averaged(rows: Rows, force: Array) -> BenchTable:

@@ -1,7 +1,7 @@
 """The stretch law of a cloth strip: tension over strain, J-shaped."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -49,15 +49,18 @@ class StripLaw(Law):
                 raise InputError(
                     f"{record.name}: {len(strain)} rows over a strain of {np.ptp(strain):.3g}; expected 8 rows or more"
                 )
-        start, step, coefficients = _fitted(records, recency)
-        strain = start + step * np.linspace(0, _SPANS, _SAMPLES)
-        alone = [_evaluate(*_fitted([record], recency), strain) for record in records]
-        spread = np.std(alone, axis=0, ddof=1) if len(records) > 1 else np.zeros(_SAMPLES)
-        return StripLaw(coefficients, start, step, spread, len(records))
+        law = _fitted(records, recency)
+        strain = law.start + law.step * np.linspace(0, _SPANS, _SAMPLES)
+        alone = [_fitted([record], recency)._at(strain) for record in records]
+        return replace(law, spread=np.std(alone, axis=0, ddof=1)) if len(records) > 1 else law
 
     def force(self, stretch: ArrayLike) -> Array:
         """N over stretch, l / l0."""
-        return _evaluate(self.start, self.step, self.coefficients, np.asarray(stretch, dtype=float) - 1)
+        return self._at(np.asarray(stretch, dtype=float) - 1)
+
+    def _at(self, strain: Array) -> Array:
+        rows = design_matrix((strain.ravel() - self.start) / self.step, len(self.coefficients))
+        return np.asarray((rows @ self.coefficients).reshape(strain.shape))
 
     def predict(self, record: BenchRecord) -> Array:
         return self.force(record.columns["stretch"])
@@ -117,19 +120,14 @@ def of_strip(strain: Array, force: Array) -> Predict:
     return strip
 
 
-def _fitted(records: Sequence[BenchRecord], recency: float) -> tuple[float, float, Array]:
-    """First knot, knot distance and coefficients."""
+def _fitted(records: Sequence[BenchRecord], recency: float) -> StripLaw:
+    """Return the law without its spread."""
     strain = np.concatenate([r.columns["stretch"] for r in records]) - 1
     force = np.concatenate([r.columns["force"] for r in records])
     age = np.repeat(np.arange(len(records))[::-1], [len(r.columns["force"]) for r in records])
     start, step = float(strain.min()), float(np.ptp(strain)) / _SPANS
     coefficients = _j_shaped((strain - start) / step, force, recency ** (age / 2))
-    return start, step, coefficients
-
-
-def _evaluate(start: float, step: float, coefficients: Array, strain: Array) -> Array:
-    rows = design_matrix((strain.ravel() - start) / step, len(coefficients))
-    return np.asarray((rows @ coefficients).reshape(strain.shape))
+    return StripLaw(coefficients, start, step, np.zeros(_SAMPLES), len(records))
 
 
 def _j_shaped(x: Array, force: Array, weight: Array) -> Array:

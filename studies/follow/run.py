@@ -79,14 +79,15 @@ def run_follow(
         if study.layout is not None:
             study = _with_layout(study, wanted, regulator, work, progress)
             regulator = regulator_of(study)
-        run = None if measured is None else _last_run(work, Path(measured), study)
+        last = None if measured is None else _last_program(work, study)
+        run = None if measured is None else read_run(Path(measured), study.design)
         solver = _Solver(study, wanted, regulator, checkpoint, progress)
-        result = solver.solution() if run is None else solver.corrected(*run)
+        result = solver.solution() if run is None or last is None else solver.corrected(run, *last)
         with work.adding() as files:
             if study.layout is not None:
                 write_design(study.design, files / "design.toml")
-            if run is not None:
-                write_pressures(regulator.program(run[2]), files / f"pressures_{result.run}.csv")
+            if last is not None:
+                write_pressures(regulator.program(last[1]), files / f"pressures_{result.run}.csv")
             write_pressures(result.program, files / PRESSURES)
             write_report(result, files, file)
     return result
@@ -232,8 +233,8 @@ class _Driven:
     error: float
 
 
-def _last_run(work: WorkFolder, path: Path, study: FollowStudy) -> tuple[MeasuredRun, int, Array]:
-    """Return the measured motion, its number, and the folder's program, which was run. Raises InputError."""
+def _last_program(work: WorkFolder, study: FollowStudy) -> tuple[int, Array]:
+    """Return the number of the run of the folder's program, and that program. Raises InputError."""
     file = work.folder / PRESSURES
     program = read_csv(file)
     require_pressures(program, study.design, str(file))
@@ -241,7 +242,7 @@ def _last_run(work: WorkFolder, path: Path, study: FollowStudy) -> tuple[Measure
     while (work.folder / f"pressures_{number}.csv").is_file():
         number += 1
     regulator = regulator_of(study)
-    return read_run(path, study.design), number, regulator.rows(program, regulator.cycles(program.duration))
+    return number, regulator.rows(program, regulator.cycles(program.duration))
 
 
 def _content(study: FollowStudy) -> dict[str, str]:

@@ -74,10 +74,10 @@ def _fewest(fewer: Fewer, earlier: Fewer | None, price: Price) -> Fewer:
     if earlier is None or earlier.ended:
         return fewer
 
-    def rank(option: Fewer) -> tuple[int, int, float]:
+    def rank(option: Fewer) -> tuple[float, ...]:
         return len(option.start[0].design.muscles), option.start[0].channels, option.value
 
-    allowed = price.allowed(fewer.before, fewer.count - rank(earlier)[0])
+    allowed = price.allowed(fewer.before, fewer.count - len(earlier.start[0].design.muscles))
     if earlier.value > allowed or rank(earlier) >= rank(fewer):
         return fewer
     return replace(fewer, start=earlier.start, value=earlier.value, ended="")

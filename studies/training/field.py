@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,16 +67,23 @@ def _folds(trials: Sequence[Chosen], plan: Regression) -> list[list[int]]:
     return [[index[id(trial)] for trial in one.held_out] for one in folds(every, plan.folds, seed=plan.seed)]
 
 
+class _Unseen(NamedTuple):
+    """Penalty and share for layouts not learned from, and each design as it is predicted without its own trials."""
+
+    penalty: float
+    share: float
+    left_out: list[dict[str, Any]]
+
+
 def _for_unseen(
     trials: Sequence[Chosen],
     examples: Sequence[Examples],
     known: Mapping[str, dict[str, Any]],
     plan: Regression,
-) -> tuple[float, float, list[dict[str, Any]]]:
-    """Return penalty and share for layouts not learned from, and each design as it is predicted without its own trials:
-    what the design that gains least gains most by."""
+) -> _Unseen:
+    """Return what the design that gains least gains most by."""
     if len(known) < 2:
-        return plan.penalties[-1], 1.0, []
+        return _Unseen(plan.penalties[-1], 1.0, [])
     parts = {}
     for name in known:
         of_design = [e for e, chosen in zip(examples, trials, strict=True) if chosen.trial.design_name == name]
@@ -97,7 +104,7 @@ def _for_unseen(
         before, after = errors_mm(of_design), errors_mm(of_design, share * coefficients[penalty])
         away = distance(known[name], [other for key, other in known.items() if key != name])
         left_out.append({"design": name, "distance": away, "before_mm": before, "after_mm": after})
-    return penalty, share, left_out
+    return _Unseen(penalty, share, left_out)
 
 
 def errors_mm(examples: Sequence[Examples], coefficients: Array | None = None) -> float:

@@ -17,12 +17,12 @@ from fabdesign.drawings.pages import (
     NAMES,
     OVERLAP,
     PAPERS,
-    _axes,
-    _draw,
-    _figure,
-    _overview,
-    _page,
+    blank_figure,
+    draw_shapes,
     joints,
+    overview_figure,
+    page_axes,
+    page_figure,
     page_name,
     tiled,
     window,
@@ -239,15 +239,17 @@ def test_no_words_of_a_page_or_a_template_come_near_its_edge(size: tuple[float, 
     tiling, words = tiled(face.box, "a4"), (f"{design.name}, front face: page A2", what_it_shows(design, "back", 0.01))
     sheet = whole_template(design, "back", seam_allowance=0.01)
     left, top, right, bottom = sheet.box
-    one = _figure((right - left, bottom - top))
-    _draw(_axes(one, (right - left, bottom - top), (0, 0, right - left, bottom - top), sheet.box), sheet.shapes)
+    one = blank_figure((right - left, bottom - top))
+    draw_shapes(
+        page_axes(one, (right - left, bottom - top), (0, 0, right - left, bottom - top), sheet.box), sheet.shapes
+    )
     pages = [
         # but for the window onto the drawing, whose words a page may cut
-        (_page(face, tiling, *place, (*words, "print at 100 % on A4; sheet 12 of 13")).axes[1:], tiling.page, 3.9)
+        (page_figure(face, tiling, *place, (*words, "print at 100 % on A4; sheet 12 of 13")).axes[1:], tiling.page, 3.9)
         for place in tiling.pages()
     ]
-    pages.append((_overview(design, [("front", face, tiling)], "a4", 3).axes, PAPERS["a4"], 3.9))
-    for windows, page, room in [*pages, (one.axes, (right - left, bottom - top), 10.0)]:
+    pages.append((overview_figure(design, [("front", face, tiling)], "a4", 3).axes, PAPERS["a4"], 3.9))
+    for windows, page, room in [*pages, (one.axes, paper, 10.0)]:
         figure = windows[0].figure
         figure.set_dpi(100)
         for text in (text for axes in windows for text in axes.texts):
