@@ -239,10 +239,9 @@ def test_no_words_of_a_page_or_a_template_come_near_its_edge(size: tuple[float, 
     tiling, words = tiled(face.box, "a4"), (f"{design.name}, front face: page A2", what_it_shows(design, "back", 0.01))
     sheet = whole_template(design, "back", seam_allowance=0.01)
     left, top, right, bottom = sheet.box
-    one = blank_figure((right - left, bottom - top))
-    draw_shapes(
-        page_axes(one, (right - left, bottom - top), (0, 0, right - left, bottom - top), sheet.box), sheet.shapes
-    )
+    paper = right - left, bottom - top
+    one = blank_figure(paper)
+    draw_shapes(page_axes(one, paper, (0, 0, *paper), sheet.box), sheet.shapes)
     pages = [
         # but for the window onto the drawing, whose words a page may cut
         (page_figure(face, tiling, *place, (*words, "print at 100 % on A4; sheet 12 of 13")).axes[1:], tiling.page, 3.9)
