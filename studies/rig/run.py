@@ -40,7 +40,7 @@ Program = Path | str | PressureProgram
 
 @dataclass(frozen=True)
 class RigSession:
-    """What the rig measures: designs in their order, each with its pressure programs, a trial each. truth: of the
+    """A session of the rig: designs in their order, each with its pressure programs, a trial each. truth: of the
     specimen, or its file. The last `test_trials` trials of each design get role "test"."""
 
     designs: Sequence[tuple[Given, Sequence[Program]]]
