@@ -1,8 +1,8 @@
 """When the pressure's log begins on the cameras' axis: a step of pressure sets the cloth in motion.
 
-After a step from rest the cloth comes as the answer of a critically damped mass, 1 - (1 + t / T) exp(-t / T), whose
-start and T all cameras share: velocities do not jump, so no step begins with one. What the supply and the muscles take
-to answer is in it: an effect of the model (`dead_time`), not of a clock.
+After a step from rest the cloth comes as 1 - exp(-(t / T)^1.5), whose start and T all cameras share: a mass comes with
+t^2, what drag holds with t, and a sheet has modes of both. What the supply and the muscles take to answer is in it: an
+effect of the model (`dead_time`), not of a clock.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,8 @@ BEFORE = 0.04  # s: a view so long before a step shows the cloth without it
 LEAST = 100  # points
 SOON = 0.08  # s after a step
 SLOW = 0.03  # m/s: a cloth faster than that before a step says nothing of its instant
-NOISE, SHAPE = 3e-4, 0.05  # m, and of the way: how far a cloth comes otherwise than a mass does
+POWER = 1.5
+NOISE, SHAPE = 3e-4, 0.05  # m, and of the way: how far a cloth comes otherwise than that
 SURE = 5e-4  # s: no step says it better
 
 
@@ -102,7 +103,7 @@ def _start(curves: Sequence[Array], expected: float) -> tuple[float, float] | No
         parts = []
         for curve in curves:
             after = np.maximum(curve[:, 0] - expected - guess[0], 0.0) / np.exp(guess[1])
-            shape = 1.0 - (1.0 + after) * np.exp(-after)
+            shape = 1.0 - np.exp(-(after**POWER))
             size = float(shape @ curve[:, 1]) / max(float(shape @ shape), 1e-12)
             parts.append((curve[:, 1] - size * shape) / np.hypot(NOISE, SHAPE * curve[:, 1]))
         return np.asarray(np.concatenate(parts))
