@@ -260,8 +260,8 @@ def calibrated(rig: Rig, design: Design, place: Path) -> Model:
 
 
 _HEAD = (
-    "| motion | s | error over floor | mm | floor, mm | from shapes at rest, mm | first answer, mm | first, s (CPU s) | "
-    "all, s (CPU s) | CMA-ES, mm |"
+    "| motion | s | error over floor | mm | floor, mm | from shapes at rest, mm | first answer, mm | first, s (CPU s) "
+    "| all, s (CPU s) | CMA-ES, mm |"
 )
 _DEVICES = "| device, mm | data sheet | calibrated | after one | after two | after three | floor |"
 
