@@ -18,11 +18,12 @@ import numpy as np
 from benchmarks.machine import commit, processor
 from benchmarks.made_benches import BEGIN
 from fabdesign.files.bench_file import read_bench
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.bench import BenchRecord
 from fabdesign.output import write_text
 from studies.benches.actuator import StaticCurve, hold_of
 from studies.benches.cylinder import CylinderLaw
-from studies.benches.law import Array, rms
+from studies.benches.law import rms
 from studies.benches.strip import StripLaw
 
 

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from fabdesign.files.trial_file import TrialData
 from fabdesign.geometry.shape import bilinear
 from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import SIDE
 from fabdesign.nouns.trial import Trial
-from optimize.fit.misfit import Array, Indices, Misfit
+from optimize.fit.misfit import Indices, Misfit
 
 Motion = NDArray[np.floating[Any]]
 BLOCK = 0.5  # s: residuals of one trial within it count as one observation, about half a swing of the cloth

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.metrics import over
+from fabdesign.nouns.array import Array
 from optimize.fit.fitted import Fit
-from optimize.fit.misfit import Array, Indices, Misfit, not_strays
+from optimize.fit.misfit import Indices, Misfit, not_strays
 from optimize.fit.normal import Normal, whitened
 from optimize.fit.problem import InputErrors
 

@@ -7,10 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from fabdesign.nouns.array import Array
 from fabdesign.runtime.store import Checkpoint
 from fabdesign.units import in_mm
 from optimize.fit.fitted import Ending, Fit, concluded, kept
-from optimize.fit.misfit import Array, Indices
+from optimize.fit.misfit import Indices
 from optimize.fit.normal import LARGEST, Normal, directions, loss, step_to_minimum
 from optimize.fit.parameters import FitVector
 from optimize.fit.policy import (

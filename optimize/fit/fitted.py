@@ -6,9 +6,10 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from fabdesign.nouns.array import Array
 from fabdesign.runtime.store import Arrays, Checkpoint
 from optimize.fit.clouds import Sample
-from optimize.fit.misfit import Array, Misfit, capped, frames_of
+from optimize.fit.misfit import Misfit, capped, frames_of
 from optimize.fit.normal import Normal, scatter, step_to_minimum
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import InputErrors, Linearisation, Problem
@@ -53,6 +54,10 @@ class Fit:
         """Return (p,) where its unknowns are, to first order, with some of its terms off."""
         there, _ = conditioned(self.minimum, self.covariance, self.vector.parts(labels))
         return self.vector.inside(there)
+
+    def promised(self, there: Array) -> float:
+        """Return the RMS of residuals capped at 10 mm, m, to first order, where its unknowns are `there` (p,)."""
+        return capped(self.state.misfit.residual + self.state.jacobian @ (there - self.x))
 
     @property
     def information(self) -> Array:

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.surface import CAP
+from fabdesign.nouns.array import Array
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 FAR = 2.0  # times the usual median residual: an outlying frame, which counts less
 

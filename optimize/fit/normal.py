@@ -8,7 +8,8 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import lsq_linear
 
 from fabdesign.errors import SimulationError
-from optimize.fit.misfit import FAR, Array, Indices, Loss, Misfit, frames_of
+from fabdesign.nouns.array import Array
+from optimize.fit.misfit import FAR, Indices, Loss, Misfit, frames_of
 from optimize.fit.parameters import DECLARED, FitVector
 from optimize.fit.problem import Evaluation, InputErrors, Linearisation
 

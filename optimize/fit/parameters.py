@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from fabdesign.effects.registry import EFFECTS, labels_of
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import FACTOR_RANGE, MUSCLE_TYPES, PARAMETERS, Case, Term
 from fabdesign.nouns.trial import Trial
 
-Array = NDArray[np.float64]
 # Standard deviations of the logarithms: data sheets are good to tens of percent, their damping to 30 %. A cloth's mass
 # per area is sold to some 5 % and weighed in a minute. It alone says how large all forces are: a hung cloth moves the
 # same where stiffness, weight, damping and muscles' gain are all twice as much.

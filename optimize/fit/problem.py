@@ -8,10 +8,11 @@ from math import isqrt
 import numpy as np
 
 from fabdesign.geometry.shape import Sheet, sheets_of
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case, ForwardModel, Term
 from fabdesign.nouns.trial import Accuracy, Trial
 from optimize.fit.clouds import BLOCK, Match, Motion, Sample, cut, derivatives, match, nodes_of
-from optimize.fit.misfit import ROWS, Array, Indices, Misfit, frames_of
+from optimize.fit.misfit import ROWS, Indices, Misfit, frames_of
 from optimize.fit.parameters import DECLARED, FitVector
 
 _AT_ONCE = 192  # motions in memory

@@ -4,7 +4,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from optimize.fit.misfit import Array, Indices
+from fabdesign.nouns.array import Array
+from optimize.fit.misfit import Indices
 from optimize.fit.parameters import FitVector
 
 NEEDED = 8.0  # of log likelihood: what costs less to drop is dropped; four standard deviations of one parameter

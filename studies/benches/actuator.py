@@ -5,16 +5,15 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fabdesign.errors import InputError
 from fabdesign.files.law_tables import BenchLaw
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.bench import Bench, BenchRecord
 from fabdesign.nouns.model import Quantity
 from fabdesign.units import from_kpa, in_kpa
 from studies.benches.law import Law, Predict, twice
-
-Array = NDArray[np.float64]
 
 PRESSURES = ("pressure", "pressure_amplitude", "pressure_command")  # columns, in order of preference
 _MOVED = 0.05  # of the level held: what counts as moved

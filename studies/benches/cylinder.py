@@ -6,16 +6,15 @@ from functools import lru_cache
 from typing import ClassVar, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.files.law_tables import BenchLaw
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.bench import Bench, BenchRecord
 from fabdesign.nouns.lag import first_order
 from fabdesign.nouns.model import Quantity
 from studies.benches.law import Law, Predict, rms
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 # Terms of the law, N. p: pressure over 100 kPa, x: displacement over 10 mm, s: state of friction in [-1, 1].

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.files.bench_file import read_bench
@@ -25,8 +24,6 @@ from studies.benches.muscle import of_type
 from studies.benches.noise import BenchNoise, noise_of
 from studies.benches.records import LAWS, LEAST_SHOWN, for_people, require_columns, unit_of
 from studies.benches.strip import of_strip
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,12 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.files.law_tables import BenchLaw
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.bench import Bench, BenchRecord
 from fabdesign.nouns.model import Quantity
 
-Array = NDArray[np.float64]
 Predict = Callable[[BenchRecord], tuple[Array, Array]]  # (n,) at rest, in motion; of an actuator (1,), the level held
 FORCES = ("force", "load")
 

@@ -12,14 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.declaration import MuscleRecord
 from fabdesign.errors import InputError
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.bench import BenchRecord
 from fabdesign.nouns.design import Term
 from fabdesign.nouns.model import EffectTerm, Quantity
 from fabdesign.nouns.muscle import BenchTable
 from fabdesign.nouns.muscle_law import MuscleLaw, law_of
 from studies.benches.law import FORCES, Law, Predict, rms
-
-Array = NDArray[np.float64]
 
 PRESSURES = ("pressure", "pressure_command")  # columns, in order of preference
 _BLOCKS = 10  # a record is cut into, where there are too few records to draw from

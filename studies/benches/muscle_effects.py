@@ -9,11 +9,11 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.geometry.curves import design_matrix
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import MUSCLE_TYPES, PARAMETERS, Term
 from fabdesign.nouns.model import EffectTerm
 from optimize.fit.descent import fit
@@ -23,7 +23,6 @@ from optimize.fit.problem import BenchProblem
 from studies.benches.muscle import Rows, motion_columns
 from studies.calibration.fitted_model import effect_term, quantities_of
 
-Array = NDArray[np.float64]
 _SPANS = (4, 6)  # of pressure and contraction
 _RIDGE = 1e-4  # of the law's coefficients, relative to the tension's size
 

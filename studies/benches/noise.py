@@ -11,10 +11,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.bench import Bench, BenchRecord
 from studies.benches.records import output_of
-
-Array = NDArray[np.float64]
 
 _INPUTS = "pressure", "pressure_command", "pressure_amplitude", "contraction", "displacement", "stretch"
 _SAME = 1e-3  # of an input's range: repeats differ by less

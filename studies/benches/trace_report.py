@@ -10,16 +10,15 @@ from markupsafe import Markup
 from fabdesign.formats.json_file import plain
 from fabdesign.formats.lab_table import DIMENSIONS
 from fabdesign.formats.result_tables import Columns, Tabled
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.bench import Bench
 from fabdesign.nouns.model import EffectTerm
 from fabdesign.units import in_kpa, in_mm
-from optimize.fit.misfit import Array
 from studies.benches.noise import BenchNoise
 from studies.benches.records import for_people, shown
 from studies.benches.trace_fit import BenchCandidate
 from studies.report import charts, page
-from studies.tracing.report import error_bars
-from studies.tracing.statements import effect_in_words
+from studies.tracing.report import effect_in_words, error_bars
 from studies.tracing.verdict import STRUCTURE, Evidence, Word, effect_entry, shared_out
 
 Curve = tuple[str, Array, Array, Array, Array]  # a record: its name, the rows' place, measured, before, after

@@ -12,6 +12,7 @@ from fabdesign.errors import InputError
 from fabdesign.files.bench_file import read_bench
 from fabdesign.files.model_file import write_model
 from fabdesign.formats.json_file import write_json
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.bench import Bench, BenchRecord
 from fabdesign.nouns.model import EffectTerm, Model, Provenance, Quantity
 from fabdesign.output import new_folder, write_text
@@ -20,12 +21,11 @@ from fabdesign.version import __version__
 from optimize.fit.clouds import evenly
 from optimize.fit.cross_validation import Scored
 from optimize.fit.descent import Progress, parts
-from optimize.fit.misfit import Array, Indices
+from optimize.fit.misfit import Indices
 from studies.benches.law import rms
 from studies.benches.noise import noise_of
 from studies.benches.records import LAWS, output_of, require_columns, unit_of
-from studies.benches.trace_candidates import ShapedEffect, Signals, shapes_of, signals_of
-from studies.benches.trace_fit import BenchTask, alike, candidates_of, select
+from studies.benches.trace_fit import BenchTask, ShapedEffect, Signals, alike, candidates_of, select, shapes_of
 from studies.benches.trace_report import BenchOutcome, Curve, render_bench
 from studies.calibration.fitted_model import quantities_of
 from studies.tracing.black_box import WIDTHS, kernel_of, left_out, standardised
@@ -140,7 +140,7 @@ class _Sampled:
         bench: Bench, records: Sequence[BenchRecord], laws: Sequence[Array], *, first: int = 0, most: int = _ROWS
     ) -> "_Sampled":
         """Return at most so many rows of each record. first: the first one's place among the bench's records."""
-        signals = [signals_of(r, law, first + k) for k, (r, law) in enumerate(zip(records, laws, strict=True))]
+        signals = [Signals.of(r, law, first + k) for k, (r, law) in enumerate(zip(records, laws, strict=True))]
         return _Sampled(bench, records, laws, signals, [evenly(len(law), most) for law in laws])
 
     @cached_property

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fabdesign.errors import InputError
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.model import POINTS_PER_SIDE, Model
 from fabdesign.nouns.predictor import Predictor
@@ -14,23 +15,19 @@ from fabdesign.runtime.store import Checkpoint
 from optimize.fit.clouds import Sample, evenly
 from optimize.fit.descent import FitStart, Interrupted, Progress, silent
 from optimize.fit.fitted import Fit
-from optimize.fit.misfit import Array
 from optimize.fit.parameters import DECLARED, FitVector
 from optimize.fit.policy import NEAR, FitStage, Policy, to_the_end
-from studies.calibration.ambiguities import ambiguities
-from studies.calibration.fits import Fits
+from studies.calibration.fits import Fits, fit_at_rest, with_shapes_at_rest
 from studies.calibration.fitted_model import fitted_model
 from studies.calibration.intervals import EXCESS, far_factors, interval_warnings, with_engines
 from studies.calibration.joint_fit import joint_fit, joint_fit_from_rest
-from studies.calibration.rest_fit import fit_at_rest, with_shapes_at_rest
-from studies.calibration.result import Calibration
+from studies.calibration.result import Calibration, ambiguities
 from studies.calibration.trial_checks import DISAGREE, implausible
 from studies.intervals.calibrate import chosen as chosen_trials
 from studies.intervals.calibrate import with_spread
-from studies.measured.bad_data import Tolerance
 from studies.measured.fit_data import Density, MeasuredData
-from studies.measured.sensitive_stretches import find_used_frames
-from studies.measured.splits import fit_trials
+from studies.measured.splits import Tolerance, fit_trials
+from studies.measured.used_frames import find_used_frames
 
 TRIALS = 16  # fitted at most without effects, spread over those allowed
 MOST_TRIALS = 48  # with effects, whose last fit takes 10 CPU s a trial; never more than half of those allowed over 32

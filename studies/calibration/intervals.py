@@ -10,18 +10,17 @@ for its factors.
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.formats.csv_table import decimal, read_rows
 from fabdesign.geometry.metrics import over
 from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.geometry.surface import CAP
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import PARAMETERS
 from fabdesign.units import in_mm
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import DECLARED, FitVector
 
-Array = NDArray[np.float64]
 FILE = Path(__file__).parent / "engine_difference.csv"
 EXCESS = 0.0005  # m over the noise that a right model may leave
 OUTLYING = 0.03  # share of frames far off from which on it is said

@@ -14,18 +14,18 @@ import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import label_effect
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Term
 from optimize.fit.clouds import evenly
 from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
-from optimize.fit.misfit import Array, Indices
+from optimize.fit.misfit import Indices
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.policy import NEAR
 from optimize.fit.problem import horizons_of, widened
 from optimize.fit.significance import needed
-from studies.calibration.fits import Fits
+from studies.calibration.fits import Fits, beginning, shown
 from studies.calibration.intervals import expected_rms
-from studies.calibration.rest_fit import beginning, shown
 from studies.measured.fit_data import MeasuredData
 
 EARLY = 1.0  # s, of the horizons before all frames: a column costs a motion as long

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from fabdesign.geometry.metrics import surface_rms
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Motion, Sample, evenly
-from optimize.fit.misfit import Array
 from optimize.fit.parameters import FitVector
 
 DISAGREE = 0.003  # m RMS, under which nothing is asked

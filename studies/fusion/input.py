@@ -15,7 +15,7 @@ from studies.fusion.cleaning import clean, clean_image, raster
 from studies.fusion.joint import SensorView, align
 from studies.fusion.reference import Pose, off, register_to_rest
 from studies.fusion.ripple import RIPPLE_IMAGES, ripple_of
-from studies.measured.bad_data import Tolerance
+from studies.measured.splits import Tolerance
 
 Array = NDArray[np.float64]
 REST = -1  # the frame number of the reference

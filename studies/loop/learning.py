@@ -22,7 +22,7 @@ from optimize.fit.free_parameters import fit_vector
 from studies.calibration.calibrate import CalibrationOptions, calibrate
 from studies.calibration.result import Calibration
 from studies.loop.record import Learned, TracedEffects
-from studies.measured.sensitive_stretches import GRID
+from studies.measured.used_frames import GRID
 from studies.prediction.evaluate import evaluate_sets
 
 MODEL = "model.toml"
@@ -114,8 +114,8 @@ def _traced(
 ) -> Traced:
     from fabdesign.runtime.fingerprint import OtherContent
     from studies.measured.fit_data import TooLittle
+    from studies.tracing.report import verdict_in_words
     from studies.tracing.run import Options, trace_set
-    from studies.tracing.statements import verdict_in_words
 
     learning = study.learning
     trace = partial(

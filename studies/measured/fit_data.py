@@ -19,7 +19,7 @@ from fabdesign.runtime.fingerprint import sha256
 from fabdesign.version import SIMULATOR, __version__
 from optimize.fit.at_rest import Standing
 from optimize.fit.clouds import Sample, cut, sample_trial
-from studies.measured.splits import by_program
+from studies.measured.splits import program_of
 from studies.measured.used_frames import UsedFrames
 
 STROKE = 100e3  # Pa by which a channel's pressure rises in one stroke
@@ -110,8 +110,7 @@ class MeasuredData:
     @cached_property
     def folds(self) -> tuple[int, ...]:
         """Return the fold of each trial: those with the same pressures are one fold."""
-        fold = {id(trial): k for k, group in enumerate(by_program(self.trials)) for trial in group}
-        return tuple(fold[id(trial)] for trial in self.trials)
+        return program_of(self.trials)
 
     @cached_property
     def session(self) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ from fabdesign.effects.acting import seen_at
 from fabdesign.effects.registry import effect_named
 from fabdesign.files.motion_file import Motion, square_triangles
 from fabdesign.geometry.shape import LacedMuscles, laced_muscles
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
@@ -94,9 +95,6 @@ class WithMuscleStates:
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
         self.last = self._simulator.rest(cases)
         return [shape.points[0] for shape in self.last]
-
-
-Array = NDArray[np.float64]
 
 
 def laced_motions(

@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.metrics import surface_rms
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case, Term
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import Trial
 
-Array = NDArray[np.float64]
 Points = NDArray[np.floating]  # (..., n, 3) m
 
 OFF = 0.02  # of each pressure, up on one face and down on the other: what a regulator may be off

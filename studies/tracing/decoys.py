@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from fabdesign.nouns.array import Array
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Match, Sample, places_on_cloth
 from optimize.fit.cross_validation import Gain, LeftOut
 from optimize.fit.fitted import Fit
-from optimize.fit.misfit import Array, frames_of
+from optimize.fit.misfit import frames_of
 from optimize.fit.problem import Linearisation
 from optimize.fit.significance import NEEDED, cost
 

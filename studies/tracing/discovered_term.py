@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from fabdesign.effects.learned import DISCOVERED, formula
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.model import EffectTerm
 from fabdesign.units import in_mm
 from optimize.fit.cross_validation import LeftOut
 from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import fit_vector
-from optimize.fit.misfit import Array
 from optimize.fit.policy import NEAR
 from optimize.fit.significance import NEEDED, eliminated
 from studies.tracing.rules import Selection

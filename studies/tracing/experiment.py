@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case, ForwardModel, Term
 from fabdesign.nouns.pressure import USUAL_LIMITS, PressureProgram, RigLimits, limits
 from fabdesign.units import in_kpa, in_mm
-from optimize.fit.misfit import Array
 from optimize.fit.parameters import FitVector
 
 LEAST_DIFFERENCE = 0.3e-3  # m RMS, under which no program tells explanations apart in one trial

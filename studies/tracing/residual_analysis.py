@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimize.fit.misfit import Array, Indices
-from studies.tracing.black_box import RIDGES, Frames, frames_at, lagged
-from studies.tracing.residuals import Residuals
+from fabdesign.nouns.array import Array
+from optimize.fit.clouds import places_on_cloth
+from optimize.fit.misfit import Indices
+from studies.tracing.black_box import RIDGES, Frames, Residuals, frames_at, grid_of, lagged, set_points_of, standardised
 
 CELLS = 10  # of the map of the cloth, a side
-_SIDE = 41
 _FOLLOWED = 0.05  # share of its mean square that a feature must take of held-out trials to be named
 
 
@@ -32,9 +32,7 @@ class Remains:
 
 def remains(state: Residuals, folds: Sequence[int]) -> Remains:
     """Return the analysis of the residual of a state."""
-    side = state.misfit.vertex % _SIDE**2
-    u = np.einsum("nc,nc->n", state.misfit.weights, (side % _SIDE) / (_SIDE - 1))
-    v = np.einsum("nc,nc->n", state.misfit.weights, (side // _SIDE) / (_SIDE - 1))
+    u, v = ((1 + place) / 2 for place in places_on_cloth(state.misfit)[:2])
     kept, squared = state.kept, np.square(state.residual)
     cell = np.minimum((v * CELLS).astype(int), CELLS - 1) * CELLS + np.minimum((u * CELLS).astype(int), CELLS - 1)
     counts = np.bincount(cell[kept], minlength=CELLS**2)
@@ -92,11 +90,9 @@ def _kinds(state: Residuals, frames: Frames) -> dict[str, Array]:
     channels = max(s.trial.program.pressure.shape[1] for s in state.samples)
     parts: dict[str, list[Array]] = {name: [] for name in ("pressure", "rate", "history", "time", "pose")}
     for sample, sheet in zip(state.samples, state.sheets, strict=True):
-        program, times = sample.trial.program, sample.times
-        set_points = np.pad(program.at(times) / 1e5, ((0, 0), (0, channels - program.pressure.shape[1])))
-        grid = np.arange(0.0, times[-1] + 0.01, 0.01)
-        path = np.pad(program.at(grid) / 1e5, ((0, 0), (0, channels - program.pressure.shape[1])))
-        slow, fast = (lagged(path, tau)[np.clip(np.searchsorted(grid, times), 0, len(grid) - 1)] for tau in (1.0, 0.15))
+        times, (grid, places) = sample.times, grid_of(sample)
+        set_points, path = (set_points_of(sample, at, channels) for at in (times, grid))
+        slow, fast = (lagged(path, tau)[places] for tau in (1.0, 0.15))
         middle = sheet.middle.reshape(len(times), -1, 3)[:, ::40]
         parts["pressure"].append(set_points)
         parts["rate"].append(fast - set_points)
@@ -114,9 +110,7 @@ def _kinds(state: Residuals, frames: Frames) -> dict[str, Array]:
 
 def _left(table: Array, frames: Frames, fold: Indices) -> float:
     """Return the squares left of the shapes of held-out folds, m^2, by ridge regression with a constant, at best."""
-    spread = table.std(axis=0)
-    table = (table - table.mean(axis=0))[:, spread > 1e-9] / spread[spread > 1e-9]
-    table = np.column_stack([np.ones(len(fold)), table])
+    table = np.column_stack([np.ones(len(fold)), standardised(table)])
     best = np.inf
     for ridge in RIDGES:
         left = 0.0

@@ -97,9 +97,7 @@ class Refits:
     method holds of a bench: it has no other layouts, no decoys, and columns that do not change."""
 
     tolerance: float  # m of excess, or in the bench's unit
-
-    def say(self, line: str) -> None:
-        """Tell what is done."""
+    say: Callable[[str], None] = staticmethod(lambda line: None)
 
     def judged(self, fit: Fit) -> Judged:
         """Return a fit with what trials left out say of it."""

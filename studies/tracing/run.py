@@ -21,18 +21,16 @@ from fabdesign.units import in_mm
 from fabdesign.version import SIMULATOR
 from optimize.fit.clouds import evenly
 from optimize.fit.cross_validation import LeftOut
-from studies.calibration.rest_fit import with_shapes_at_rest
+from studies.calibration.fits import with_shapes_at_rest
 from studies.measured.fit_data import Density, MeasuredData, TooLittle
-from studies.measured.sensitive_stretches import sensitive_stretches
 from studies.measured.splits import fit_trials
-from studies.measured.used_frames import Stretch, UsedFrames, share_left_out
-from studies.tracing.black_box import baseline_score
+from studies.measured.used_frames import find_used_frames
+from studies.tracing.black_box import Residuals, baseline_score
 from studies.tracing.candidates import candidates_of, same_from_rest
 from studies.tracing.discovered_term import discover
 from studies.tracing.experiment import Explanation, next_experiment
 from studies.tracing.outcome import Outcome, model_of
 from studies.tracing.residual_analysis import remains
-from studies.tracing.residuals import Residuals
 from studies.tracing.rules import Selection
 from studies.tracing.selection import select
 from studies.tracing.surface_errors import errors_of_trials
@@ -93,7 +91,11 @@ def trace_set(
             from sim import Simulator  # here: it loads and starts taichi
 
             forward = Simulator(options.grid or GRID, calm_steps=CALM_STEPS)
-        used = _used(checkpoint, every, forward, say)
+
+        def searching(done: int, total: int) -> None:
+            say(f"stretches near a bifurcation: {done} of {total} motions")
+
+        used = find_used_frames([(measured, every)], forward, progress=searching)
         say(used.in_words)
         data = MeasuredData.of([measured], trials, used, DRAWN, seed=options.seed)
         data = with_shapes_at_rest(data, fit_trials(measured.trials))
@@ -162,18 +164,6 @@ def _check(model: Model) -> None:
         )
     for term in model.terms:
         check_values(effect_named(term.name, "--model"), term.values, "--model")
-
-
-def _used(checkpoint: Checkpoint, trials: Sequence[Trial], bare: ForwardModel, say: Say) -> UsedFrames:
-    def searched() -> list[list[Any]]:
-        def progress(done: int, total: int) -> None:
-            say(f"stretches near a bifurcation: {done} of {total} motions")
-
-        return [[s.trial, s.begin, s.end] for s in sensitive_stretches(trials, bare, progress=progress)]
-
-    kept = checkpoint.get("unjudged", searched)
-    stretches = tuple(Stretch(str(trial), float(begin), float(end)) for trial, begin, end in kept)
-    return UsedFrames(stretches, share_left_out(stretches, trials))
 
 
 def _elsewhere(measured: MeasurementSet, data: MeasuredData) -> list[Trial]:

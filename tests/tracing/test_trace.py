@@ -40,21 +40,18 @@ from studies.calibration.joint_fit import joint_fit, negligible
 from studies.measured.fit_data import MeasuredData
 from studies.measured.splits import fit_trials
 from studies.measured.used_frames import UsedFrames
-from studies.tracing.black_box import baseline_score, basis_of
+from studies.tracing.black_box import Residuals, baseline_score, basis_of
 from studies.tracing.candidates import candidates_of
 from studies.tracing.decoys import decoys_beside, exchanged, turned
 from studies.tracing.experiment import programs
 from studies.tracing.judged import CAUSE, Judged, strength
-from studies.tracing.reduction import begin_without, reduced
-from studies.tracing.refits import SetRefits, _label_in
+from studies.tracing.report import as_text
 from studies.tracing.residual_analysis import remains
-from studies.tracing.residuals import Residuals
 from studies.tracing.rules import Selection, loses
 from studies.tracing.run import DRAWN, trace_set
-from studies.tracing.selection import backwards, enough, sparse, worth
-from studies.tracing.statements import as_text
+from studies.tracing.selection import backwards, begin_without, enough, reduced, sparse, worth
 from studies.tracing.surface_errors import TrialError, other_layouts
-from studies.tracing.task import Place, Task
+from studies.tracing.task import Place, Task, _label_in
 from studies.tracing.verdict import Evidence, decide, explains
 from tests.few_effects import few_effects
 
@@ -494,7 +491,7 @@ def selected(late, unhurried, tmp_path_factory):
             data, forward, 0.5e-3, {}, known=[], checkpoint=Checkpoint(work, {}),
             say=lambda line: said.append(line.partition(",")[0]) if "unknowns" in line else None,
         )  # fmt: skip
-        chosen = backwards(SetRefits(task), joint, unhurried)
+        chosen = backwards(task, joint, unhurried)
         found, small, decoys = chosen.chosen, chosen.small, chosen.decoys
         assert chosen.plain is unhurried  # of several effects none goes
         beside_nothing = decoys_beside(unhurried, joint, data.samples, data.folds, task.floor)
@@ -529,7 +526,7 @@ def test_an_effect_that_is_next_to_nothing_is_no_cause(selected, late, unhurried
             data, Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], Checkpoint(work, {}),
             say=lambda line: None,
         )  # fmt: skip
-        none = backwards(SetRefits(task), joint, unhurried)
+        none = backwards(task, joint, unhurried)
     assert none.chosen is none.plain and not none.chosen.vector.labels
     assert sorted(none.small) == ["filling_lag", "supply_droop"]
 
@@ -544,7 +541,7 @@ def test_the_declared_parameters_begin_beside_the_effects_too(late, unhurried, t
             say=lambda line: None,
         )  # fmt: skip
         assert task.nearest(away.vector, [away.minimum])[0] > 2 * unhurried.after
-        found = SetRefits(task).alone(joint, away)
+        found = task.alone(joint, away)
     assert not found.vector.terms
     assert found.after < 1.02 * unhurried.after
 
@@ -572,7 +569,7 @@ def test_where_many_cannot_go_at_once_few_go_at_a_time_by_the_joint_fits_jacobia
     with work_folder(tmp_path / "out", made_by="trace") as work:
         task = Task(data, forward, 0.5e-3, {}, [], Checkpoint(work, {}), say=said.append)
         assert reduced(task, joint, wanted) == (joint, wanted)  # which any fit of them may begin from
-        monkeypatch.setattr("studies.tracing.reduction.begin_without", snapping)
+        monkeypatch.setattr("studies.tracing.selection.begin_without", snapping)
         forward.made = 0
         found, labels = reduced(task, joint, wanted)
     others = len(joint.vector.labels) - len(wanted)
@@ -596,7 +593,7 @@ def test_what_cannot_go_alone_stays(late, tmp_path, monkeypatch):
         begin = begin_without(task, known, labels)
         return replace(begin, promised=0.0) if "filling_lag" in labels else begin
 
-    monkeypatch.setattr("studies.tracing.reduction.begin_without", stuck)
+    monkeypatch.setattr("studies.tracing.selection.begin_without", stuck)
     with work_folder(tmp_path / "out", made_by="trace") as work:
         task = Task(
             data, Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], Checkpoint(work, {}),
@@ -645,7 +642,7 @@ def test_an_effect_that_is_enough_is_fitted_alone(tolerance, apart, alone, late,
             data, Predictor(Curler(), Model(), sensing=True), tolerance, {}, [], Checkpoint(work, {}),
             say=lambda line: said.append(line.partition(",")[0]),
         )  # fmt: skip
-        found = enough(SetRefits(task), joint, ["supply_droop", "filling_lag"], unhurried)
+        found = enough(task, joint, ["supply_droop", "filling_lag"], unhurried)
     assert {*said} == ({"filling_lag alone"} if tolerance > unhurried.after else set())  # which promises too little
     assert (found is not None) is alone
     assert found is None or (found.vector.labels == ("filling_lag",) and found.after < unhurried.after)
@@ -659,11 +656,11 @@ def test_other_layouts_ask_for_nothing_that_is_no_cause(selected, late, unhurrie
             late[1], Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], Checkpoint(work, {}),
             say=lambda line: None,
         )  # fmt: skip
-        refits, all_of_it = SetRefits(task), 1.0  # m: trials left out lose less
-        most, simpler = (refits.judged(fit) for fit in (selected[0], unhurried))
-        assert loses(refits, most, simpler, all_of_it, cause=True)
-        assert not loses(refits, most, simpler, all_of_it, cause=False)
-        assert loses(refits, most, simpler, 0.5e-3, cause=False)  # trials left out tell
+        all_of_it = 1.0  # m: trials left out lose less
+        most, simpler = (task.judged(fit) for fit in (selected[0], unhurried))
+        assert loses(task, most, simpler, all_of_it, cause=True)
+        assert not loses(task, most, simpler, all_of_it, cause=False)
+        assert loses(task, most, simpler, 0.5e-3, cause=False)  # trials left out tell
 
 
 def test_effects_that_do_the_same_in_the_joint_fit_are_alike(late):
@@ -862,8 +859,8 @@ def test_an_effect_within_the_tolerance_stays_where_it_matters_to_another_layout
             data, Predictor(Stiffer(), Model(), sensing=True), tolerance, {}, known=[],
             checkpoint=Checkpoint(work, {}), say=lambda line: None, elsewhere=[other],
         )  # fmt: skip
-        assert worth(SetRefits(replace(task, elsewhere=())), joint) == (["filling_lag"], ["supply_droop"])
-        chosen = backwards(SetRefits(task), joint, unhurried)
+        assert worth(replace(task, elsewhere=()), joint) == (["filling_lag"], ["supply_droop"])
+        chosen = backwards(task, joint, unhurried)
     assert sorted(chosen.chosen.vector.labels) == ["filling_lag", "supply_droop"]
     assert not chosen.small
 
