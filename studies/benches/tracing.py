@@ -83,7 +83,6 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
     beside = sampled.baseline(left) if chosen.parts else box
     evidence = Evidence(
         none.excess, refitted.excess, len(chosen.fit.vector.labels), box.excess(floor),
-        beside.excess(floor),
         left=1 - float(beside.squares.sum() / np.square(left).sum()), typical=none.scored.typical(floor),
     )  # fmt: skip
     return BenchOutcome(

@@ -117,4 +117,4 @@ def shown(fit: Fit) -> list[str]:
 
 def _moves(fit: Fit) -> NDArray[np.bool_]:
     """Return (p,) which unknowns do."""
-    return np.asarray(np.sqrt(np.diag(fit.sensitivity)) * fit.vector.prior > SHOWS)
+    return np.asarray(np.sqrt(np.diag(fit.normal.sensitivity)) * fit.vector.prior > SHOWS)

@@ -151,7 +151,7 @@ def ambiguities(fit: Fit, covariance: np.ndarray) -> tuple[str, ...]:
                     f"{names[j]} and {first}: hardly separable (correlation {correlation[i, j]:+.2f}); "
                     f"their {known} is better known than each of them"
                 )
-    values, vectors = np.linalg.eigh(fit.information * np.outer(prior, prior))
+    values, vectors = np.linalg.eigh(fit.normal.information * np.outer(prior, prior))
     for value, vector in zip(values, vectors.T, strict=True):
         direction = vector * prior
         named = np.flatnonzero(np.abs(direction) > _SHARE * np.abs(direction).max())
@@ -166,7 +166,7 @@ def _combination(fit: Fit, direction: np.ndarray, named: np.ndarray) -> str:
     moves = ", ".join(
         _moved(fit.vector.parameters[k], direction[k]) for k in sorted(named, key=lambda k: -abs(direction[k]))
     )
-    seen = in_mm(float(np.sqrt(max(direction @ fit.sensitivity @ direction, 0.0))))
+    seen = in_mm(float(np.sqrt(max(direction @ fit.normal.sensitivity @ direction, 0.0))))
     return f"changed together, {moves} move the surface by {seen:.2f} mm RMS only: these data do not determine them"
 
 

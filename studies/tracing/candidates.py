@@ -161,7 +161,7 @@ def _alternatives(wide: LeftOut, selection: Selection, places: dict[str, np.ndar
         change = left[:, part] @ chosen.x[part]
         size = float(chosen.x[part] @ change[part])
         same = [k for k in joint.vector.labels if label_effect(k) == label_effect(label)]
-        there = alike(joint.sensitivity, joint.vector, same[0], [*places]) if len(same) == 1 else []
+        there = alike(joint.normal.sensitivity, joint.vector, same[0], [*places]) if len(same) == 1 else []
         for other, columns in places.items():
             if other in there or does(left, columns, change, size):
                 model = _instead(wide, selection, label, other, columns)

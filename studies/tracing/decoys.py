@@ -59,15 +59,11 @@ def decoys_beside(known: Fit, joint: Fit, samples: Sequence[Sample], folds: Sequ
             part = vector.part(label)
             beside = trials.with_columns(table[:, part], vector.prior[part])
             gains.append(trials.gain(without, beside.scored(), floor))
-            needed.append(_cost(beside, len(part)) >= NEEDED)
+            covariance = np.linalg.inv(beside.information)
+            x = beside.x - covariance @ beside.gradient
+            last = np.arange(len(x) - len(part), len(x))  # to switch them off costs so much, to first order
+            needed.append(cost(x, np.asarray(covariance, dtype=np.float64), last) >= NEEDED)
     return Decoys(tuple(gains), tuple(needed))
-
-
-def _cost(beside: LeftOut, count: int) -> float:
-    """Return what the last `count` unknowns cost to switch off, of log likelihood, at the minimum to first order."""
-    covariance = np.linalg.inv(beside.information)
-    x = beside.x - covariance @ beside.gradient
-    return cost(x, np.asarray(covariance, dtype=np.float64), np.arange(len(x) - count, len(x)))
 
 
 def exchanged(state: Linearisation, samples: Sequence[Sample], order: Sequence[int]) -> Array:

@@ -219,13 +219,6 @@ class Outcome(OfModel):
         """Return the surface RMS of an excess [m], mm."""
         return in_mm(float(np.hypot(excess, self.floor)))
 
-    @property
-    def _after(self) -> float:
-        """Return the excess that the model leaves of trials left out, m."""
-        if self.discovered is not None:
-            return self.discovered.excess
-        return self.evidence.after if self.verdict == "effect" else self.evidence.before
-
     def _error(self) -> dict[str, Any]:
         def pair(which: str, excess: float) -> dict[str, float | None]:
             fit, test = (mean_of(self.errors, role, which) for role in ("fit", "test"))
@@ -235,6 +228,7 @@ class Outcome(OfModel):
                 "cross_validated": self._surface(excess),
             }
 
+        after = self.evidence.after if self.verdict == "effect" else self.evidence.before
         return {
             "metric": "surface_rms",
             "unit": "mm",
@@ -242,7 +236,7 @@ class Outcome(OfModel):
             "tolerance": in_mm(self.tolerance),
             "ceiling": self._surface(self.evidence.box_before),
             "before": pair("before", self.evidence.before),
-            "after": pair("after", self._after),
+            "after": pair("after", after if self.discovered is None else self.discovered.excess),
         }
 
 

@@ -1,18 +1,17 @@
 """Surface errors of used frames, before and after: of the trials fitted, and once of those of role test."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from fabdesign.geometry.metrics import Errors, statistics, trial_errors
-from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.trial import Trial
 from optimize.fit.clouds import evenly
+from optimize.fit.fitted import Fit
 from optimize.fit.misfit import Indices
-from studies.measured.used_frames import Stretch, used_mask
-from studies.tracing.task import Place
+from studies.measured.fit_data import MeasuredData
 
 FRAMES = 20  # of a trial
 
@@ -29,34 +28,24 @@ class TrialError:
 
 
 def errors_of_trials(
-    trials: Sequence[Trial],
-    stretches: Sequence[Stretch],
-    forward: ForwardModel,
-    before: Place,
-    after: Place,
-    noise: SensorNoise,
-    *,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    data: MeasuredData, trials: Sequence[Trial], forward: ForwardModel, before: Fit, after: Fit
 ) -> list[TrialError]:
     """Return the errors of every trial that has a used frame."""
     times: list[Indices] = []
     chosen: list[Trial] = []
     for trial in trials:
-        usable = np.flatnonzero(used_mask(stretches, trial.name, trial.times))
+        usable = np.flatnonzero(data.used.at(data.sets[0], trial))
         if len(usable):
             chosen.append(trial)
             times.append(usable[evenly(len(usable), FRAMES)])
     whens = [t.times[frames] for t, frames in zip(chosen, times, strict=True)]
-    motions = forward.motions(
-        [place.vector.case(t, place.x) for place in (before, after) for t in chosen], [*whens, *whens]
-    )
+    motions = forward.motions([fit.vector.case(t, fit.x) for fit in (before, after) for t in chosen], [*whens, *whens])
     errors = []
     for k, (trial, frames) in enumerate(zip(chosen, times, strict=True)):
         all_frames = trial.load().frames
         clouds = [all_frames[int(f)] for f in frames]
-        pair = [trial_errors(clouds, m, noise, seed=trial.order) for m in (motions[k], motions[len(chosen) + k])]
+        pair = [trial_errors(clouds, m, data.noise, seed=trial.order) for m in (motions[k], motions[len(chosen) + k])]
         errors.append(TrialError(trial.name, trial.design.name, trial.role, pair[0], pair[1]))
-        progress(k + 1, len(chosen))
     return errors
 
 

@@ -29,7 +29,6 @@ FAR = 0.020  # m: a point that is farther off counts as this far
 # A step is the last that promises less than a quarter, in log likelihood, of what makes an effect needed.
 _LAST = FitStage(slight=0.01, least=NEEDED / 4, exact_end=False)
 ASKED = Policy("fewer effects", _LAST, _LAST)
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +51,7 @@ class Task(Refits):
     factors: dict[str, float]
     known: Sequence[str]
     checkpoint: Checkpoint
-    say: Say
+    say: Callable[[str], None]
     elsewhere: Sequence[Trial] = ()
 
     @property
