@@ -128,12 +128,12 @@ UNLISTED = "wind", "spring", "seam_snap", "heating", "crosstalk"
 DRIFTS: tuple[tuple[str, dict[str, float]], ...] = (
     ("sinking_supply", {"full": 350.0, "sink": 20.0}),
     ("heating", {"loss": 0.5, "time": 3.0, "each_trial": 0.8}),
-    ("loosening", {"channel": 1, "give": 0.01, "trials": 2.0}),
-    ("loosening", {"channel": 0, "give": 0.02, "trials": 2.0}),
+    ("loosening", {"channel": 1, "give": 0.1, "trials": 2.0}),
+    ("loosening", {"channel": 0, "give": 0.3, "trials": 2.0}),
     ("heating", {"loss": 0.25, "time": 3.0, "each_trial": 0.8}),
     ("sinking_supply", {"full": 350.0, "sink": 45.0}),
     ("heating", {"loss": 0.2, "time": 3.0, "each_trial": 0.8}),
-    ("loosening", {"channel": 2, "give": 0.02, "trials": 2.0}),
+    ("loosening", {"channel": 2, "give": 0.3, "trials": 2.0}),
 )
 WITHHELD = (
     "filling_lag", "orthotropy", "muscle_creep", "line_loss", "supply_droop", "braid_hysteresis", "frame_tilt",

@@ -84,11 +84,13 @@ def heating(scene: Scene, order: int, values: Mapping[str, float]) -> None:
     scene.after_step.append(warm)
 
 
-@effect("interface", channel=(0.0, "1"), give=(0.03, "1"), trials=(3.0, "1"))
+@effect("interface", channel=(0.0, "1"), give=(0.3, "1"), trials=(3.0, "1"))
 def loosening(scene: Scene, order: int, values: Mapping[str, float]) -> None:
-    """The lacing of one channel's muscles gives from trial to trial, as if they were longer by `give` in the end."""
-    longer = 1.0 + values["give"] * -np.expm1(-order / values["trials"])
-    scene.cables.rest[scene.channel == int(values["channel"])] *= longer
+    """The loops of one channel's muscles give from trial to trial: their axes lie farther off the cloth, by the share
+    `give` in the end."""
+    cables, share = scene.cables, values["give"] * -np.expm1(-order / values["trials"])
+    upper = cables.first[scene.channel == int(values["channel"])]
+    cables.offset[np.union1d(upper, upper + 1)] *= 1.0 + share
 
 
 @effect("pneumatics", full=(350.0, "kPa"), sink=(50.0, "kPa"))
