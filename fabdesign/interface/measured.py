@@ -59,9 +59,9 @@ def evaluate(
         return _evaluate_bench(run, benches[0], model, out, all_trials)
     from fabdesign.runtime.effort import evaluation_seconds, in_words, on_cores
     from studies.measured.used_frames import GRID as COARSE
-    from studies.prediction.coarser_grid import enough_points
     from studies.prediction.evaluate import evaluate_sets
     from studies.prediction.evaluation_report import write_evaluation
+    from studies.prediction.forward_model import enough_points
 
     fitted = run.known_model(model, without)
     roles: tuple[Role, ...] = ("test", "fit") if all_trials else ("test",)
@@ -148,7 +148,7 @@ def predict(
     from fabdesign.interface.arguments import one_design
     from fabdesign.nouns.trial import MeasurementSet
     from studies.measured.used_frames import GRID as COARSE
-    from studies.prediction.coarser_grid import enough_points
+    from studies.prediction.forward_model import enough_points
     from studies.prediction.predict import folders_of, predicted, trials_of
     from studies.prediction.predict import predict as predict_trials
 

@@ -14,8 +14,7 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.bench import Bench
 from fabdesign.nouns.model import EffectTerm
 from fabdesign.units import in_kpa, in_mm
-from studies.benches.noise import BenchNoise
-from studies.benches.records import for_people, shown
+from studies.benches.records import BenchNoise, for_people, shown
 from studies.benches.trace_fit import BenchCandidate
 from studies.report import charts, page
 from studies.tracing.report import effect_in_words, error_bars

@@ -23,8 +23,7 @@ from optimize.fit.cross_validation import Scored
 from optimize.fit.descent import Progress, parts
 from optimize.fit.misfit import Indices
 from studies.benches.law import rms
-from studies.benches.noise import noise_of
-from studies.benches.records import LAWS, output_of, require_columns, unit_of
+from studies.benches.records import LAWS, noise_of, output_of, require_columns, unit_of
 from studies.benches.trace_fit import BenchTask, ShapedEffect, Signals, alike, candidates_of, select, shapes_of
 from studies.benches.trace_report import BenchOutcome, Curve, render_bench
 from studies.calibration.fitted_model import quantities_of

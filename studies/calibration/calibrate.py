@@ -18,8 +18,7 @@ from optimize.fit.fitted import Fit
 from optimize.fit.parameters import DECLARED, FitVector
 from optimize.fit.policy import NEAR, FitStage, Policy, to_the_end
 from studies.calibration.fits import Fits, fit_at_rest, with_shapes_at_rest
-from studies.calibration.fitted_model import fitted_model
-from studies.calibration.intervals import EXCESS, far_factors, interval_warnings, with_engines
+from studies.calibration.fitted_model import EXCESS, far_factors, fitted_model, interval_warnings, with_engines
 from studies.calibration.joint_fit import joint_fit, joint_fit_from_rest
 from studies.calibration.result import Calibration, ambiguities
 from studies.calibration.trial_checks import implausible

@@ -19,7 +19,7 @@ from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitVector
 from optimize.fit.policy import AT_REST, NEAR, Policy
 from optimize.fit.problem import FitProblem
-from studies.calibration.intervals import expected_rms
+from studies.calibration.fitted_model import expected_rms
 from studies.measured.fit_data import MeasuredData
 
 

@@ -25,7 +25,7 @@ from optimize.fit.policy import NEAR
 from optimize.fit.problem import horizons_of, widened
 from optimize.fit.significance import needed
 from studies.calibration.fits import Fits, beginning, shown
-from studies.calibration.intervals import expected_rms
+from studies.calibration.fitted_model import expected_rms
 from studies.measured.fit_data import MeasuredData
 
 EARLY = 1.0  # s, of the horizons before all frames: a column costs a motion as long

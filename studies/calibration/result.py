@@ -13,7 +13,7 @@ from fabdesign.nouns.model import Model, Parameter
 from fabdesign.units import in_mm
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitParameter
-from studies.calibration.intervals import excess
+from studies.calibration.fitted_model import excess
 from studies.intervals.calibrate import spread_json
 from studies.measured.fit_data import MeasuredData
 from studies.measured.used_frames import UsedFrames

@@ -18,15 +18,13 @@ from fabdesign.units import in_mm
 from optimize.fit.fitted import Fit
 from optimize.fit.misfit import frames_of
 from optimize.fit.significance import undecided
-from studies.calibration.fitted_model import fitted_model
-from studies.calibration.intervals import far_factors, with_engines
+from studies.calibration.fitted_model import far_factors, fitted_model, with_engines
 from studies.measured.fit_data import MeasuredData
 from studies.tracing.candidates import Candidate
 from studies.tracing.discovered_term import Discovered
 from studies.tracing.experiment import Explanation
-from studies.tracing.residual_analysis import Remains
+from studies.tracing.residual_analysis import Remains, TrialError, mean_of, other_layouts
 from studies.tracing.rules import Selection
-from studies.tracing.surface_errors import TrialError, mean_of, other_layouts
 from studies.tracing.verdict import GROSS, Evidence, Word, effect_entry, shared_out
 
 FORMAT = "fabdesign.trace/1"

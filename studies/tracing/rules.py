@@ -13,8 +13,7 @@ import numpy as np
 from fabdesign.units import in_mm
 from optimize.fit.cross_validation import Gain
 from optimize.fit.fitted import Fit
-from studies.tracing.decoys import CHANCE, Decoys
-from studies.tracing.judged import CAUSE, Judged, is_cause, is_certain, strength
+from studies.tracing.judged import CAUSE, CHANCE, Decoys, Judged, is_cause, is_certain, strength
 
 MUCH = 1.2  # times what a fit may lose of trials left out, in quadrature: what loses more even of those fitted ends
 

@@ -30,10 +30,9 @@ from studies.tracing.candidates import candidates_of, same_from_rest
 from studies.tracing.discovered_term import discover
 from studies.tracing.experiment import Explanation, next_experiment
 from studies.tracing.outcome import Outcome, model_of
-from studies.tracing.residual_analysis import remains
+from studies.tracing.residual_analysis import errors_of_trials, remains
 from studies.tracing.rules import Selection
 from studies.tracing.selection import select
-from studies.tracing.surface_errors import errors_of_trials
 from studies.tracing.task import Task
 from studies.tracing.verdict import Evidence, decide
 

@@ -22,7 +22,7 @@ from optimize.fit.parameters import FitVector
 from optimize.fit.policy import AT_REST, NEAR
 from optimize.fit.significance import NEEDED, cheapest_first, conditioned, cost, needed
 from studies.calibration.fits import beginning, fit_at_rest
-from studies.calibration.intervals import expected_rms
+from studies.calibration.fitted_model import expected_rms
 from studies.calibration.joint_fit import beside, joint_fit
 from studies.tracing.judged import Judged, is_certain
 from studies.tracing.rules import ON_SETS, Selection, below, follow

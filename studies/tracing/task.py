@@ -21,8 +21,7 @@ from optimize.fit.problem import Evaluation, FitProblem, InputErrors, widened
 from optimize.fit.significance import NEEDED
 from studies.calibration.fits import Fits
 from studies.measured.fit_data import MeasuredData
-from studies.tracing.decoys import Decoys, decoys_beside
-from studies.tracing.judged import Judged
+from studies.tracing.judged import Decoys, Judged, decoys_beside
 from studies.tracing.rules import Refits
 
 FAR = 0.020  # m: a point that is farther off counts as this far

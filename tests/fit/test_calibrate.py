@@ -25,7 +25,7 @@ from optimize.fit.parameters import DECLARED, PRIOR
 from optimize.fit.problem import Evaluation, FitProblem, Problem, horizons_of
 from sim.motion import faces
 from studies.calibration.calibrate import DRAWN, CalibrationOptions, calibrate
-from studies.calibration.intervals import engine_difference, interval_warnings, noise_rms
+from studies.calibration.fitted_model import engine_difference, interval_warnings, noise_rms
 from studies.calibration.result import as_text
 from studies.measured.splits import fit_trials, sound_trials
 from tests.few_effects import few_effects

@@ -35,22 +35,20 @@ from optimize.fit.policy import END, NEAR, STEP
 from optimize.fit.problem import Evaluation, FitProblem, horizons_of
 from optimize.fit.significance import NEEDED, alike, conditioned, cost, needed, undecided
 from studies.calibration.fits import Fits
-from studies.calibration.intervals import far_factors
+from studies.calibration.fitted_model import far_factors
 from studies.calibration.joint_fit import joint_fit, negligible
 from studies.measured.fit_data import MeasuredData
 from studies.measured.splits import fit_trials
 from studies.measured.used_frames import UsedFrames
 from studies.tracing.black_box import Residuals, baseline_score, basis_of
 from studies.tracing.candidates import candidates_of
-from studies.tracing.decoys import decoys_beside, exchanged, turned
 from studies.tracing.experiment import programs
-from studies.tracing.judged import CAUSE, Judged, strength
+from studies.tracing.judged import CAUSE, Judged, decoys_beside, exchanged, strength, turned
 from studies.tracing.report import as_text
-from studies.tracing.residual_analysis import remains
+from studies.tracing.residual_analysis import TrialError, other_layouts, remains
 from studies.tracing.rules import Selection, loses
 from studies.tracing.run import DRAWN, trace_set
 from studies.tracing.selection import backwards, begin_without, enough, reduced, sparse, worth
-from studies.tracing.surface_errors import TrialError, other_layouts
 from studies.tracing.task import Place, Task, _label_in
 from studies.tracing.verdict import Evidence, decide, explains
 from tests.few_effects import few_effects

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from studies.tracing import rules
-from studies.tracing.decoys import Decoys
+from studies.tracing.judged import Decoys
 from studies.tracing.rules import Refits, Selection, follow
 
 SURE = 0.9  # of a gain, its lower end: certain
