@@ -58,11 +58,6 @@ class BenchOutcome(Tabled):
         return best if certain and structure and not best.refused else None
 
     @property
-    def refused(self) -> tuple[str, ...]:
-        """Candidates that would explain some, but only with a sign that they cannot have."""
-        return tuple(c.effect for c in self.candidates if c.refused)
-
-    @property
     def shares(self) -> dict[str, float]:
         """The share of the gap that each effect closes; of several, by what its absence costs."""
         return shared_out(self.evidence, self.gains)
