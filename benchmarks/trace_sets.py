@@ -124,7 +124,7 @@ SIZES: dict[str, tuple[dict[str, float], dict[str, float]]] = {
     "crosstalk": ({"share": 0.1}, {"share": 0.25}),
 }  # fmt: skip
 UNLISTED = "wind", "spring", "seam_snap", "heating", "crosstalk"
-# over the session, outside the list: sizes that move the cloth by some 3 to 5 mm from the first trial to the last fitted
+# over the session, outside the list; the cloth moves by some 3 to 5 mm from the first trial to the last fitted
 DRIFTS: tuple[tuple[str, dict[str, float]], ...] = (
     ("sinking_supply", {"full": 350.0, "sink": 20.0}),
     ("heating", {"loss": 0.8, "time": 3.0, "each_trial": 0.8}),
