@@ -35,8 +35,7 @@ from fabdesign.output import write_text
 from optimize.fit.parameters import PRIOR
 from sim import Simulator
 from studies.calibration.calibrate import CalibrationOptions, calibrate_sets
-from studies.fitting.fitted_model import QUANTILE
-from studies.fitting.intervals import data_share, engine_difference
+from studies.fitting.fitted_model import QUANTILE, data_share, engine_difference
 from studies.measured.fit_data import noise_of
 from studies.rig import RigSession, run_rig
 from studies.rig.ground_truth import GroundTruth

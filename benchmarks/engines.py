@@ -19,8 +19,7 @@ from fabdesign.files.model_file import read_model
 from fabdesign.formats.csv_table import write_rows
 from fabdesign.nouns.forward import PARAMETERS
 from fabdesign.nouns.model import Model
-from studies.fitting.fitted_model import QUANTILE
-from studies.fitting.intervals import FILE, data_share, engine_columns, engine_difference
+from studies.fitting.fitted_model import FILE, QUANTILE, data_share, engine_columns, engine_difference
 
 _ROUNDS = 50  # of taking the engines' term out of an interval
 _SMALLEST = 1e-4  # of a logarithm

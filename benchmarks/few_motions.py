@@ -40,7 +40,7 @@ from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
 from studies.calibration.calibrate import CalibrationOptions, calibrate_sets
 from studies.measured.fit_data import noise_of
-from studies.measured.sensitive_stretches import GRID, find_used_frames
+from studies.measured.used_frames import GRID, find_used_frames
 from studies.training.data import KEPT_BACK, choose
 from studies.unseen.prediction import Draws, in_turn, information
 

@@ -26,7 +26,7 @@ from fabdesign.output import work_folder, write_text
 from fabdesign.runtime.store import Checkpoint
 from sim import Simulator
 from studies.measured.fit_data import noise_of
-from studies.measured.sensitive_stretches import GRID
+from studies.measured.used_frames import GRID
 from studies.training import paper
 from studies.training.data import Chosen, KeptMotions, choose
 from studies.training.train import unordered_errors

@@ -32,7 +32,7 @@ from studies.fusion.fuse import fuse
 from studies.fusion.reference import moved, off
 from studies.fusion.ripple import ripple_of
 from studies.fusion.stamped import StampedFrames, stamped_frames
-from studies.measured.bad_data import Tolerance
+from studies.measured.splits import Tolerance
 from studies.rig.cameras import measure
 from studies.rig.ground_truth import Sensing
 

@@ -24,9 +24,8 @@ from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.output import write_text
 from fabdesign.units import in_mm
-from studies.intervals.calibrate import chosen
-from studies.intervals.draws import residuals
-from studies.intervals.widths import START, IntervalScore, RegionResiduals, combined, left_out
+from studies.intervals.calibrate import START, IntervalScore, chosen, combined, left_out
+from studies.intervals.draws import RegionResiduals, residuals
 
 DRAWS = 16
 

@@ -33,10 +33,9 @@ from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.output import write_text
 from fabdesign.units import in_mm
-from studies.intervals.calibrate import chosen
-from studies.intervals.draws import residuals
-from studies.intervals.widths import IntervalScore, RegionResiduals, calibrated
-from studies.measured.sensitive_stretches import find_used_frames
+from studies.intervals.calibrate import IntervalScore, calibrated, chosen
+from studies.intervals.draws import RegionResiduals, residuals
+from studies.measured.used_frames import find_used_frames
 from studies.rig import EffectSetting, GroundTruth, RigSession, Sensing, run_rig
 from studies.rig.scene import Resolution
 

@@ -47,6 +47,8 @@ def examine(rig: Rig, measured: Path, out: Path) -> dict[str, Any]:
         "rig": rig.name,
         "answer": " + ".join(names) or found["verdict"],
         "discovered": found["discovered"] and found["discovered"]["formula"],
+        "follows": outcome.remains.follows,
+        "drift": 1e3 * outcome.remains.drift,
         "indistinguishable": found["indistinguishable"],
         "is_right": is_right,
         "wrong_names": [n for n in names if not is_right and n not in rig.right.split(" + ")],
@@ -91,6 +93,7 @@ KINDS = {
     "several": "several at once",
     "outside": "outside the list",
     "withheld": "withheld from the list",
+    "drift": "a drift outside the list",
 }
 
 

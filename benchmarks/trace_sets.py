@@ -3,7 +3,8 @@
 Rigs of a catalogue layout, their factors drawn from calibration's prior; six trials of 1.5 s at 30 Hz (a step on and
 off, a staircase, a ramp, channels in turn, random levels twice), the last of role test. Kinds: one effect of the list
 at two sizes, or by another law (docs/rig.md), right where it is named; none; several at once; outside the list, or
-withheld from it, right where it is called unexplained or a look-alike is named that says so.
+withheld from it, right where it is called unexplained or a look-alike is named that says so; a drift over the session
+that the list does not have, right where it is not called adequate.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import PARAMETERS
@@ -21,6 +23,8 @@ from optimize.fit.parameters import PRIOR
 from studies.rig import EffectSetting, RigSession, run_rig
 from studies.rig.effects.unlisted import OF
 from studies.rig.ground_truth import GroundTruth
+from studies.rig.scene import Resolution
+from studies.rig.specimen import TrialTask, control_points, prepare
 
 SECONDS = 1.5
 HIGHEST = 350e3  # Pa
@@ -30,8 +34,8 @@ LOOK_ALIKE = {"wind": "frame_tilt"}  # an effect that says of itself that the ot
 
 @dataclass(frozen=True)
 class Rig:
-    """A specimen. kind: "one", "none", "several", "outside" or "withheld". layout: name and number of muscles. effects:
-    by name, their values."""
+    """A specimen. kind: "one", "none", "several", "outside", "withheld" or "drift". layout: name and number of muscles.
+    effects: by name, their values."""
 
     kind: str
     name: str
@@ -42,6 +46,8 @@ class Rig:
     @property
     def right(self) -> str:
         """The verdict, or the effects' names."""
+        if self.kind == "drift":
+            return "not adequate"
         if self.kind in ("outside", "withheld"):
             return "unexplained"
         return " + ".join(OF.get(e, e) for e in self.effects) or "adequate"
@@ -61,6 +67,11 @@ class Rig:
         return {name: float(np.exp(PRIOR[name] * np.clip(rng.standard_normal(), -2, 2))) for name in PARAMETERS}
 
     @property
+    def truth(self) -> GroundTruth:
+        effects = tuple(EffectSetting(name, values) for name, values in self.effects.items())
+        return GroundTruth(self.seed, self.factors, effects)
+
+    @property
     def put_in(self) -> str:
         """For people."""
         told = [f"{e} ({', '.join(f'{name} {x:g}' for name, x in v.items())})" for e, v in self.effects.items()]
@@ -68,6 +79,8 @@ class Rig:
 
     def is_right(self, names: Sequence[str], verdict: str, indistinguishable: Sequence[str]) -> bool:
         """Whether a trace's answer is: effects found, verdict, and names that it could not tell from the last."""
+        if self.kind == "drift":
+            return verdict != "adequate"
         if self.right in ("adequate", "unexplained"):
             alike = [LOOK_ALIKE.get(name, "") for name in self.effects]
             return verdict == self.right or (self.right == "unexplained" and [*names] == alike)
@@ -111,6 +124,17 @@ SIZES: dict[str, tuple[dict[str, float], dict[str, float]]] = {
     "crosstalk": ({"share": 0.1}, {"share": 0.25}),
 }  # fmt: skip
 UNLISTED = "wind", "spring", "seam_snap", "heating", "crosstalk"
+# over the session, outside the list; the cloth moves by some 3 to 5 mm from the first trial to the last fitted
+DRIFTS: tuple[tuple[str, dict[str, float]], ...] = (
+    ("sinking_supply", {"full": 350.0, "sink": 20.0}),
+    ("heating", {"loss": 0.8, "time": 3.0, "each_trial": 0.8}),
+    ("loosening", {"channel": 1, "give": 0.2, "trials": 2.0}),
+    ("loosening", {"channel": 0, "give": 1.0, "trials": 2.0}),
+    ("heating", {"loss": 0.5, "time": 3.0, "each_trial": 0.8}),
+    ("sinking_supply", {"full": 350.0, "sink": 60.0}),
+    ("heating", {"loss": 0.3, "time": 3.0, "each_trial": 0.8}),
+    ("loosening", {"channel": 2, "give": 1.0, "trials": 2.0}),
+)
 WITHHELD = (
     "filling_lag", "orthotropy", "muscle_creep", "line_loss", "supply_droop", "braid_hysteresis", "frame_tilt",
     "rest_curvature", "odd_muscle", "dead_time",
@@ -147,6 +171,8 @@ def _rigs() -> Iterator[Rig]:
             yield Rig("outside", f"{name}_{2 if large else 1}", LAYOUTS[k % 4], seed, _sized(name, large))
     for k, name in enumerate(WITHHELD):
         yield Rig("withheld", f"without_{name}", LAYOUTS[k % 4], 9500 + k, _sized(name, large=True))
+    for k, (name, drift) in enumerate(DRIFTS):
+        yield Rig("drift", f"drift_{k}", LAYOUTS[k % 4], 9600 + k, {name: drift})
 
 
 RIGS = tuple(_rigs())
@@ -159,13 +185,29 @@ def make(rig: Rig, folder: Path, *, workers: int | None = None) -> None:
     measure(rig, programs(rig.design.channels, rng), folder, test_trials=1, workers=workers)
 
 
+def drift(rig: Rig) -> Array:
+    """Return (programs fitted,) m RMS over the cloth and time by which a rig's effects move each of its programs from
+    the first place of the session to the last that is fitted, on a coarse mesh."""
+    *fitted, _ = programs(rig.design.channels, np.random.default_rng([rig.seed, 1]))
+    coarse = Resolution(element=0.04, step=1 / 240)
+    times = np.arange(1, 46) / 30
+    uv = np.stack(np.meshgrid(*2 * [np.linspace(0, 0.2, 9)]), axis=-1).reshape(-1, 2)
+    squares = []
+    for program in fitted:
+        first, last = (
+            TrialTask(rig.design, program, times, order, rig.truth, coarse) for order in (0, len(fitted) - 1)
+        )
+        moved = control_points(last) - control_points(first)
+        on_cloth = prepare(first).patch.matrix(uv)
+        squares.append(np.mean([np.square(on_cloth @ x).sum(axis=1) for x in moved]))
+    return np.sqrt(squares)
+
+
 def measure(
     rig: Rig, told: list[PressureProgram], folder: Path, *, test_trials: int = 0, workers: int | None = None
 ) -> None:
     """Measure pressure programs on the virtual rig, into `folder`."""
-    effects = tuple(EffectSetting(name, values) for name, values in rig.effects.items())
-    truth = GroundTruth(rig.seed, rig.factors, effects)
-    run_rig(RigSession([(rig.design, told)], truth, test_trials), folder, workers=workers, force=True)
+    run_rig(RigSession([(rig.design, told)], rig.truth, test_trials), folder, workers=workers, force=True)
 
 
 def programs(channels: int, rng: np.random.Generator) -> list[PressureProgram]:

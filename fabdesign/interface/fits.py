@@ -26,7 +26,7 @@ def _calibrated(result: Any, given: Mapping[str, Any]) -> Shown:
     out, sources = given["out"], given["measured"]
     if isinstance(result, list):
         return _calibrated_benches(result, Path(out))
-    from studies.calibration.report import as_text
+    from studies.calibration.result import as_text
     from studies.tracing.run import LEAST_TRIALS
 
     named, trials = " ".join(map(str, sources)), [t for s in result.data.sets for t in s.trials if t.role == "fit"]
@@ -91,7 +91,7 @@ def calibrate(
     from fabdesign.nouns.model import Model
     from fabdesign.runtime.effort import CALIBRATION, fit_in_words, fit_seconds
     from studies.calibration.calibrate import DRAWN, CalibrationOptions, calibrate_sets, orders_of
-    from studies.measured.sensitive_stretches import GRID as COARSE
+    from studies.measured.used_frames import GRID as COARSE
 
     orders = None if fit is None else orders_of(",".join(map(str, fit)))
     sets, skipped = run.sound(all_sets(measured), skip_bad)
@@ -138,10 +138,10 @@ def _calibrate_benches(
 
 
 def _traced(result: Any, given: Mapping[str, Any]) -> Shown:
-    from studies.benches import trace_report as bench_report
-    from studies.tracing import statements as words
+    from studies.benches import trace_report as of_bench
+    from studies.tracing import report as of_set
 
-    as_text = words.as_text if hasattr(result, "model") else bench_report.as_text
+    as_text = of_set.as_text if hasattr(result, "model") else of_bench.as_text
     return Shown(result.to_json(), f"{given['out']}: {as_text(result)}")
 
 
@@ -297,7 +297,7 @@ def train(
     from fabdesign.nouns.model import Model
     from fabdesign.output import new_files
     from fabdesign.runtime.effort import CALIBRATION, fit_seconds, in_words, on_cores, training_seconds
-    from studies.measured.sensitive_stretches import GRID as COARSE
+    from studies.measured.used_frames import GRID as COARSE
     from studies.training.data import TrainingOptions
     from studies.training.train import train_on
 

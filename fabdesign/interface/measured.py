@@ -58,11 +58,10 @@ def evaluate(
             raise InputError(f"{benches[0]}: a bench among {len(benches)} sources; expected a bench alone, or sets")
         return _evaluate_bench(run, benches[0], model, out, all_trials)
     from fabdesign.runtime.effort import evaluation_seconds, in_words, on_cores
-    from studies.measured.sensitive_stretches import GRID as COARSE
-    from studies.prediction.coarser_grid import enough_points
+    from studies.measured.used_frames import GRID as COARSE
     from studies.prediction.evaluate import evaluate_sets
     from studies.prediction.evaluation_report import write_evaluation
-    from studies.prediction.forward_model import forward_model
+    from studies.prediction.forward_model import enough_points, forward_model
 
     fitted = run.known_model(model, without)
     roles: tuple[Role, ...] = ("test", "fit") if all_trials else ("test",)
@@ -147,8 +146,8 @@ def predict(
     """
     from fabdesign.interface.arguments import one_design
     from fabdesign.nouns.trial import MeasurementSet
-    from studies.measured.sensitive_stretches import GRID as COARSE
-    from studies.prediction.coarser_grid import enough_points
+    from studies.measured.used_frames import GRID as COARSE
+    from studies.prediction.forward_model import enough_points
     from studies.prediction.predict import folders_of, predicted, trials_of
     from studies.prediction.predict import predict as predict_trials
 

@@ -84,7 +84,7 @@ class Run:
     ) -> tuple[list[MeasurementSet], list[str]]:
         """Return the sets with their sound trials of these roles, and a line on each other one. Raises InputError for
         the first unless `skip_bad`."""
-        from studies.measured.bad_data import sound_trials
+        from studies.measured.splits import sound_trials
 
         checked = [sound_trials(one, skip_bad=skip_bad, roles=roles) for one in sets]
         return [one for one, _ in checked], [line for _, lines in checked for line in lines]

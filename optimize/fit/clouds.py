@@ -30,27 +30,29 @@ class Sample:
     clouds: tuple[Array, ...]  # F of (n, 3) m
 
 
+@dataclass(frozen=True)
+class Density:
+    """The sample that is drawn of each trial: frames spread over its first `until` s, and random points of each."""
+
+    until: float  # s
+    frames: int
+    points: int
+
+
 def evenly(count: int, most: int) -> Indices:
     """Return up to `most` of `count` indices, spread over all of them, both ends included."""
     return np.unique(np.linspace(count - 1, 0, min(most, count)).round().astype(np.intp))
 
 
 def sample_trial(
-    trial: Trial,
-    data: TrialData,
-    used: NDArray[np.bool_],
-    *,
-    until: float,
-    frames: int,
-    points: int,
-    rng: np.random.Generator,
+    trial: Trial, data: TrialData, used: NDArray[np.bool_], density: Density, rng: np.random.Generator
 ) -> Sample | None:
-    """Return up to `frames` frames spread over those `used` (T,) of the trial's first `until` seconds, with up to
-    `points` random points of each. Return None where no frame is used."""
-    usable = np.flatnonzero(used[: _frames_until(data.time, until)])
+    """Return frames of a trial, of those `used` (T,), with random points of each. Return None where no frame is
+    used."""
+    usable = np.flatnonzero(used[: _frames_until(data.time, density.until)])
     if not len(usable):
         return None
-    chosen = usable[evenly(len(usable), frames)]
+    chosen, points = usable[evenly(len(usable), density.frames)], density.points
     clouds = (data.frames[int(k)] for k in chosen)
     drawn = tuple(c if len(c) <= points else c[rng.choice(len(c), points, replace=False)] for c in clouds)
     return Sample(trial, data.time[chosen], drawn)

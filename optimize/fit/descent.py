@@ -10,23 +10,11 @@ import numpy as np
 from fabdesign.nouns.array import Array, Indices
 from fabdesign.runtime.store import Checkpoint
 from fabdesign.units import in_mm
+from optimize.fit import policy as constants
 from optimize.fit.fitted import Ending, Fit, concluded, kept
 from optimize.fit.normal import LARGEST, Normal, directions, loss, step_to_minimum
 from optimize.fit.parameters import FitVector
-from optimize.fit.policy import (
-    DAMPING,
-    END,
-    GOOD,
-    ITERATIONS,
-    LENGTHS,
-    LITTLE,
-    PROMISED,
-    STEP,
-    UNSURE,
-    WRONG,
-    FitStage,
-    Policy,
-)
+from optimize.fit.policy import END, UNSURE, FitStage, Policy
 from optimize.fit.problem import Evaluation, InputErrors, Linearisation, Problem
 from optimize.fit.significance import needed
 
@@ -144,7 +132,7 @@ class _Descent:
             if small and (exact or not stage.exact_end):
                 ended = self.problem.with_jacobian(there, state.jacobian)
                 return replace(course, state=ended, ended="converged")
-            if not small and gain > PROMISED * promised:
+            if not small and gain > constants.PROMISED * promised:
                 updated = self.problem.with_jacobian(there, updated_jacobian(self.problem, state, there))
                 return replace(course, state=updated, exact=False)
             if there.misfit.rms <= self.content:
@@ -153,7 +141,7 @@ class _Descent:
         if state.misfit.rms <= self.content or (small and exact):
             return replace(course, ended="converged")
         if exact and course.complete:
-            return replace(course, damping=max(10 * course.damping, DAMPING))
+            return replace(course, damping=max(10 * course.damping, constants.DAMPING))
         # what gains nothing with some columns made anew may with all
         every = np.arange(len(step)) if exact else _needed_columns(vector, state.x, step, normal)
         return self._linearised(course, state, every, normal)
@@ -161,11 +149,11 @@ class _Descent:
     def _best(self, state: Linearisation, step: Array, normal: Normal, promised: float) -> tuple[Evaluation, float]:
         """Return where a step leads, and what it gains; where that is far from its promise, by its best length."""
         vector, best = self.problem.vector, None
-        for lengths in ((1.0,), LENGTHS):
+        for lengths in ((1.0,), constants.LENGTHS):
             there = self.problem.evaluate([vector.inside(state.x + length * step) for length in lengths])
             gains = [-loss(state, other, normal, vector, self.inputs) for other in there]
             best = max([*zip(there, gains, strict=True), *([best] if best else [])], key=lambda one: one[1])
-            if GOOD * promised < best[1] < promised / GOOD:
+            if constants.GOOD * promised < best[1] < promised / constants.GOOD:
                 break
         assert best is not None
         return best
@@ -192,7 +180,7 @@ class _Work:
         early = early if self.start.x is None else []
         costs = np.cumsum([*early, last, 0 if coarse is problem else last])
         *shares, all_rows, finer = parts(progress, *(costs / costs[-1]).tolist()[:-1])
-        starts, along, hopeless = self._starts, np.diag(STEP * problem.vector.scale), False
+        starts, along, hopeless = self._starts, np.diag(constants.STEP * problem.vector.scale), False
         for horizon, share in zip(early, shares, strict=True):
             state, along = self._horizon(horizon, starts[0], along, share)
             starts, hopeless = state.x[None], state.misfit.rms > self.policy.hopeless
@@ -241,14 +229,14 @@ class _Work:
             )
         first, second = parts(progress, 0.5)
         state = self._descend(descent, _Course(state, exact), near, line, first).state
-        if state.misfit.rms > WRONG * self.problem.expected:
+        if state.misfit.rms > constants.WRONG * self.problem.expected:
             end = replace(near, exact_end=end.exact_end)
         return self._descend(descent, _Course(state, exact=False), end, line, second)
 
     def _descend(self, descent: _Descent, course: _Course, stage: FitStage, line: str, progress: Progress) -> _Course:
         """Return where a stage ends."""
         course, before = replace(course, complete=course.exact), self.iterations
-        while course.ended is None and course.iterations < ITERATIONS:
+        while course.ended is None and course.iterations < constants.ITERATIONS:
             k, state = course.iterations + 1, course.state
             progress(f"{line}iteration {k}: {in_mm(state.misfit.rms):.3f} mm RMS", k / (k + 2))
             self.reached = partial(descent.concluded, state, before + k - 1, "interrupted")
@@ -280,7 +268,7 @@ def parts(progress: Progress, *ends: float) -> list[Progress]:
 def _needed_columns(vector: FitVector, x: Array, step: Array, normal: Normal) -> Indices:
     """Return all columns but those of effects that the linearised data need neither at x nor where the step leads."""
     covariance = np.asarray(np.linalg.inv(normal.information + vector.precision), dtype=np.float64)
-    kept = {label for place in (x, x + step) for label in needed(place, covariance, vector, LITTLE)}
+    kept = {label for place in (x, x + step) for label in needed(place, covariance, vector, constants.LITTLE)}
     dropped = vector.parts(label for label in vector.labels if label not in kept)
     return np.setdiff1d(np.arange(len(x)), dropped)
 

@@ -55,20 +55,9 @@ class Fit:
         there, _ = conditioned(self.minimum, self.covariance, self.vector.parts(labels))
         return self.vector.inside(there)
 
-    @property
-    def information(self) -> Array:
-        """Return the information (p, p) of the data alone, tempered."""
-        return self.normal.information
-
-    @property
-    def sensitivity(self) -> Array:
-        """Return (p, p) m^2: the mean square change of the residuals, weighted by frame, is v^T sensitivity v."""
-        return self.normal.sensitivity
-
-    @property
-    def scale(self) -> float:
-        """Return the robust standard deviation of the residuals, m."""
-        return self.normal.scale
+    def promised(self, there: Array) -> float:
+        """Return the RMS of residuals capped at 10 mm, m, to first order, where its unknowns are `there` (p,)."""
+        return capped(self.state.misfit.residual + self.state.jacobian @ (there - self.x))
 
 
 def concluded(

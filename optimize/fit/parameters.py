@@ -155,20 +155,14 @@ class FitVector:
 
     def only(self, labels: Collection[str]) -> tuple["FitVector", NDArray[np.intp]]:
         """Return the factors and the terms of `labels`, named as they then are, and which unknowns these keep."""
-        kept = [label in labels for label in self.labels]
-        terms = tuple(term for term, k in zip(self.terms, kept, strict=True) if k)
-        new_labels = FitVector((), self.factors, terms).labels
-        named = dict(zip((n for n, k in zip(self.labels, kept, strict=True) if k), new_labels, strict=True))
-        index, parameters = [], []
-        for k, parameter in enumerate(self.parameters):
+        kept = [k for k, label in enumerate(self.labels) if label in labels]
+        terms = tuple(self.terms[k] for k in kept)
+        named = dict(zip((self.labels[k] for k in kept), labels_of(terms), strict=True))
+        index = [k for k, p in enumerate(self.parameters) if p.is_factor or p.name.rpartition(".")[0] in named]
+        parameters = []
+        for parameter in (self.parameters[k] for k in index):
             label, _, key = parameter.name.rpartition(".")
-            if parameter.is_factor:
-                parameters.append(parameter)
-            elif label in named:
-                parameters.append(replace(parameter, name=f"{named[label]}.{key}"))
-            else:
-                continue
-            index.append(k)
+            parameters.append(parameter if parameter.is_factor else replace(parameter, name=f"{named[label]}.{key}"))
         return FitVector(tuple(parameters), self.factors, terms), np.array(index, dtype=np.intp)
 
     def case(self, trial: Trial, x: Array) -> Case:

@@ -74,7 +74,7 @@ def undecided(x: Array, joint: Array, names: Sequence[str], fitted: Array, kept:
 
 def alike(sensitivity: Array, vector: FitVector, label: str, others: Iterable[str]) -> list[str]:
     """Return the terms of `others` of a fit that do what an unknown of the term `label` does (cosine over ALIKE), less
-    what factors can take. sensitivity: (p, p) as Fit has it."""
+    what factors can take. sensitivity: (p, p) as `Normal` has it."""
     s = sensitivity
     factors = np.flatnonzero(vector.are_factors)
     left = s - s[:, factors] @ np.linalg.pinv(s[np.ix_(factors, factors)], rcond=1e-9, hermitian=True) @ s[factors]

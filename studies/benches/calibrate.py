@@ -20,8 +20,7 @@ from studies.benches.evaluate import errors_of
 from studies.benches.law import Law, rms
 from studies.benches.muscle import BenchMuscle, only_speed, rows_of, travels
 from studies.benches.muscle_effects import FittedEffects, bench_vector, fit_effects
-from studies.benches.noise import BenchNoise, noise_of
-from studies.benches.records import LAWS, LEAST_SHOWN, for_people, require_columns, shown, unit_of
+from studies.benches.records import LAWS, LEAST_SHOWN, BenchNoise, for_people, noise_of, require_columns, shown, unit_of
 
 Progress = Callable[[str, float | None], None]
 

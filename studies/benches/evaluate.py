@@ -21,8 +21,7 @@ from fabdesign.nouns.bench import Bench, BenchRecord
 from fabdesign.nouns.muscle_law import law_of
 from studies.benches.law import Predict, rms
 from studies.benches.muscle import of_type
-from studies.benches.noise import BenchNoise, noise_of
-from studies.benches.records import LAWS, LEAST_SHOWN, for_people, require_columns, unit_of
+from studies.benches.records import LAWS, LEAST_SHOWN, BenchNoise, for_people, noise_of, require_columns, unit_of
 from studies.benches.strip import of_strip
 
 

@@ -64,13 +64,7 @@ def rows_of(records: Sequence[BenchRecord], terms: Sequence[Term] = ()) -> Rows:
                 np.broadcast_to(block, n).astype(np.intp),
             )
         )  # fmt: skip
-    names = ("pressure", "contraction", "force", "rate", "friction", "block")
-    return Rows(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
-
-
-def taken(rows: Rows, index: NDArray[np.intp]) -> Rows:
-    names = ("pressure", "contraction", "force", "rate", "friction", "block")
-    return Rows(*(getattr(rows, name)[index] for name in names))
+    return Rows(*(np.concatenate(column) for column in zip(*(vars(part).values() for part in parts), strict=True)))
 
 
 def only_speed(rows: Rows) -> float | None:
@@ -119,7 +113,7 @@ class BenchMuscle(Law):
     ) -> "BenchMuscle":
         """Return the law and what damps. terms: effects that are held. Raises InputError where a record lacks pressure,
         contraction or force, or where all have too few rows."""
-        rows, rubs = rows_of(records, terms), not _has_friction(terms)
+        rows, rubs = rows_of(records, terms), all(term.name != "braid_hysteresis" for term in terms)
         law, constants, misfit = _fitted(rows, np.zeros(2), _ROUNDS, friction=rubs)
         rng = np.random.default_rng(seed)
         blocks = np.unique(rows.block)
@@ -128,9 +122,8 @@ class BenchMuscle(Law):
             drawn = rng.choice(blocks, len(blocks))
             index = np.concatenate([np.flatnonzero(rows.block == block) for block in drawn])
             with suppress(InputError):  # a draw that misses all pressures but one
-                again.append(
-                    _fitted(taken(rows, index), np.zeros(2) if constants is None else constants, 2, friction=rubs)
-                )
+                some = Rows(*(column[index] for column in vars(rows).values()))
+                again.append(_fitted(some, np.zeros(2) if constants is None else constants, 2, friction=rubs))
         bands = np.quantile([c for _, c, _ in again], (0.05, 0.95), axis=0) if constants is not None and again else None
         return BenchMuscle(
             law=law,
@@ -191,10 +184,6 @@ def of_type(law: MuscleLaw, viscosity: float | None, terms: Sequence[Term]) -> P
 def travels(effect: EffectTerm | Term) -> bool:
     """Return whether an effect belongs to the muscle; a bench's regulator stays where it is."""
     return EFFECTS[effect.name].scope == "muscle type"
-
-
-def _has_friction(terms: Sequence[Term]) -> bool:
-    return any(term.name == "braid_hysteresis" for term in terms)
 
 
 class _Fitted(NamedTuple):

@@ -1,8 +1,19 @@
-"""The specimens that a bench may have, each with its law; and what their records must hold."""
+"""The specimens that a bench may have, each with its law; what their records must hold; and the noise of readings, from
+what no law makes: repeats of a record, and a reading beside its neighbours.
+
+It never comes from what a law leaves: a law that lacks an effect leaves that too. That of clouds is estimated in
+`fabdesign/geometry/sensor_noise.py`.
+"""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.bench import Bench, BenchRecord, Specimen
 from fabdesign.nouns.muscle import WIDEST
 from fabdesign.units import in_mm
@@ -66,3 +77,146 @@ def shown(value: float, unit: str) -> str:
 def output_of(bench: Bench) -> str:
     """Return the column that is compared row by row; of an actuator the displacement."""
     return LAWS[bench.specimen].output or bench.output
+
+
+_INPUTS = "pressure", "pressure_command", "pressure_amplitude", "contraction", "displacement", "stretch"
+_SAME = 1e-3  # of an input's range: repeats differ by less
+_ROWS = 7  # of a window
+_STRIDES = 1, 2, 4, 8, 16  # rows from one reading of a window to the next
+_LEAST_WINDOWS = 12  # of a record
+_CLEAR = 0.02  # of an input's range: a step by which neighbours are compared with care
+_EVEN = 0.3  # of a window's largest step, that its smallest one is
+_STEADY = 1e-6  # of a column's size, what does not count as a direction of its own
+_CORRELATED = 2.2  # times the variance at half the stride: noise that walks has 2, a smooth signal up to 64
+_COLOURED = 1.1  # times it, above which noise is correlated
+_SIGNAL = 8.0  # times it, above which the signal itself is seen
+
+
+@dataclass(frozen=True)
+class BenchNoise:
+    """sigma: standard deviation of a reading, in the output's SI unit; 0 where the records do not show it."""
+
+    sigma: float
+    source: Literal["repeats", "neighbours", "unknown"]
+
+    def in_words(self, shown: str) -> str:
+        """Say where it comes from. shown: sigma with its unit."""
+        if self.source == "unknown":
+            return "noise unknown (steps too coarse and no repeats), so all that is left counts as error"
+        return f"noise {shown}, from {'repeats' if self.source == 'repeats' else 'neighbouring readings'}"
+
+
+def noise_of(bench: Bench) -> BenchNoise:
+    """Return the noise of a bench's output, one for all who ask, from all of its records: by repeats where there are
+    any, else by neighbours, as the median over records. A quantised output has at least the noise of its steps."""
+    output, records = output_of(bench), bench.records
+    readings = [record.columns[output] for record in records]
+    inputs = [_inputs(record, output) for record in records]
+    sizes = _sizes(inputs)
+    step = max((_quantum(y) for y in readings), default=0.0) / np.sqrt(12)
+    repeated = _by_repeats(readings, inputs, sizes)
+    if repeated is not None:
+        return BenchNoise(max(repeated, step), "repeats")
+    single = [_by_neighbours(y, x, sizes) for y, x in zip(readings, inputs, strict=True)]
+    known = [sigma for sigma in single if sigma is not None]
+    return BenchNoise(max(float(np.median(known)), step), "neighbours") if known else BenchNoise(0.0, "unknown")
+
+
+def _inputs(record: BenchRecord, output: str) -> dict[str, Array]:
+    return {name: record.columns[name] for name in _INPUTS if name in record.columns and name != output}
+
+
+def _sizes(inputs: Sequence[dict[str, Array]]) -> dict[str, float]:
+    """Return the range of each input over all records, at least a twentieth of its largest value."""
+    together = {name: np.concatenate([x[name] for x in inputs if name in x]) for name in set().union(*inputs)}
+    return {name: max(float(np.ptp(v)), 0.05 * float(np.abs(v).max()), 1e-30) for name, v in together.items()}
+
+
+def _quantum(values: Array) -> float:
+    """Return the step of a reading that takes few values; 0 for others."""
+    distinct = np.unique(values)
+    return float(np.diff(distinct).min()) if 1 < len(distinct) < len(values) / 2 else 0.0
+
+
+def _by_repeats(readings: Sequence[Array], inputs: Sequence[dict[str, Array]], sizes: dict[str, float]) -> float | None:
+    """Return the noise by what differs between records of the same inputs, row by row. A record's offset and scale are
+    none: a specimen that softens has them."""
+    squares, freedom, taken = 0.0, 0, set[int]()
+    for k in range(len(readings)):
+        same = [j for j in range(k, len(readings)) if j not in taken and _repeats(inputs[k], inputs[j], sizes)]
+        taken.update(same)
+        if len(same) < 2 or len(readings[k]) < 2 * _ROWS:
+            continue
+        rows = np.stack([readings[j] for j in same])
+        mean = np.stack([np.ones(rows.shape[1]), rows.mean(axis=0)], axis=1)
+        left = rows - (mean @ np.linalg.lstsq(mean, rows.T, rcond=None)[0]).T
+        squares += float(np.square(left).sum())
+        freedom += (len(same) - 1) * (rows.shape[1] - 2)
+    return float(np.sqrt(squares / freedom)) if freedom >= _LEAST_WINDOWS else None
+
+
+def _repeats(one: dict[str, Array], other: dict[str, Array], sizes: dict[str, float]) -> bool:
+    return one.keys() == other.keys() and all(
+        len(x) == len(other[name]) and float(np.abs(x - other[name]).max(initial=0.0)) <= _SAME * sizes[name]
+        for name, x in one.items()
+    )
+
+
+def _by_neighbours(y: Array, inputs: dict[str, Array], sizes: dict[str, float]) -> float | None:
+    """Return the noise by what windows of readings leave of a parabola and of straight lines over the inputs.
+
+    None where that may be the signal itself, which grows steeply when the readings are taken farther apart. Noise that
+    is correlated over a few readings grows slowly; then those farther apart count."""
+    variances: list[float] = []
+    for stride in _STRIDES:
+        variance = _variance(y, inputs, sizes, stride)
+        if variance is None:
+            break
+        variances.append(variance)
+    if len(variances) < 2 or variances[1] > _SIGNAL * variances[0] > 0:
+        return None
+    k, growth = 0, np.diff(variances)
+    while k + 1 < len(growth) and _COLOURED * variances[k] < variances[k + 1] <= _CORRELATED * variances[k]:
+        if growth[k + 1] > 4 * growth[k]:  # the signal begins
+            break
+        k += 1
+    return float(np.sqrt(variances[k]))
+
+
+def _variance(y: Array, inputs: dict[str, Array], sizes: dict[str, float], stride: int) -> float | None:
+    """Return the median over windows of what the readings leave, for each degree of freedom; None for few windows."""
+    span = (_ROWS - 1) * stride + 1
+    if len(y) < span:
+        return None
+
+    def windows(values: Array) -> Array:
+        return np.lib.stride_tricks.sliding_window_view(values, span)[:, ::stride]
+
+    moving = {name: windows(values) / sizes[name] for name, values in inputs.items()}
+    smooth = np.all([_is_even(np.diff(x, axis=1)) for x in moving.values()], axis=0) if moving else slice(None)
+    readings = windows(y)[smooth]
+    if len(readings) < _LEAST_WINDOWS:
+        return None
+    place = np.linspace(-1, 1, _ROWS)
+    columns = [np.broadcast_to(place**power, readings.shape) for power in range(3)]
+    columns += [x[smooth] - x[smooth].mean(axis=1, keepdims=True) for x in moving.values()]
+    basis, size, _ = np.linalg.svd(np.stack(columns, axis=2), full_matrices=False)
+    used = size > _STEADY * np.sqrt(_ROWS)
+    level = readings.mean(axis=1, keepdims=True)
+    coefficients = np.einsum("nrk,nr->nk", basis, readings - level) * used
+    left = np.square(readings - level).sum(axis=1) - np.square(coefficients).sum(axis=1)
+    return _median(np.maximum(left, 0.0), _ROWS - used.sum(axis=1))
+
+
+def _is_even(steps: Array) -> NDArray[np.bool_]:
+    """Return of each window whether an input stands, creeps or goes on by about even steps: no turn and no jump."""
+    along = steps * np.sign(steps.sum(axis=1, keepdims=True))
+    largest = np.abs(steps).max(axis=1)
+    return np.asarray((largest <= _CLEAR) | (along.min(axis=1) >= _EVEN * largest))
+
+
+def _median(squares: Array, freedom: NDArray[np.intp]) -> float:
+    """Return the variance by the median of chi-square sums of several degrees of freedom."""
+    from scipy.stats import chi2
+
+    return float(np.median(squares / chi2.median(freedom)))

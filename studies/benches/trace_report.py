@@ -14,8 +14,7 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.bench import Bench
 from fabdesign.nouns.model import EffectTerm
 from fabdesign.units import in_kpa, in_mm
-from studies.benches.noise import BenchNoise
-from studies.benches.records import for_people, shown
+from studies.benches.records import BenchNoise, for_people, shown
 from studies.benches.trace_fit import BenchCandidate
 from studies.model_selection.verdict import STRUCTURE, Evidence, Word, effect_entry, effect_in_words, shared_out
 from studies.report import charts, page
@@ -56,11 +55,6 @@ class BenchOutcome(Tabled):
         structure = best.gain**2 >= (1 - (1 - STRUCTURE) ** 2) * self.evidence.before**2
         certain = best.interval90[0] > 0 and best.gain > self.floor
         return best if certain and structure and not best.refused else None
-
-    @property
-    def refused(self) -> tuple[str, ...]:
-        """Candidates that would explain some, but only with a sign that they cannot have."""
-        return tuple(c.effect for c in self.candidates if c.refused)
 
     @property
     def shares(self) -> dict[str, float]:

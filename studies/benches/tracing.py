@@ -22,10 +22,8 @@ from optimize.fit.clouds import evenly
 from optimize.fit.cross_validation import Scored
 from optimize.fit.descent import Progress, parts
 from studies.benches.law import rms
-from studies.benches.noise import noise_of
-from studies.benches.records import LAWS, output_of, require_columns, unit_of
-from studies.benches.trace_candidates import ShapedEffect, Signals, shapes_of, signals_of
-from studies.benches.trace_fit import BenchTask, alike, candidates_of, select
+from studies.benches.records import LAWS, noise_of, output_of, require_columns, unit_of
+from studies.benches.trace_fit import BenchTask, ShapedEffect, Signals, alike, candidates_of, select, shapes_of
 from studies.benches.trace_report import BenchOutcome, Curve, render_bench
 from studies.fitting.fitted_model import quantities_of
 from studies.model_selection.black_box import WIDTHS, kernel_of, left_out, standardised
@@ -83,7 +81,6 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
     beside = sampled.baseline(left) if chosen.parts else box
     evidence = Evidence(
         none.excess, refitted.excess, len(chosen.fit.vector.labels), box.excess(floor),
-        beside.excess(floor),
         left=1 - float(beside.squares.sum() / np.square(left).sum()), typical=none.scored.typical(floor),
     )  # fmt: skip
     return BenchOutcome(
@@ -140,7 +137,7 @@ class _Sampled:
         bench: Bench, records: Sequence[BenchRecord], laws: Sequence[Array], *, first: int = 0, most: int = _ROWS
     ) -> "_Sampled":
         """Return at most so many rows of each record. first: the first one's place among the bench's records."""
-        signals = [signals_of(r, law, first + k) for k, (r, law) in enumerate(zip(records, laws, strict=True))]
+        signals = [Signals.of(r, law, first + k) for k, (r, law) in enumerate(zip(records, laws, strict=True))]
         return _Sampled(bench, records, laws, signals, [evenly(len(law), most) for law in laws])
 
     @cached_property

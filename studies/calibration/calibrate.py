@@ -1,6 +1,6 @@
 """Calibration: factors on the declared values from measured clouds, with intervals."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,25 +12,21 @@ from fabdesign.nouns.model import POINTS_PER_SIDE, Model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.runtime.store import Checkpoint
-from optimize.fit.clouds import Sample, evenly
+from optimize.fit.clouds import Density, evenly
 from optimize.fit.descent import FitStart, Interrupted, Progress, silent
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import DECLARED, FitVector
 from optimize.fit.policy import NEAR, FitStage, Policy, to_the_end
-from studies.calibration.ambiguities import ambiguities
-from studies.calibration.result import Calibration
-from studies.calibration.trial_checks import DISAGREE, implausible
-from studies.fitting.fits import Fits
-from studies.fitting.fitted_model import fitted_model
-from studies.fitting.intervals import EXCESS, far_factors, interval_warnings, with_engines
+from studies.calibration.result import Calibration, ambiguities
+from studies.calibration.trial_checks import implausible
+from studies.fitting.fits import Fits, fit_at_rest, with_shapes_at_rest
+from studies.fitting.fitted_model import EXCESS, far_factors, fitted_model, interval_warnings, with_engines
 from studies.fitting.joint_fit import joint_fit, joint_fit_from_rest
-from studies.fitting.rest_fit import fit_at_rest, with_shapes_at_rest
 from studies.intervals.calibrate import chosen as chosen_trials
 from studies.intervals.calibrate import with_spread
-from studies.measured.bad_data import Tolerance
-from studies.measured.fit_data import Density, MeasuredData
-from studies.measured.sensitive_stretches import find_used_frames
-from studies.measured.splits import fit_trials
+from studies.measured.fit_data import MeasuredData
+from studies.measured.splits import Tolerance, fit_trials
+from studies.measured.used_frames import find_used_frames
 
 TRIALS = 16  # fitted at most without effects, spread over those allowed
 MOST_TRIALS = 48  # with effects, whose last fit takes 10 CPU s a trial; never more than half of those allowed over 32
@@ -88,7 +84,7 @@ def calibrate_sets(
     slopes = slopes and Predictor(slopes, sensing=True)
     fits = Fits(sensed, EXCESS, slopes, checkpoint, lambda named, vector: progress, last=_last)
     fitted, skipped = _fit(data, fits, vector, interruptible=options.interruptible), tuple(options.skipped)
-    if lines := {} if fitted.interrupted else _implausible(fitted, data.samples, sensed):
+    if lines := {} if fitted.interrupted else implausible(fitted, data.samples, sensed):
         tolerance = Tolerance(options.skip_bad, [*skipped])
         for line in lines.values():
             tolerance.note(InputError(line))
@@ -179,7 +175,11 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, *, interruptible: bo
         factors, early = vector.without_effects, fits.within(0.0, _WITHOUT_EFFECTS)
         few = data.only(evenly(len(data.trials), TRIALS).tolist())
         rested = [fit_at_rest(data, early, unknowns) for unknowns in (factors, vector)]
-        alone = replace(early, named=f"factors of {len(data.trials)} trials", progress_of=_before("no effects", early))
+
+        def no_effects(named: str, vector: FitVector) -> Progress:
+            return lambda line, share: early.progress_of(named, vector)(f"no effects, {line}", share)
+
+        alone = replace(early, named=f"factors of {len(data.trials)} trials", progress_of=no_effects)
         plain = _joint(few, factors, alone, rested[0])
         fitted = _joint(data, vector, fits.within(_WITHOUT_EFFECTS, 1.0), rested[1])
     except KeyboardInterrupt as stop:
@@ -210,23 +210,6 @@ def _remaining(data: MeasuredData, fits: Fits, plain: Fit, x: Array, known: floa
     if len(plain.by_trial) == len(data.trials):
         return known
     return replace(fits, slopes=None).problem(data, plain.vector).evaluate([x])[0].misfit.rms
-
-
-def _before(words: str, fits: Fits) -> Callable[[str, FitVector], Progress]:
-    """Return the progress of fits with words before each line."""
-
-    def progress_of(named: str, vector: FitVector) -> Progress:
-        progress = fits.progress_of(named, vector)
-        return lambda line, share: progress(f"{words}, {line}", share)
-
-    return progress_of
-
-
-def _implausible(fit: Fit, samples: Sequence[Sample], forward: ForwardModel) -> dict[int, str]:
-    """Return a line for each trial that disagrees with the rest as with faces exchanged or a wrong clock."""
-    if not (fit.by_trial > DISAGREE).any():
-        return {}
-    return implausible(samples, forward, fit.vector, fit.x)
 
 
 def _require_names(sets: Sequence[MeasurementSet]) -> None:

@@ -9,7 +9,7 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Motion, Sample, evenly
-from optimize.fit.parameters import FitVector
+from optimize.fit.fitted import Fit
 
 DISAGREE = 0.003  # m RMS, under which nothing is asked
 BETTER = 0.5  # what another reading must leave of it
@@ -19,12 +19,16 @@ LATE = 0.1  # s, by which a clock must differ from the other trials'
 TURNED = {"front and back": (1, 1, -1), "front and back, seen from behind": (-1, 1, -1)}
 
 
-def implausible(samples: Sequence[Sample], forward: ForwardModel, vector: FitVector, x: Array) -> dict[int, str]:
+def implausible(fit: Fit, samples: Sequence[Sample], forward: ForwardModel) -> dict[int, str]:
     """Return a line on each sample that cannot be what its file says, by index. A lag that all trials share is not the
     clock's fault but an effect; motions that diverge are left out."""
+    if not (fit.by_trial > DISAGREE).any():
+        return {}
     frames = [evenly(len(s.times), FRAMES) for s in samples]
     instants = [np.clip(s.times[chosen] + LAGS[:, None], 0.0, None) for s, chosen in zip(samples, frames, strict=True)]
-    motions = forward.motions([vector.case(s.trial, x) for s in samples], [np.unique(times) for times in instants])
+    motions = forward.motions(
+        [fit.vector.case(s.trial, fit.x) for s in samples], [np.unique(times) for times in instants]
+    )
     errors = np.full((len(samples), len(LAGS)), np.nan)
     lines: dict[int, str] = {}
     for k, (sample, chosen, times, motion) in enumerate(zip(samples, frames, instants, motions, strict=True)):

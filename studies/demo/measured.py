@@ -24,7 +24,7 @@ from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.units import in_mm
 from studies.layouts import ERRORS, error_cells
 from studies.measured.fit_data import noise_of
-from studies.measured.sensitive_stretches import GRID, find_used_frames
+from studies.measured.used_frames import GRID, find_used_frames
 from studies.prediction.forward_model import forward_model
 from studies.prediction.stability import CURLS, TILTS, Branches, branches_of
 from studies.report import page

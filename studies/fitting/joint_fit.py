@@ -23,9 +23,8 @@ from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.policy import NEAR
 from optimize.fit.problem import horizons_of, widened
 from optimize.fit.significance import needed
-from studies.fitting.fits import Fits
-from studies.fitting.intervals import expected_rms
-from studies.fitting.rest_fit import beginning, shown
+from studies.fitting.fits import Fits, beginning, shown
+from studies.fitting.fitted_model import expected_rms
 from studies.measured.fit_data import MeasuredData
 
 EARLY = 1.0  # s, of the horizons before all frames: a column costs a motion as long

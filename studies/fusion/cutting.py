@@ -22,7 +22,7 @@ from studies.fusion.input import REST
 from studies.fusion.joint import SensorView
 from studies.fusion.moving import StampedView, with_speeds
 from studies.fusion.ripple import RIPPLE_IMAGES, Ripple, ripple_of
-from studies.measured.bad_data import Tolerance
+from studies.measured.splits import Tolerance
 
 MARGIN = 0.03  # m around the box: what nominal poses are off
 LEAST_PIXELS = 200

@@ -20,7 +20,7 @@ from fabdesign.nouns.design import Design
 from fabdesign.output import new_folder
 from fabdesign.runtime import working_time
 from studies.fusion.frames import Fusion, FusionReport
-from studies.measured.bad_data import Tolerance
+from studies.measured.splits import Tolerance
 
 POINTS = 3362  # a frame, as many as 41 x 41 points on two faces
 

@@ -15,7 +15,7 @@ from studies.fusion.cleaning import clean, clean_image, raster
 from studies.fusion.joint import SensorView, align
 from studies.fusion.reference import Pose, off, register_to_rest
 from studies.fusion.ripple import RIPPLE_IMAGES, ripple_of
-from studies.measured.bad_data import Tolerance
+from studies.measured.splits import Tolerance
 
 REST = -1  # the frame number of the reference
 NOMINAL_ERROR = (np.radians(1.0), 0.005)  # rad and m that poses are taken to be off, where there is no reference

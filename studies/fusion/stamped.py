@@ -26,7 +26,7 @@ from studies.fusion.cutting import Cutter, SensorImages, read_images, view_at_re
 from studies.fusion.input import Anchored, anchor_sensors
 from studies.fusion.joint import SensorView, TimedViews, align_timed
 from studies.fusion.onset import pressure_offset
-from studies.measured.bad_data import Tolerance
+from studies.measured.splits import Tolerance
 
 COARSELY = 0.01  # s, how well clocks are known by the motion alone
 UNKNOWN = 0.03  # s, where it does not say it

@@ -18,8 +18,8 @@ from fabdesign.nouns.model_sampling import TWO_SIDED, half_widths, spread_of
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import Trial
 from fabdesign.units import in_mm
+from studies.intervals.calibrate import IntervalScore
 from studies.intervals.draws import REGIONS, Motion, drawn_motions, looked_at, region_terms, residuals_of, rests
-from studies.intervals.widths import IntervalScore
 
 
 def bands(

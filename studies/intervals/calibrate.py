@@ -1,23 +1,117 @@
-"""A model's `Spread`, calibrated on trials that it was not fitted to."""
+"""A model's `Spread`, calibrated on trials that it was not fitted to: least CRPS, then scaled so that 90 % of the
+residuals are inside; and the score of such intervals."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize
+from scipy.special import ndtr
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.model import Model, Spread
-from fabdesign.nouns.model_sampling import TWO_SIDED, spread_hash
+from fabdesign.nouns.model_sampling import INSIDE, TWO_SIDED, spread_hash
 from fabdesign.nouns.trial import Trial
 from fabdesign.units import in_mm
 from optimize.fit.clouds import evenly
-from studies.intervals.draws import Used, looked_at, residuals
-from studies.intervals.widths import LEAST, START, IntervalScore, RegionResiduals, calibrated, combined, left_out
-from studies.measured.splits import by_program
+from studies.intervals.draws import RegionResiduals, Used, looked_at, residuals
+from studies.measured.splits import program_of
 from studies.prediction.forward_model import forward_model
 
 MOST = 10  # of a design
+Width = Callable[[Array, RegionResiduals], Array]  # of what shapes it: (n,) m, standard deviations
+LEAST = 5  # trials, under which nothing is calibrated, and no design for itself
+START = np.log([0.5e-3, 1.0, 0.01])  # of `combined`
+
+
+def combined(shape: Array, one: RegionResiduals) -> Array:
+    """Return in quadrature the constant, what the covariance says, and a share of the motion."""
+    least, times, share = np.exp(shape)
+    return np.asarray(np.sqrt(least**2 + (times * one.deviation) ** 2 + (share * one.moved) ** 2))
+
+
+def crps(residual: Array, sigma: Array) -> Array:
+    """Return (n,) m, of a normal distribution about nothing (Gneiting and Raftery 2007, eq. 21)."""
+    z = residual / sigma
+    density = np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)
+    return np.asarray(sigma * (z * (2 * ndtr(z) - 1) + 2 * density - 1 / np.sqrt(np.pi)))
+
+
+@dataclass(frozen=True, eq=False)
+class Widths:
+    """Standard deviations: a width's shape, and what puts 90 % of the residuals inside, of all and of a design."""
+
+    width: Width
+    shape: Array
+    factor: float
+    designs: Mapping[str, float]  # times that, of designs with enough trials
+
+    def of(self, one: RegionResiduals) -> Array:
+        """Return (n,) m."""
+        return self.designs.get(one.design, 1.0) * self.factor * self.width(self.shape, one)
+
+
+def calibrated(others: Sequence[RegionResiduals], width: Width, start: Array) -> Widths:
+    """Return the shape by least CRPS, then the factors."""
+
+    def mean(shape: Array) -> float:
+        return float(np.concatenate([crps(one.residual, width(shape, one)) for one in others]).mean())
+
+    shape = minimize(mean, start, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 1e-9}).x
+    ratios: dict[str, list[Array]] = {}
+    for one in others:
+        ratios.setdefault(one.design, []).append(np.abs(one.residual) / width(shape, one))
+    whole = float(np.quantile(np.concatenate([r for parts in ratios.values() for r in parts]), INSIDE))
+    factors = {name: float(np.quantile(np.concatenate(r), INSIDE)) for name, r in ratios.items() if len(r) >= LEAST}
+    return Widths(width, shape, whole / TWO_SIDED, {name: value / whole for name, value in factors.items()})
+
+
+def left_out(every: Sequence[RegionResiduals], folds: Sequence[int], width: Width, start: Array) -> list[Array]:
+    """Return (n,) m of each trial, standard deviations calibrated on the trials of the other folds."""
+    residuals: list[Array] = [np.empty(0)] * len(every)
+    for fold in sorted(set(folds)):
+        others = [one for one, fold_of in zip(every, folds, strict=True) if fold_of != fold]
+        widths = calibrated(others, width, start)
+        for k in (k for k, fold_of in enumerate(folds) if fold_of == fold):
+            residuals[k] = widths.of(every[k])
+    return residuals
+
+
+@dataclass(frozen=True)
+class IntervalScore:
+    """The score of 90 % intervals, over regions and frames. width: m, from end to end; crps: m."""
+
+    count: int
+    inside: float
+    width: float
+    crps: float
+
+    @property
+    def shown(self) -> tuple[float, float, float]:
+        """Share inside, width and CRPS in mm."""
+        return self.inside, in_mm(self.width), in_mm(self.crps)
+
+    @staticmethod
+    def of(residual: Array, sigma: Array) -> "IntervalScore":
+        """Return the score of intervals. residual, sigma: (n,) m, n > 0."""
+        sigma = np.maximum(sigma, 1e-9)
+        inside = float((np.abs(residual) <= TWO_SIDED * sigma).mean())
+        width, score = (float(x.mean()) for x in (2 * TWO_SIDED * sigma, crps(residual, sigma)))
+        return IntervalScore(len(residual), inside, width, score)
+
+    @staticmethod
+    def pooled(scores: Sequence["IntervalScore"]) -> "IntervalScore | None":
+        """Return the score of all of their regions together; None where there are none."""
+        counts = np.array([score.count for score in scores])
+        if not counts.sum():
+            return None
+        inside, width, score = (
+            float(np.average([getattr(one, name) for one in scores], weights=counts))
+            for name in ("inside", "width", "crps")
+        )
+        return IntervalScore(int(counts.sum()), inside, width, score)
 
 
 def chosen(trials: Sequence[Trial], most: int = MOST) -> list[Trial]:
@@ -57,7 +151,10 @@ def with_spread(
             bare,
             f"intervals of motions are not calibrated: {count} trials of role fit are left for it; expected {LEAST}",
         )
-    spread, score = spread_from([every[k] for k in kept], _folds([usable[k] for k in kept]), bare)
+    folds: Sequence[int] = program_of([usable[k] for k in kept])
+    if len(set(folds)) < 2:  # of a single program each trial is one
+        folds = range(len(kept))
+    spread, score = spread_from([every[k] for k in kept], folds, bare)
     return replace(bare, spread=spread), (
         f"90 % intervals calibrated on {spread.trials} trials that were not fitted: mean width "
         f"{in_mm(score.width):.2f} mm; {spread.held:.0%} inside where each trial is left out in turn"
@@ -84,12 +181,3 @@ def spread_json(model: Model) -> dict[str, Any] | None:
         return None
     shape = {"constant_mm": in_mm(spread.constant), "covariance": spread.covariance, "motion": spread.motion}
     return shape | {"trials": spread.trials, "held": spread.held, "designs": dict(spread.designs)}
-
-
-def _folds(trials: Sequence[Trial]) -> list[int]:
-    """Return trials with the same pressures are one fold; of a single program each trial is one."""
-    groups = by_program(trials)
-    if len(groups) < 2:
-        return [*range(len(trials))]
-    fold = {id(trial): k for k, group in enumerate(groups) for trial in group}
-    return [fold[id(trial)] for trial in trials]

@@ -5,7 +5,7 @@ along the normal of the predicted mid-surface.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,18 @@ from fabdesign.nouns.model_sampling import Ensemble
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import Trial
 from fabdesign.runtime.effort import batches
-from studies.intervals.widths import RegionResiduals
 
 REGIONS = 3  # a side
+
+
+@dataclass(frozen=True, eq=False)
+class RegionResiduals:
+    """The residuals of one trial, (n,) each, a region at a frame."""
+
+    design: str
+    residual: Array  # m, measured less predicted
+    deviation: Array  # m, standard deviation over draws of the joint covariance
+    moved: Array  # m since rest
 
 
 def region_terms(rest: Floats, predicted: Floats, drawn: Sequence[Floats], fabric: Fabric) -> tuple[Array, Array]:

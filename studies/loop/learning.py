@@ -7,7 +7,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import fmean
-from typing import NamedTuple
 
 from fabdesign.errors import InputError
 from fabdesign.files.model_file import read_model, write_model
@@ -21,7 +20,7 @@ from fabdesign.units import in_mm
 from optimize.fit.free_parameters import fit_vector
 from studies.calibration import Calibration, CalibrationOptions, calibrate_sets
 from studies.loop.record import Learned, TracedEffects
-from studies.measured.sensitive_stretches import GRID
+from studies.measured.used_frames import GRID
 from studies.prediction.evaluate import evaluate_sets
 from studies.prediction.forward_model import forward_model
 
@@ -30,15 +29,6 @@ TRACE = "trace"  # the folder of the trace
 
 Simulators = Callable[[int], ForwardModel]  # by points a side
 Say = Callable[[str], None]
-
-
-class Traced(NamedTuple):
-    """The verdict, the model with the effects that it has from now on, and lines for people; no model where there was
-    too little to trace."""
-
-    verdict: TracedEffects | None
-    model: Model | None
-    lines: list[str]
 
 
 def together(sets: Sequence[MeasurementSet]) -> MeasurementSet:
@@ -111,7 +101,9 @@ def model_of(work: WorkFolder, name: str) -> Model:
 
 def traced_by(
     study: LoopStudy, measured: MeasurementSet, known: Model, out: Path, simulators: Simulators, say: Say
-) -> Traced:
+) -> tuple[TracedEffects | None, Model | None, list[str]]:
+    """Return the verdict, the model with the effects that it has from now on, and lines for people; no model where
+    there was too little to trace."""
     from fabdesign.runtime.fingerprint import OtherContent
     from studies.measured.fit_data import TooLittle
     from studies.tracing import Options, trace_set, verdict_in_words
@@ -132,7 +124,7 @@ def traced_by(
         except OtherContent:  # begun with other code: a loop goes on for weeks
             outcome = trace(force=True)
     except TooLittle as error:
-        return Traced(None, None, [f"not traced: {error}"])
+        return None, None, [f"not traced: {error}"]
     result = outcome.as_json()
     traced = TracedEffects(
         verdict=result["verdict"],
@@ -140,7 +132,7 @@ def traced_by(
         indistinguishable=result["indistinguishable"],
         excess={name: value for name, value in result["excess"].items() if name != "unit"},
     )
-    return Traced(traced, outcome.model, [f"trace: {verdict_in_words(outcome)}"])
+    return traced, outcome.model, [f"trace: {verdict_in_words(outcome)}"]
 
 
 def _calibrated(

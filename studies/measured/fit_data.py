@@ -18,8 +18,8 @@ from fabdesign.nouns.trial import Accuracy, MeasurementSet, Trial
 from fabdesign.runtime.fingerprint import sha256
 from fabdesign.version import SIMULATOR, __version__
 from optimize.fit.at_rest import Standing
-from optimize.fit.clouds import Sample, cut, sample_trial
-from studies.measured.splits import by_program
+from optimize.fit.clouds import Density, Sample, cut, sample_trial
+from studies.measured.splits import program_of
 from studies.measured.used_frames import UsedFrames
 
 STROKE = 100e3  # Pa by which a channel's pressure rises in one stroke
@@ -29,15 +29,6 @@ NOISE_FRAMES = 40  # clouds that the sensor's noise is estimated from: strays ar
 
 class TooLittle(InputError):
     """Too few trials or frames to fit."""
-
-
-@dataclass(frozen=True)
-class Density:
-    """The sample that is drawn of each trial: frames spread over its first `until` s, and random points of each."""
-
-    until: float  # s
-    frames: int
-    points: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,15 +55,7 @@ class MeasuredData:
         for trial in trials:
             measured = next(m for m in sets if any(t.file == trial.file for t in m.trials))
             data = trial.load()
-            sample = sample_trial(
-                trial,
-                data,
-                used.at(measured, trial, data.time),
-                until=density.until,
-                frames=density.frames,
-                points=density.points,
-                rng=rng,
-            )
+            sample = sample_trial(trial, data, used.at(measured, trial, data.time), density, rng)
             samples += [] if sample is None else [sample]
         if not samples:
             raise TooLittle(
@@ -110,8 +93,7 @@ class MeasuredData:
     @cached_property
     def folds(self) -> tuple[int, ...]:
         """Return the fold of each trial: those with the same pressures are one fold."""
-        fold = {id(trial): k for k, group in enumerate(by_program(self.trials)) for trial in group}
-        return tuple(fold[id(trial)] for trial in self.trials)
+        return program_of(self.trials)
 
     @cached_property
     def session(self) -> NDArray[np.float64]:

@@ -1,15 +1,17 @@
-"""Which trials may be fitted and which are held out: by trial, never by frame.
+"""Which trials are sound, which may be fitted and which are held out: by trial, never by frame.
 
-Trials with the same pressures stay on one side of any split, and trials of role `test` take no part in fitting.
+Bad data are an error, or left out and listed. Trials with the same pressures stay on one side of any split, and trials
+of role `test` take no part in fitting.
 """
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from fabdesign.errors import InputError
-from fabdesign.nouns.trial import Trial
+from fabdesign.nouns.trial import MeasurementSet, Role, Trial
 
 Trials = tuple[Trial, ...]
 
@@ -43,9 +45,7 @@ def split(trials: Sequence[Trial], held_out: float, *, seed: int = 0) -> Split:
 
     Trials of role `test` are in neither. Raises InputError where all trials have the same pressures.
     """
-    groups = by_program(fit_trials(trials))
-    if len(groups) < 2:
-        raise InputError("all trials to fit have the same pressures; expected at least two programs to hold one out")
+    groups = _several_programs(trials)
     count = min(max(round(held_out * len(groups)), 1), len(groups) - 1)
     chosen = {int(i) for i in np.random.default_rng(seed).permutation(len(groups))[:count]}
     return _split(groups, chosen)
@@ -54,9 +54,7 @@ def split(trials: Sequence[Trial], held_out: float, *, seed: int = 0) -> Split:
 def folds(trials: Sequence[Trial], count: int, *, seed: int = 0) -> tuple[Split, ...]:
     """Return the splits of a cross-validation, `count` (or as many as there are programs), each fit trial held out
     once."""
-    groups = by_program(fit_trials(trials))
-    if len(groups) < 2:
-        raise InputError("all trials to fit have the same pressures; expected at least two programs to hold one out")
+    groups = _several_programs(trials)
     order = np.random.default_rng(seed).permutation(len(groups))
     return tuple(_split(groups, {int(i) for i in part}) for part in np.array_split(order, min(count, len(groups))))
 
@@ -72,6 +70,58 @@ def by_program(trials: Sequence[Trial]) -> list[Trials]:
     return [tuple(group) for group in groups.values()]
 
 
+def program_of(trials: Sequence[Trial]) -> tuple[int, ...]:
+    """Return a number for each trial, which those with the same pressures share."""
+    number = {id(trial): k for k, group in enumerate(by_program(trials)) for trial in group}
+    return tuple(number[id(trial)] for trial in trials)
+
+
+def _several_programs(trials: Sequence[Trial]) -> list[Trials]:
+    groups = by_program(fit_trials(trials))
+    if len(groups) < 2:
+        raise InputError("all trials to fit have the same pressures; expected at least two programs to hold one out")
+    return groups
+
+
 def _split(groups: Sequence[Trials], held_out: Collection[int]) -> Split:
     fit = (trial for i, group in enumerate(groups) if i not in held_out for trial in group)
     return Split(tuple(fit), tuple(trial for i in sorted(held_out) for trial in groups[i]))
+
+
+@dataclass
+class Tolerance:
+    """Whether bad data end the work or are left out, and the list of what was."""
+
+    skip_bad: bool
+    skipped: list[str] = field(default_factory=list)
+
+    @contextmanager
+    def forgiving(self) -> Iterator[None]:
+        """Return a block whose InputError is noted and passed over, if bad data may be skipped."""
+        try:
+            yield
+        except InputError as error:
+            self.note(error)
+
+    def note(self, error: InputError) -> None:
+        if not self.skip_bad:
+            raise error
+        self.skipped.append(str(error))
+
+
+def sound_trials(
+    measured: MeasurementSet, *, skip_bad: bool, roles: Collection[Role] = ("fit", "test")
+) -> tuple[MeasurementSet, tuple[str, ...]]:
+    """Return the set's trials of these roles, all of them read, without the unsound ones, and a line on each of those.
+
+    Raises InputError for the first one unless `skip_bad`, and where none is left.
+    """
+    tolerance, sound = Tolerance(skip_bad), []
+    for trial in measured.trials:
+        if trial.role in roles:
+            with tolerance.forgiving():
+                trial.load()
+                sound.append(trial)
+    if not sound and tolerance.skipped:
+        raise InputError(f"{measured.name}: no sound trial; the first: {tolerance.skipped[0]}")
+    return replace(measured, trials=tuple(sound)), tuple(tolerance.skipped)

@@ -13,13 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.geometry.shape import Sheet
 from fabdesign.nouns.array import Array, Indices
 from fabdesign.nouns.lag import first_order
-from fabdesign.nouns.pressure import PressureProgram
-from optimize.fit.clouds import places_on_cloth
-from optimize.fit.cross_validation import Scored
+from optimize.fit.clouds import Match, Sample, places_on_cloth
+from optimize.fit.cross_validation import LeftOut, Scored
+from optimize.fit.fitted import Fit
 from optimize.fit.misfit import frames_of
-from studies.model_selection.residuals import Residuals
+from studies.measured.fit_data import MeasuredData
 
 BANDS = (0, 3), (4, 5), (6, 7)  # degrees of the polynomials on the cloth
 LAGS = 0.05, 0.2, 0.8  # s, of first-order lags of the pressures
@@ -28,6 +29,41 @@ RIDGES = tuple(np.logspace(-3, 2, 6))
 WIDTHS = 1.0, 3.0  # of the kernel, times the root of the number of features
 MOST_FOLDS = 8  # trained on in turn
 _POWERS = [(i, d - i) for d in range(BANDS[-1][1] + 1) for i in range(d + 1)]  # of u and v, by degree
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """The residuals of a fit as everything that looks at them takes them."""
+
+    samples: Sequence[Sample]
+    sheets: Sequence[Sheet]  # the model's motions, a sample each
+    misfit: Match
+    residual: Array  # (N,) m, zero where not kept
+    kept: NDArray[np.bool_]  # (N,) no stray, and the motion is there
+    counts: Array  # (N,) how much of what a point says errors of the inputs leave, 0 to 1
+    session: Array  # (samples, 3) as the data have it
+
+    @staticmethod
+    def of(data: MeasuredData, fit: Fit) -> "Residuals":
+        """Return the residuals of a fit to the data, whose sets say what each specimen went through before."""
+        linear = LeftOut.of(fit, range(len(data.samples)))
+        assert isinstance(linear.misfit, Match)
+        return Residuals(
+            data.samples, fit.state.sheets, linear.misfit, linear.residual, linear.kept, fit.normal.counts, data.session
+        )
+
+    @property
+    def scored(self) -> Scored:
+        """Return the squares of each trial as it is, fitted."""
+        return self.scored_as(self.residual)
+
+    def scored_as(self, residual: Array) -> Scored:
+        """Return the squares of each trial with (N,) m in place of the residual."""
+        weights = self.counts * self.kept
+        squares, sums = np.zeros(len(self.samples)), np.zeros(len(self.samples))
+        np.add.at(squares, self.misfit.sample, weights * np.square(residual))
+        np.add.at(sums, self.misfit.sample, weights)
+        return Scored(squares, sums)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +112,7 @@ def features_of(state: Residuals) -> tuple[Array, ...]:
         flat = sheet.middle.reshape(len(sample.times), -1, 3)[:, ::8].astype(float)
         flat = np.nan_to_num(flat.reshape(len(sample.times), -1))
         rate = np.gradient(flat, sample.times, axis=0) if len(flat) > 1 else np.zeros_like(flat)
-        rows.append(_lagged(sample.trial.program, sample.times, channels))
+        rows.append(_driven(sample, channels))
         poses.append((flat, rate))
     driven, shapes, rates = np.concatenate(rows), *(np.concatenate(parts) for parts in zip(*poses, strict=True))
     shape = np.concatenate([_main(shapes), _main(rates)], axis=1)
@@ -86,15 +122,25 @@ def features_of(state: Residuals) -> tuple[Array, ...]:
     return tuple(standardised(group) for group in groups)
 
 
-def _lagged(program: PressureProgram, times: Array, channels: int) -> Array:
+def set_points_of(sample: Sample, times: Array, channels: int) -> Array:
+    """Return (T, channels) set points of a trial in 100 kPa."""
+    pressure = sample.trial.program.at(times) / 1e5
+    return np.pad(pressure, ((0, 0), (0, channels - pressure.shape[1])))
+
+
+def grid_of(sample: Sample) -> tuple[Array, Indices]:
+    """Return s, every 0.01 s of a trial, and the place of each of its frames (F,) among them."""
+    grid = np.arange(0.0, sample.times[-1] + 0.01, 0.01)
+    return grid, np.clip(np.searchsorted(grid, sample.times), 0, len(grid) - 1)
+
+
+def _driven(sample: Sample, channels: int) -> Array:
     """Return (F, channels (1 + lags) + 2): set points, through lags, their sum and the time."""
-    grid = np.arange(0.0, times[-1] + 0.01, 0.01)
-    set_points = program.at(grid) / 1e5
-    set_points = np.pad(set_points, ((0, 0), (0, channels - set_points.shape[1])))
+    grid, frames = grid_of(sample)
+    set_points = set_points_of(sample, grid, channels)
     slow = [lagged(set_points, tau) for tau in LAGS]
     total = set_points.sum(axis=1, keepdims=True)
-    all_parts = np.concatenate([set_points, *slow, total, np.sqrt(grid)[:, None]], axis=1)
-    return np.asarray(all_parts[np.clip(np.searchsorted(grid, times), 0, len(grid) - 1)])
+    return np.asarray(np.concatenate([set_points, *slow, total, np.sqrt(grid)[:, None]], axis=1)[frames])
 
 
 def lagged(path: Array, tau: float) -> Array:

@@ -1,16 +1,28 @@
-"""A fit and the errors of trials left out: each predicted from the others, with effects or without, to first order."""
+"""A fit and the errors of trials left out: each predicted from the others, with effects or without, to first order;
+and names by chance: effects driven by another trial's pressures, which no data can need, judged as effects are.
+
+What a fit leaves has structure, and with many effects to choose from one may take some of it by chance. A decoy is an
+effect's columns with the trials exchanged: as large and as smooth as the effect's own, and wrong (target-decoy
+competition, Elias and Gygi 2007, doi:10.1038/nmeth1019).
+"""
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import label_effect
-from fabdesign.nouns.array import Indices
+from fabdesign.nouns.array import Array, Indices
+from fabdesign.units import in_mm
+from optimize.fit.clouds import Match, Sample, places_on_cloth
 from optimize.fit.cross_validation import Gain, LeftOut, Scored
 from optimize.fit.fitted import Fit
+from optimize.fit.misfit import frames_of
+from optimize.fit.problem import Linearisation
+from optimize.fit.significance import NEEDED, cost
 
 CAUSE = 0.3  # of its prior's deviation, at its strongest: an effect that is less is in any careful build
 _NONE = np.zeros(0, dtype=np.intp)
@@ -85,3 +97,84 @@ def strength(fit: Fit, label: str) -> float:
 def is_cause(fit: Fit, label: str) -> bool:
     """Return whether an effect of a fit is more than what is in any careful build."""
     return strength(fit, label) >= CAUSE
+
+
+TURNS = 2  # decoys of an effect: each trial has the columns of the next of its design, or of the one after that
+CHANCE = 0.95  # quantile of the decoys' gains that an effect must gain more than
+
+
+@dataclass(frozen=True)
+class Decoys:
+    """Effects by chance. gains: of trials left out by each, beside a fit; needed: whether data need it, by `NEEDED`."""
+
+    gains: tuple[Gain, ...]
+    needed: tuple[bool, ...]
+
+    @property
+    def chance(self) -> float:
+        """Return the excess that one decoy in twenty gains, m; 0 without any."""
+        return max(0.0, float(np.quantile([gain for gain, _ in self.gains], CHANCE))) if self.gains else 0.0
+
+    def as_json(self, tolerance: float) -> dict[str, float]:
+        """Return `decoys` of `trace.json`; tolerance: m."""
+        return {"tried": len(self.gains), "taken": self.taken(tolerance), "chance_mm": in_mm(self.chance)}
+
+    def taken(self, least: float) -> int:
+        """Return how many would be called missing, where an effect must gain `least` [m]."""
+        return sum(
+            needed and gain >= least and low > 0
+            for needed, (gain, (low, _)) in zip(self.needed, self.gains, strict=True)
+        )
+
+
+def decoys_beside(known: Fit, joint: Fit, samples: Sequence[Sample], folds: Sequence[int], floor: float) -> Decoys:
+    """Return decoys of each effect of a joint fit, judged beside another fit of the same points. floor: noise, m. None
+    where a design has no two trials with different pressures."""
+    trials, vector = LeftOut.of(known, folds), joint.vector
+    without, gains, needed = trials.scored(), list[Gain](), list[bool]()
+    for order in turned(samples, folds):
+        table = exchanged(joint.state, samples, order)
+        for label in vector.labels:
+            part = vector.part(label)
+            beside = trials.with_columns(table[:, part], vector.prior[part])
+            gains.append(trials.gain(without, beside.scored(), floor))
+            covariance = np.linalg.inv(beside.information)
+            x = beside.x - covariance @ beside.gradient
+            last = np.arange(len(x) - len(part), len(x))  # to switch them off costs so much, to first order
+            needed.append(cost(x, np.asarray(covariance, dtype=np.float64), last) >= NEEDED)
+    return Decoys(tuple(gains), tuple(needed))
+
+
+def exchanged(state: Linearisation, samples: Sequence[Sample], order: Sequence[int]) -> Array:
+    """Return (N, p) m: the Jacobian with rows of sample order[s] in place of those of sample s, at the frame nearest in
+    time and of it the point nearest on the cloth; along the front's normal, and zero where it is not known."""
+    match = state.misfit
+    assert isinstance(match, Match)
+    u, v, front = places_on_cloth(match)
+    place, source = np.stack([u, v], axis=1), np.zeros(len(u), dtype=np.intp)
+    points = {(int(match.sample[rows[0]]), int(match.frame[rows[0]])): rows for rows in frames_of(match)[1]}
+    for (s, f), rows in points.items():
+        other = order[s]
+        there = points[other, int(np.abs(samples[other].times - samples[s].times[f]).argmin())]
+        source[rows] = there[cKDTree(place[there]).query(place[rows])[1]]
+    return np.nan_to_num(state.jacobian[source]) * (front * front[source])[:, None]
+
+
+def turned(samples: Sequence[Sample], folds: Sequence[int]) -> list[list[int]]:
+    """Return which sample's changes each sample takes: of its design and of other pressures, the next, and the one
+    after. Empty where a design has no two."""
+    orders = []
+    for turn in range(1, TURNS + 1):
+        order = []
+        for s, sample in enumerate(samples):
+            others = [
+                t % len(samples)
+                for t in range(s + 1, s + len(samples))
+                if samples[t % len(samples)].trial.design_name == sample.trial.design_name
+                and folds[t % len(samples)] != folds[s]
+            ]
+            if not others:
+                return []
+            order.append(others[(turn - 1) % len(others)])
+        orders.append(order)
+    return orders

@@ -13,8 +13,7 @@ import numpy as np
 from fabdesign.units import in_mm
 from optimize.fit.cross_validation import Gain
 from optimize.fit.fitted import Fit
-from studies.model_selection.decoys import CHANCE, Decoys
-from studies.model_selection.judged import CAUSE, Judged, is_cause, is_certain, strength
+from studies.model_selection.judged import CAUSE, CHANCE, Decoys, Judged, is_cause, is_certain, strength
 
 MUCH = 1.2  # times what a fit may lose of trials left out, in quadrature: what loses more even of those fitted ends
 
@@ -97,9 +96,7 @@ class Refits:
     method holds of a bench: it has no other layouts, no decoys, and columns that do not change."""
 
     tolerance: float  # m of excess, or in the bench's unit
-
-    def say(self, line: str) -> None:
-        """Tell what is done."""
+    say: Callable[[str], None] = staticmethod(lambda line: None)
 
     def judged(self, fit: Fit) -> Judged:
         """Return a fit with what trials left out say of it."""

@@ -23,8 +23,8 @@ _FIRST_CLAUSE = re.compile(r"[,;:]")
 
 @dataclass(frozen=True)
 class Evidence:
-    """Excess held out, m: of the refitted model, with all effects that were certain, and of the baseline on what
-    either leaves.
+    """Excess held out, m: of the refitted model, with all effects that were certain, and of the baseline on what the
+    first leaves.
 
     The baseline takes from what a model leaves that was fitted to all trials, so that its gain is over `fitted`, not
     over `before`, for which the declared parameters were fitted without the trial."""
@@ -33,7 +33,6 @@ class Evidence:
     after: float
     effects: int  # that were certain, and were added
     box_before: float
-    box_after: float
     left: float = 0.0  # share of what the effects leave that one kind of feature takes of trials left out
     fitted: float | None = None  # m that the refitted model leaves of the trials that it was fitted to; None: `before`
     fitted_after: float = math.inf  # m, the same with all effects
@@ -57,13 +56,9 @@ def decide(evidence: Evidence, tolerance: float) -> Word:
     if evidence.fitted_after <= tolerance:  # a trial left out may need a factor that the others do not fix
         return "effect"
     closed = 1 - evidence.after / evidence.before
-    needed = min(SHARE_OF_A_CAUSE, max(LEAST_SHARE, 1.2 * box_closed(evidence)))
+    by_baseline = max(1 - evidence.box_before / evidence.before, 0.0)
+    needed = min(SHARE_OF_A_CAUSE, max(LEAST_SHARE, 1.2 * by_baseline))
     return "effect" if closed >= needed else "unexplained"
-
-
-def box_closed(evidence: Evidence) -> float:
-    """Return the share of the excess that the flexible baseline alone removes."""
-    return max(1 - evidence.box_before / evidence.before, 0.0)
 
 
 def explains(evidence: Evidence) -> float | None:

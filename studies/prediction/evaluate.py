@@ -20,8 +20,7 @@ from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.runtime.effort import batches
 from studies.intervals.band import IntervalJudge, interval_judges
 from studies.measured.fit_data import noise_clouds
-from studies.measured.sensitive_stretches import find_used_frames
-from studies.measured.used_frames import UsedFrames
+from studies.measured.used_frames import UsedFrames, find_used_frames
 from studies.prediction.evaluation_report import ERRORS, DesignResult, SetEvaluation, TrialResult
 from studies.prediction.forward_model import forward_model
 
@@ -43,7 +42,7 @@ def evaluate_sets(
     a table of their own.
 
     coarse: a cheap simulator that finds the sensitive stretches of these trials
-    (measured.sensitive_stretches), which are left out. Without it they are not looked for. After is all of the model;
+    (measured.used_frames), which are left out. Without it they are not looked for. After is all of the model;
     before is what it was without effects and corrector, or, where it has neither, the data sheet. A model's intervals
     are evaluated at every sixth frame; coarse moves its drawn models.
     interruptible: Ctrl-C ends with the trials that are done. `progress` is told trials done and trials in all.

@@ -14,7 +14,7 @@ from fabdesign.geometry.metrics import Closed, Errors, Statistics, told_beyond
 from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.output import new_folder
 from fabdesign.units import in_mm
-from studies.intervals.widths import IntervalScore
+from studies.intervals.calibrate import IntervalScore
 from studies.measured.used_frames import UsedFrames
 
 _FEW = 12  # trials, of which a histogram says less than their values

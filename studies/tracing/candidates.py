@@ -15,8 +15,7 @@ from optimize.fit.problem import widened
 from optimize.fit.significance import NEEDED, alike, does
 from studies.model_selection.rules import Selection
 from studies.tracing.experiment import Explanation
-from studies.tracing.refits import ASKED, SetRefits
-from studies.tracing.task import Task
+from studies.tracing.task import ASKED, Task
 
 
 @dataclass(frozen=True)
@@ -54,10 +53,10 @@ def candidates_of(selection: Selection) -> tuple[tuple[Candidate, ...], dict[str
         places[label] = np.arange(first, first + len(part))
         first += len(part)
     added = np.arange(count, first)
-    none = wide.scored(added)
-    candidates = [_chosen(wide, none, added, label, selection) for label in chosen.vector.labels]
-    candidates += [_other(wide, none, added, places[label], label, selection) for label in others]
-    candidates += _aside(selection, _remaining(none, selection))
+    asked = [(added, chosen.vector.part(label), label) for label in chosen.vector.labels]
+    asked += [(np.setdiff1d(added, places[label]), places[label], label) for label in others]
+    candidates = [_candidate(wide, off, part, label, selection) for off, part, label in asked]
+    candidates += _inactive(selection, _remaining(wide.scored(added), selection))
     best: dict[str, Candidate] = {}
     for candidate in sorted(candidates, key=lambda c: c.gain):
         best[candidate.name] = candidate
@@ -69,7 +68,7 @@ def same_from_rest(task: Task, selection: Selection) -> dict[str, Explanation]:
     """Return by name effects that do the same as one chosen wherever motions begin at rest, as the model with it
     instead: fitted, since Jacobians of two places tell them apart, and left out where trials left out lose by it."""
     chosen, alternatives = selection.chosen, dict[str, Explanation]()
-    refits, taken = SetRefits(task), {*effects_of(chosen.vector.labels), *task.known}
+    taken = {*effects_of(chosen.vector.labels), *task.known}
     for label in selection.labels:
         other = EFFECTS[label_effect(label)].same_from_rest
         if other and EFFECTS[other].named and other not in taken:
@@ -78,7 +77,7 @@ def same_from_rest(task: Task, selection: Selection) -> dict[str, Explanation]:
             jacobian = widened(chosen.state.jacobian[:, kept], np.arange(len(kept)), len(start))
             begin = FitStart(start, jacobian, chosen.inputs)
             fitted = task.fit(f"{other} for {label}", vector, begin, ASKED)
-            if not selection.judged.predicts_better(refits.judged(fitted), task.tolerance):
+            if not selection.judged.predicts_better(task.judged(fitted), task.tolerance):
                 names = " and ".join(effects_of(vector.labels))
                 alternatives[other] = Explanation(names, vector, fitted.x, label_effect(label))
     return alternatives
@@ -97,24 +96,13 @@ def _in_place(vector: FitVector, label: str, source: FitVector, other: str) -> t
     return exchanged, kept
 
 
-def _chosen(wide: LeftOut, none: Scored, added: np.ndarray, label: str, selection: Selection) -> Candidate:
-    part = selection.chosen.vector.part(label)
-    without = wide.scored(np.concatenate([added, part]))
-    gain, interval = wide.gain(without, none, selection.floor)
+def _candidate(wide: LeftOut, off: np.ndarray, part: np.ndarray, label: str, selection: Selection) -> Candidate:
+    """Return the effect whose unknowns are `part`, beside a model with the unknowns `off` at nothing."""
+    with_it, without = wide.scored(off), wide.scored(np.concatenate([off, part]))
+    gain, interval = wide.gain(without, with_it, selection.floor)
     return Candidate(
-        label_effect(label), gain, interval, *_remaining(none, selection), label in selection.labels,
-        _detectable(wide, added, part, label),
-    )  # fmt: skip
-
-
-def _other(
-    wide: LeftOut, none: Scored, added: np.ndarray, part: np.ndarray, label: str, selection: Selection
-) -> Candidate:
-    beside = wide.scored(np.setdiff1d(added, part))
-    gain, interval = wide.gain(none, beside, selection.floor)
-    return Candidate(
-        label_effect(label), gain, interval, *_remaining(beside, selection), False,
-        _detectable(wide, np.setdiff1d(added, part), part, label),
+        label_effect(label), gain, interval, *_remaining(with_it, selection), label in selection.labels,
+        _detectable(wide, off, part, label),
     )  # fmt: skip
 
 
@@ -123,7 +111,7 @@ def _remaining(scored: Scored, selection: Selection) -> tuple[float, float]:
     return scored.excess(selection.floor), scored.typical(selection.floor)
 
 
-def _aside(selection: Selection, remaining: tuple[float, float]) -> list[Candidate]:
+def _inactive(selection: Selection, remaining: tuple[float, float]) -> list[Candidate]:
     """Return the effects that shapes at rest say are nothing. remaining: m, of the model chosen."""
     at_rest = selection.at_rest
     if at_rest is None:
@@ -173,7 +161,7 @@ def _alternatives(wide: LeftOut, selection: Selection, places: dict[str, np.ndar
         change = left[:, part] @ chosen.x[part]
         size = float(chosen.x[part] @ change[part])
         same = [k for k in joint.vector.labels if label_effect(k) == label_effect(label)]
-        there = alike(joint.sensitivity, joint.vector, same[0], [*places]) if len(same) == 1 else []
+        there = alike(joint.normal.sensitivity, joint.vector, same[0], [*places]) if len(same) == 1 else []
         for other, columns in places.items():
             if other in there or does(left, columns, change, size):
                 model = _instead(wide, selection, label, other, columns)

@@ -18,16 +18,14 @@ from fabdesign.units import in_mm
 from optimize.fit.fitted import Fit
 from optimize.fit.misfit import frames_of
 from optimize.fit.significance import undecided
-from studies.fitting.fitted_model import fitted_model
-from studies.fitting.intervals import far_factors, with_engines
+from studies.fitting.fitted_model import far_factors, fitted_model, with_engines
 from studies.measured.fit_data import MeasuredData
 from studies.model_selection.rules import Selection
 from studies.model_selection.verdict import GROSS, Evidence, Word, effect_entry, shared_out
 from studies.tracing.candidates import Candidate
 from studies.tracing.discovered_term import Discovered
 from studies.tracing.experiment import Explanation
-from studies.tracing.residual_analysis import Remains
-from studies.tracing.surface_errors import TrialError, mean_of, other_layouts
+from studies.tracing.residual_analysis import Remains, TrialError, mean_of, other_layouts
 
 FORMAT = "fabdesign.trace/1"
 _LITTLE = 0.1  # of its share, below which a frame's weight is told
@@ -219,13 +217,6 @@ class Outcome(OfModel):
         """Return the surface RMS of an excess [m], mm."""
         return in_mm(float(np.hypot(excess, self.floor)))
 
-    @property
-    def _after(self) -> float:
-        """Return the excess that the model leaves of trials left out, m."""
-        if self.discovered is not None:
-            return self.discovered.excess
-        return self.evidence.after if self.verdict == "effect" else self.evidence.before
-
     def _error(self) -> dict[str, Any]:
         def pair(which: str, excess: float) -> dict[str, float | None]:
             fit, test = (mean_of(self.errors, role, which) for role in ("fit", "test"))
@@ -235,6 +226,7 @@ class Outcome(OfModel):
                 "cross_validated": self._surface(excess),
             }
 
+        after = self.evidence.after if self.verdict == "effect" else self.evidence.before
         return {
             "metric": "surface_rms",
             "unit": "mm",
@@ -242,7 +234,7 @@ class Outcome(OfModel):
             "tolerance": in_mm(self.tolerance),
             "ceiling": self._surface(self.evidence.box_before),
             "before": pair("before", self.evidence.before),
-            "after": pair("after", self._after),
+            "after": pair("after", after if self.discovered is None else self.discovered.excess),
         }
 
 

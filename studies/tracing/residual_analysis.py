@@ -1,16 +1,30 @@
-"""Analysis of a residual: where on the cloth and when it is largest, and what it follows."""
+"""Analysis of a residual: where on the cloth and when it is largest, and what it follows; and surface errors of used
+frames, before and after: of the trials fitted, and once of those of role test."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from fabdesign.geometry.metrics import Errors, statistics, trial_errors
 from fabdesign.nouns.array import Array, Indices
-from studies.model_selection.black_box import RIDGES, Frames, frames_at, lagged
-from studies.model_selection.residuals import Residuals
+from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.trial import Trial
+from optimize.fit.clouds import evenly, places_on_cloth
+from optimize.fit.fitted import Fit
+from studies.measured.fit_data import MeasuredData
+from studies.model_selection.black_box import (
+    RIDGES,
+    Frames,
+    Residuals,
+    frames_at,
+    grid_of,
+    lagged,
+    set_points_of,
+    standardised,
+)
 
 CELLS = 10  # of the map of the cloth, a side
-_SIDE = 41
 _FOLLOWED = 0.05  # share of its mean square that a feature must take of held-out trials to be named
 
 
@@ -32,9 +46,7 @@ class Remains:
 
 def remains(state: Residuals, folds: Sequence[int]) -> Remains:
     """Return the analysis of the residual of a state."""
-    side = state.misfit.vertex % _SIDE**2
-    u = np.einsum("nc,nc->n", state.misfit.weights, (side % _SIDE) / (_SIDE - 1))
-    v = np.einsum("nc,nc->n", state.misfit.weights, (side // _SIDE) / (_SIDE - 1))
+    u, v = ((1 + place) / 2 for place in places_on_cloth(state.misfit)[:2])
     kept, squared = state.kept, np.square(state.residual)
     cell = np.minimum((v * CELLS).astype(int), CELLS - 1) * CELLS + np.minimum((u * CELLS).astype(int), CELLS - 1)
     counts = np.bincount(cell[kept], minlength=CELLS**2)
@@ -92,11 +104,9 @@ def _kinds(state: Residuals, frames: Frames) -> dict[str, Array]:
     channels = max(s.trial.program.pressure.shape[1] for s in state.samples)
     parts: dict[str, list[Array]] = {name: [] for name in ("pressure", "rate", "history", "time", "pose")}
     for sample, sheet in zip(state.samples, state.sheets, strict=True):
-        program, times = sample.trial.program, sample.times
-        set_points = np.pad(program.at(times) / 1e5, ((0, 0), (0, channels - program.pressure.shape[1])))
-        grid = np.arange(0.0, times[-1] + 0.01, 0.01)
-        path = np.pad(program.at(grid) / 1e5, ((0, 0), (0, channels - program.pressure.shape[1])))
-        slow, fast = (lagged(path, tau)[np.clip(np.searchsorted(grid, times), 0, len(grid) - 1)] for tau in (1.0, 0.15))
+        times, (grid, places) = sample.times, grid_of(sample)
+        set_points, path = (set_points_of(sample, at, channels) for at in (times, grid))
+        slow, fast = (lagged(path, tau)[places] for tau in (1.0, 0.15))
         middle = sheet.middle.reshape(len(times), -1, 3)[:, ::40]
         parts["pressure"].append(set_points)
         parts["rate"].append(fast - set_points)
@@ -114,9 +124,7 @@ def _kinds(state: Residuals, frames: Frames) -> dict[str, Array]:
 
 def _left(table: Array, frames: Frames, fold: Indices) -> float:
     """Return the squares left of the shapes of held-out folds, m^2, by ridge regression with a constant, at best."""
-    spread = table.std(axis=0)
-    table = (table - table.mean(axis=0))[:, spread > 1e-9] / spread[spread > 1e-9]
-    table = np.column_stack([np.ones(len(fold)), table])
+    table = np.column_stack([np.ones(len(fold)), standardised(table)])
     best = np.inf
     for ridge in RIDGES:
         left = 0.0
@@ -126,3 +134,53 @@ def _left(table: Array, frames: Frames, fold: Indices) -> float:
             left += float(np.square(frames.shapes[fold == out] - table[fold == out] @ steps).sum())
         best = min(best, left)
     return best
+
+
+FRAMES = 20  # of a trial
+
+
+@dataclass(frozen=True)
+class TrialError:
+    """The errors of one trial's used frames, m."""
+
+    trial: str
+    design: str
+    role: str
+    before: Errors
+    after: Errors
+
+
+def errors_of_trials(
+    data: MeasuredData, trials: Sequence[Trial], forward: ForwardModel, before: Fit, after: Fit
+) -> list[TrialError]:
+    """Return the errors of every trial that has a used frame."""
+    times: list[Indices] = []
+    chosen: list[Trial] = []
+    for trial in trials:
+        usable = np.flatnonzero(data.used.at(data.sets[0], trial))
+        if len(usable):
+            chosen.append(trial)
+            times.append(usable[evenly(len(usable), FRAMES)])
+    whens = [t.times[frames] for t, frames in zip(chosen, times, strict=True)]
+    motions = forward.motions([fit.vector.case(t, fit.x) for fit in (before, after) for t in chosen], [*whens, *whens])
+    errors = []
+    for k, (trial, frames) in enumerate(zip(chosen, times, strict=True)):
+        all_frames = trial.load().frames
+        clouds = [all_frames[int(f)] for f in frames]
+        pair = [trial_errors(clouds, m, data.noise, seed=trial.order) for m in (motions[k], motions[len(chosen) + k])]
+        errors.append(TrialError(trial.name, trial.design.name, trial.role, pair[0], pair[1]))
+    return errors
+
+
+def mean_of(errors: Sequence[TrialError], role: str, which: str, error: str = "surface_rms") -> float | None:
+    """Return the mean over trials of a role, m; None where there is none."""
+    pairs = [getattr(e, which) for e in errors if e.role == role]
+    finite = [e for e in pairs if np.isfinite(e.surface_rms)]
+    return statistics(finite)[error].mean if finite else None
+
+
+def other_layouts(errors: Sequence[TrialError]) -> dict[str, list[TrialError]]:
+    """Return the errors by design, of the designs of which no trial was fitted."""
+    fitted = {e.design for e in errors if e.role == "fit"}
+    names = dict.fromkeys(e.design for e in errors if e.design not in fitted)
+    return {name: [e for e in errors if e.design == name] for name in names}

@@ -19,25 +19,22 @@ from fabdesign.runtime.fingerprint import sha256
 from fabdesign.runtime.store import Checkpoint
 from fabdesign.units import in_mm
 from fabdesign.version import SIMULATOR
-from optimize.fit.clouds import evenly
+from optimize.fit.clouds import Density, evenly
 from optimize.fit.cross_validation import LeftOut
-from studies.fitting.rest_fit import with_shapes_at_rest
-from studies.measured.fit_data import Density, MeasuredData, TooLittle
-from studies.measured.sensitive_stretches import sensitive_stretches
+from studies.fitting.fits import with_shapes_at_rest
+from studies.measured.fit_data import MeasuredData, TooLittle
 from studies.measured.splits import fit_trials
-from studies.measured.used_frames import Stretch, UsedFrames, share_left_out
-from studies.model_selection.black_box import baseline_score
-from studies.model_selection.residuals import Residuals
+from studies.measured.used_frames import find_used_frames
+from studies.model_selection.black_box import Residuals, baseline_score
 from studies.model_selection.rules import Selection
 from studies.model_selection.verdict import Evidence, decide
 from studies.tracing.candidates import candidates_of, same_from_rest
 from studies.tracing.discovered_term import discover
 from studies.tracing.experiment import Explanation, next_experiment
 from studies.tracing.outcome import Outcome, model_of
-from studies.tracing.residual_analysis import remains
+from studies.tracing.residual_analysis import errors_of_trials, remains
 from studies.tracing.selection import select
-from studies.tracing.surface_errors import errors_of_trials
-from studies.tracing.task import Place, Task
+from studies.tracing.task import Task
 
 ALGORITHM = 25  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
 TOLERANCE = 0.5e-3  # m of excess
@@ -47,9 +44,6 @@ ELSEWHERE = 2  # trials of a layout that is not fitted
 DRAWN = Density(until=6.0, frames=25, points=150)
 GRID = 21  # points a side: within 0.3 mm of a finer one, for a hundredth of a second a column
 CALM_STEPS = 12  # time steps in one, far from jumps: within 0.03 mm of 8; at 16 single motions are off by millimetres
-
-Say = Callable[[str], None]
-Experiment = Mapping[str, Any] | None
 
 
 @dataclass(frozen=True)
@@ -76,7 +70,7 @@ def trace_set(
     options: Options = Options(),
     forward: ForwardModel | None = None,
     force: bool = False,
-    say: Say = lambda line: None,
+    say: Callable[[str], None] = lambda line: None,
 ) -> Outcome:
     """Trace, and write `trace.json`, `model.toml` and `report.html` into `out`. The same call goes on after a kill.
 
@@ -93,7 +87,11 @@ def trace_set(
             from sim import Simulator  # here: it loads and starts taichi
 
             forward = Simulator(options.grid or GRID, calm_steps=CALM_STEPS)
-        used = _used(checkpoint, every, forward, say)
+
+        def searching(done: int, total: int) -> None:
+            say(f"stretches near a bifurcation: {done} of {total} motions")
+
+        used = find_used_frames([(measured, every)], forward, progress=searching)
         say(used.in_words)
         data = MeasuredData.of([measured], trials, used, DRAWN, seed=options.seed)
         data = with_shapes_at_rest(data, fit_trials(measured.trials))
@@ -131,8 +129,7 @@ def _outcome(task: Task, every: Sequence[Trial], options: Options) -> Outcome:
     if verdict != "effect" and selection.chosen is not selection.plain:
         left = remains(Residuals.of(data, selection.plain), selection.folds)
     task.say("errors before and after, on the trials fitted and once on those of role test")
-    before, after = (Place(fit.vector, fit.x) for fit in (selection.plain, fitted))
-    errors = errors_of_trials(every, data.used.stretches or (), task.forward, before, after, data.noise)
+    errors = errors_of_trials(data, every, task.forward, selection.plain, fitted)
     candidates, instead = candidates_of(selection)
     if verdict == "effect":
         instead |= same_from_rest(task, selection)
@@ -164,18 +161,6 @@ def _check(model: Model) -> None:
         check_values(effect_named(term.name, "--model"), term.values, "--model")
 
 
-def _used(checkpoint: Checkpoint, trials: Sequence[Trial], bare: ForwardModel, say: Say) -> UsedFrames:
-    def searched() -> list[list[Any]]:
-        def progress(done: int, total: int) -> None:
-            say(f"stretches near a bifurcation: {done} of {total} motions")
-
-        return [[s.trial, s.begin, s.end] for s in sensitive_stretches(trials, bare, progress=progress)]
-
-    kept = checkpoint.get("unjudged", searched)
-    stretches = tuple(Stretch(str(trial), float(begin), float(end)) for trial, begin, end in kept)
-    return UsedFrames(stretches, share_left_out(stretches, trials))
-
-
 def _elsewhere(measured: MeasurementSet, data: MeasuredData) -> list[Trial]:
     """Return trials of the set's other layouts, a few of each."""
     fitted = {trial.design_name for trial in data.trials}
@@ -188,24 +173,23 @@ def _elsewhere(measured: MeasurementSet, data: MeasuredData) -> list[Trial]:
 
 def _evidence(selection: Selection, data: MeasuredData, left: float) -> Evidence:
     floor, folds = selection.floor, selection.folds
-    plain, chosen = (LeftOut.of(fit, folds) for fit in (selection.plain, selection.chosen))
+    plain, chosen = LeftOut.of(selection.plain, folds).scored(), selection.judged.scored
     before, after = (Residuals.of(data, fit) for fit in (selection.plain, selection.chosen))
-    box = baseline_score(before, folds)
-    beside = box if selection.chosen is selection.plain else baseline_score(after, folds)
     return Evidence(
-        before=plain.scored().excess(floor),
-        after=chosen.scored().excess(floor),
+        before=plain.excess(floor),
+        after=chosen.excess(floor),
         effects=len(selection.chosen.vector.labels),
-        box_before=box.excess(floor),
-        box_after=beside.excess(floor),
+        box_before=baseline_score(before, folds).excess(floor),
         left=left,
         fitted=before.scored.excess(floor),
         fitted_after=after.scored.excess(floor),
-        typical=plain.scored().typical(floor),
+        typical=plain.typical(floor),
     )
 
 
-def _experiment(task: Task, selection: Selection, instead: Sequence[Explanation], verdict: str) -> Experiment:
+def _experiment(
+    task: Task, selection: Selection, instead: Sequence[Explanation], verdict: str
+) -> Mapping[str, Any] | None:
     """Return what tells the model from what else the data leave possible: models with other effects `instead`, else the
     declared parameters alone, and the joint fit. None where the model is adequate and no effect is certain."""
     if verdict == "adequate" and selection.chosen is selection.plain and not selection.small:

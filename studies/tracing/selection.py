@@ -3,7 +3,7 @@
 Around the false minimum that a fit without them goes to the wrong names come first.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -12,22 +12,22 @@ import numpy as np
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import label_effect
 from fabdesign.geometry.metrics import over
-from optimize.fit.cross_validation import LeftOut
+from fabdesign.nouns.array import Array
+from fabdesign.nouns.forward import Term
+from fabdesign.units import in_mm
 from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
-from optimize.fit.policy import AT_REST, NEAR, Policy
+from optimize.fit.policy import AT_REST, NEAR
 from optimize.fit.significance import NEEDED, cheapest_first, conditioned, cost, needed
-from studies.fitting.intervals import expected_rms
+from studies.fitting.fits import beginning, fit_at_rest
+from studies.fitting.fitted_model import expected_rms
 from studies.fitting.joint_fit import beside, joint_fit
-from studies.fitting.rest_fit import beginning, fit_at_rest
 from studies.model_selection.judged import Judged, is_certain
 from studies.model_selection.rules import ON_SETS, Selection, below, follow
 from studies.model_selection.verdict import so_far
-from studies.tracing.reduction import promised, reduced
-from studies.tracing.refits import SetRefits, to_first_order
-from studies.tracing.task import Task
+from studies.tracing.task import Task, to_first_order
 
 SLIGHT = 2.0  # times the tolerance: what leaves no more is near the minimum, and the joint fit begins there
 PROMISING = 0.5  # of what the declared parameters leave: where one effect promises to leave more, it is not all
@@ -38,80 +38,51 @@ def select(task: Task) -> Selection:
     """Select effects by one joint fit, then backwards, to first order: dropped is what its joint covariance does not
     need, then what trials left out gain too little by. What stays is fitted with its shapes and tried once more, and of
     several each by a fit without it."""
-    every = fit_vector(["all"], factors=task.factors, designs=task.designs)
-    vector = without(every, task.known)
+    vector = without(fit_vector(["all"], factors=task.factors, designs=task.designs), task.known)
     at_rest = fit_at_rest(task.data, task.fits, vector)
-    begun = _Begun.over_horizons(task, vector) if at_rest is None else _Begun.at_rest(task, vector, at_rest)
-    excess = _excess(task, begun.plain)
-    if excess <= task.tolerance and begun.plain.vector.is_plausible(begun.plain.x):
+    begin, factors = FitStart(), FitStart()
+    if at_rest is not None:  # so near that no horizon is looked at, and that one Jacobian leads
+        x = beginning(vector, at_rest, ())
+        begin = FitStart(x, inputs=task.input_errors(vector, x))
+        all_on = beginning(vector, at_rest, at_rest.vector.labels)
+        factors = replace(begin, x=np.stack([all_on, x])[:, vector.are_factors])
+    hopeful = replace(NEAR, hopeless=expected_rms(task.data.noise, HOPELESS * task.tolerance))
+    plain = task.fit("plain", vector.without_effects, factors, hopeful)
+    scored = task.judged(plain).scored
+    excess = max(scored.excess(task.floor), scored.typical(task.floor))
+    if excess <= task.tolerance and plain.vector.is_plausible(plain.x):
         task.say(so_far(()))
-        begin = FitStart(begun.plain.minimum, inputs=begun.plain.inputs)
-        return _adequate(task, vector, task.fit("plain to its end", begun.plain.vector, begin))
-    everything = begun.joint(excess)
+        to_its_end = FitStart(plain.minimum, inputs=plain.inputs)
+        return _adequate(task, vector, task.fit("plain to its end", plain.vector, to_its_end))
+    if at_rest is not None:
+        everything = task.fit("every effect", vector, begin, AT_REST)
+    else:
+        # Where the declared parameters leave little, the residuals are nearly linear about them, and the joint fit
+        # begins there: from the data sheet a cloth that snaps leads it astray. Not where they had to go where no
+        # specimen is: an effect hides in them then.
+        near = excess <= SLIGHT * task.tolerance and plain.vector.is_plausible(plain.x)
+        start = beside(vector, plain.x) if near else vector.start
+        everything = joint_fit(task.data, vector, start, replace(task.fits, named="every effect"))
     task.say(so_far(needed(everything.minimum, everything.covariance, everything.vector, NEEDED)))
-    selection = backwards(SetRefits(task), everything, task.weighed(begun.plain, everything.inputs))
+    selection = backwards(task, everything, task.weighed(plain, everything.inputs))
     return replace(selection, at_rest=at_rest)
 
 
-@dataclass(frozen=True)
-class _Begun:
-    """Where a trace begins. plain: the declared parameters alone, as far as they are not hopeless. joint: makes the fit
-    of every effect from what the plain one leaves of trials left out [m]."""
-
-    plain: Fit
-    joint: Callable[[float], Fit]
-
-    @staticmethod
-    def over_horizons(task: Task, vector: FitVector) -> "_Begun":
-        """Begin at the data sheet. Where the declared parameters leave little, the residuals are nearly linear about
-        them, and the joint fit begins there: from the data sheet a cloth that snaps leads it astray. Not where they had
-        to go where no specimen is: an effect hides in them then."""
-        plain = task.fit("plain", vector.without_effects, FitStart(), _hopeful(task))
-
-        def joint(excess: float) -> Fit:
-            near = excess <= SLIGHT * task.tolerance and plain.vector.is_plausible(plain.x)
-            start = beside(vector, plain.x) if near else vector.start
-            return joint_fit(task.data, vector, start, replace(task.fits, named="every effect"))
-
-        return _Begun(plain, joint)
-
-    @staticmethod
-    def at_rest(task: Task, vector: FitVector, at_rest: Fit) -> "_Begun":
-        """Begin where shapes at rest are fitted: so near that no horizon is looked at, and that one Jacobian leads."""
-        begin = beginning(vector, at_rest, ())
-        inputs = task.input_errors(vector, begin)
-        factors = np.stack([x[vector.are_factors] for x in (beginning(vector, at_rest, at_rest.vector.labels), begin)])
-        plain = task.fit("plain", vector.without_effects, FitStart(factors, inputs=inputs), _hopeful(task))
-        start = FitStart(begin, inputs=inputs)
-        return _Begun(plain, lambda _: task.fit("every effect", vector, start, AT_REST))
-
-
-def _hopeful(task: Task) -> Policy:
-    """Return how the declared parameters are fitted before any effect is looked at."""
-    return replace(NEAR, hopeless=expected_rms(task.data.noise, HOPELESS * task.tolerance))
-
-
-def backwards(refits: SetRefits, everything: Fit, plain: Fit) -> Selection:
+def backwards(task: Task, everything: Fit, plain: Fit) -> Selection:
     """Return what the rules leave of a joint fit. plain: where the declared parameters ended by themselves, by the
     weights of `everything`."""
-    labels, small = worth(refits, everything)
+    labels, small = worth(task, everything)
     if not labels:
-        alone = refits.alone(everything, plain)
-        return Selection(everything, alone, refits.judged(alone), small=tuple(small))
-    known = enough(refits, everything, labels, plain)
+        alone = task.alone(everything, plain)
+        return Selection(everything, alone, task.judged(alone), small=tuple(small))
+    known = enough(task, everything, labels, plain)
     exact = known is not None
     if known is None:
-        fewer, labels = reduced(refits.task, everything, labels)
-        known = refits.of(fewer, labels)
-    judged, of_all = refits.judged(known), refits.judged(everything).excess
+        fewer, labels = reduced(task, everything, labels)
+        known = task.with_effects(fewer, labels)
+    judged, of_all = task.judged(known), task.judged(everything).excess
     begun = Selection(everything, plain, judged, of_all, tuple(small), most=judged, exact=exact)
-    return follow(ON_SETS, refits, begun)
-
-
-def _excess(task: Task, fitted: Fit) -> float:
-    """Return m that a fit leaves of trials left out, in their mean or, where that is more, in their median."""
-    scored = LeftOut.of(fitted, task.data.folds).scored()
-    return max(scored.excess(task.floor), scored.typical(task.floor))
+    return follow(ON_SETS, task, begun)
 
 
 def _adequate(task: Task, vector: FitVector, plain: Fit) -> Selection:
@@ -120,7 +91,7 @@ def _adequate(task: Task, vector: FitVector, plain: Fit) -> Selection:
         "every effect beside them", vector, FitStart(beside(vector, plain.x), inputs=plain.inputs)
     )
     small = sparse(everything, needed(everything.minimum, everything.covariance, vector, NEEDED))
-    return Selection(everything, plain, SetRefits(task).judged(plain), small=tuple(small))
+    return Selection(everything, plain, task.judged(plain), small=tuple(small))
 
 
 def without(vector: FitVector, known: Sequence[str]) -> FitVector:
@@ -129,15 +100,15 @@ def without(vector: FitVector, known: Sequence[str]) -> FitVector:
     return vector.only(labels)[0]
 
 
-def worth(refits: SetRefits, everything: Fit) -> tuple[list[str], list[str]]:
+def worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
     """Return the terms that the joint fit says the data need, and those that trials left out gain too little by, to
     first order. Shapes are not fitted yet, so what is left says nothing."""
-    vector, judged = everything.vector, refits.judged(everything)
+    vector, judged = everything.vector, task.judged(everything)
     certain = needed(everything.minimum, everything.covariance, vector, NEEDED)
-    labels = _with_channels(judged, refits.tolerance, certain, sparse(everything, certain))
+    labels = _with_channels(judged, task.tolerance, certain, sparse(everything, certain))
     dropped = [label for label in vector.labels if label not in labels]
-    stays = partial(refits.matters_elsewhere, everything)
-    small = below(judged, labels, dropped, refits.tolerance, stays)
+    stays = partial(task.matters_elsewhere, everything)
+    small = below(judged, labels, dropped, task.tolerance, stays)
     return [label for label in labels if label not in small], small
 
 
@@ -168,7 +139,7 @@ def sparse(everything: Fit, labels: Sequence[str]) -> list[str]:
     return [label for label in labels if label in best.values()]
 
 
-def enough(refits: SetRefits, everything: Fit, labels: Sequence[str], plain: Fit) -> Fit | None:
+def enough(task: Task, everything: Fit, labels: Sequence[str], plain: Fit) -> Fit | None:
     """Return the fit with the one effect that costs most to drop, if it leaves as little as all together do, to first
     order: the joint fit shares its effect among others, which go only slowly one by one. It is not tried where it
     promises to leave more, and over half of what `plain` leaves."""
@@ -176,11 +147,78 @@ def enough(refits: SetRefits, everything: Fit, labels: Sequence[str], plain: Fit
     off = vector.parts(label for label in vector.labels if label not in labels)
     there = conditioned(everything.minimum, everything.covariance, off)
     *_, (strongest, _, _) = cheapest_first(*there, {label: vector.part(label) for label in labels})
-    least = promised(everything, everything.minimum)
-    promise = promised(everything, to_first_order(everything, [strongest]))
-    if promise > PROMISING * plain.after and over(promise, least) > refits.tolerance:
+    least = everything.promised(everything.minimum)
+    promise = everything.promised(to_first_order(everything, [strongest]))
+    if promise > PROMISING * plain.after and over(promise, least) > task.tolerance:
         return None
-    hopeless = float(np.hypot(least, refits.tolerance))
-    one = refits.of(everything, [strongest], hopeless=hopeless, exact=True, named=f"{strongest} alone")
-    fits = over(one.after, least) <= 0.5 * refits.tolerance
-    return one if fits and not refits.needed_elsewhere(everything, one, vector.inside(there[0])) else None
+    hopeless = float(np.hypot(least, task.tolerance))
+    one = task.with_effects(everything, [strongest], hopeless=hopeless, exact=True, named=f"{strongest} alone")
+    fits = over(one.after, least) <= 0.5 * task.tolerance
+    return one if fits and not task.needed_elsewhere(everything, one, vector.inside(there[0])) else None
+
+
+@dataclass(frozen=True, eq=False)
+class Begin:
+    """Where a fit without some effects begins. jacobian: (N, p) m, of the fit with them. rms, promised: m of residuals
+    capped at 10 mm, as simulated and to first order."""
+
+    vector: FitVector
+    x: Array
+    jacobian: Array
+    rms: float
+    promised: float
+
+
+def reduced(task: Task, joint: Fit, labels: Collection[str]) -> tuple[Fit, list[str]]:
+    """Return from where a fit of the terms `labels` alone may begin: the joint fit, or one without some other terms;
+    and their labels there, with those of what must stay beside them.
+
+    Where the tolerance more than first order promises is left without all the others, in quadrature, only half as many
+    go at once, the cheapest first, and what stays is fitted before the next, by the joint fit's own Jacobian as long as
+    that leads on. One that leaves more by itself, fitted too, stays."""
+    known, wanted, stage = joint, _terms(joint, labels), 0
+    while dropped := _cheapest_first(known, wanted):
+        begin = begin_without(task, known, dropped)
+        if _holds(task, begin):
+            break
+        while len(dropped) > 1 and not _holds(task, begin):
+            dropped = dropped[: (len(dropped) + 1) // 2]
+            begin = begin_without(task, known, dropped)
+        stage += 1
+        without = f"{in_mm(begin.rms):.3f} mm RMS without {', '.join(dropped)}"
+        task.say(f"{without}; to first order {in_mm(begin.promised):.3f}")
+        fitted = task.fit(f"fewer {stage}", begin.vector, FitStart(begin.x, begin.jacobian, known.inputs), NEAR)
+        if over(fitted.after, begin.promised) > task.tolerance:
+            wanted += _terms(known, dropped)
+        else:
+            known = fitted
+    return known, _labels(known, wanted)
+
+
+def begin_without(task: Task, known: Fit, labels: Collection[str]) -> Begin:
+    """Return where a fit without the terms `labels` begins: the better of where the joint covariance says the others
+    then are and where they are with them."""
+    there = known.without(labels)
+    vector, index = known.vector.only([label for label in known.vector.labels if label not in labels])
+    rms, x = task.nearest(vector, [there[index], known.x[index]])
+    return Begin(vector, x, known.state.jacobian[:, index], rms, known.promised(there))
+
+
+def _holds(task: Task, begin: Begin) -> bool:
+    return over(begin.rms, begin.promised) <= task.tolerance
+
+
+def _terms(known: Fit, labels: Collection[str]) -> list[Term]:
+    """Return terms by label: a label changes where it is the last of its effect, its term does not."""
+    return [term for label, term in zip(known.vector.labels, known.vector.terms, strict=True) if label in labels]
+
+
+def _labels(known: Fit, terms: Sequence[Term]) -> list[str]:
+    return [label for label, term in zip(known.vector.labels, known.vector.terms, strict=True) if term in terms]
+
+
+def _cheapest_first(known: Fit, wanted: Sequence[Term]) -> list[str]:
+    """Return the labels of all other terms, in the order in which they are dropped to first order."""
+    kept = _labels(known, wanted)
+    others = {label: known.vector.part(label) for label in known.vector.labels if label not in kept}
+    return [name for name, *_ in cheapest_first(known.minimum, known.covariance, others)]

@@ -19,9 +19,8 @@ from fabdesign.runtime.store import Arrays, Checkpoint
 from optimize.fit.clouds import evenly
 from optimize.fit.parameters import FitVector
 from studies.calibration import CalibrationOptions, calibrate_sets
-from studies.measured.sensitive_stretches import find_used_frames
 from studies.measured.splits import split
-from studies.measured.used_frames import UsedFrames
+from studies.measured.used_frames import UsedFrames, find_used_frames
 
 Network = Literal["field", "paper"]
 KEPT_BACK = 0.15  # share of the trials that are not learned from and say what the corrector is worth

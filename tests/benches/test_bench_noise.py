@@ -5,7 +5,7 @@ import pytest
 
 from fabdesign.nouns.bench import Bench, BenchRecord
 from studies.benches.cylinder import friction_state
-from studies.benches.noise import noise_of
+from studies.benches.records import noise_of
 from studies.benches.trace_report import as_text
 from studies.benches.tracing import examine
 from tests.benches.test_benches import muscle_force

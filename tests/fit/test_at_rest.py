@@ -13,16 +13,14 @@ from fabdesign.nouns.forward import Case, Term
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.nouns.trial import Accuracy, Trial
-from optimize.fit.at_rest import RestProblem, Standing, acting_at_rest
+from optimize.fit.at_rest import HELD, RestProblem, Standing, acting_at_rest, standing_of
 from optimize.fit.clouds import Sample
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.problem import columns
-from optimize.fit.rest_detection import HELD, standing_of
 from optimize.fit.significance import NEEDED, needed
 from sim import Simulator
-from studies.fitting.fits import Fits
+from studies.fitting.fits import LEAST, Fits, beginning, fit_at_rest
 from studies.fitting.joint_fit import negligible, unneeded
-from studies.fitting.rest_fit import LEAST, beginning, fit_at_rest
 from studies.measured.fit_data import MeasuredData
 from studies.measured.used_frames import UsedFrames
 

@@ -26,10 +26,9 @@ from optimize.fit.problem import Evaluation, FitProblem, Problem, horizons_of
 from sim.motion import faces
 from studies.calibration.calibrate import DRAWN, CalibrationOptions
 from studies.calibration.calibrate import calibrate_sets as calibrate
-from studies.calibration.report import as_text
-from studies.fitting.intervals import engine_difference, interval_warnings, noise_rms
-from studies.measured.bad_data import sound_trials
-from studies.measured.splits import fit_trials
+from studies.calibration.result import as_text
+from studies.fitting.fitted_model import engine_difference, interval_warnings, noise_rms
+from studies.measured.splits import fit_trials, sound_trials
 from tests.few_effects import few_effects
 
 TIMES = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 0.9, 1.2])

@@ -7,8 +7,7 @@ import pytest
 from sheets import rolled_sheet
 from test_calibrate import write
 
-from studies.measured.sensitive_stretches import find_used_frames, sensitive_stretches
-from studies.measured.used_frames import Stretch, left_out_in_words, share_left_out, used_mask
+from studies.measured.used_frames import Stretch, find_used_frames, used_mask
 from studies.prediction.stability import instants_elsewhere
 
 TIMES = np.arange(1, 31) * 0.05
@@ -37,21 +36,26 @@ def trials(tmp_path_factory):
     return write(tmp_path_factory.mktemp("set"), [100, 200, 300], forward=None, times=TIMES).trials
 
 
+def searched(trials, forward, **how):
+    return find_used_frames([(None, trials)], forward, **how)
+
+
 def test_only_the_stretch_that_buckles_to_either_side_is_left_out(trials):
     told = []
-    found = sensitive_stretches(trials, Buckler(), progress=lambda done, total: told.append((done, total)))
+    used = searched(trials, Buckler(), progress=lambda done, total: told.append((done, total)))
+    found = used.stretches
     assert [s.trial for s in found] == ["002"]
     assert found[0].begin == pytest.approx(0.3, abs=0.11)
     assert found[0].end == pytest.approx(1.0, abs=0.11)
     assert told[0] == (18, 18)  # two draws of each trial, three motions a draw
     assert told[-1] == (24, 24)  # two more where they part
-    assert share_left_out(found, trials) == pytest.approx(0.7 / 1.5 / 3, abs=0.07)
-    assert "002 0." in left_out_in_words(found, share_left_out(found, trials))
+    assert used.share_left_out == pytest.approx(0.7 / 1.5 / 3, abs=0.07)
+    assert "002 0." in used.in_words
 
 
 def test_the_stretches_of_a_trial_do_not_depend_on_other_trials(trials):
-    [alone] = sensitive_stretches(trials[2:], Buckler())
-    assert [alone] == [*sensitive_stretches(trials, Buckler())]
+    [alone] = searched(trials[2:], Buckler()).stretches
+    assert (alone,) == searched(trials, Buckler()).stretches
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,13 +73,13 @@ def test_one_search_serves_all_and_is_never_kept_in_the_set(trials, tmp_path, mo
     monkeypatch.setenv("FABDESIGN_CACHE", str(tmp_path))
     before = sorted(trials[0].file.parents[1].rglob("*"))
     first, again = Counter(), Counter()
-    found = sensitive_stretches(trials, first)
-    assert sensitive_stretches(trials, again) == found
+    found = searched(trials, first).stretches
+    assert searched(trials, again).stretches == found
     assert sum(first.count) == 24 and not again.count
     assert sorted(trials[0].file.parents[1].rglob("*")) == before
     for file in tmp_path.rglob("*.json"):
         file.write_text("[[0.1")  # damaged: searched again
-    assert sensitive_stretches(trials[2:], again) == found and sum(again.count) == 12
+    assert searched(trials[2:], again).stretches == found and sum(again.count) == 12
 
 
 def test_several_sets_stretches_are_named_by_set_and_trial(trials, tmp_path):

@@ -32,7 +32,7 @@ from studies.fusion.reference import off
 from studies.fusion.ripple import ripple_of
 from studies.fusion.stamped import StampedFrames, stamped_frames
 from studies.fusion.targets import felt_gravity, upright
-from studies.measured.bad_data import Tolerance
+from studies.measured.splits import Tolerance
 from studies.rig.cameras import StereoCamera
 from tests.recorded_sheet import (
     CAMERA,

@@ -11,7 +11,7 @@ from fabdesign.files.pressure_file import constant_program
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model, Parameter
-from studies.prediction.coarser_grid import ByDesign, enough_points
+from studies.prediction.forward_model import ByDesign, enough_points
 
 DESIGN = build("cross")
 MODEL = Model({"muscle_gain": Parameter(0.9)}, points_per_side=61)

@@ -27,7 +27,7 @@ from fabdesign.geometry.hung_cloth import require_on_cloth
 from fabdesign.nouns.catalogue import build
 from studies.check.files import inspect
 from studies.fusion.input import read_views
-from studies.measured.bad_data import Tolerance
+from studies.measured.splits import Tolerance
 from studies.view.items import items_of
 from tests.command_line import Run
 from tests.samples import CASES

@@ -13,9 +13,8 @@ from fabdesign.files.design_file import read_design, write_design
 from fabdesign.files.model_file import read_model, write_model
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.model_sampling import TWO_SIDED, half_widths
-from studies.intervals.calibrate import spread_from
-from studies.intervals.draws import by_region
-from studies.intervals.widths import RegionResiduals, crps
+from studies.intervals.calibrate import crps, spread_from
+from studies.intervals.draws import RegionResiduals, by_region
 
 
 def test_a_design_with_enough_trials_has_a_width_of_its_own(tmp_path: Path) -> None:

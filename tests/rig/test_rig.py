@@ -226,10 +226,10 @@ def test_a_membrane_curve_is_a_stiffness_on_the_rig() -> None:
     assert straight.fabric.membrane_curve is None and linear_membrane(DUO) is DUO
 
 
-def hooked(name: str, pressure: Array, step: float, **values: float) -> Array:
+def hooked(name: str, pressure: Array, step: float, order: int = 0, **values: float) -> Array:
     scene = build_scene(DUO, {}, COARSE, max_pressure=0.0)
     defaults = {k: v for k, (v, _) in EFFECTS[name].parameters.items()}
-    EFFECTS[name].apply(scene, 0, defaults | values)
+    EFFECTS[name].apply(scene, order, defaults | values)
     return scene.pressure_hooks[0](pressure, step)
 
 
@@ -246,6 +246,8 @@ def test_dead_time_shifts_and_droop_counts_open_channels() -> None:
     assert hooked("dead_time", command, 0.1, delay=0.3)[:, 0].tolist() == [0, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7]
     droop = hooked("supply_droop", np.array([[1e5, 2e5, 0.0]]), 0.1, share=0.1)
     assert droop == pytest.approx(np.array([[0.9e5, 1.8e5, 0.0]]))
+    third = hooked("sinking_supply", np.array([[1e5, 3e5, 0.0]]), 0.1, order=2, full=350.0, sink=50.0)
+    assert third == pytest.approx(np.array([[1e5, 2.5e5, 0.0]]))
 
 
 def test_a_set_holds_points_with_the_stated_noise_and_not_the_key(tmp_path: Path) -> None:

@@ -35,26 +35,21 @@ from optimize.fit.policy import END, NEAR, STEP
 from optimize.fit.problem import Evaluation, FitProblem, horizons_of
 from optimize.fit.significance import NEEDED, alike, conditioned, cost, needed, undecided
 from studies.fitting.fits import Fits
-from studies.fitting.intervals import far_factors
+from studies.fitting.fitted_model import far_factors
 from studies.fitting.joint_fit import joint_fit, negligible
 from studies.measured.fit_data import MeasuredData
 from studies.measured.splits import fit_trials
 from studies.measured.used_frames import UsedFrames
-from studies.model_selection.black_box import baseline_score, basis_of
-from studies.model_selection.decoys import decoys_beside, exchanged, turned
-from studies.model_selection.judged import CAUSE, Judged, strength
-from studies.model_selection.residuals import Residuals
+from studies.model_selection.black_box import Residuals, baseline_score, basis_of
+from studies.model_selection.judged import CAUSE, Judged, decoys_beside, exchanged, strength, turned
 from studies.model_selection.rules import Selection, loses
 from studies.model_selection.verdict import Evidence, decide, explains
 from studies.tracing.candidates import candidates_of
-from studies.tracing.reduction import begin_without, reduced
-from studies.tracing.refits import SetRefits, label_in
-from studies.tracing.residual_analysis import remains
+from studies.tracing.report import as_text
+from studies.tracing.residual_analysis import TrialError, other_layouts, remains
 from studies.tracing.run import DRAWN, trace_set
-from studies.tracing.selection import backwards, enough, sparse, worth
-from studies.tracing.statements import as_text
-from studies.tracing.surface_errors import TrialError, other_layouts
-from studies.tracing.task import Place, Task
+from studies.tracing.selection import backwards, begin_without, enough, reduced, sparse, worth
+from studies.tracing.task import Place, Task, label_in
 from tests.few_effects import few_effects
 
 TRIED = "braid_hysteresis", "muscle_creep", "odd_muscle", "filling_lag", "dead_time", "supply_droop", "time_offset"
@@ -400,20 +395,20 @@ def test_a_step_ends_where_the_quadratic_model_is_least_within_the_bounds(seed):
 @pytest.mark.parametrize(
     ("evidence", "verdict"),
     [
-        (Evidence(0.4e-3, 0.1e-3, 0, 0.1e-3, 0.1e-3), "adequate"),  # within the tolerance
-        (Evidence(0.4e-3, 0.4e-3, 0, 0.4e-3, 0.4e-3, typical=0.6e-3), "unexplained"),  # in the median it is not
-        (Evidence(0.6e-3, 0.6e-3, 0, 0.6e-3, 0.6e-3), "unexplained"),  # though nobody gains
-        (Evidence(2e-3, 2e-3, 0, 2.1e-3, 2.1e-3, fitted=0.4e-3, typical=0.4e-3), "unexplained"),  # of one trial
-        (Evidence(2e-3, 2e-3, 0, 0.8e-3, 0.8e-3), "unexplained"),
-        (Evidence(2e-3, 0.4e-3, 1, 0.8e-3, 0.4e-3), "effect"),
-        (Evidence(2e-3, 0.7e-3, 1, 0.8e-3, 0.6e-3), "effect"),  # beyond the tolerance, but most of it
-        (Evidence(1.62e-3, 0.83e-3, 2, 1.55e-3, 0.83e-3), "unexplained"),  # less than half of the gap
-        (Evidence(1.62e-3, 0.75e-3, 2, 1.2e-3, 0.75e-3), "effect"),  # more than half, and than the black box
-        (Evidence(3e-3, 2.2e-3, 1, 0.8e-3, 0.6e-3), "unexplained"),  # the best leaves structure
-        (Evidence(6e-3, 2e-3, 1, 2.4e-3, 1.6e-3, 0.5), "unexplained"),  # that goes with the cloth's pose
-        (Evidence(6e-3, 0.4e-3, 1, 2.4e-3, 0.3e-3, 0.5), "effect"),  # within the tolerance, whatever is left
-        (Evidence(2e-3, 1.6e-3, 1, 2e-3, 1.6e-3, fitted_after=0.3e-3), "effect"),  # of the trials fitted too
-        (Evidence(2e-3, 1.6e-3, 1, 2e-3, 1.6e-3, 0.5, fitted_after=0.3e-3), "unexplained"),
+        (Evidence(0.4e-3, 0.1e-3, 0, 0.1e-3), "adequate"),  # within the tolerance
+        (Evidence(0.4e-3, 0.4e-3, 0, 0.4e-3, typical=0.6e-3), "unexplained"),  # in the median it is not
+        (Evidence(0.6e-3, 0.6e-3, 0, 0.6e-3), "unexplained"),  # though nobody gains
+        (Evidence(2e-3, 2e-3, 0, 2.1e-3, fitted=0.4e-3, typical=0.4e-3), "unexplained"),  # of one trial
+        (Evidence(2e-3, 2e-3, 0, 0.8e-3), "unexplained"),
+        (Evidence(2e-3, 0.4e-3, 1, 0.8e-3), "effect"),
+        (Evidence(2e-3, 0.7e-3, 1, 0.8e-3), "effect"),  # beyond the tolerance, but most of it
+        (Evidence(1.62e-3, 0.83e-3, 2, 1.55e-3), "unexplained"),  # less than half of the gap
+        (Evidence(1.62e-3, 0.75e-3, 2, 1.2e-3), "effect"),  # more than half, and than the black box
+        (Evidence(3e-3, 2.2e-3, 1, 0.8e-3), "unexplained"),  # the best leaves structure
+        (Evidence(6e-3, 2e-3, 1, 2.4e-3, 0.5), "unexplained"),  # that goes with the cloth's pose
+        (Evidence(6e-3, 0.4e-3, 1, 2.4e-3, 0.5), "effect"),  # within the tolerance, whatever is left
+        (Evidence(2e-3, 1.6e-3, 1, 2e-3, fitted_after=0.3e-3), "effect"),  # of the trials fitted too
+        (Evidence(2e-3, 1.6e-3, 1, 2e-3, 0.5, fitted_after=0.3e-3), "unexplained"),
     ],
 )
 def test_the_verdict_is_that_of_the_rules(evidence, verdict):
@@ -428,8 +423,8 @@ def test_layouts_of_which_no_trial_was_fitted_stand_by_themselves():
 
 
 def test_a_black_box_that_finds_no_gap_leaves_nothing_to_explain():
-    assert explains(Evidence(1e-3, 0.5e-3, 1, 1e-3, 0.5e-3)) is None
-    assert explains(Evidence(1e-3, 0.25e-3, 1, 0.5e-3, 0.2e-3)) == pytest.approx(0.75)
+    assert explains(Evidence(1e-3, 0.5e-3, 1, 1e-3)) is None
+    assert explains(Evidence(1e-3, 0.25e-3, 1, 0.5e-3)) == pytest.approx(0.75)
 
 
 @pytest.fixture(scope="module")
@@ -493,7 +488,7 @@ def selected(late, unhurried, tmp_path_factory):
             data, forward, 0.5e-3, {}, known=[], checkpoint=Checkpoint(work, {}),
             say=lambda line: said.append(line.partition(",")[0]) if "unknowns" in line else None,
         )  # fmt: skip
-        chosen = backwards(SetRefits(task), joint, unhurried)
+        chosen = backwards(task, joint, unhurried)
         found, small, decoys = chosen.chosen, chosen.small, chosen.decoys
         assert chosen.plain is unhurried  # of several effects none goes
         beside_nothing = decoys_beside(unhurried, joint, data.samples, data.folds, task.floor)
@@ -528,7 +523,7 @@ def test_an_effect_that_is_next_to_nothing_is_no_cause(selected, late, unhurried
             data, Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], Checkpoint(work, {}),
             say=lambda line: None,
         )  # fmt: skip
-        none = backwards(SetRefits(task), joint, unhurried)
+        none = backwards(task, joint, unhurried)
     assert none.chosen is none.plain and not none.chosen.vector.labels
     assert sorted(none.small) == ["filling_lag", "supply_droop"]
 
@@ -543,7 +538,7 @@ def test_the_declared_parameters_begin_beside_the_effects_too(late, unhurried, t
             say=lambda line: None,
         )  # fmt: skip
         assert task.nearest(away.vector, [away.minimum])[0] > 2 * unhurried.after
-        found = SetRefits(task).alone(joint, away)
+        found = task.alone(joint, away)
     assert not found.vector.terms
     assert found.after < 1.02 * unhurried.after
 
@@ -571,7 +566,7 @@ def test_where_many_cannot_go_at_once_few_go_at_a_time_by_the_joint_fits_jacobia
     with work_folder(tmp_path / "out", made_by="trace") as work:
         task = Task(data, forward, 0.5e-3, {}, [], Checkpoint(work, {}), say=said.append)
         assert reduced(task, joint, wanted) == (joint, wanted)  # which any fit of them may begin from
-        monkeypatch.setattr("studies.tracing.reduction.begin_without", snapping)
+        monkeypatch.setattr("studies.tracing.selection.begin_without", snapping)
         forward.made = 0
         found, labels = reduced(task, joint, wanted)
     others = len(joint.vector.labels) - len(wanted)
@@ -595,7 +590,7 @@ def test_what_cannot_go_alone_stays(late, tmp_path, monkeypatch):
         begin = begin_without(task, known, labels)
         return replace(begin, promised=0.0) if "filling_lag" in labels else begin
 
-    monkeypatch.setattr("studies.tracing.reduction.begin_without", stuck)
+    monkeypatch.setattr("studies.tracing.selection.begin_without", stuck)
     with work_folder(tmp_path / "out", made_by="trace") as work:
         task = Task(
             data, Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], Checkpoint(work, {}),
@@ -644,7 +639,7 @@ def test_an_effect_that_is_enough_is_fitted_alone(tolerance, apart, alone, late,
             data, Predictor(Curler(), Model(), sensing=True), tolerance, {}, [], Checkpoint(work, {}),
             say=lambda line: said.append(line.partition(",")[0]),
         )  # fmt: skip
-        found = enough(SetRefits(task), joint, ["supply_droop", "filling_lag"], unhurried)
+        found = enough(task, joint, ["supply_droop", "filling_lag"], unhurried)
     assert {*said} == ({"filling_lag alone"} if tolerance > unhurried.after else set())  # which promises too little
     assert (found is not None) is alone
     assert found is None or (found.vector.labels == ("filling_lag",) and found.after < unhurried.after)
@@ -658,11 +653,11 @@ def test_other_layouts_ask_for_nothing_that_is_no_cause(selected, late, unhurrie
             late[1], Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], Checkpoint(work, {}),
             say=lambda line: None,
         )  # fmt: skip
-        refits, all_of_it = SetRefits(task), 1.0  # m: trials left out lose less
-        most, simpler = (refits.judged(fit) for fit in (selected[0], unhurried))
-        assert loses(refits, most, simpler, all_of_it, cause=True)
-        assert not loses(refits, most, simpler, all_of_it, cause=False)
-        assert loses(refits, most, simpler, 0.5e-3, cause=False)  # trials left out tell
+        all_of_it = 1.0  # m: trials left out lose less
+        most, simpler = (task.judged(fit) for fit in (selected[0], unhurried))
+        assert loses(task, most, simpler, all_of_it, cause=True)
+        assert not loses(task, most, simpler, all_of_it, cause=False)
+        assert loses(task, most, simpler, 0.5e-3, cause=False)  # trials left out tell
 
 
 def test_effects_that_do_the_same_in_the_joint_fit_are_alike(late):
@@ -859,8 +854,8 @@ def test_an_effect_within_the_tolerance_stays_where_it_matters_to_another_layout
             data, Predictor(Stiffer(), Model(), sensing=True), tolerance, {}, known=[],
             checkpoint=Checkpoint(work, {}), say=lambda line: None, elsewhere=[other],
         )  # fmt: skip
-        assert worth(SetRefits(replace(task, elsewhere=())), joint) == (["filling_lag"], ["supply_droop"])
-        chosen = backwards(SetRefits(task), joint, unhurried)
+        assert worth(replace(task, elsewhere=()), joint) == (["filling_lag"], ["supply_droop"])
+        chosen = backwards(task, joint, unhurried)
     assert sorted(chosen.chosen.vector.labels) == ["filling_lag", "supply_droop"]
     assert not chosen.small
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from studies.model_selection import rules
-from studies.model_selection.decoys import Decoys
+from studies.model_selection.judged import Decoys
 from studies.model_selection.rules import Refits, Selection, follow
 
 SURE = 0.9  # of a gain, its lower end: certain

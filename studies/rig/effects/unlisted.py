@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from fabdesign.nouns.array import Array
+from fabdesign.units import from_kpa
 from studies.rig.effects.listed import normals
 from studies.rig.scene import Scene, StepReport, effect
 
@@ -69,17 +70,34 @@ def _within(s: Array, low: float, high: float) -> Array:
     return np.asarray(share[np.searchsorted(middle, s)])
 
 
-@effect("muscle", loss=(0.3, "1"), time=(1.0, "s"))
+@effect("muscle", loss=(0.3, "1"), time=(1.0, "s"), each_trial=(0.0, "s"))
 def heating(scene: Scene, order: int, values: Mapping[str, float]) -> None:
-    """Muscles lose `loss` of their gain with use: full pressure warms them with the time constant `time`."""
+    """Muscles lose `loss` of their gain with use: full pressure warms them with the time constant `time`. Each trial
+    before counts as `each_trial` of it."""
     cold = scene.muscle_state.gain.copy()
-    use = np.zeros(len(cold))
+    use = np.full(len(cold), order * values["each_trial"])
 
     def warm(scene: Scene, report: StepReport) -> None:
         use[:] += report.step * report.pressure / FULL_PRESSURE
         scene.muscle_state.gain = cold * (1.0 - values["loss"] * -np.expm1(-use / values["time"]))
 
     scene.after_step.append(warm)
+
+
+@effect("interface", channel=(0.0, "1"), give=(0.3, "1"), trials=(3.0, "1"))
+def loosening(scene: Scene, order: int, values: Mapping[str, float]) -> None:
+    """The loops of one channel's muscles give from trial to trial: their axes lie farther off the cloth, by the share
+    `give` in the end."""
+    cables, share = scene.cables, values["give"] * -np.expm1(-order / values["trials"])
+    upper = cables.first[scene.channel == int(values["channel"])]
+    cables.offset[np.union1d(upper, upper + 1)] *= 1.0 + share
+
+
+@effect("pneumatics", full=(350.0, "kPa"), sink=(50.0, "kPa"))
+def sinking_supply(scene: Scene, order: int, values: Mapping[str, float]) -> None:
+    """No channel gets more than the supply has: `full`, less `sink` for each trial before."""
+    supply = max(from_kpa(values["full"] - order * values["sink"]), 0.0)
+    scene.pressure_hooks.append(lambda pressure, step: np.minimum(pressure, supply))
 
 
 @effect("pneumatics", share=(0.15, "1"))
