@@ -51,14 +51,14 @@ def onto(shape: Floats, target: Floats, *, one_way: bool = False) -> RigidMotion
         if not one_way:
             sources.append(model)
             goals.append(measured[tree.query(at)[1]])
-        motion = _between(np.concatenate(sources), np.concatenate(goals))
+        motion = between(np.concatenate(sources), np.concatenate(goals))
         before, at = at, motion.of(model)
         if np.sqrt(np.square(at - before).sum(axis=1).mean()) < STILL:
             break
     return motion
 
 
-def _between(points: Array, goals: Array) -> RigidMotion:
+def between(points: Array, goals: Array) -> RigidMotion:
     """Return the least-squares motion between pairs (n, 3) m."""
     middle, goal = points.mean(axis=0), goals.mean(axis=0)
     left, _, right = np.linalg.svd((points - middle).T @ (goals - goal))

@@ -1,49 +1,39 @@
 """This module finds errors of a rig in the clouds themselves: swapped sensors, clocks that differ."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.fusion.joint import SensorView, gaps
+from studies.fusion.joint import Arrangement, SensorView
 
-Array = NDArray[np.float64]
-DISAGREE = 0.003  # m, median distance between sensors that is no noise
-BETTER = 0.5  # what a swap or another frame must leave of it
-LEAST_OVERLAP = 60  # points
+BETTER = 0.5  # what a swap or another frame must leave of the distances
 LAGS = (-2, -1, 0, 1, 2)  # frames
 CHANGE = 0.001  # m: what a change of the lag by one must save in distances, summed over frames
 UNKNOWN = 0.0005  # m: a frame without partners
 MOVED = 0.0025  # m: a camera so far from every other one was moved
 
 
-def disagreement(views: Sequence[SensorView], poses: Sequence[Array], sides: Sequence[str], thickness: float) -> float:
-    """Median distance [m] between the sensors of one frame; points without a partner count as far."""
-    gaps = [_gap(a, b, poses, sides, thickness) for a, b in combinations(views, 2)]
+def disagreement(views: Sequence[SensorView], arranged: Arrangement) -> float:
+    """Return the median distance [m] between the sensors of one frame; points without a partner count as far."""
+    gaps = [arranged.gap(a, b) for a, b in combinations(views, 2)]
     return float(np.median(gaps)) if gaps else 0.0
 
 
-def swapped_pair(
-    views: Sequence[SensorView], poses: Sequence[Array], sides: Sequence[str], thickness: float
-) -> tuple[int, int] | None:
+def swapped_pair(views: Sequence[SensorView], arranged: Arrangement) -> tuple[int, int] | None:
     """Return the front and back cameras whose clouds must be exchanged for the frame to agree, if that is wrong."""
-    now = disagreement(views, poses, sides, thickness)
-    best: tuple[float, tuple[int, int]] | None = None
+    remaining = {}
     for a, b in combinations([v.camera for v in views], 2):
-        if sides[a] == sides[b]:
-            continue
-        other = {a: b, b: a}
-        exchanged = [SensorView(v.frame, other.get(v.camera, v.camera), v.cloud) for v in views]
-        then = disagreement(exchanged, poses, sides, thickness)
-        if then < BETTER * now and (best is None or then < best[0]):
-            best = then, (a, b)
-    return None if best is None else best[1]
+        if arranged.sides[a] != arranged.sides[b]:
+            exchanged = [replace(v, camera={a: b, b: a}.get(v.camera, v.camera)) for v in views]
+            remaining[a, b] = disagreement(exchanged, arranged)
+    best = min(remaining, key=remaining.__getitem__, default=None)
+    return best if best and remaining[best] < BETTER * disagreement(views, arranged) else None
 
 
-def shifted_sensor(
-    views: Sequence[SensorView], poses: Sequence[Array], sides: Sequence[str], thickness: float
-) -> tuple[int, dict[int, int]] | None:
+def shifted_sensor(views: Sequence[SensorView], arranged: Arrangement) -> tuple[int, dict[int, int]] | None:
     """Return the camera whose frames fit the others' some frames later (or earlier), by frame how many, if one does.
 
     Where no stamps are there, the motion itself tells of a cloud that was lost or stands twice: from then on a camera's
@@ -56,21 +46,21 @@ def shifted_sensor(
     for camera in cameras:
         cost = np.full((len(frames), len(LAGS)), UNKNOWN)
         for i, frame in enumerate(frames):
+            view = by_place.get((frame, camera))
             for j, lag in enumerate(LAGS):
                 others = [by_place.get((frame + lag, other)) for other in cameras if other != camera]
-                view = by_place.get((frame, camera))
-                gaps = [_gap(view, other, poses, sides, thickness) for other in others if view and other]
+                gaps = [arranged.gap(view, other) for other in others if view and other]
                 cost[i, j] = float(np.mean(gaps)) if gaps else UNKNOWN
         path = _cheapest(cost)
-        zero = LAGS.index(0)
-        before = float(cost[:, zero].mean())
+        before = float(cost[:, LAGS.index(0)].mean())
         gain = float(np.mean([cost[i, j] for i, j in enumerate(path)])) / before if before > 0 else 1.0
-        if any(j != zero for j in path) and gain < BETTER and (best is None or gain < best[0]):
-            best = gain, (camera, {frame: LAGS[j] for frame, j in zip(frames, path, strict=True)})
+        lags = {frame: LAGS[j] for frame, j in zip(frames, path, strict=True)}
+        if any(lags.values()) and gain < BETTER and (best is None or gain < best[0]):
+            best = gain, (camera, lags)
     return None if best is None else best[1]
 
 
-def _cheapest(cost: Array) -> list[int]:
+def _cheapest(cost: NDArray[np.float64]) -> list[int]:
     """Return the column of each row with the least sum, where each change of the column costs CHANGE (Viterbi)."""
     total, came = cost[0].copy(), []
     change = CHANGE * np.abs(np.subtract.outer(np.arange(cost.shape[1]), np.arange(cost.shape[1])))
@@ -85,23 +75,19 @@ def _cheapest(cost: Array) -> list[int]:
 
 
 def moved_camera(
-    views_at: Callable[[int], Sequence[SensorView]],
-    frames: int,
-    poses: Sequence[Array],
-    sides: Sequence[str],
-    thickness: float,
+    views_at: Callable[[int], Sequence[SensorView]], frames: int, arranged: Arrangement
 ) -> tuple[int, int] | None:
     """Return the camera whose views leave those of all others from a frame on, to the end, and that frame."""
-    last = next((k for k in range(frames - 1, max(frames - 6, -1), -1) if len(views_at(k)) == len(poses)), None)
-    if last is None or len(poses) < 3:
+    cameras = range(len(arranged.poses))
+    last = next((k for k in range(frames - 1, max(frames - 6, -1), -1) if len(views_at(k)) == len(cameras)), None)
+    if last is None or len(cameras) < 3:
         return None
 
     def alone(frame: int) -> dict[int, float]:
         """Return by camera the least of its distances to the others."""
-        views = views_at(frame)
-        least = dict.fromkeys(range(len(poses)), np.inf)
-        for a, b in combinations(views, 2):
-            gap = _gap(a, b, poses, sides, thickness)
+        least = dict.fromkeys(cameras, np.inf)
+        for a, b in combinations(views_at(frame), 2):
+            gap = arranged.gap(a, b)
             for view in (a, b):
                 least[view.camera] = min(least[view.camera], gap)
         return least
@@ -115,8 +101,3 @@ def moved_camera(
         middle = (sound + moved) // 2
         sound, moved = (sound, middle) if alone(middle)[far[0]] > MOVED else (middle, moved)
     return far[0], moved
-
-
-def _gap(one: SensorView, other: SensorView, poses: Sequence[Array], sides: Sequence[str], thickness: float) -> float:
-    distance = gaps(one, other, poses, sides, thickness).distance
-    return float(np.median(np.abs(distance))) if len(distance) >= LEAST_OVERLAP else 2 * DISAGREE

@@ -119,11 +119,11 @@ def _slices(last: Mapping[str, Array]) -> Figure:
 def _timeline(stamped: "StampedFrames") -> Figure:
     figure = Figure(figsize=(12, 4.5), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
-    for k, (views, clock) in enumerate(zip(stamped.timed.views, stamped.timed.clocks, strict=True)):
-        times = clock.times(np.array([view.stamp for view in views])) - stamped.offset
+    for k, views in enumerate(stamped.timed.views):
+        times = stamped.timed.times(k) - stamped.offset
         above.plot(times, in_mm(np.array([view.mean_speed for view in views])), label=stamped.anchored.sensors[k].name)
         below.plot(times, np.full(len(times), k), "|", color=f"C{k}")
-        lost: Any = clock.times(np.array(stamped.odd[k].lost)) - stamped.offset
+        lost: Any = stamped.timed.clocks[k].times(np.array(stamped.odd[k].lost)) - stamped.offset
         below.plot(lost, np.full(len(lost), k), "x", color="red")
     for time in stamped.recording.program.time[:50]:
         above.axvline(float(time), color="grey", linewidth=0.6)

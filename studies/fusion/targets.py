@@ -13,6 +13,7 @@ from fabdesign.clouds.recording import Recording
 from fabdesign.depth.sensor import SeenTarget, depth_stream
 from fabdesign.depth.stream import DepthStream, paired_as_stamped
 from fabdesign.errors import InputError
+from fabdesign.geometry.rigid_placement import between
 
 Array = NDArray[np.float64]
 Seen = Mapping[tuple[int, int], Array]  # (frame, corner) -> (3,) m in the camera's frame
@@ -107,12 +108,9 @@ def _marks(poses: Sequence[Array]) -> Array:
 
 
 def _rigid(points: Array, onto: Array) -> Array:
-    """Return the turn and shift (4, 4) that lays points (n, 3) on others best (Kabsch 1976)."""
-    a, b = points.mean(axis=0), onto.mean(axis=0)
-    u, _, vt = np.linalg.svd((points - a).T @ (onto - b))
-    turn = vt.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))]) @ u.T
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = turn, b - turn @ a
+    """Return the turn and shift (4, 4) that lays points (n, 3) on others best."""
+    motion, pose = between(points, onto), np.eye(4)
+    pose[:3, :3], pose[:3, 3] = motion.turn, motion.shift
     return pose
 
 
