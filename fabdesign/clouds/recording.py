@@ -16,8 +16,7 @@ from fabdesign.clouds.frame_pairs import left_out_line, pair_frames
 from fabdesign.clouds.mcap_file import read_mcap, read_stamps
 from fabdesign.clouds.measured_points import sound_cloud
 from fabdesign.clouds.ply import write_ply
-from fabdesign.depth.cut import NO_CUT, Cut
-from fabdesign.depth.sensor import SeenTarget, Sensor, depth_stream
+from fabdesign.depth.sensor import NO_CUT, Cut, SeenTarget, Sensor, depth_stream
 from fabdesign.depth.stream import DepthStream, paired_as_stamped
 from fabdesign.errors import InputError, note
 from fabdesign.files.design_file import read_design, write_design

@@ -10,8 +10,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from fabdesign.depth.cut import Cut, of_colour
-from fabdesign.depth.sensor import Sensor
+from fabdesign.depth.images import of_colour
+from fabdesign.depth.sensor import Cut, Sensor
 from fabdesign.depth.stream import DepthStream
 from fabdesign.errors import InputError, note
 from fabdesign.nouns.fabric import Fabric

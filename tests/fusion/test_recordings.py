@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 pytest.importorskip("open3d", exc_type=Exception)
 
 from fabdesign.clouds.recording import read_recording
-from fabdesign.depth.cut import Cut
 from fabdesign.depth.intrinsics import Intrinsics
+from fabdesign.depth.sensor import Cut
 from fabdesign.depth.stream import DepthStream
 from fabdesign.errors import InputError
 from fabdesign.files.measurement_set import read_set
