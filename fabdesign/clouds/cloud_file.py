@@ -112,7 +112,7 @@ def _mcap(path: Path, frame: int) -> Geometry:
     topics = read_mcap(path)
     if len(topics) > 1:
         raise InputError(f"{path}: has clouds on {', '.join(topics)}; expected one topic, or a recording")
-    (clouds,) = topics.values()
+    ((clouds, _),) = topics.values()
     index = _frame(frame, len(clouds), path)
     return Geometry(clouds[index], frame=index, unit="m")
 

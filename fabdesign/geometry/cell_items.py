@@ -1,5 +1,7 @@
 """Points or triangles sorted into the cells of `cells`, and laid out as the search takes them. Compiled."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -7,6 +9,20 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 Indices = NDArray[np.intp]
+
+
+class Grid(NamedTuple):
+    """Cells with what lies in them, as the search takes it."""
+
+    low: Array  # (3,) m, least corner
+    edge: float  # m, of a cell
+    widest: float  # m that items reach from their centres
+    shape: Ints  # (3,) cells each way
+    start: Ints  # (cells + 1,) first place of each cell's items in their order
+    order: Indices  # (m,) items, cell by cell
+    bodies: Array  # `bodies_of` in that order
+    boxes: Array  # `boxes_of` in that order
+
 
 ROUNDED_UP = 1 + 1e-12  # distances that must not be too short
 _SLIM = 1e-9  # of its longest edge: a triangle less high is one in length only

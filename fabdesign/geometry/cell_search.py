@@ -4,7 +4,7 @@ numba: a compiled function of another file must not be called here, for numba wo
 import numpy as np
 from numba import njit
 
-from fabdesign.geometry.cell_items import ROUNDED_UP, Array, Indices, Ints
+from fabdesign.geometry.cell_items import ROUNDED_UP, Array, Grid, Indices, Ints
 from fabdesign.runtime.working_time import watch_numba
 
 watch_numba()
@@ -18,32 +18,18 @@ _WIDE = 3.5  # cells' edges, the farthest way
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def search_cells(
-    points: Array,
-    first: Ints,
-    asked: Indices,
-    low: Array,
-    edge: float,
-    widest: float,
-    shape: Ints,
-    start: Ints,
-    order: Indices,
-    bodies: Array,
-    boxes: Array,
-    squared: Array,
-    item: Indices,
-) -> Indices:
+def search_cells(points: Array, first: Ints, asked: Indices, grid: Grid, squared: Array, item: Indices) -> Indices:
     """Return the nearest items of the points `asked`, in the order that `sorted_into_cells` gave them; those remain
     that have nothing near and may have something far off.
 
     Points near each other are asked together about the items around their box: first those that come within a short way
     of it, then, as long as one may be nearer to any of them than what it has, those within twice the way.
     """
-    unfinished, unsure, several = np.empty_like(asked), 0, len(start) > 2
-    farthest = _WIDE * edge if several else np.inf
+    unfinished, unsure, several = np.empty_like(asked), 0, len(grid.start) > 2
+    farthest = _WIDE * grid.edge if several else np.inf
     at, best, nearest = np.empty((3, _GROUP)), np.empty(_GROUP), np.empty(_GROUP, dtype=np.int64)
     lower, upper = np.empty(3), np.empty(3)
-    apart, which = np.empty(len(order)), np.empty(len(order), dtype=np.int64)
+    apart, which = np.empty(len(grid.order)), np.empty(len(grid.order), dtype=np.int64)
     for cell in range(len(first) - 1):
         for group in range(first[cell], first[cell + 1], _GROUP):
             members = asked[group : min(group + _GROUP, first[cell + 1])]
@@ -52,7 +38,7 @@ def search_cells(
             lower[:], upper[:] = np.inf, -np.inf
             for j in range(len(members)):
                 i = members[j]
-                off = _off_cells(points[i], low, edge, shape) - widest
+                off = _off_cells(points[i], grid) - grid.widest
                 nowhere = not np.isfinite(points[i, 0] + points[i, 1] + points[i, 2])
                 if nowhere or off > np.sqrt(squared[i]) * ROUNDED_UP:  # or farther than what is looked for
                     continue
@@ -64,15 +50,15 @@ def search_cells(
                 for a in range(3):
                     at[a, j] = points[i, a]
                     lower[a], upper[a] = min(lower[a], points[i, a]), max(upper[a], points[i, a])
-            done, way = -1.0, _SHORT * edge if several else np.inf
+            done, way = -1.0, _SHORT * grid.edge if several else np.inf
             while _most(best) > done and way <= farthest:
                 reach = min(way, _most(best))
-                count = _around(boxes, low, edge, widest, shape, start, lower, upper, done, reach, apart, which)
-                _ask(bodies, which, count, lanes, at[0], at[1], at[2], best, nearest)
+                count = _around(grid, lower, upper, done, reach, apart, which)
+                _ask(grid.bodies, which, count, lanes, at, best, nearest)
                 done, way = reach, 2 * way
             for j in range(len(members)):
                 if nearest[j] >= 0:
-                    squared[members[j]], item[members[j]] = best[j], order[nearest[j]]
+                    squared[members[j]], item[members[j]] = best[j], grid.order[nearest[j]]
                 if best[j] >= 0 and np.sqrt(best[j]) * ROUNDED_UP > done:
                     unfinished[unsure] = members[j]
                     unsure += 1
@@ -80,11 +66,11 @@ def search_cells(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _off_cells(point: Array, low: Array, edge: float, shape: Ints) -> float:
+def _off_cells(point: Array, grid: Grid) -> float:
     """Return how far a point lies from all cells."""
     squared = 0.0
     for a in range(3):
-        squared += max(low[a] - point[a], point[a] - low[a] - edge * shape[a], 0.0) ** 2
+        squared += max(grid.low[a] - point[a], point[a] - grid.low[a] - grid.edge * grid.shape[a], 0.0) ** 2
     return np.sqrt(squared)
 
 
@@ -96,22 +82,10 @@ def _most(best: Array) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _around(
-    boxes: Array,
-    low: Array,
-    edge: float,
-    widest: float,
-    shape: Ints,
-    start: Ints,
-    lower: Array,
-    upper: Array,
-    done: float,
-    reach: float,
-    apart: Array,
-    which: Indices,
-) -> int:
+def _around(grid: Grid, lower: Array, upper: Array, done: float, reach: float, apart: Array, which: Indices) -> int:
     """Put into `which` the items whose boxes lie farther from the box from `lower` to `upper` than `done`, and within
     `reach`, m; how many there are. apart: (m,) room. Its loop has no branches, for the vector units."""
+    low, edge, widest, shape, start, _, _, boxes = grid
     begin, end, count = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64), 0
     for a in range(3):
         least, most = lower[a] - low[a] - reach - widest, upper[a] - low[a] + reach + widest
@@ -135,22 +109,13 @@ def _around(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _ask(
-    bodies: Array,
-    which: Indices,
-    count: int,
-    lanes: Place,
-    x: Array,
-    y: Array,
-    z: Array,
-    best: Array,
-    nearest: Indices,
-) -> None:
-    """Note for points (lanes,) in x, y, z which of the items `which` (count,) is nearer than the best so far, m^2.
+def _ask(bodies: Array, which: Indices, count: int, lanes: Place, at: Array, best: Array, nearest: Indices) -> None:
+    """Note for points `at` (3, lanes) which of the items `which` (count,) is nearer than the best so far, m^2.
 
     To a triangle in its own frame (u, v, height): the height, and beside it, outside, the way to the nearest edge. The
     inner loops have no branches, for the vector units.
     """
+    x, y, z = at[0], at[1], at[2]
     if bodies.shape[1] == 3:
         for i in range(count):
             k = which[i]

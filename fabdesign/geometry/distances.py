@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from fabdesign.geometry.cell_items import (
     Array,
+    Grid,
     Indices,
-    Ints,
     bodies_of,
     boxes_of,
     centres_of,
@@ -64,8 +64,11 @@ class Cells:
         squared, item = np.full(len(at), within**2), np.full(len(at), -1, dtype=np.intp)
         pending, cells = np.arange(len(at)), self
         while len(pending):
-            first, asked = cells._asked(at, pending)
-            pending = search_cells(at, first, asked, *cells._grid, squared, item)
+            grid = cells._grid
+            long = grid.edge * _TOGETHER if grid.widest > 0 else grid.edge  # those of one cell are asked together
+            wide = (grid.shape * grid.edge / long).astype(np.int32) + np.int32(1)
+            first, asked = sorted_into_cells(at, pending, grid.low, long, wide)
+            pending = search_cells(at, first, asked, grid, squared, item)
             cells = cells._next
         squared[item < 0] = np.inf
         return NearestItem(squared, item)
@@ -80,10 +83,7 @@ class Cells:
         return Cells(corner_and_edges(vertices, triangles))
 
     @cached_property
-    def _grid(self) -> tuple[Array, float, float, Ints, Ints, Indices, Array, Array]:
-        """Return what `search_cells` takes: least corner, cells' edge, how far items reach from their centres, how many
-        cells each way, first place of each cell's items in their order, that order, and `bodies_of` and `boxes_of` in
-        it."""
+    def _grid(self) -> Grid:
         centres, low, size, widest = centres_of(self.items)
         long = np.sort(size)[::-1]
         suits = np.sqrt(_PER_CELL * long[0] * max(long[1], 1e-3 * long[0]) / len(centres))
@@ -94,15 +94,7 @@ class Cells:
         shape = (np.floor(size / edge) + 1).astype(np.int32)
         start, order = sorted_into_cells(centres, np.arange(len(centres)), low, edge, shape)
         bodies, boxes = bodies_of(self.items, order), boxes_of(self.items, order)
-        return low, edge, widest, shape, start, order, bodies, boxes
-
-    def _asked(self, points: Array, pending: Indices) -> tuple[Ints, Indices]:
-        """Return the pending points in cells of their own: those of one cell are asked together."""
-        low, edge, widest, shape, *_ = self._grid
-        long = edge * _TOGETHER if widest > 0 else edge
-        wide = (shape * edge / long).astype(np.int32) + np.int32(1)
-        first, asked = sorted_into_cells(points, pending, low, long, wide)
-        return first, asked
+        return Grid(low, edge, widest, shape, start, order, bodies, boxes)
 
     @cached_property
     def _next(self) -> "Cells":
@@ -137,8 +129,3 @@ class ChamferTo:
             return float(to_cloud.mean() + to_points.mean())
         one, other = self._weights[nearest.item], self._weights
         return float(one @ to_cloud / one.sum() + other @ to_points / other.sum())
-
-
-def chamfer_squared(a: Floats, b: Floats) -> float:
-    """Return the Chamfer distance [m^2] of squared nearest distances, each way the mean, both ways summed."""
-    return float(np.square(nearest_distances(a, b)).mean() + np.square(nearest_distances(b, a)).mean())

@@ -4,7 +4,7 @@ With `measured.splits`, the only place where these are computed. Chamfer: unsqua
 summed. Everything in m; people are shown mm.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, astuple, dataclass, fields
 from functools import partial
 from itertools import islice
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.formats.schema import Key, Millimetre
-from fabdesign.geometry.distances import ChamferTo, chamfer
+from fabdesign.geometry.distances import ChamferTo
 from fabdesign.geometry.regions import Weighting
 from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.geometry.shape import Face
@@ -112,22 +112,6 @@ def shares_at(surface: Surface, near: Nearest, weighting: Weighting | None) -> N
     at_corners = weighting.of_points(len(surface.vertices))[surface.triangles[near.triangle]]
     weights = np.einsum("nk,nk->n", near.weights, at_corners)
     return np.asarray(weights / weights.sum())
-
-
-def chamfer_floor(model: Floats, count: int, noise: SensorNoise, *, seed: int = 0) -> float:
-    """Chamfer [m] of `count` noisy points drawn on the model's surface against the model's points, mean of 20 draws."""
-    return float(np.mean([chamfer(points, model) for points in _draws(model, count, noise, seed)]))
-
-
-def surface_floor(model: Floats, count: int, noise: SensorNoise, *, seed: int = 0) -> float:
-    """Surface RMS [m] of `count` noisy points drawn on the model's surface, mean of 20 draws."""
-    surface = Surface.of_faces(model)
-    return float(np.mean([capped_rms(surface.distance(p, within=CAP)) for p in _draws(model, count, noise, seed)]))
-
-
-def _draws(model: Floats, count: int, noise: SensorNoise, seed: int) -> Iterator[NDArray[np.float64]]:
-    surface, rng = Surface.of_faces(model), np.random.default_rng(seed)
-    return (noise.draw(surface, count, rng, offsets) for offsets in noise.stray_offsets([count] * DRAWS, rng))
 
 
 def landmark_errors(landmarks: Landmarks, model: Floats) -> Errors:
@@ -242,11 +226,6 @@ class Closed:
 
     surface: float | None  # of the excess of the surface RMS: the one figure by which models are compared
     chamfer: float | None  # beside it
-
-    @property
-    def value(self) -> float | None:
-        """The one figure."""
-        return self.surface
 
 
 def closed(before: Errors, after: Errors) -> Closed:
