@@ -48,14 +48,16 @@ class RigSolver:
         self._mass_band = _to_band(s.mass, self.band_width)
         self._drag_band = _to_band(s.drag, self.band_width)
 
+    @property
+    def _cloth(self) -> shell.Cloth:
+        s = self.scene
+        return shell.Cloth(s.nodes, s.basis, s.weight, s.stiffness, s.rest_strain, s.viscosity, s.prony, self.memory)
+
     def internal(self, x: Array, pressure: Array, rate_gain: float, rate_history: Array, cable_history: Array) -> Array:
         """Return the internal force (n, 3) N at x. Rates are rate_gain * value + history."""
         s = self.scene
         out = np.zeros_like(x)
-        shell.forces(
-            x, s.nodes, s.basis, s.weight, s.stiffness, s.rest_strain, s.viscosity, s.prony, self.memory,
-            rate_gain, rate_history, self.strain, out,
-        )  # fmt: skip
+        shell.forces(x, self._cloth, rate_gain, rate_history, self.strain, out)
         c = s.cables
         if len(c.rest):
             cable_kernels.positions(x, c.nodes, c.basis, c.offset, self.y, self.jac)
@@ -80,10 +82,7 @@ class RigSolver:
         """
         s, c = self.scene, self.scene.cables
         band = mass_gain * self._mass_band + drag_gain * self._drag_band
-        shell.stiffness(
-            x, s.nodes, s.basis, s.weight, s.stiffness, s.rest_strain, s.viscosity, s.prony, self.memory,
-            rate_gain, rate_history, GAUSS**2, exact, band,
-        )  # fmt: skip
+        shell.stiffness(x, self._cloth, rate_gain, rate_history, GAUSS**2, exact, band)
         if len(c.rest):
             cable_kernels.stiffness(
                 self.y, self.jac, c.nodes, c.first, self.tension, np.maximum(self.axial, 0.0), exact, band

@@ -6,6 +6,7 @@ is the declared design times the parameter factors.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import wraps
 from itertools import pairwise
 
 import numpy as np
@@ -98,6 +99,7 @@ class StepReport:
 
 
 Apply = Callable[[Scene, int, Mapping[str, float]], None]
+Change = Callable[[Array, float, Mapping[str, float]], Array]
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,19 @@ def effect(site: str, **parameters: tuple[float, str]) -> Callable[[Apply], Appl
     def declared(apply: Apply) -> Apply:
         EFFECTS[apply.__name__] = RigEffect(site, parameters, apply)
         return apply
+
+    return declared
+
+
+def pressure_effect(**parameters: tuple[float, str]) -> Callable[[Change], Apply]:
+    """Declare a function as the effect of its name on the channels' pressures (steps, channels) Pa."""
+
+    def declared(change: Change) -> Apply:
+        @wraps(change)
+        def apply(scene: Scene, order: int, values: Mapping[str, float]) -> None:
+            scene.pressure_hooks.append(lambda pressure, step: change(pressure, step, values))
+
+        return effect("pneumatics", **parameters)(apply)
 
     return declared
 
