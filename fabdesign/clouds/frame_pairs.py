@@ -39,18 +39,29 @@ def pair_frames(stamps: Sequence[NDArray[np.int64]]) -> FramePairs | None:
     interval = float(np.median(gaps)) if len(gaps) else 0.0
     if interval < _SHORTEST:
         return None
-    orders = [np.argsort(times, kind="stable") for times in seconds]
-    kept = [_without_repeated(times, order, interval) for times, order in zip(seconds, orders, strict=True)]
-    reference = int(np.argmax([len(times) for times in kept]))
-    frames = [{reference: int(number)} for number in kept[reference]]
+    kept = []
+    for times in seconds:
+        numbers: list[int] = []
+        for number in np.argsort(times, kind="stable"):
+            if not numbers or times[number] - times[numbers[-1]] > _REPEATED * interval:
+                numbers.append(int(number))
+        kept.append(numbers)
+    reference = int(np.argmax([len(numbers) for numbers in kept]))
+    at = seconds[reference][kept[reference]]
+    frames = [{reference: number} for number in kept[reference]]
     unpaired: list[dict[int, int]] = []
     for sensor, numbers in enumerate(kept):
-        if sensor != reference:
-            partners = _partners(seconds[reference][kept[reference]], seconds[sensor][numbers], interval)
-            for number, partner in zip(numbers, partners, strict=True):
-                target = frames[partner] if partner >= 0 else {}
-                target[sensor] = int(number)
-                unpaired += [target] if partner < 0 else []
+        if sensor == reference:
+            continue
+        times = seconds[sensor][numbers]
+        nearest = _nearest(times, at)
+        mutual = _nearest(at, times)[nearest] == np.arange(len(times))
+        paired = mutual & (np.abs(times - at[nearest]) < _TOGETHER * interval)
+        for number, frame, both in zip(numbers, nearest, paired, strict=True):
+            if both:
+                frames[frame][sensor] = number
+            else:
+                unpaired.append({sensor: number})
     if len(stamps) > 1 and 2 * sum(len(frame) == len(stamps) for frame in frames) < len(frames):
         return None
     frames = sorted(frames + unpaired, key=lambda frame: min(seconds[s][n] for s, n in frame.items()))
@@ -60,22 +71,8 @@ def pair_frames(stamps: Sequence[NDArray[np.int64]]) -> FramePairs | None:
     return FramePairs(clouds, np.round(time - time[0], 6), repeated, interval * 1e-9)
 
 
-def _without_repeated(stamps: NDArray[np.int64], order: NDArray[np.intp], interval: float) -> NDArray[np.intp]:
-    kept: list[int] = []
-    for number in order:
-        if not kept or stamps[number] - stamps[kept[-1]] > _REPEATED * interval:
-            kept.append(int(number))
-    return np.array(kept)
-
-
-def _partners(reference: NDArray[np.int64], other: NDArray[np.int64], interval: float) -> NDArray[np.intp]:
-    """Return of each stamp the number of the reference that is nearest, if both are; -1: none. Both rise."""
-    nearest = _nearest(other, reference)
-    mutual = _nearest(reference, other)[nearest] == np.arange(len(other))
-    return np.where(mutual & (np.abs(other - reference[nearest]) < _TOGETHER * interval), nearest, -1)
-
-
 def _nearest(of: NDArray[np.int64], among: NDArray[np.int64]) -> NDArray[np.intp]:
+    """Return of each stamp the number of the nearest of others. Both rise."""
     after = np.clip(np.searchsorted(among, of), 1, max(len(among) - 1, 1))
     after = np.minimum(after, len(among) - 1)
     before = np.maximum(after - 1, 0)

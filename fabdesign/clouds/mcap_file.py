@@ -10,7 +10,6 @@ import io
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import redirect_stderr
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -100,7 +99,14 @@ def messages_of(
             if decode is None or len(record.data) < _ENCAPSULATION + 8:
                 raise ValueError(channel.message_encoding)
             count += 1
-            yield channel.topic, record, partial(_decoded, decode, record.data, path), kinds[channel.schema_id]
+
+            def message(decode: Callable[[bytes], Any] = decode, data: bytes = record.data) -> Any:
+                try:
+                    return decode(data)
+                except Exception as error:  # the decoder raises whatever it meets
+                    raise _unreadable(path, error) from None
+
+            yield channel.topic, record, message, kinds[channel.schema_id]
     except (InputError, GeneratorExit):
         raise
     except Exception as error:  # mcap raises whatever its parsers meet
@@ -119,13 +125,6 @@ def _require_bounded(content: bytes, summary: Any, topics: list[str], path: Path
     )
     if size > LARGEST:
         raise InputError(f"{path}: its clouds unpack to {size / 1e6:.0f} MB; expected at most {LARGEST / 1e6:.0f} MB")
-
-
-def _decoded(decode: Callable[[bytes], Any], data: bytes, path: Path) -> Any:
-    try:
-        return decode(data)
-    except Exception as error:  # the decoder raises whatever it meets
-        raise _unreadable(path, error) from None
 
 
 def _unreadable(path: Path, error: Exception) -> InputError:

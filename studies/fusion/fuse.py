@@ -55,7 +55,11 @@ def fuse_all(
         raise InputError(f"points = {points}; expected at least 2")
     _require_open3d()
     given = [r if isinstance(r, Recording) else read_recording(r, convention=convention) for r in recordings]
-    _require_different(given)
+    if not given:
+        raise InputError("fuse: no recordings; expected at least one")
+    folders = [recording.folder.resolve() for recording in given]
+    if (twice := next((folder for folder in folders if folders.count(folder) > 1), None)) is not None:
+        raise InputError(f"{given[folders.index(twice)].folder}: is given twice; expected every recording once")
     keys, designs = _designs(given)
     reports: dict[int, FusionReport] = {}
     skipped: list[str] = []  # of recordings that are left out whole
@@ -78,14 +82,8 @@ def fuse_all(
             raise InputError(f"{given[0].folder}: no recording is left; {skipped[0]}")
 
     with new_folder(out, made_by="fuse", force=force, inputs=[r.folder for r in given]) as unfinished:
-        names = f"recording{'s' * (len(given) > 1)} {', '.join(r.name for r in given)}"
-        write_set(
-            unfinished,
-            designs,
-            trials(unfinished),
-            name=Path(out).resolve().name,
-            description=f"fused from the {names}",
-        )
+        names = f"fused from the recording{'s' * (len(given) > 1)} {', '.join(r.name for r in given)}"
+        write_set(unfinished, designs, trials(unfinished), name=Path(out).resolve().name, description=names)
         first = min(reports)
         reports[first] = replace(reports[first], skipped=(*skipped, *reports[first].skipped))
         done = tuple(reports.values())
@@ -96,15 +94,6 @@ def fuse_all(
 def as_json(reports: Sequence[FusionReport], given: int) -> dict[str, Any]:
     """Return what fusion.json holds: a lone recording's report, or {"trials": [...]} of several."""
     return dict(plain(reports[0] if given == 1 else {"trials": reports}))
-
-
-def _require_different(recordings: Sequence[Recording]) -> None:
-    if not recordings:
-        raise InputError("fuse: no recordings; expected at least one")
-    folders = [recording.folder.resolve() for recording in recordings]
-    for i, folder in enumerate(folders):
-        if folder in folders[:i]:
-            raise InputError(f"{recordings[i].folder}: is given twice; expected every recording once")
 
 
 def _designs(recordings: Sequence[Recording]) -> tuple[list[str], dict[str, Design]]:

@@ -125,7 +125,10 @@ def _frames_of(recording: Recording, cutters: Sequence[Cutter], tolerance: Toler
     views, interval = [camera.views for camera in cameras], cameras[0].odd.interval
     clocks, similar = coarse_clocks(views, all(camera.cutter.stream.clock == "global" for camera in cameras))
     timed = TimedViews(views, clocks, [COARSELY if np.isfinite(s) else UNKNOWN for s in similar])
-    instants = _instants(timed, interval)
+    stamps = np.array([view.stamp for view in views[0]])
+    place = np.cumsum(np.concatenate([[0], np.maximum(np.round(np.diff(stamps) / interval), 1)]))
+    step, start = np.polyfit(place, stamps, 1) if len(stamps) > 2 else (interval, stamps[0])
+    instants = timed.clocks[0].times(start + step * np.arange(int(place[-1]) + 1))  # through the first camera's images
     shown = _steady(timed)
     if anchored.rest:
         _require_unmoved(anchored, timed, instants, tolerance)
@@ -153,14 +156,6 @@ def _frames_of(recording: Recording, cutters: Sequence[Cutter], tolerance: Toler
 def _us(seconds: float) -> float:
     """Return seconds to the microsecond."""
     return round(float(seconds), 6)
-
-
-def _instants(timed: TimedViews, interval: float) -> Array:
-    """Return the instants [s] of an even grid through the first camera's images."""
-    stamps = np.array([view.stamp for view in timed.views[0]])
-    place = np.cumsum(np.concatenate([[0], np.maximum(np.round(np.diff(stamps) / interval), 1)]))
-    step, start = np.polyfit(place, stamps, 1) if len(stamps) > 2 else (interval, stamps[0])
-    return timed.clocks[0].times(start + step * np.arange(int(place[-1]) + 1))
 
 
 def _steady(timed: TimedViews) -> Array:

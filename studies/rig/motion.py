@@ -35,9 +35,15 @@ class RigSolver:
     """One scene's moving state, its residual and its factored stiffness."""
 
     def __init__(self, scene: Scene) -> None:
-        self.scene = scene
-        s = scene
-        self.band_width = _half_band(s)
+        self.scene = s = scene
+        widest = int((s.nodes.max(axis=1) - s.nodes.min(axis=1)).max())
+        for j in s.cables.first:
+            pair = s.cables.nodes[j : j + 2]
+            widest = max(widest, int(pair.max() - pair.min()))
+        for matrix in (s.mass, s.drag):
+            coo = matrix.tocoo()
+            widest = max(widest, int(np.abs(coo.row - coo.col).max(initial=0)))
+        self.band_width = 3 * widest + 2  # half of it
         self.strain = np.zeros((len(s.uv), 6))
         self.memory = np.zeros((len(s.uv), 6))
         self.y = np.zeros((len(s.cables.uv), 3))
@@ -132,17 +138,6 @@ class RigSolver:
         residual = np.where(self.scene.held, 0.0, residual)
         dx, _ = dpbtrs(self.factor, residual.reshape(-1, 1), lower=1)
         return np.asarray(-dx.reshape(residual.shape))
-
-
-def _half_band(scene: Scene) -> int:
-    widest = int((scene.nodes.max(axis=1) - scene.nodes.min(axis=1)).max())
-    for j in scene.cables.first:
-        pair = scene.cables.nodes[j : j + 2]
-        widest = max(widest, int(pair.max() - pair.min()))
-    for matrix in (scene.mass, scene.drag):
-        coo = matrix.tocoo()
-        widest = max(widest, int(np.abs(coo.row - coo.col).max(initial=0)))
-    return 3 * widest + 2
 
 
 def _to_band(matrix: sp.spmatrix, half: int) -> Array:
