@@ -11,12 +11,11 @@ import tomlkit
 from numpy.typing import NDArray
 
 from fabdesign.clouds.cloud_file import read_cloud
-from fabdesign.clouds.frame_pairs import left_out_line, pair_frames
 from fabdesign.clouds.mcap_file import read_mcap
 from fabdesign.clouds.measured_points import sound_cloud
 from fabdesign.clouds.ply import write_ply
 from fabdesign.depth.sensor import NO_CUT, Cut, SeenTarget, Sensor, depth_stream
-from fabdesign.depth.stream import DepthStream, paired_as_stamped
+from fabdesign.depth.stream import DepthStream, left_out_line, pair_frames, paired_as_stamped
 from fabdesign.errors import InputError, note
 from fabdesign.files.design_file import read_design, write_design
 from fabdesign.files.pressure_file import NO_LOG, PressureLog, read_pressure_log, write_pressures

@@ -11,7 +11,7 @@ Ints = NDArray[np.int32]
 Indices = NDArray[np.intp]
 
 
-class Grid(NamedTuple):
+class CellGrid(NamedTuple):
     """Cells with what lies in them, as the search takes it."""
 
     low: Array  # (3,) m, least corner

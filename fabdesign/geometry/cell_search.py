@@ -4,7 +4,7 @@ numba: a compiled function of another file must not be called here, for numba wo
 import numpy as np
 from numba import njit
 
-from fabdesign.geometry.cell_items import ROUNDED_UP, Array, Grid, Indices, Ints
+from fabdesign.geometry.cell_items import ROUNDED_UP, Array, CellGrid, Indices, Ints
 from fabdesign.runtime.working_time import watch_numba
 
 watch_numba()
@@ -18,7 +18,7 @@ _WIDE = 3.5  # cells' edges, the farthest way
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def search_cells(points: Array, first: Ints, asked: Indices, grid: Grid, squared: Array, item: Indices) -> Indices:
+def search_cells(points: Array, first: Ints, asked: Indices, grid: CellGrid, squared: Array, item: Indices) -> Indices:
     """Return the nearest items of the points `asked`, in the order that `sorted_into_cells` gave them; those remain
     that have nothing near and may have something far off.
 
@@ -66,7 +66,7 @@ def search_cells(points: Array, first: Ints, asked: Indices, grid: Grid, squared
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _off_cells(point: Array, grid: Grid) -> float:
+def _off_cells(point: Array, grid: CellGrid) -> float:
     """Return how far a point lies from all cells."""
     squared = 0.0
     for a in range(3):
@@ -82,7 +82,7 @@ def _most(best: Array) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _around(grid: Grid, lower: Array, upper: Array, done: float, reach: float, apart: Array, which: Indices) -> int:
+def _around(grid: CellGrid, lower: Array, upper: Array, done: float, reach: float, apart: Array, which: Indices) -> int:
     """Put into `which` the items whose boxes lie farther from the box from `lower` to `upper` than `done`, and within
     `reach`, m; how many there are. apart: (m,) room. Its loop has no branches, for the vector units."""
     low, edge, widest, shape, start, _, _, boxes = grid

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from fabdesign.geometry.cell_items import (
     Array,
-    Grid,
+    CellGrid,
     Indices,
     bodies_of,
     boxes_of,
@@ -83,7 +83,7 @@ class Cells:
         return Cells(corner_and_edges(vertices, triangles))
 
     @cached_property
-    def _grid(self) -> Grid:
+    def _grid(self) -> CellGrid:
         centres, low, size, widest = centres_of(self.items)
         long = np.sort(size)[::-1]
         suits = np.sqrt(_PER_CELL * long[0] * max(long[1], 1e-3 * long[0]) / len(centres))
@@ -94,7 +94,7 @@ class Cells:
         shape = (np.floor(size / edge) + 1).astype(np.int32)
         start, order = sorted_into_cells(centres, np.arange(len(centres)), low, edge, shape)
         bodies, boxes = bodies_of(self.items, order), boxes_of(self.items, order)
-        return Grid(low, edge, widest, shape, start, order, bodies, boxes)
+        return CellGrid(low, edge, widest, shape, start, order, bodies, boxes)
 
     @cached_property
     def _next(self) -> "Cells":

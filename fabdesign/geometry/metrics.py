@@ -214,10 +214,8 @@ class Statistics:
 def statistics(trials: Sequence[Errors]) -> dict[str, Statistics]:
     """Return each error's statistics over trials; those that diverged are left out. At least one must be left."""
     table = np.array([astuple(errors) for errors in trials])
-    table = table[np.isfinite(table).all(axis=1)]
-    names = [field.name for field in fields(Errors)]
-    columns = zip(names, table.T, strict=True)
-    return {name: Statistics.of(x) for name, x in columns}
+    columns = table[np.isfinite(table).all(axis=1)].T
+    return {field.name: Statistics.of(column) for field, column in zip(fields(Errors), columns, strict=True)}
 
 
 @dataclass(frozen=True)

@@ -188,7 +188,9 @@ def pierced(points: NDArray[np.floating[Any]]) -> Array | None:
     shape = Shape.of(points)
     n, middle = shape.side, shape.middle.reshape(-1, 3)
     corners = front_triangles(n, n)
-    ends = _edges(n)
+    nodes = np.arange(n * n).reshape(n, n)
+    pairs = (nodes[:, :-1], nodes[:, 1:]), (nodes[:-1], nodes[1:])
+    ends = np.concatenate([np.stack(pair, axis=-1).reshape(-1, 2) for pair in pairs])  # of the grid's edges
     triangles, segments = middle[corners], middle[ends]
     centres, middles = triangles.mean(axis=1), segments.mean(axis=1)
     # a triangle or half an edge reaches no farther from its middle than this
@@ -204,13 +206,6 @@ def pierced(points: NDArray[np.floating[Any]]) -> Array | None:
     if not through.any():
         return None
     return np.asarray(places[ends[np.unique(edge[through])]].mean(axis=(0, 1)) / (n - 1))
-
-
-def _edges(n: int) -> NDArray[np.intp]:
-    """Return (m, 2) nodes of the grid's edges."""
-    nodes = np.arange(n * n).reshape(n, n)
-    pairs = ((nodes[:, :-1], nodes[:, 1:]), (nodes[:-1], nodes[1:]))
-    return np.concatenate([np.stack(pair, axis=-1).reshape(-1, 2) for pair in pairs])
 
 
 def _pierces(segments: Array, triangles: Array) -> NDArray[np.bool_]:

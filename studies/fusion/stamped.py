@@ -20,10 +20,9 @@ from fabdesign.errors import InputError, note
 from fabdesign.files.pressure_file import steps_of
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.trial import RecordingTiming, SensorTiming
-from studies.fusion.checks import moved_camera
 from studies.fusion.clocks import Losses, coarse_clocks
 from studies.fusion.cutting import Cutter, SensorImages, read_images, view_at_rest
-from studies.fusion.input import AlignedFrames, Anchored, anchor_sensors
+from studies.fusion.input import AlignedFrames, Anchored, anchor_sensors, moved_camera
 from studies.fusion.joint import SensorView, TimedViews, align_timed
 from studies.fusion.onset import pressure_offset
 from studies.measured.bad_data import Tolerance

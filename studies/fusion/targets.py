@@ -15,7 +15,7 @@ from fabdesign.clouds.recording import Recording
 from fabdesign.depth.sensor import SeenTarget, depth_stream
 from fabdesign.depth.stream import DepthStream, paired_as_stamped
 from fabdesign.errors import InputError
-from fabdesign.geometry.rigid_placement import between
+from fabdesign.geometry.placement import between
 
 Array = NDArray[np.float64]
 Seen = Mapping[tuple[int, int], Array]  # (frame, corner) -> (3,) m in the camera's frame

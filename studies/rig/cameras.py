@@ -84,7 +84,7 @@ def record(task: TrialTask, folder: Path, truth_file: Path) -> None:
     camera = StereoCamera(optics, unit=2e-5, noise=NOISE, shared=0.0, ripple=task.truth.sensing.ripple)
 
     def view(x: Array, sensor: Sensor) -> Array:
-        return cloud_of(camera.image(scene, x, sensor.camera_to_world, rng), camera.unit, optics)
+        return cloud_of(camera.image(scene, x, sensor.camera_to_world, rng) * camera.unit, optics.slopes)
 
     frames = [{s.name: view(x, s) for s in truth} for x in shapes]
     reference = {s.name: view(rest, s) for s in truth}

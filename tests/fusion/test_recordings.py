@@ -21,11 +21,11 @@ from fabdesign.errors import InputError
 from fabdesign.files.measurement_set import read_set
 from fabdesign.geometry.surface import Surface
 from studies.check.files import inspect
-from studies.fusion.checks import shifted_sensor
 from studies.fusion.cleaning import Cleaned, clean, clean_image
 from studies.fusion.clocks import losses
 from studies.fusion.cutting import Cutter
 from studies.fusion.fuse import fuse
+from studies.fusion.input import shifted_sensor
 from studies.fusion.joint import Arrangement, SensorView
 from studies.fusion.moving import view_at, with_speeds
 from studies.fusion.reference import off

@@ -69,7 +69,7 @@ def odd_muscle(scene: Scene, order: int, values: Mapping[str, float]) -> None:
 
 @pressure_effect(fill=(0.08, "s"), empty=(0.16, "s"))
 def filling_lag(pressure: Array, step: float, values: Mapping[str, float]) -> Array:
-    """dp/dt = (set point - p) / tau, with a time constant each for filling and emptying."""
+    """Return p with dp/dt = (set point - p) / tau, a time constant each for filling and emptying."""
     fill, empty = (-np.expm1(-step / values[k]) for k in ("fill", "empty"))
     out = pressure.copy()
     out[0] = 0.0
@@ -81,7 +81,7 @@ def filling_lag(pressure: Array, step: float, values: Mapping[str, float]) -> Ar
 
 @pressure_effect(delay=(0.04, "s"))
 def dead_time(pressure: Array, step: float, values: Mapping[str, float]) -> Array:
-    """p(t - delay); zero before."""
+    """Return p(t - delay); zero before."""
     time = np.arange(len(pressure)) * step
     ends = np.searchsorted(time, time - values["delay"] - 1e-9)  # the step in which the earlier instant lies
     return np.asarray(np.where((time > values["delay"] + 1e-9)[:, None], pressure[ends], 0.0))
