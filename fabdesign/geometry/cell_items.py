@@ -1,7 +1,5 @@
 """Points or triangles sorted into the cells of `cells`, and laid out as the search takes them. Compiled."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -11,19 +9,10 @@ Ints = NDArray[np.int32]
 Indices = NDArray[np.intp]
 
 
-class CellGrid(NamedTuple):
-    """Cells with what lies in them, as the search takes it."""
-
-    low: Array  # (3,) m, least corner
-    edge: float  # m, of a cell
-    widest: float  # m that items reach from their centres
-    shape: Ints  # (3,) cells each way
-    start: Ints  # (cells + 1,) first place of each cell's items in their order
-    order: Indices  # (m,) items, cell by cell
-    bodies: Array  # `bodies_of` in that order
-    boxes: Array  # `boxes_of` in that order
-
-
+# cells and what lies in them, as the search takes it: their least corner (3,) and edge [m], how far items reach from
+# their centres, cells each way (3,), the first place of each cell's items in their order, that order, and `bodies_of`
+# and `boxes_of` in it. A plain tuple: numba's cache could not be read once a class of its own was renamed
+CellGrid = tuple[Array, float, float, Ints, Ints, Indices, Array, Array]
 ROUNDED_UP = 1 + 1e-12  # distances that must not be too short
 _SLIM = 1e-9  # of its longest edge: a triangle less high is one in length only
 

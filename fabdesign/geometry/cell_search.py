@@ -25,11 +25,12 @@ def search_cells(points: Array, first: Ints, asked: Indices, grid: CellGrid, squ
     Points near each other are asked together about the items around their box: first those that come within a short way
     of it, then, as long as one may be nearer to any of them than what it has, those within twice the way.
     """
-    unfinished, unsure, several = np.empty_like(asked), 0, len(grid.start) > 2
-    farthest = _WIDE * grid.edge if several else np.inf
+    low, edge, widest, shape, start, order, bodies, _ = grid
+    unfinished, unsure, several = np.empty_like(asked), 0, len(start) > 2
+    farthest = _WIDE * edge if several else np.inf
     at, best, nearest = np.empty((3, _GROUP)), np.empty(_GROUP), np.empty(_GROUP, dtype=np.int64)
     lower, upper = np.empty(3), np.empty(3)
-    apart, which = np.empty(len(grid.order)), np.empty(len(grid.order), dtype=np.int64)
+    apart, which = np.empty(len(order)), np.empty(len(order), dtype=np.int64)
     for cell in range(len(first) - 1):
         for group in range(first[cell], first[cell + 1], _GROUP):
             members = asked[group : min(group + _GROUP, first[cell + 1])]
@@ -38,7 +39,7 @@ def search_cells(points: Array, first: Ints, asked: Indices, grid: CellGrid, squ
             lower[:], upper[:] = np.inf, -np.inf
             for j in range(len(members)):
                 i = members[j]
-                off = _off_cells(points[i], grid) - grid.widest
+                off = _off_cells(points[i], low, edge, shape) - widest
                 nowhere = not np.isfinite(points[i, 0] + points[i, 1] + points[i, 2])
                 if nowhere or off > np.sqrt(squared[i]) * ROUNDED_UP:  # or farther than what is looked for
                     continue
@@ -50,15 +51,15 @@ def search_cells(points: Array, first: Ints, asked: Indices, grid: CellGrid, squ
                 for a in range(3):
                     at[a, j] = points[i, a]
                     lower[a], upper[a] = min(lower[a], points[i, a]), max(upper[a], points[i, a])
-            done, way = -1.0, _SHORT * grid.edge if several else np.inf
+            done, way = -1.0, _SHORT * edge if several else np.inf
             while _most(best) > done and way <= farthest:
                 reach = min(way, _most(best))
                 count = _around(grid, lower, upper, done, reach, apart, which)
-                _ask(grid.bodies, which, count, lanes, at, best, nearest)
+                _ask(bodies, which, count, lanes, at, best, nearest)
                 done, way = reach, 2 * way
             for j in range(len(members)):
                 if nearest[j] >= 0:
-                    squared[members[j]], item[members[j]] = best[j], grid.order[nearest[j]]
+                    squared[members[j]], item[members[j]] = best[j], order[nearest[j]]
                 if best[j] >= 0 and np.sqrt(best[j]) * ROUNDED_UP > done:
                     unfinished[unsure] = members[j]
                     unsure += 1
@@ -66,11 +67,11 @@ def search_cells(points: Array, first: Ints, asked: Indices, grid: CellGrid, squ
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _off_cells(point: Array, grid: CellGrid) -> float:
+def _off_cells(point: Array, low: Array, edge: float, shape: Ints) -> float:
     """Return how far a point lies from all cells."""
     squared = 0.0
     for a in range(3):
-        squared += max(grid.low[a] - point[a], point[a] - grid.low[a] - grid.edge * grid.shape[a], 0.0) ** 2
+        squared += max(low[a] - point[a], point[a] - low[a] - edge * shape[a], 0.0) ** 2
     return np.sqrt(squared)
 
 

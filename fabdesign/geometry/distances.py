@@ -2,7 +2,7 @@
 triangles sorted into cubes; a search looks into those near by.
 
 Chamfer here is always: mean nearest distance from each cloud to the other, both ways, *summed*. Two samples of one
-surface are not at distance zero (`metrics.chamfer_floor`), and the measure is nearly blind in the plane.
+surface are not at distance zero (its floor, in `metrics`), and the measure is nearly blind in the plane.
 
 Compiled; the kernels do not hold the interpreter's lock, so that threads search on all cores. Their first use on a
 machine compiles for some seconds. SciPy's k-d trees in their place made an evaluation of clouds 1.2 times as dear for
@@ -15,16 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.geometry.cell_items import (
-    Array,
-    CellGrid,
-    Indices,
-    bodies_of,
-    boxes_of,
-    centres_of,
-    corner_and_edges,
-    sorted_into_cells,
-)
+from fabdesign.geometry import cell_items
+from fabdesign.geometry.cell_items import Array, CellGrid, Indices
 from fabdesign.geometry.cell_search import edge_weights, search_cells
 
 _PER_CELL = 12.0  # items in an occupied cell, were they all on one flat sheet
@@ -65,9 +57,10 @@ class Cells:
         pending, cells = np.arange(len(at)), self
         while len(pending):
             grid = cells._grid
-            long = grid.edge * _TOGETHER if grid.widest > 0 else grid.edge  # those of one cell are asked together
-            wide = (grid.shape * grid.edge / long).astype(np.int32) + np.int32(1)
-            first, asked = sorted_into_cells(at, pending, grid.low, long, wide)
+            low, edge, widest, shape, *_ = grid
+            long = edge * _TOGETHER if widest > 0 else edge  # those of one cell are asked together
+            wide = (shape * edge / long).astype(np.int32) + np.int32(1)
+            first, asked = cell_items.sorted_into_cells(at, pending, low, long, wide)
             pending = search_cells(at, first, asked, grid, squared, item)
             cells = cells._next
         squared[item < 0] = np.inf
@@ -80,11 +73,11 @@ class Cells:
     @staticmethod
     def of_triangles(vertices: Array, triangles: Indices) -> "Cells":
         """Return the cells of a mesh: vertices (m, 3) m, and the corners of each triangle (t, 3)."""
-        return Cells(corner_and_edges(vertices, triangles))
+        return Cells(cell_items.corner_and_edges(vertices, triangles))
 
     @cached_property
     def _grid(self) -> CellGrid:
-        centres, low, size, widest = centres_of(self.items)
+        centres, low, size, widest = cell_items.centres_of(self.items)
         long = np.sort(size)[::-1]
         suits = np.sqrt(_PER_CELL * long[0] * max(long[1], 1e-3 * long[0]) / len(centres))
         edge = max(float(suits), widest) or 1.0
@@ -92,9 +85,9 @@ class Cells:
             edge *= 1.25
         edge *= self.coarser
         shape = (np.floor(size / edge) + 1).astype(np.int32)
-        start, order = sorted_into_cells(centres, np.arange(len(centres)), low, edge, shape)
-        bodies, boxes = bodies_of(self.items, order), boxes_of(self.items, order)
-        return CellGrid(low, edge, widest, shape, start, order, bodies, boxes)
+        start, order = cell_items.sorted_into_cells(centres, np.arange(len(centres)), low, edge, shape)
+        bodies, boxes = cell_items.bodies_of(self.items, order), cell_items.boxes_of(self.items, order)
+        return low, edge, widest, shape, start, order, bodies, boxes
 
     @cached_property
     def _next(self) -> "Cells":

@@ -57,7 +57,7 @@ class RigSolver:
     @property
     def _cloth(self) -> shell.Cloth:
         s = self.scene
-        return shell.Cloth(s.nodes, s.basis, s.weight, s.stiffness, s.rest_strain, s.viscosity, s.prony, self.memory)
+        return s.nodes, s.basis, s.weight, s.stiffness, s.rest_strain, s.viscosity, s.prony, self.memory
 
     def internal(self, x: Array, pressure: Array, rate_gain: float, rate_history: Array, cable_history: Array) -> Array:
         """Return the internal force (n, 3) N at x. Rates are rate_gain * value + history."""

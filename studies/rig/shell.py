@@ -6,7 +6,6 @@ Stress follows docs/files.md: orthotropic with Poisson, bending B / (1 - nu12 nu
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -16,19 +15,11 @@ from fabdesign.nouns.array import Array
 
 Ints = NDArray[np.int64]
 DERIVATIVES = ((1, 0), (0, 1), (2, 0), (0, 2), (1, 1))  # of a basis function, in the kernels' order
-
-
-class Cloth(NamedTuple):
-    """The quadrature points of a cloth, as the kernels take them."""
-
-    nodes: Ints  # (points, m) control points that count there
-    basis: Array  # (points, 5, m) their functions' DERIVATIVES
-    weight: Array  # (points,) m^2
-    stiffness: Array  # (points, 8)
-    rest_strain: Array  # (points, 6)
-    viscosity: Array  # (points,) N s/m
-    prony: float  # share of the stress that relaxes
-    memory: Array  # (points, 6) strain that has relaxed
+# the quadrature points of a cloth, as the kernels take them: control points (points, m) that count there, the
+# DERIVATIVES (points, 5, m) of their functions, weight [m^2], stiffness (points, 8), rest strain (points, 6), viscosity
+# [N s/m], the share of the stress that relaxes, and the strain (points, 6) that has. A plain tuple: numba's cache could
+# not be read once a class of its own was renamed
+Cloth = tuple[Ints, Array, Array, Array, Array, Array, float, Array]
 
 
 @njit(cache=True, fastmath=True)

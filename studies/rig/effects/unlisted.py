@@ -84,7 +84,7 @@ def heating(scene: Scene, order: int, values: Mapping[str, float]) -> None:
 
 @pressure_effect(share=(0.15, "1"))
 def crosstalk(pressure: Array, step: float, values: Mapping[str, float]) -> Array:
-    """Return pressures with a leaking valve: every channel also gets `share` of its neighbour's pressure (the one before it)."""
+    """Return pressures of leaking valves: every channel also gets `share` of that of the one before it."""
     return np.asarray(pressure + values["share"] * np.roll(pressure, 1, axis=1))
 
 
