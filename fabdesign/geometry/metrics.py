@@ -156,11 +156,9 @@ def trial_errors(
     return Errors(float(c), float(c_floor), float(s), float(s_floor), float(beyond))
 
 
-def frame_errors(
-    measured: Sequence[Floats], predicted: Floats, noise: SensorNoise, *, seed: int = 0, draws: int = DRAWS
-) -> list[Errors]:
+def frame_errors(measured: Sequence[Floats], predicted: Floats, noise: SensorNoise) -> list[Errors]:
     """Return of every frame what `trial_errors` takes the means of; all with the floors of the whole trial."""
-    distances, floors = _by_frame(measured, predicted, noise, BOTH_FACES, seed, draws)
+    distances, floors = _by_frame(measured, predicted, noise, BOTH_FACES, 0, DRAWS)
     c_floor, s_floor = np.mean(floors, axis=0).tolist()
     return [Errors(c, c_floor, s, s_floor, beyond) for c, s, beyond in distances]
 

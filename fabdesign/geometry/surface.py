@@ -70,14 +70,12 @@ class Surface:
     triangles: Indices  # (t, 3)
 
     @staticmethod
-    def of_faces(points: Floats, rows: int | None = None, face: Face = "both") -> "Surface":
-        """Return both faces of one frame of a motion, (2 rows cols, 3) m as `ForwardModel` gives it, or one of them;
-        square without `rows`."""
-        per_face = len(points) // 2
-        rows = rows or isqrt(per_face)
-        if rows * (per_face // rows) * 2 != len(points):
-            raise ValueError(f"{len(points)} points are not two faces of {rows} rows")
-        triangles = face_triangles(rows, per_face // rows)
+    def of_faces(points: Floats, face: Face = "both") -> "Surface":
+        """Return both faces of one frame of a motion, (2 n n, 3) m as `ForwardModel` gives it, or one of them."""
+        side = isqrt(len(points) // 2)
+        if 2 * side * side != len(points):
+            raise ValueError(f"{len(points)} points are not two faces of {side} rows")
+        triangles = face_triangles(side, side)
         return Surface(np.asarray(points, dtype=np.float64), half_of(triangles, face))
 
     def _corners(self, triangle: Indices | slice = slice(None)) -> tuple[Array, Array, Array]:
@@ -170,10 +168,9 @@ def front_triangles(rows: int, cols: int) -> Indices:
 CAP = 0.010  # m, of a distance to a surface: strays beyond it do not decide
 
 
-def capped_rms(distance: Array, cap: float = CAP, *, shares: Array | None = None) -> float:
-    """Return the root mean square [m] of distances capped at `cap` [m], so that strays cannot decide it. shares: of
-    each in the mean, by default all alike."""
-    return float(np.sqrt(np.average(np.square(np.minimum(np.abs(distance), cap)), weights=shares)))
+def capped_rms(distance: Array, *, shares: Array | None = None) -> float:
+    """Return the root mean square [m] of capped distances. shares: of each in the mean, by default all alike."""
+    return float(np.sqrt(np.average(np.square(np.minimum(np.abs(distance), CAP)), weights=shares)))
 
 
 NEIGHBOURS = 3  # cells along the cloth within which an edge and a triangle belong to one layer

@@ -16,7 +16,7 @@ from fabdesign.depth.sensor import Cut, Sensor
 from fabdesign.depth.stream import DepthStream, cloud_of
 from fabdesign.errors import InputError, note
 from fabdesign.nouns.fabric import Fabric
-from studies.fusion.cleaning import FILTERS, Cleaned, ImageFilter, clean_image
+from studies.fusion.cleaning import Cleaned, clean_image
 from studies.fusion.clocks import Losses, begins_to_move, losses
 from studies.fusion.input import REST
 from studies.fusion.joint import SensorView
@@ -39,7 +39,6 @@ class Cutter:
     cut: Cut
     fabric: Fabric
     predicted: Callable[[int], cKDTree] | None = None  # the simulated cloth's points in the world at an image's time
-    filters: ImageFilter = FILTERS
     ripple: Ripple | None = None  # that is taken off
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(("box", "planes", "colour", "predicted"), 0))
     kept: int = 0
@@ -111,7 +110,7 @@ class Cutter:
         """Return the cleaned points of such a part of an image. Raises InputError for next to none."""
         if (depth > 0).sum() < LEAST_PIXELS:
             raise InputError(f"{where}: {int((depth > 0).sum())} pixels of the cloth; expected it in view")
-        return clean_image(depth, self._slopes, self.pixel, (self.part[0].start, self.part[1].start), self.filters)
+        return clean_image(depth, self._slopes, self.pixel, (self.part[0].start, self.part[1].start))
 
     def cloud(self, depth: Array) -> Array:
         """Return the points (n, 3) m of such a part, as they were measured."""

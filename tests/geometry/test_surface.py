@@ -75,7 +75,7 @@ def test_sign_and_order_of_the_faces():
     assert surface.areas.sum() == pytest.approx(2 * 0.2**2)
     assert face_triangles(2, 3).shape == (8, 3)
     with pytest.raises(ValueError, match="not two faces"):
-        Surface.of_faces(np.zeros((10, 3)), rows=3)
+        Surface.of_faces(np.zeros((10, 3)))
 
 
 def test_capped_rms():
