@@ -110,7 +110,17 @@ def _header(content: bytes, path: Path) -> _Header:
 def _columns(body: bytes, fields: list[_Field], points: int, data: str, path: Path) -> list[NDArray[Any]]:
     """Return (points, count) values of each field."""
     if data == "ascii":
-        return _ascii(body, [field.values for field in fields], points, path)
+        lines = [line for line in body.decode("latin-1").splitlines() if line.strip()]
+        if len(lines) != points:
+            _refuse(path, f"has {len(lines)} rows; its header says {points} points")
+        counts = [field.values for field in fields]
+        try:
+            table = np.loadtxt(lines, comments=None, ndmin=2) if lines else np.zeros((0, sum(counts)))
+        except ValueError:
+            _refuse(path, "a row is no row of numbers, or not as long as the others")
+        if table.shape[1] != sum(counts):
+            _refuse(path, f"has {table.shape[1]} values a row; its header says {sum(counts)}")
+        return np.split(table, np.cumsum(counts[:-1]), axis=1)
     row = np.dtype([(str(number), field.kind, (field.values,)) for number, field in enumerate(fields)])
     size = row.itemsize * points
     if data == "binary":
@@ -130,19 +140,6 @@ def _columns(body: bytes, fields: list[_Field], points: int, data: str, path: Pa
         columns.append(np.frombuffer(content, field.kind, points * field.values, at).reshape(points, field.values))
         at += columns[-1].nbytes
     return columns
-
-
-def _ascii(body: bytes, counts: list[int], points: int, path: Path) -> list[NDArray[Any]]:
-    lines = [line for line in body.decode("latin-1").splitlines() if line.strip()]
-    if len(lines) != points:
-        _refuse(path, f"has {len(lines)} rows; its header says {points} points")
-    try:
-        table = np.loadtxt(lines, comments=None, ndmin=2) if lines else np.zeros((0, sum(counts)))
-    except ValueError:
-        _refuse(path, "a row is no row of numbers, or not as long as the others")
-    if table.shape[1] != sum(counts):
-        _refuse(path, f"has {table.shape[1]} values a row; its header says {sum(counts)}")
-    return np.split(table, np.cumsum(counts[:-1]), axis=1)
 
 
 def _unpacked(packed: bytes, size: int) -> bytes | None:

@@ -8,6 +8,11 @@ from fabdesign.nouns.array import Array, Indices
 
 Ints = NDArray[np.int32]
 
+
+# cells and what lies in them, as the search takes it: their least corner (3,) and edge [m], how far items reach from
+# their centres, cells each way (3,), the first place of each cell's items in their order, that order, and `bodies_of`
+# and `boxes_of` in it. A plain tuple: numba's cache could not be read once a class of its own was renamed
+CellGrid = tuple[Array, float, float, Ints, Ints, Indices, Array, Array]
 ROUNDED_UP = 1 + 1e-12  # distances that must not be too short
 _SLIM = 1e-9  # of its longest edge: a triangle less high is one in length only
 

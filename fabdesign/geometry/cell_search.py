@@ -4,7 +4,7 @@ numba: a compiled function of another file must not be called here, for numba wo
 import numpy as np
 from numba import njit
 
-from fabdesign.geometry.cell_items import ROUNDED_UP, Ints
+from fabdesign.geometry.cell_items import ROUNDED_UP, CellGrid, Ints
 from fabdesign.nouns.array import Array, Indices
 from fabdesign.runtime.working_time import watch_numba
 
@@ -19,27 +19,14 @@ _WIDE = 3.5  # cells' edges, the farthest way
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def search_cells(
-    points: Array,
-    first: Ints,
-    asked: Indices,
-    low: Array,
-    edge: float,
-    widest: float,
-    shape: Ints,
-    start: Ints,
-    order: Indices,
-    bodies: Array,
-    boxes: Array,
-    squared: Array,
-    item: Indices,
-) -> Indices:
+def search_cells(points: Array, first: Ints, asked: Indices, grid: CellGrid, squared: Array, item: Indices) -> Indices:
     """Return the nearest items of the points `asked`, in the order that `sorted_into_cells` gave them; those remain
     that have nothing near and may have something far off.
 
     Points near each other are asked together about the items around their box: first those that come within a short way
     of it, then, as long as one may be nearer to any of them than what it has, those within twice the way.
     """
+    low, edge, widest, shape, start, order, bodies, _ = grid
     unfinished, unsure, several = np.empty_like(asked), 0, len(start) > 2
     farthest = _WIDE * edge if several else np.inf
     at, best, nearest = np.empty((3, _GROUP)), np.empty(_GROUP), np.empty(_GROUP, dtype=np.int64)
@@ -68,8 +55,8 @@ def search_cells(
             done, way = -1.0, _SHORT * edge if several else np.inf
             while _most(best) > done and way <= farthest:
                 reach = min(way, _most(best))
-                count = _around(boxes, low, edge, widest, shape, start, lower, upper, done, reach, apart, which)
-                _ask(bodies, which, count, lanes, at[0], at[1], at[2], best, nearest)
+                count = _around(grid, lower, upper, done, reach, apart, which)
+                _ask(bodies, which, count, lanes, at, best, nearest)
                 done, way = reach, 2 * way
             for j in range(len(members)):
                 if nearest[j] >= 0:
@@ -97,22 +84,10 @@ def _most(best: Array) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _around(
-    boxes: Array,
-    low: Array,
-    edge: float,
-    widest: float,
-    shape: Ints,
-    start: Ints,
-    lower: Array,
-    upper: Array,
-    done: float,
-    reach: float,
-    apart: Array,
-    which: Indices,
-) -> int:
+def _around(grid: CellGrid, lower: Array, upper: Array, done: float, reach: float, apart: Array, which: Indices) -> int:
     """Put into `which` the items whose boxes lie farther from the box from `lower` to `upper` than `done`, and within
     `reach`, m; how many there are. apart: (m,) room. Its loop has no branches, for the vector units."""
+    low, edge, widest, shape, start, _, _, boxes = grid
     begin, end, count = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64), 0
     for a in range(3):
         least, most = lower[a] - low[a] - reach - widest, upper[a] - low[a] + reach + widest
@@ -136,22 +111,13 @@ def _around(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _ask(
-    bodies: Array,
-    which: Indices,
-    count: int,
-    lanes: Place,
-    x: Array,
-    y: Array,
-    z: Array,
-    best: Array,
-    nearest: Indices,
-) -> None:
-    """Note for points (lanes,) in x, y, z which of the items `which` (count,) is nearer than the best so far, m^2.
+def _ask(bodies: Array, which: Indices, count: int, lanes: Place, at: Array, best: Array, nearest: Indices) -> None:
+    """Note for points `at` (3, lanes) which of the items `which` (count,) is nearer than the best so far, m^2.
 
     To a triangle in its own frame (u, v, height): the height, and beside it, outside, the way to the nearest edge. The
     inner loops have no branches, for the vector units.
     """
+    x, y, z = at[0], at[1], at[2]
     if bodies.shape[1] == 3:
         for i in range(count):
             k = which[i]

@@ -2,7 +2,7 @@
 triangles sorted into cubes; a search looks into those near by.
 
 Chamfer here is always: mean nearest distance from each cloud to the other, both ways, *summed*. Two samples of one
-surface are not at distance zero (`metrics.chamfer_floor`), and the measure is nearly blind in the plane.
+surface are not at distance zero (its floor, in `metrics`), and the measure is nearly blind in the plane.
 
 Compiled; the kernels do not hold the interpreter's lock, so that threads search on all cores. Their first use on a
 machine compiles for some seconds. SciPy's k-d trees in their place made an evaluation of clouds 1.2 times as dear for
@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.geometry.cell_items import Ints, bodies_of, boxes_of, centres_of, corner_and_edges, sorted_into_cells
+from fabdesign.geometry import cell_items
+from fabdesign.geometry.cell_items import CellGrid
 from fabdesign.geometry.cell_search import edge_weights, search_cells
 from fabdesign.nouns.array import Array, Floats, Indices
 
@@ -23,19 +24,6 @@ _PER_CELL = 12.0  # items in an occupied cell, were they all on one flat sheet
 _CELLS = 8  # at most, for each item
 _TOGETHER = 1.4  # cells' edges: in cells so long lie points that are asked together about triangles
 _COARSER = 3.0  # times as long are the cells that points are looked for in that are far from everything
-
-
-class _Grid(NamedTuple):
-    """The cells as `search_cells` takes them."""
-
-    low: Array  # least corner
-    edge: float  # of a cell
-    widest: float  # how far items reach from their centres
-    shape: Ints  # cells each way
-    start: Ints  # first place of each cell's items in their order
-    order: Indices
-    bodies: Array  # `bodies_of`, in that order
-    boxes: Array  # `boxes_of`, in that order
 
 
 class NearestItem(NamedTuple):
@@ -69,8 +57,12 @@ class Cells:
         squared, item = np.full(len(at), within**2), np.full(len(at), -1, dtype=np.intp)
         pending, cells = np.arange(len(at)), self
         while len(pending):
-            first, asked = cells._asked(at, pending)
-            pending = search_cells(at, first, asked, *cells._grid, squared, item)
+            grid = cells._grid
+            low, edge, widest, shape, *_ = grid
+            long = edge * _TOGETHER if widest > 0 else edge  # those of one cell are asked together
+            wide = (shape * edge / long).astype(np.int32) + np.int32(1)
+            first, asked = cell_items.sorted_into_cells(at, pending, low, long, wide)
+            pending = search_cells(at, first, asked, grid, squared, item)
             cells = cells._next
         squared[item < 0] = np.inf
         return NearestItem(squared, item)
@@ -82,11 +74,11 @@ class Cells:
     @staticmethod
     def of_triangles(vertices: Array, triangles: Indices) -> "Cells":
         """Return the cells of a mesh: vertices (m, 3) m, and the corners of each triangle (t, 3)."""
-        return Cells(corner_and_edges(vertices, triangles))
+        return Cells(cell_items.corner_and_edges(vertices, triangles))
 
     @cached_property
-    def _grid(self) -> _Grid:
-        centres, low, size, widest = centres_of(self.items)
+    def _grid(self) -> CellGrid:
+        centres, low, size, widest = cell_items.centres_of(self.items)
         long = np.sort(size)[::-1]
         suits = np.sqrt(_PER_CELL * long[0] * max(long[1], 1e-3 * long[0]) / len(centres))
         edge = max(float(suits), widest) or 1.0
@@ -94,17 +86,9 @@ class Cells:
             edge *= 1.25
         edge *= self.coarser
         shape = (np.floor(size / edge) + 1).astype(np.int32)
-        start, order = sorted_into_cells(centres, np.arange(len(centres)), low, edge, shape)
-        bodies, boxes = bodies_of(self.items, order), boxes_of(self.items, order)
-        return _Grid(low, edge, widest, shape, start, order, bodies, boxes)
-
-    def _asked(self, points: Array, pending: Indices) -> tuple[Ints, Indices]:
-        """Return the pending points in cells of their own: those of one cell are asked together."""
-        grid = self._grid
-        long = grid.edge * _TOGETHER if grid.widest > 0 else grid.edge
-        wide = (grid.shape * grid.edge / long).astype(np.int32) + np.int32(1)
-        first, asked = sorted_into_cells(points, pending, grid.low, long, wide)
-        return first, asked
+        start, order = cell_items.sorted_into_cells(centres, np.arange(len(centres)), low, edge, shape)
+        bodies, boxes = cell_items.bodies_of(self.items, order), cell_items.boxes_of(self.items, order)
+        return low, edge, widest, shape, start, order, bodies, boxes
 
     @cached_property
     def _next(self) -> "Cells":
@@ -136,8 +120,3 @@ class ChamferTo:
             return float(to_cloud.mean() + to_points.mean())
         one, other = self._weights[nearest.item], self._weights
         return float(one @ to_cloud / one.sum() + other @ to_points / other.sum())
-
-
-def chamfer_squared(a: Floats, b: Floats) -> float:
-    """Return the Chamfer distance [m^2] of squared nearest distances, each way the mean, both ways summed."""
-    return float(np.square(nearest_distances(a, b)).mean() + np.square(nearest_distances(b, a)).mean())

@@ -1,5 +1,6 @@
 """How a target's file lies in the world: unit, turn and shift, given or found on the hanging cloth. A few markers need
-not show the edge, so that for them one-way distances decide."""
+not show the edge, so that for them one-way distances decide. And the rigid motion between clouds, for a target that may
+stand anywhere."""
 
 import warnings
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from fabdesign.geometry.hung_cloth import misplaced
-from fabdesign.nouns.array import Array
+from fabdesign.nouns.array import Array, Floats
 from fabdesign.nouns.fabric import Fabric
 
 Unit = Literal["m", "cm", "mm", "in"]
@@ -32,6 +33,9 @@ OVER = Rotation.from_euler("y", 180, degrees=True)  # changes front and back
 SAME = np.radians(20)  # turns that differ by less find the same edge
 MARKERS = 200  # points; a cloud of fewer is markers: what lies between them is not measured
 _OWN = 0.25  # of the markers' spacing, that another origin must gain over the file's own
+_POINTS = 400  # of either cloud: the motion of a sheet is known from few
+_TURNS = 60
+_STILL = 1e-7  # m, RMS, by which a further round moves less is the last
 _UPPER = 0.25  # of the markers, that show how deep the edge lies
 
 
@@ -97,19 +101,18 @@ def fit_placement(
     candidates = [(gap, other, placement_of(factor, other, s)) for gap, other, s in fits if gap < least + CLEAR]
     over = [p for gap, other, p in candidates if gap < least + 3 * TIE and differ(other, OVER * turn) < SAME]
     at = placement.apply(points)
+
+    def opposite(other: Rotation) -> bool:  # of the cloth's edges is laid on the hung one
+        return bool(abs((other * turn.inv()).as_matrix()[0, 0]) > np.cos(SAME))
+
     rivals = [
         p
         for _, other, p in candidates
         if min(differ(other, turn), differ(other, OVER * turn)) >= SAME
-        and not (_opposite(other, turn) and _same_shape(p.apply(points), at))
+        and not (opposite(other) and _same_shape(p.apply(points), at))
     ]
     kept = turn is fits[0][1]
     return PlacementFit(placement, over[0] if over else None, rivals[0] if rivals and not kept else None)
-
-
-def _opposite(one: Rotation, other: Rotation) -> bool:
-    """Return whether two turns lay opposite edges of a cloth on the hung edge."""
-    return bool(abs((one * other.inv()).as_matrix()[0, 0]) > np.cos(SAME))
 
 
 def _same_shape(one: Array, other: Array) -> bool:
@@ -215,7 +218,11 @@ def fit_markers(
         tie = TIE * float(turn.magnitude()) / (np.pi / 2)
         if misplaced(turned, fabric) is None:
             sizes.append((_gap(turned, fabric) + tie, turn * given, np.zeros(3)))
-        shift = _below_the_edge(turned, fabric)
+        # the markers' middle below the edge's, the uppermost as far below it as spread evenly
+        upper = turned[turned[:, 1] >= np.quantile(turned[:, 1], 1 - _UPPER)]
+        across = (turned[:, 0].min() + turned[:, 0].max()) / 2
+        top = turned[:, 1].max() + fabric.height / (len(turned) + 1)
+        shift = -np.array([across, top, np.median(upper[:, 2])])
         laid.append((_gap(turned + shift, fabric) + tie, turn * given, shift))
     spacing = float(np.sqrt(fabric.width * fabric.height / len(points)))
     best = min(gap for gap, _, _ in laid)
@@ -227,16 +234,59 @@ def fit_markers(
     return PlacementFit(placement_of(factor, turn, shift), over[0] if over else None, rivals[0] if rivals else None)
 
 
-def _below_the_edge(points: Array, fabric: Fabric) -> Array:
-    """Return the shift that lays the markers' middle below the edge's, the uppermost as far below it as spread
-    evenly."""
-    upper = points[points[:, 1] >= np.quantile(points[:, 1], 1 - _UPPER)]
-    across = (points[:, 0].min() + points[:, 0].max()) / 2
-    return -np.array([across, points[:, 1].max() + fabric.height / (len(points) + 1), np.median(upper[:, 2])])
-
-
 def _gap(points: Array, fabric: Fabric) -> float:
     """Return the mean distance [m] from the markers to the cloth as it hangs without pressure, flat."""
     half = fabric.width / 2
     x, y = points[:, 0].clip(-half, half), points[:, 1].clip(-fabric.height, 0)
     return float(np.linalg.norm(points - np.stack([x, y, 0 * x], axis=1), axis=1).mean())
+
+
+@dataclass(frozen=True, eq=False)
+class RigidMotion:
+    """x -> turn x + shift."""
+
+    turn: Array  # (3, 3)
+    shift: Array  # (3,) m
+
+    def of(self, points: Floats) -> Array:
+        """Return (n, 3) m of (n, 3) m."""
+        return np.asarray(points @ self.turn.T + self.shift)
+
+    def back(self, points: Floats) -> Array:
+        """Return (n, 3) m that `of` brings to (n, 3) m."""
+        return np.asarray((points - self.shift) @ self.turn)
+
+
+def onto(shape: Floats, target: Floats, *, one_way: bool = False) -> RigidMotion:
+    """Return the motion that brings a shape (n, 3) m onto a target (k, 3) m. one_way: the target shows a part; its
+    points alone are matched.
+
+    Iterated closest points (Besl and McKay, A method for registration of 3-D shapes, IEEE PAMI 14, 1992), each point
+    matched with the nearest of the other cloud. It begins where the target was placed, with both centres on each other,
+    so that a shape has one answer; a turn of more than some 60 degrees from there it may not find.
+    """
+    model = np.asarray(shape[:: max(1, len(shape) // _POINTS)], float)
+    measured = np.asarray(target[:: max(1, len(target) // _POINTS)], float)
+    tree = cKDTree(measured)
+    motion = RigidMotion(np.eye(3), np.zeros(3) if one_way else measured.mean(axis=0) - model.mean(axis=0))
+    at = motion.of(model)
+    for _ in range(_TURNS):
+        mine = cKDTree(at).query(measured)[1]
+        sources, goals = [model[mine]], [measured]
+        if not one_way:
+            sources.append(model)
+            goals.append(measured[tree.query(at)[1]])
+        motion = between(np.concatenate(sources), np.concatenate(goals))
+        before, at = at, motion.of(model)
+        if np.sqrt(np.square(at - before).sum(axis=1).mean()) < _STILL:
+            break
+    return motion
+
+
+def between(points: Array, goals: Array) -> RigidMotion:
+    """Return the least-squares motion between pairs (n, 3) m, by singular values (Kabsch 1976)."""
+    middle, goal = points.mean(axis=0), goals.mean(axis=0)
+    left, _, right = np.linalg.svd((points - middle).T @ (goals - goal))
+    proper = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+    turn = (left @ proper @ right).T
+    return RigidMotion(turn, goal - turn @ middle)

@@ -17,7 +17,6 @@ SIMILAR = 0.6  # least correlation that says where a view lies
 FAST = 0.05  # m/s, which no noise gives
 MOVES = 4.0  # times the speed that noise gives
 LOST, LATE = 1.5, 0.25  # of the interval: a gap beyond, an image off its place
-MOST_DRIFT = 1e-3
 
 
 @dataclass(frozen=True)

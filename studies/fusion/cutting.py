@@ -3,6 +3,7 @@ images; and its view of the cloth at rest, from those before it moves."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import product
 from zlib import crc32
 
 import numpy as np
@@ -10,13 +11,13 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from fabdesign.depth.cut import Cut, of_colour
-from fabdesign.depth.sensor import Sensor
-from fabdesign.depth.stream import DepthStream
+from fabdesign.depth.images import of_colour
+from fabdesign.depth.sensor import Cut, Sensor
+from fabdesign.depth.stream import DepthStream, cloud_of
 from fabdesign.errors import InputError, note
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
-from studies.fusion.cleaning import FILTERS, Cleaned, ImageFilter, clean_image
+from studies.fusion.cleaning import Cleaned, clean_image
 from studies.fusion.clocks import Losses, begins_to_move, losses
 from studies.fusion.input import REST
 from studies.fusion.joint import SensorView
@@ -38,7 +39,6 @@ class Cutter:
     cut: Cut
     fabric: Fabric
     predicted: Callable[[int], cKDTree] | None = None  # the simulated cloth's points in the world at an image's time
-    filters: ImageFilter = FILTERS
     ripple: Ripple | None = None  # that is taken off
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(("box", "planes", "colour", "predicted"), 0))
     kept: int = 0
@@ -47,18 +47,14 @@ class Cutter:
         camera = self.stream.camera
         low, high = self.cut.corners(self.fabric)
         self._low, self._high = low, high
-        corners = np.array([[(low, high)[k >> a & 1][a] for a in range(3)] for k in range(8)])
-        seen = (corners - self.pose[:3, 3]) @ self.pose[:3, :3]
-        region = (0, camera.height), (0, camera.width)
+        seen = (np.array([*product(*zip(low, high, strict=True))]) - self.pose[:3, 3]) @ self.pose[:3, :3]
+        first, last = np.zeros(2, dtype=int), np.array([camera.width, camera.height])
         if (seen[:, 2] > 0.05).all():
             pixels = camera.pixels_of(seen[:, :2] / seen[:, 2:])
             beyond = MARGIN / float(seen[:, 2].min()) * max(camera.focal)
-            first, last = pixels.min(axis=0) - beyond, pixels.max(axis=0) + beyond
-            region = tuple(  # type: ignore[assignment]
-                (int(np.clip(first[k], 0, size)), int(np.clip(np.ceil(last[k]), 0, size)))
-                for k, size in ((1, camera.height), (0, camera.width))
-            )
-        self.part = slice(*region[0]), slice(*region[1])
+            first = np.clip(pixels.min(axis=0) - beyond, 0, last).astype(int)
+            last = np.clip(np.ceil(pixels.max(axis=0) + beyond), 0, last).astype(int)
+        self.part = slice(int(first[1]), int(last[1])), slice(int(first[0]), int(last[0]))
         self._slopes = np.ascontiguousarray(camera.slopes[self.part])
         rays = np.concatenate([self._slopes, np.ones((*self._slopes.shape[:2], 1))], axis=2)
         self._rays = np.ascontiguousarray(rays @ self.pose[:3, :3].T)
@@ -114,13 +110,11 @@ class Cutter:
         """Return the cleaned points of such a part of an image. Raises InputError for next to none."""
         if (depth > 0).sum() < LEAST_PIXELS:
             raise InputError(f"{where}: {int((depth > 0).sum())} pixels of the cloth; expected it in view")
-        return clean_image(depth, self._slopes, self.pixel, (self.part[0].start, self.part[1].start), self.filters)
+        return clean_image(depth, self._slopes, self.pixel, (self.part[0].start, self.part[1].start))
 
     def cloud(self, depth: Array) -> Array:
         """Return the points (n, 3) m of such a part, as they were measured."""
-        rows, columns = np.nonzero(depth)
-        z = depth[rows, columns]
-        return np.concatenate([self._slopes[rows, columns] * z[:, None], z[:, None]], axis=1)
+        return cloud_of(depth, self._slopes)
 
     @property
     def shares(self) -> dict[str, float]:

@@ -18,7 +18,6 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.units import in_mm
 from studies.fusion.cleaning import Cleaned, clean
-from studies.fusion.surface import point_cloud
 
 OUTLINE_NOISE = (1e-3, 3e-4, 1e-4)  # m, softness of the cloth's border, round by round
 HOLES, STRAYS = 0.05, 0.003  # shares of pixels without depth on the cloth, and with depth off it
@@ -35,6 +34,11 @@ class Pose:
     matrix: Array
     information: Array
 
+    @staticmethod
+    def within(matrix: Array, turn: float, shift: float) -> "Pose":
+        """Return a pose that is known to a turn [rad] and a shift [m] about each axis."""
+        return Pose(matrix, np.diag(np.repeat([turn**-2, shift**-2], 3)))
+
 
 def moved(matrix: Array, small: Array) -> Array:
     """Return a pose after a turn small[:3] rad about the world's axes through its position, and a shift small[3:] m."""
@@ -48,6 +52,11 @@ def off(a: Array, b: Array) -> tuple[float, float]:
     """Distance [m] and angle [degrees] between two poses."""
     turn = Rotation.from_matrix(a[:3, :3] @ b[:3, :3].T).magnitude()
     return float(np.linalg.norm(a[:3, 3] - b[:3, 3])), float(np.degrees(turn))
+
+
+def point_cloud(points: Array) -> o3d.geometry.PointCloud:
+    """Return points (n, 3) as Open3D has them."""
+    return o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.ascontiguousarray(points)))
 
 
 def register_to_rest(sensor: Sensor, cloud: Array, fabric: Fabric, cleaned: Cleaned | None = None) -> Pose:
