@@ -56,17 +56,13 @@ def fuse(
     convention: Camera axes of the clouds: z forward and y down, or (x, -y, -z) as RealSense SDKs export.
     skip_bad: Leave out invalid frames and recordings, and list them.
     """
-    from studies.fusion.fuse import fuse_all
+    from studies.fusion.fuse import FusionOptions, fuse_all
 
     run, many = Run(**given), [recordings] if isinstance(recordings, Path | str) else recordings
     return fuse_all(
         many,
         out,
-        points=points,
-        per_frame=per_frame,
-        convention=convention,
-        skip_bad=skip_bad,
-        seed=seed,
+        FusionOptions(points, per_frame, convention, skip_bad, seed),
         force=run.force,
         progress=lambda done, of: run.progress(f"fused {done} of {of} frames", done / of),
     )

@@ -7,6 +7,7 @@ pixel or so is fitted, in a window of fixed size on the cloth. A cloud is laid o
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -88,9 +89,17 @@ def clean(cloud: Array) -> Cleaned:
     return clean_image(*raster(cloud)[:3])
 
 
-def raster(cloud: Array) -> tuple[Array, Array, float, float]:
-    """Return depths (rows, columns) m and slopes of a cloud's rays by its own raster, the nearer of two points on one
-    cell; the width of a cell [m] on the cloth, and the focal length in cells."""
+class Raster(NamedTuple):
+    """A cloud as an image by its own raster."""
+
+    depth: Array  # (rows, columns) m
+    slopes: Array  # of the rays
+    pixel: float  # m, the width of a cell on the cloth
+    focal: float  # cells
+
+
+def raster(cloud: Array) -> Raster:
+    """Return a cloud's raster; of two points on one cell the nearer counts."""
     slope = cloud[:, 1::-1] / cloud[:, 2:]  # row first
     nearest, _ = cKDTree(slope).query(slope, k=min(5, len(slope)))  # on a raster four lie a pixel away
     low, spread = slope.min(axis=0), np.ptp(slope, axis=0)
@@ -101,7 +110,7 @@ def raster(cloud: Array) -> tuple[Array, Array, float, float]:
     slopes = np.zeros((*depth.shape, 2))
     depth[tuple(cell[order].T)] = cloud[order, 2]
     slopes[tuple(cell[order].T)] = slope[order, ::-1]
-    return depth, slopes, pitch * float(np.median(cloud[:, 2])), 1.0 / pitch
+    return Raster(depth, slopes, pitch * float(np.median(cloud[:, 2])), 1.0 / pitch)
 
 
 @njit(cache=True)

@@ -5,7 +5,7 @@ thinned on a grid, face by face, and sampled. docs/lab/fuse.md has the figures.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,35 +26,43 @@ if TYPE_CHECKING:
 POINTS = 3362  # a frame, as many as 41 x 41 points on two faces
 
 
-def fuse(recording: Path | str | Recording, out: Path | str, **given: Any) -> FusionReport:
-    """Fuse a recording into the measurement set `out`: one trial of order 0. Otherwise as `fuse_all`."""
-    return fuse_all([recording], out, **given)[0]
+@dataclass(frozen=True)
+class FusionOptions:
+    """How recordings are fused. points: a frame. per_frame: refine the poses for each frame on its own, from the shared
+    ones. convention: of the clouds' axes (see read_recording). skip_bad: leave out what is unsound, also a whole
+    recording among several, and list it, instead of raising."""
+
+    points: int = POINTS
+    per_frame: bool = False
+    convention: Convention = "forward"
+    skip_bad: bool = False
+    seed: int = 0
+
+
+def fuse(recording: Path | str | Recording, out: Path | str, *, force: bool = False, **given: Any) -> FusionReport:
+    """Fuse a recording into the measurement set `out`: one trial of order 0. given: FusionOptions."""
+    return fuse_all([recording], out, FusionOptions(**given), force=force)[0]
 
 
 def fuse_all(
     recordings: Sequence[Path | str | Recording],
     out: Path | str,
+    options: FusionOptions = FusionOptions(),
     *,
-    points: int = POINTS,
-    per_frame: bool = False,
-    convention: Convention = "forward",
-    skip_bad: bool = False,
-    seed: int = 0,
     force: bool = False,
     progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> tuple[FusionReport, ...]:
-    """Fuse recordings into the measurement set `out`: a trial each, role fit, its order its place among those given,
-    `points` points a frame. Recordings of equal designs share one. A report on each trial.
+    """Fuse recordings into the measurement set `out`: a trial each, role fit, its order its place among those given.
+    Recordings of equal designs share one. A report on each trial.
 
-    per_frame: refine the poses for each frame on its own, from the shared ones. convention: of the clouds' axes (see
-    read_recording). skip_bad: leave out what is unsound, also a whole recording among several, and list it, instead of
-    raising. force: replace a set that this program made. progress is told a recording's frames done and in all.
-    Raises InputError.
+    force: replace a set that this program made. progress is told a recording's frames done and in all. Raises
+    InputError.
     """
-    if points < 2:
-        raise InputError(f"points = {points}; expected at least 2")
+    skip_bad = options.skip_bad
+    if options.points < 2:
+        raise InputError(f"points = {options.points}; expected at least 2")
     _require_open3d()
-    given = [r if isinstance(r, Recording) else read_recording(r, convention=convention) for r in recordings]
+    given = [r if isinstance(r, Recording) else read_recording(r, convention=options.convention) for r in recordings]
     if not given:
         raise InputError("fuse: no recordings; expected at least one")
     folders = [recording.folder.resolve() for recording in given]
@@ -68,7 +76,7 @@ def fuse_all(
         for order, recording in enumerate(given):
             tolerance = Tolerance(skip_bad)
             try:
-                fusion, report = fused_recording(recording, tolerance, points, per_frame, seed, progress)
+                fusion, report = fused_recording(recording, tolerance, options, progress)
             except InputError as error:
                 line = str(error) if len(given) == 1 else f"recording {recording.folder}: {error}"
                 if len(given) == 1 or not skip_bad:
@@ -111,12 +119,7 @@ def _designs(recordings: Sequence[Recording]) -> tuple[list[str], dict[str, Desi
 
 
 def fused_recording(
-    recording: Recording,
-    tolerance: Tolerance,
-    points: int,
-    per_frame: bool,
-    seed: int,
-    progress: Callable[[int, int], None],
+    recording: Recording, tolerance: Tolerance, options: FusionOptions, progress: Callable[[int, int], None]
 ) -> tuple[Fusion, FusionReport]:
     """Raises InputError."""
     started = working_time.seconds()
@@ -131,7 +134,7 @@ def fused_recording(
         from studies.fusion.input import plain_frames
 
         aligned = plain_frames(recording, tolerance)
-    fusion = Fusion(aligned, points, per_frame, seed)
+    fusion = Fusion(aligned, options.points, options.per_frame, options.seed)
     for done, (index, time, views) in enumerate(aligned.frames(), start=1):
         with tolerance.forgiving():
             fusion.add(index, time, views)

@@ -165,7 +165,7 @@ def read_views(recording: Recording, anchored: Anchored, tolerance: Tolerance) -
             with tolerance.forgiving():
                 rasters[frame] = raster(recording.frame(sensor, frame))
         some = [*rasters.values()][:: max(len(rasters) // RIPPLE_IMAGES, 1)]
-        ripple = ripple_of([each[0] for each in some], some[0][3], some[0][2]) if some else None
+        ripple = ripple_of([each.depth for each in some], some[0].focal, some[0].pixel) if some else None
         for frame, (depth, slopes, pixel, _) in rasters.items():
             flat = depth if ripple is None else ripple.without(depth)
             views.append(SensorView(frame, camera, clean_image(flat, slopes, pixel)))

@@ -7,6 +7,7 @@ images"). The cloth at rest anchors every pose.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,6 +47,24 @@ class SensorView:
         return self.cloud.points[::step] @ turn + matrix[:3, 3], self.cloud.normals[::step] @ turn
 
 
+class Gaps(NamedTuple):
+    """Signed distances (n,) m of points from planes, less what they should be."""
+
+    distance: Array
+    points: Array  # (n, 3) m
+    planes: Array  # (n, 3), their normals
+    speeds: Array  # (2, n) m/s, of points and planes along these
+
+
+class Alignment(NamedTuple):
+    """The poses (4, 4), changes of clocks (cameras, 2), and the standard deviation of offsets (cameras,) s, by the
+    distances' noise."""
+
+    poses: list[Array]
+    clocks: Array
+    spread: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Arrangement:
     """Where cameras stand, which face each looks at, and how far [m] the faces lie apart."""
@@ -54,9 +73,8 @@ class Arrangement:
     sides: Sequence[str]
     thickness: float
 
-    def gaps(self, one: SensorView, other: SensorView) -> tuple[Array, Array, Array, Array]:
-        """Return signed distances (n,) m of one view's points from another view's planes, less what they should be; the
-        points (n, 3) m, the planes' normals (n, 3), and speeds (2, n) m/s of points and planes along these."""
+    def gaps(self, one: SensorView, other: SensorView) -> Gaps:
+        """Return the gaps between one view's points and another view's planes."""
         step = max(1, len(one.cloud.points) // SAMPLE)
         points, normals = one.placed(self.poses[one.camera], step)
         same = self.sides[one.camera] == self.sides[other.camera]
@@ -78,11 +96,11 @@ class Arrangement:
             if view.velocity is not None:
                 velocity = view.velocity[which] @ self.poses[view.camera][:3, :3].T
                 speeds[k] = np.einsum("ni,ni->n", velocity, normal)
-        return along[keep] - expected, points[keep], normal, speeds
+        return Gaps(along[keep] - expected, points[keep], normal, speeds)
 
     def gap(self, one: SensorView, other: SensorView) -> float:
         """Return the median distance [m] between two views; where they hardly overlap, one that is no noise."""
-        distance = self.gaps(one, other)[0]
+        distance = self.gaps(one, other).distance
         return float(np.median(np.abs(distance))) if len(distance) >= LEAST_OVERLAP else 2 * DISAGREE
 
 
@@ -118,18 +136,16 @@ class TimedViews:
 
 def align(views: Sequence[SensorView], anchors: Sequence[Pose], start: Arrangement) -> list[Array]:
     """Return the poses (4, 4) that agree best with one another over all views, and with their anchors."""
-    return _aligned(lambda _: views, np.full((len(anchors), 2), HELD), anchors, start)[0]
+    return _aligned(lambda _: views, np.full((len(anchors), 2), HELD), anchors, start).poses
 
 
 def align_timed(
     timed: TimedViews, instants: Array, rest: Sequence[SensorView], anchors: Sequence[Pose], start: Arrangement
-) -> tuple[list[Array], TimedViews, Array]:
-    """Return the poses and clocks that agree best over views at instants [s] and at rest, and how well the offsets are
-    known (cameras,) [s] by the distances' noise."""
+) -> Alignment:
+    """Return the poses and clocks that agree best over views at instants [s] and at rest."""
     certain = np.array([[max(s, 1e-12) ** -2, DRIFT**-2] for s in timed.known])
     certain[0] = HELD
-    poses, small, spread = _aligned(lambda change: [*rest, *timed.moved(change).at(instants)], certain, anchors, start)
-    return poses, timed.moved(small), spread
+    return _aligned(lambda change: [*rest, *timed.moved(change).at(instants)], certain, anchors, start)
 
 
 def align_frame(views: Sequence[SensorView], shared: Arrangement) -> list[Array]:
@@ -139,11 +155,8 @@ def align_frame(views: Sequence[SensorView], shared: Arrangement) -> list[Array]
 
 def _aligned(
     views_of: Callable[[Array], Sequence[SensorView]], certain: Array, anchors: Sequence[Pose], start: Arrangement
-) -> tuple[list[Array], Array, Array]:
-    """Return poses, changes of clocks (cameras, 2), and the standard deviation of offsets.
-
-    certain: (cameras, 2) information of what is known of clocks.
-    """
+) -> Alignment:
+    """Return what agrees best. certain: (cameras, 2) information of what is known of clocks."""
     poses = [anchor.matrix for anchor in anchors]
     small = np.zeros((len(poses), EACH))  # from the anchors; its turns are small enough to add
     n = EACH * len(poses)
@@ -179,4 +192,4 @@ def _aligned(
         small += np.linalg.solve(normal, right).reshape(-1, EACH)
         poses = [moved(anchor.matrix, s[:6]) for anchor, s in zip(anchors, small, strict=True)]
     deviation = np.sqrt(np.diag(np.linalg.inv(normal))).reshape(-1, EACH)[:, 6]
-    return poses, small[:, 6:], deviation
+    return Alignment(poses, small[:, 6:], deviation)

@@ -7,6 +7,7 @@ follows from w'. Of several w that have one w', which large ripple makes, that n
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -69,7 +70,7 @@ def ripple_of(depths: Sequence[Array], focal: float, pixel: float) -> Ripple | N
     """
     coarser = 2.0 * pixel  # every second pixel shows it as well
     images = [_Residuals(depth[::2, ::2], WIDE / coarser) for depth in depths]
-    shares = np.array([_fit(images, focal * baseline, focal)[0] for baseline in BASELINES])
+    shares = np.array([_fit(images, focal * baseline, focal).share for baseline in BASELINES])
     if shares.max() < LEAST_RATIO * np.median(shares):
         return None
     frequency = begin = focal * float(BASELINES[shares.argmax()])
@@ -133,11 +134,16 @@ class _Residuals:
         return (values - self.planes.smooth(values))[self.kept]
 
 
-def _fit(
-    images: Sequence[_Residuals], frequency: float, focal: float, pixel: float = 0.0
-) -> tuple[float, Ripple, float]:
-    """Return the share of the residuals' square that is ripple of a frequency, the ripple, and by how much the
-    frequency is better changed, which is not sought without a pixel [m]."""
+class _RippleFit(NamedTuple):
+    """The share of the residuals' square that is ripple, the ripple, and how its frequency is better changed."""
+
+    share: float
+    ripple: Ripple
+    change: float
+
+
+def _fit(images: Sequence[_Residuals], frequency: float, focal: float, pixel: float = 0.0) -> _RippleFit:
+    """Return the ripple of a frequency; a better one is not sought without a pixel [m]."""
     waves = [2 * np.pi * frequency * image.phase for image in images]
 
     def column(values: Sequence[Array]) -> Array:
@@ -154,7 +160,7 @@ def _fit(
         later = [2 * np.pi * x * (sine * np.cos(w) - cosine * np.sin(w)) for x, w in zip(places, waves, strict=True)]
         change = float(np.linalg.lstsq(np.array([*rows, column(later)[sound]]).T, residual, rcond=None)[0][2])
     share = 1.0 - float(residual @ residual) / max(float(seen @ seen), 1e-30)
-    return share, Ripple(frequency, float(sine), float(cosine), focal, pixel), change
+    return _RippleFit(share, Ripple(frequency, float(sine), float(cosine), focal, pixel), change)
 
 
 @njit(cache=True)

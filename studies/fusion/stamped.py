@@ -8,6 +8,7 @@ interval.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -130,17 +131,19 @@ def _frames_of(recording: Recording, cutters: Sequence[Cutter], tolerance: Toler
     shown = _steady(timed)
     if anchored.rest:
         _require_unmoved(anchored, timed, instants, tolerance)
-    poses, timed, spread = align_timed(timed, shown, anchored.rest, anchored.anchors, anchored.arranged())
+    aligned = align_timed(timed, shown, anchored.rest, anchored.anchors, anchored.arranged())
+    timed = timed.moved(aligned.clocks)
     offset, uncertain, steps = _pressure(recording, timed)
     kept, left_out = _paired(recording, anchored, timed, instants, offset, interval)
     timing = {
-        camera.sensor.name: _timing(camera, timed, k, kept, spread[k], similar[k]) for k, camera in enumerate(cameras)
+        camera.sensor.name: _timing(camera, timed, k, kept, spread, similar[k])
+        for k, (camera, spread) in enumerate(zip(cameras, aligned.spread, strict=True))
     }
     begins = _us(offset - timed.times(0)[0])
     return StampedFrames(
         recording=recording,
         anchored=anchored,
-        poses=poses,
+        poses=aligned.poses,
         times=np.round(kept - offset, 6),
         timing=RecordingTiming(_us(interval), left_out, begins, _us(uncertain), steps, timing),
         cutters=[camera.cutter for camera in cameras],
@@ -195,18 +198,25 @@ def _require_unmoved(anchored: Anchored, timed: TimedViews, instants: Array, tol
             raise InputError(f"sensor {name}: no image is left from before it was moved")
 
 
-def _pressure(recording: Recording, timed: TimedViews) -> tuple[float, float, int]:
-    """Return the common time [s] of the pressure's 0, how well it is known, and by how many steps."""
+class _Begin(NamedTuple):
+    """The common time [s] of the pressure's 0, how well it is known, and by how many steps."""
+
+    offset: float
+    uncertain: float
+    steps: int
+
+
+def _pressure(recording: Recording, timed: TimedViews) -> _Begin:
     begins = float(timed.times(0)[0])
     if recording.log.shift is not None:
-        return begins + recording.log.shift, 0.0, 0
-    offset, uncertain, steps = pressure_offset(recording.program, timed.views, timed.clocks)
-    if not np.isfinite(offset):
+        return _Begin(begins + recording.log.shift, 0.0, 0)
+    begin = _Begin(*pressure_offset(recording.program, timed.views, timed.clocks))
+    if not np.isfinite(begin.offset):
         note(
             f"recording {recording.name}: the pressures have no step; their 0 is taken to be the first image's instant"
         )
-        return begins, 0.0, 0
-    return offset, uncertain, steps
+        return _Begin(begins, 0.0, 0)
+    return begin
 
 
 def _paired(

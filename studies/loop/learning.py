@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import fmean
+from typing import NamedTuple
 
 from fabdesign.errors import InputError
 from fabdesign.files.model_file import read_model, write_model
@@ -99,11 +100,18 @@ def model_of(work: WorkFolder, name: str) -> Model:
     return read_model(work.folder / name / MODEL)
 
 
+class Traced(NamedTuple):
+    """The verdict, the model with the effects that it has from now on, and lines for people; no model where there was
+    too little to trace."""
+
+    verdict: TracedEffects | None
+    model: Model | None
+    lines: list[str]
+
+
 def traced_by(
     study: LoopStudy, measured: MeasurementSet, known: Model, out: Path, simulators: Simulators, say: Say
-) -> tuple[TracedEffects | None, Model | None, list[str]]:
-    """Return the verdict, the model with the effects that it has from now on, and lines for people; no model where
-    there was too little to trace."""
+) -> Traced:
     from fabdesign.runtime.fingerprint import OtherContent
     from studies.measured.fit_data import TooLittle
     from studies.tracing import Options, trace_set, verdict_in_words
@@ -124,7 +132,7 @@ def traced_by(
         except OtherContent:  # begun with other code: a loop goes on for weeks
             outcome = trace(force=True)
     except TooLittle as error:
-        return None, None, [f"not traced: {error}"]
+        return Traced(None, None, [f"not traced: {error}"])
     result = outcome.as_json()
     traced = TracedEffects(
         verdict=result["verdict"],
@@ -132,7 +140,7 @@ def traced_by(
         indistinguishable=result["indistinguishable"],
         excess={name: value for name, value in result["excess"].items() if name != "unit"},
     )
-    return traced, outcome.model, [f"trace: {verdict_in_words(outcome)}"]
+    return Traced(traced, outcome.model, [f"trace: {verdict_in_words(outcome)}"])
 
 
 def _calibrated(

@@ -19,7 +19,7 @@ from fabdesign.files.measurement_set import TrialData, read_set
 from fabdesign.files.pressure_file import constant_program
 from fabdesign.nouns.catalogue import build
 from studies.fusion.frames import FusionReport
-from studies.fusion.fuse import fuse, fuse_all
+from studies.fusion.fuse import FusionOptions, fuse, fuse_all
 from studies.fusion.reference import off
 from studies.rig import GroundTruth, RigSession, run_rig
 from studies.rig.scene import Resolution
@@ -190,7 +190,7 @@ def three(copy: Path, tmp_path: Path) -> list[Path]:
 
 
 def test_several_recordings_become_one_set(three: list[Path], tmp_path: Path) -> None:
-    reports = fuse_all(three[:2], tmp_path / "set", points=500)
+    reports = fuse_all(three[:2], tmp_path / "set", FusionOptions(points=500))
     measured = read_set(tmp_path / "set")
     assert [(t.order, t.role, t.design_name) for t in measured.trials] == [(0, "fit", "basic"), (1, "fit", "basic")]
     first, second = (trial.load() for trial in measured.trials)
@@ -236,9 +236,9 @@ def test_a_bad_recording_among_several_is_named_or_left_out(three: list[Path], t
     with pytest.raises(InputError, match="is given twice"):
         fuse_all([good, bad, good], tmp_path / "set")
     with pytest.raises(InputError, match="no recording is left"):
-        fuse_all([bad, shutil.copytree(bad, tmp_path / "third")], tmp_path / "set", skip_bad=True)
+        fuse_all([bad, shutil.copytree(bad, tmp_path / "third")], tmp_path / "set", FusionOptions(skip_bad=True))
     assert not (tmp_path / "set").exists()
-    reports = fuse_all([bad, good], tmp_path / "set", skip_bad=True)
+    reports = fuse_all([bad, good], tmp_path / "set", FusionOptions(skip_bad=True))
     assert "second" in reports[0].skipped[0]
     assert [trial.order for trial in read_set(tmp_path / "set").trials] == [1]
 
