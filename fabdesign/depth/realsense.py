@@ -24,7 +24,7 @@ from fabdesign.depth.stream import MOST_FRAMES, DepthStream
 from fabdesign.errors import InputError
 
 LARGEST = 64_000_000_000  # bytes of a file, of which one chunk at a time is read
-_CHUNK = 256_000_000  # bytes of a chunk, unpacked
+LARGEST_CHUNK = 256_000_000  # bytes of a chunk, unpacked
 _TOPIC = re.compile(r"/device_(\d+)/sensor_(\d+)/(Depth|Color)_(\d+)/(.*)")
 _IMAGES = ("image/data", "image/data/compressedDepth", "image/data/compressed")
 _GLOBAL = {"global time", "system time"}
@@ -82,7 +82,7 @@ def _opened(path: Path) -> Any:
             ) from None
         raise _unreadable(path, error) from None
     if path.suffix.lower() == ".bag":
-        _bound_chunks(reader.readers[0], path, min(size, _CHUNK))
+        _bound_chunks(reader.readers[0], path, min(size, LARGEST_CHUNK))
     return reader
 
 
@@ -94,9 +94,9 @@ def _bound_chunks(reader: Any, path: Path, most: int) -> None:
     def bounded(make: Callable[[], Any]) -> Callable[[bytes], bytes]:
         def unpack(content: bytes) -> bytes:
             machine = make()
-            unpacked = machine.decompress(content, max_length=_CHUNK)
+            unpacked = machine.decompress(content, max_length=LARGEST_CHUNK)
             if not machine.eof:
-                raise InputError(f"{path}: a chunk unpacks to over {_CHUNK / 1e6:.0f} MB, or is cut short")
+                raise InputError(f"{path}: a chunk unpacks to over {LARGEST_CHUNK / 1e6:.0f} MB, or is cut short")
             return bytes(unpacked)
 
         return unpack
@@ -105,7 +105,7 @@ def _bound_chunks(reader: Any, path: Path, most: int) -> None:
     names = {function: name for name, function in rosbag1.decompressors.items()}
     for place, chunk in reader.chunks.items():
         if chunk.datasize > most:
-            raise InputError(f"{path}: a chunk of {chunk.datasize / 1e6:.0f} MB; expected at most {_CHUNK / 1e6:.0f}")
+            raise InputError(f"{path}: a chunk of {chunk.datasize / 1e6:.0f} MB; expected at most {LARGEST_CHUNK / 1e6:.0f}")
         name = names.get(chunk.decompressor, "none")
         reader.chunks[place] = chunk._replace(decompressor=kinds.get(name, chunk.decompressor))
 

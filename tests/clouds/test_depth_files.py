@@ -136,7 +136,7 @@ def test_hostile_recordings_are_one_line(ending: str, tmp_path: Path) -> None:
 
 def test_a_bag_whose_chunk_unpacks_to_gigabytes_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("rosbags", reason="the extra realsense is not installed")
-    monkeypatch.setattr("fabdesign.depth.realsense._CHUNK", 500)
+    monkeypatch.setattr("fabdesign.depth.realsense.LARGEST_CHUNK", 500)
     with pytest.raises(InputError, match=r"chunk (unpacks to|of)"):
         read_realsense(SAMPLES / "sample.bag").depth(0)
 
