@@ -105,7 +105,9 @@ def _bound_chunks(reader: Any, path: Path, most: int) -> None:
     names = {function: name for name, function in rosbag1.decompressors.items()}
     for place, chunk in reader.chunks.items():
         if chunk.datasize > most:
-            raise InputError(f"{path}: a chunk of {chunk.datasize / 1e6:.0f} MB; expected at most {LARGEST_CHUNK / 1e6:.0f}")
+            raise InputError(
+                f"{path}: a chunk of {chunk.datasize / 1e6:.0f} MB; expected at most {LARGEST_CHUNK / 1e6:.0f}"
+            )
         name = names.get(chunk.decompressor, "none")
         reader.chunks[place] = chunk._replace(decompressor=kinds.get(name, chunk.decompressor))
 
