@@ -297,7 +297,7 @@ def train(
         import corrector.paper_training  # noqa: F401 loads PyTorch: without it nothing is begun
     from fabdesign.nouns.model import Model
     from fabdesign.output import new_files
-    from fabdesign.runtime.effort import CALIBRATION, fit_seconds, in_words, on_cores, training_seconds
+    from fabdesign.runtime.effort import CALIBRATION, TRAINING, fit_seconds, in_words, on_cores, trials_seconds
     from studies.measured.sensitive_stretches import GRID as COARSE
     from studies.training.data import TrainingOptions
     from studies.training.train import train as train_on
@@ -310,7 +310,7 @@ def train(
     beside = out.with_suffix(".safetensors").name
     places = new_files(out, companions=[beside], force=run.force, inputs=paths_of(measured, model))
     motion = [float(t.times[-1]) for one in sets for t in one.trials if t.role == "fit"]
-    seconds = training_seconds(motion)
+    seconds = trials_seconds(TRAINING, motion)
     if vector is not None:
         seconds += fit_seconds(CALIBRATION, motion, len(vector.parameters), base.points_per_side)
     # how long the paper's takes is its plan's

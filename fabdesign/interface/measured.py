@@ -57,7 +57,7 @@ def evaluate(
         if len(benches) > 1:
             raise InputError(f"{benches[0]}: a bench among {len(benches)} sources; expected a bench alone, or sets")
         return _evaluate_bench(run, benches[0], model, out, all_trials)
-    from fabdesign.runtime.effort import evaluation_seconds, in_words, on_cores
+    from fabdesign.runtime.effort import EVALUATION, in_words, on_cores, trials_seconds
     from studies.measured.sensitive_stretches import GRID as COARSE
     from studies.prediction.coarser_grid import enough_points
     from studies.prediction.evaluate import evaluate_sets
@@ -77,7 +77,7 @@ def evaluate(
         trials = [trial for one in sets for trial in one.trials]
         asked = [trial for trial in trials if trial.role in roles]
         run.warn_beyond(fitted, [trial.program for trial in asked], asked)
-        seconds = evaluation_seconds([float(trial.times[-1]) for trial in asked])
+        seconds = trials_seconds(EVALUATION, [float(trial.times[-1]) for trial in asked])
         if asked:  # else it is an error, in one line
             run.progress(in_words(seconds, f"{len(asked)} trials", on_cores()), None)
         forward = simulator(grid) if grid else enough_points(fitted, trials, simulator, tell=run.say)

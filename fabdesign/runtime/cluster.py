@@ -147,8 +147,16 @@ class Cluster:
 
     @property
     def workers(self) -> int:
-        """How many there are now, at least 1: where there are none, work waits for the first."""
-        return self._places()
+        """Number of workers now, each of which may have a task: at least 1, for where there are none work waits for the
+        first."""
+        try:
+            count = len(self.client.nthreads())
+        except _lost() as error:
+            raise self._gone() from error
+        if not count and "no workers" not in self._told:
+            self._told.add("no workers")
+            self.say(f"{self.address}: no workers; waiting for one")
+        return max(1, count)
 
     @cached_property
     def threads(self) -> int:
@@ -172,7 +180,7 @@ class Cluster:
         completed = as_completed(loop=self.client.loop)
         try:
             while due < len(tasks):
-                while waiting and len(under_way) < self._places():
+                while waiting and len(under_way) < self.workers:
                     number = waiting.pop()
                     key = f"fabdesign-{call}-{number}"
                     future = self.client.submit(
@@ -190,17 +198,6 @@ class Cluster:
         finally:
             with suppress(Exception):  # of a scheduler that is gone
                 self.client.cancel(list(under_way))
-
-    def _places(self) -> int:
-        """Return how many tasks may be under way: one for each worker."""
-        try:
-            count = len(self.client.nthreads())
-        except _lost() as error:
-            raise self._gone() from error
-        if not count and "no workers" not in self._told:
-            self._told.add("no workers")
-            self.say(f"{self.address}: no workers; waiting for one")
-        return max(1, count)
 
     def _result(self, future: Any, name: Callable[[], str]) -> Any:
         from distributed import KilledWorker
