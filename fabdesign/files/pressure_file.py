@@ -131,22 +131,18 @@ def read_csv(path: Path) -> PressureProgram:
     time_column = table.find("time")
     channels = _channels(table, time_column)
     table.say(["time_s", *(f"channel_{i}" for i in range(len(channels)))])
-    rows = zip(table.cells(time_column), *map(table.cells, channels), strict=True)
-    time: list[float] = []
-    pressure: list[list[float]] = []
-    for (line, _, second), *cells in rows:
-        time.append(float(second))
-        pressure.append([float(pascal) for _, _, pascal in cells])
-        if min(pressure[-1], default=0.0) < 0:
-            raise InputError(f"{path} line {line}: a pressure below 0; expected kPa from 0")
-        if len(time) == 1 and time[0] != 0:
-            raise InputError(f"{path} line {line}: time_s = {time[0]:g}; expected the first row at 0")
-        if time[-1] > LONGEST:
-            raise InputError(f"{path} line {line}: time_s = {time[-1]:g}; expected at most {LONGEST:g} s")
-        if len(time) > 1 and time[-1] <= time[-2]:
-            raise InputError(f"{path} line {line}: time_s = {time[-1]:g} does not rise from the row before")
-    duration = round(2 * time[-1] - time[-2], 9) if len(time) > 1 else SINGLE_ROW_DURATION
-    return PressureProgram.of_rows(np.array(time), np.array(pressure).reshape(len(time), -1), duration=duration)
+    time = table.numbers(time_column)
+    pressure = np.array([table.numbers(column) for column in channels]).reshape(len(channels), len(time)).T
+    table.refuse((pressure < 0).any(axis=1), lambda _: "a pressure below 0; expected kPa from 0")
+    table.refuse(time[:1] != 0, lambda _: f"time_s = {time[0]:g}; expected the first row at 0")
+    table.refuse(time > LONGEST, lambda row: f"time_s = {time[row]:g}; expected at most {LONGEST:g} s")
+    table.require_rising("time_s", time)
+    return PressureProgram.of_rows(time, pressure, duration=_until(time))
+
+
+def _until(time: Array) -> float:
+    """Return the end of the last row, which lasts as long as the one before."""
+    return round(float(2 * time[-1] - time[-2]), 9) if len(time) > 1 else SINGLE_ROW_DURATION
 
 
 def _channels(table: LabTable, time: TableColumn) -> list[TableColumn]:
@@ -218,11 +214,9 @@ def _of_volts(log: PressureLog, path: Path, design: Design) -> PressureProgram:
     )
     if len(table.rows) > _ROWS:
         raise InputError(f"{path}: has {len(table.rows)} rows; expected at most {_ROWS}")
-    time = np.array([float(value) for _, _, value in table.cells(time_column)])
-    volts = np.array([[float(v) for _, _, v in table.cells(table.take(i, "voltage"))] for i in columns]).T
-    if (np.diff(time) <= 0).any():
-        row = int(np.flatnonzero(np.diff(time) <= 0)[0]) + 1
-        raise InputError(f"{path} line {table.rows[row][0]}: time = {time[row]:g} does not rise from the row before")
+    time = table.numbers(time_column)
+    volts = np.array([table.numbers(table.take(i, "voltage")) for i in columns]).T
+    table.require_rising("time", time)
     if time[-1] - time[0] > LONGEST:
         raise InputError(f"{path}: lasts {time[-1] - time[0]:g} s; expected at most {LONGEST:g} s")
     pressure = (volts - zero) * scale
@@ -244,10 +238,8 @@ def _sound(time: Array, pressure: Array, path: Path) -> PressureProgram:
             f"{path}: volts become {in_kpa(lowest):.3g} to {in_kpa(highest):.3g} kPa; expected gauge pressures from 0 "
             "(per_volt, zero?)"
         )
-    duration = 2 * time[-1] - time[-2] if len(time) > 1 else SINGLE_ROW_DURATION
-    return PressureProgram.of_rows(
-        time, np.where(pressure < _NOISE * highest, 0.0, pressure), duration=round(duration, 9)
-    )
+    quiet = np.where(pressure < _NOISE * highest, 0.0, pressure)
+    return PressureProgram.of_rows(time, quiet, duration=_until(time))
 
 
 def steps_of(program: PressureProgram, least: float = 0.1) -> list[tuple[float, float]]:

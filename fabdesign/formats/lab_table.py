@@ -6,14 +6,14 @@ refused, and so is what was surely measured in another unit.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from fabdesign.errors import InputError, note
 from fabdesign.formats.csv_table import decimal, read_raw_table
@@ -231,11 +231,26 @@ class LabTable:
         columns = ",".join(self.header)
         return InputError(f"{self.path}: columns are {columns}; expected {self._expected}, {_HINT} ({what})")
 
-    def cells(self, column: TableColumn) -> Iterator[tuple[int, Decimal, Decimal]]:
-        """Yield line, the number as written, and in SI."""
-        for line, row in self.rows:
-            written = decimal(row[column.index], self.path, line, column.heading.text)
-            yield line, written, written * column.factor
+    def numbers(self, column: TableColumn) -> NDArray[np.float64]:
+        """Return the column (n,), SI. Raises InputError for what is no number."""
+        index, text = column.index, column.heading.text
+        return np.array([float(decimal(row[index], self.path, i, text) * column.factor) for i, row in self.rows])
+
+    def text(self, column: TableColumn, row: int) -> str:
+        """Return a number as it is written, with its heading."""
+        return f"{column.heading.text} = {self.rows[row][1][column.index]}"
+
+    def refuse(self, bad: NDArray[np.bool_], say: Callable[[int], str]) -> None:
+        """Raise InputError for the first row that is bad, with its line."""
+        if bad.any():
+            row = int(np.argmax(bad))
+            raise InputError(f"{self.path} line {self.rows[row][0]}: {say(row)}")
+
+    def require_rising(self, name: str, values: NDArray[np.float64], rows: NDArray[np.intp] | None = None) -> None:
+        """Raise InputError where values do not rise from row to row, or to the next one of some rows."""
+        some = np.arange(len(values)) if rows is None else rows
+        falls = np.isin(np.arange(len(values)), some[1:][np.diff(values[some]) <= 0])
+        self.refuse(falls, lambda row: f"{name} = {values[row]:g} does not rise from the row before")
 
     def say(self, usual: Sequence[str]) -> None:
         """Say in one line how the table was read, unless it is written as this program writes it (the `usual`
