@@ -12,14 +12,14 @@ from tomlkit.items import Float, Trivia
 
 from fabdesign.formats.schema import FileUnit, file_keys, unit_of
 
-NamesOfFiles = Mapping[type, Callable[[Any], str]]  # writes an object's own file, and returns what the key says
-
 
 class Encoder:
-    """Turns dataclasses into what TOML takes. file: names of others are relative to its folder. names: of objects that
-    have files of their own."""
+    """Turns dataclasses into what TOML takes. file: names of others are relative to its folder. names: writes an object
+    that has a file of its own, and returns what the key says."""
 
-    def __init__(self, file: Path, names: NamesOfFiles | None = None, *, comments: bool = False) -> None:
+    def __init__(
+        self, file: Path, names: Mapping[type, Callable[[Any], str]] | None = None, *, comments: bool = False
+    ) -> None:
         self._folder, self._names, self._comments = file.parent, names or {}, comments
 
     def encode(self, thing: Any) -> Any:
@@ -53,7 +53,10 @@ class Encoder:
             return Path(os.path.relpath(value, self._folder)).as_posix()
         if isinstance(value, float):
             number = unit.write(value) if unit else value
-            return _decimal(number) if isinstance(number, Decimal) else number
+            if not isinstance(number, Decimal):
+                return number
+            text = f"{number.normalize():f}"  # with all its digits, and no zeros behind them
+            return Float(float(number), Trivia(), text if "." in text else text + ".0")
         return value
 
 
@@ -61,9 +64,3 @@ def plain(thing: Any) -> dict[str, Any]:
     """Return the table of a dataclass that names no files."""
     table: dict[str, Any] = Encoder(Path()).encode(thing)
     return table
-
-
-def _decimal(number: Decimal) -> Float:
-    """Return a number with all its digits, and no zeros behind them."""
-    text = f"{number.normalize():f}"
-    return Float(float(number), Trivia(), text if "." in text else text + ".0")

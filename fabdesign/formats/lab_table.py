@@ -153,9 +153,6 @@ def _plain(name: str) -> str:
     return re.sub(r"[\s_\-]+", "_", name.strip().lower()).strip("_")
 
 
-_HINT = "or headings with units, as pressure [bar]"
-
-
 @dataclass(frozen=True)
 class TableColumn:
     index: int
@@ -187,25 +184,20 @@ class LabTable:
     def find(self, quantity: str, *, default: Decimal | None = None) -> TableColumn:
         """Return the column of a quantity, by its name, or as the only one with such a unit. default: the factor of one
         without a unit. Raises InputError for none, two, or one without a unit or with another quantity's."""
-        dimension = dimension_of(quantity)
-        named = [i for i, h in enumerate(self.headings) if self._is(h, quantity)]
-        if not named:
-            units = [h.unit for h in self.headings]
-            named = [
-                i
-                for i, (h, unit) in enumerate(zip(self.headings, units, strict=True))
-                if unit is not None and unit.dimension == dimension and h.quantity is None and i not in self.taken
-            ]
-        if len(named) != 1:
-            what = f"{len(named)} columns hold the {quantity}" if named else f"no column holds the {quantity}"
-            raise self.bad(what)
-        (index,) = named
-        return self.take(index, quantity, default=default)
+        words, named, unnamed = WORDS.get(quantity, ()), [], []
+        for i, heading in enumerate(self.headings):
+            is_of = heading.unit is not None and heading.unit.dimension == dimension_of(quantity)
+            if (is_of or heading.unit is None) and (heading.quantity == quantity or heading.name in words):
+                named.append(i)
+            elif is_of and heading.quantity is None and i not in self.taken:
+                unnamed.append(i)
+        if len(named := named or unnamed) != 1:
+            raise self.bad(f"{len(named) or 'no'} column{'s hold' if named else ' holds'} the {quantity}")
+        return self.take(named[0], quantity, default=default)
 
     def take(self, index: int, quantity: str, *, default: Decimal | None = None) -> TableColumn:
         """Return the column at a place as that quantity. Raises InputError like `find`."""
-        heading = self.headings[index]
-        dimension = dimension_of(quantity)
+        heading, dimension = self.headings[index], dimension_of(quantity)
         unit = heading.unit
         if unit is None and heading.symbol is not None:
             raise self.bad(f"{heading.text} has the unit {heading.symbol}")
@@ -220,16 +212,9 @@ class LabTable:
         self.taken[index] = quantity
         return TableColumn(index, heading, unit.factor if unit is not None else default or Decimal(1))
 
-    @staticmethod
-    def _is(heading: Heading, quantity: str) -> bool:
-        if heading.quantity != quantity and heading.name not in WORDS.get(quantity, ()):
-            return False
-        dimension = dimension_of(quantity)
-        return heading.unit is None or heading.unit.dimension == dimension
-
     def bad(self, what: str) -> InputError:
-        columns = ",".join(self.header)
-        return InputError(f"{self.path}: columns are {columns}; expected {self._expected}, {_HINT} ({what})")
+        expected = f"expected {self._expected}, or headings with units, as pressure [bar]"
+        return InputError(f"{self.path}: columns are {','.join(self.header)}; {expected} ({what})")
 
     def numbers(self, column: TableColumn) -> NDArray[np.float64]:
         """Return the column (n,), SI. Raises InputError for what is no number."""

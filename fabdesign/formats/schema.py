@@ -7,7 +7,7 @@ A dataclass may have `resolved(table)`: what is checked across keys once all are
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from decimal import Decimal
 from functools import cache
 from math import isfinite
@@ -111,24 +111,18 @@ class FileKey:
     default: Any = None  # MISSING where there is none
 
 
+@cache
 def file_keys(form: Any) -> tuple[FileKey, ...]:
     """Return the keys of a dataclass in the order of its fields."""
-    return _file_keys(form)
-
-
-@cache
-def _file_keys(form: Any) -> tuple[FileKey, ...]:
-    hints = get_type_hints(form, include_extras=True)
-    return tuple(_file_key(each, hints[each.name]) for each in fields(form) if each.init)
-
-
-def _file_key(each: "Field[Any]", hint: Any) -> FileKey:
-    plain, notes, sentence = annotated(hint)
-    if len(kinds := members(plain)) == 1:  # None stands for a key that is not there
-        plain, notes, _ = annotated(kinds[0], notes)
-    *tables, name = (notes.key.name if notes.key.name is not None else each.name).split(".")
-    default = each.default if each.default_factory is MISSING else each.default_factory()
-    return FileKey(each.name, tuple(tables), name, plain, notes, sentence, default)
+    hints, keys = get_type_hints(form, include_extras=True), []
+    for each in (one for one in fields(form) if one.init):
+        plain, notes, sentence = annotated(hints[each.name])
+        if len(kinds := members(plain)) == 1:  # None stands for a key that is not there
+            plain, notes, _ = annotated(kinds[0], notes)
+        *tables, name = (notes.key.name if notes.key.name is not None else each.name).split(".")
+        default = each.default if each.default_factory is MISSING else each.default_factory()
+        keys.append(FileKey(each.name, tuple(tables), name, plain, notes, sentence, default))
+    return tuple(keys)
 
 
 def annotated(hint: Any, outer: Notes = Notes()) -> tuple[Any, Notes, str]:

@@ -15,7 +15,7 @@ from fabdesign.units import in_kpa
 if TYPE_CHECKING:
     from fabdesign.nouns.design import Design
 
-RISE_STEPS = 60
+RISE_STEPS, RESOLUTION = 60, 100.0  # rows; Pa
 LARGEST = 1e6  # Pa, for a muscle type that states no maximum
 
 
@@ -52,14 +52,12 @@ class PressureProgram:
         return np.asarray(np.diff(integral, axis=0) / np.diff(edges)[:, None])
 
 
-def rising_program(
-    last: NDArray[np.float64], rise: float, duration: float, *, resolution: float = 100.0
-) -> PressureProgram:
+def rising_program(last: NDArray[np.float64], rise: float, duration: float) -> PressureProgram:
     """Return a program whose channels rise linearly and together from 0 to `last` (channels,) Pa within `rise` s, in
-    RISE_STEPS rows of whole `resolution` Pa, then hold until `duration` s."""
+    RISE_STEPS rows of whole RESOLUTION Pa, then hold until `duration` s."""
     share = (np.arange(RISE_STEPS) + 1) / RISE_STEPS
     rows = np.outer(share, last)
-    rows[:-1] = resolution * np.round(rows[:-1] / resolution)
+    rows[:-1] = RESOLUTION * np.round(rows[:-1] / RESOLUTION)
     return PressureProgram(rise * np.arange(RISE_STEPS) / RISE_STEPS, rows, duration)
 
 
