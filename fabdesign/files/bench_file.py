@@ -11,7 +11,7 @@ import numpy as np
 
 from fabdesign.errors import InputError
 from fabdesign.formats import lab_table
-from fabdesign.formats.decoder import as_number, decode
+from fabdesign.formats.codec import as_number, decode
 from fabdesign.formats.schema import Key
 from fabdesign.formats.table import Table, load_toml
 from fabdesign.nouns.bench import Array, Bench, BenchRecord, Specimen

@@ -12,8 +12,7 @@ import tomlkit
 from fabdesign.effects.registry import effect_named
 from fabdesign.errors import InputError
 from fabdesign.files import law_tables
-from fabdesign.formats.decoder import decode, decode_key, decode_part
-from fabdesign.formats.encoder import Encoder, plain
+from fabdesign.formats.codec import Encoder, decode, decode_key, decode_part, plain
 from fabdesign.formats.table import DESIGN, Table, load_toml
 from fabdesign.formats.toml_file import file_name, parse_toml
 from fabdesign.nouns.design import MUSCLE_TYPES, Design, Term

@@ -12,9 +12,8 @@ import tomlkit
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, note
+from fabdesign.formats.codec import Encoder, decode
 from fabdesign.formats.csv_table import decimal, read_raw_table, write_rows
-from fabdesign.formats.decoder import decode
-from fabdesign.formats.encoder import Encoder
 from fabdesign.formats.lab_table import LabTable, require_measured_pressures
 from fabdesign.formats.schema import ABOVE_0, Key, Metre
 from fabdesign.formats.table import Table, load_toml

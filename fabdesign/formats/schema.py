@@ -1,5 +1,5 @@
 """A kind of file is a frozen dataclass: its fields are the keys, and the types' annotations say units, limits and what
-a key is for. `decoder` reads such files, `encoder` writes them; `json_schema` is for editors.
+a key is for. `codec` reads and writes such files; `json_schema` is for editors.
 
     spacing: Annotated[Metre, FROM_0, "between muscles on one face"] = 0.006
 

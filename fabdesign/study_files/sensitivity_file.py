@@ -12,7 +12,7 @@ from fabdesign.effects.registry import check_values, effect_named
 from fabdesign.errors import InputError
 from fabdesign.files.design_file import read_design
 from fabdesign.files.pressure_file import note_slight
-from fabdesign.formats.decoder import decode_part
+from fabdesign.formats.codec import decode_part
 from fabdesign.formats.schema import ABOVE_0, GRIDS, Key, Second, Within
 from fabdesign.formats.table import Table, nearest
 from fabdesign.nouns.design import Design

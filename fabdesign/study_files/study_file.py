@@ -12,7 +12,7 @@ from fabdesign.errors import InputError
 from fabdesign.files.design_file import read_design
 from fabdesign.files.model_file import read_model
 from fabdesign.files.pressure_file import note_slight, pressure_file_of, read_pressures
-from fabdesign.formats.decoder import decode, decode_part
+from fabdesign.formats.codec import decode, decode_part
 from fabdesign.formats.schema import ABOVE_0, FROM_0, FileUnit, Key, Kilopascal, Metre, Second, Within
 from fabdesign.formats.table import STUDY, Table, load_toml
 from fabdesign.nouns.design import Design

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from fabdesign.files.design_file import read_design
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.model_file import read_model
-from fabdesign.formats.decoder import as_number
+from fabdesign.formats.codec import as_number
 from fabdesign.formats.schema import ABOVE_0, GRIDS, Key, Second, Within
 from fabdesign.formats.table import Table
 from fabdesign.nouns.design import Design
