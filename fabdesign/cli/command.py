@@ -133,17 +133,20 @@ def parse(docstring: str) -> tuple[str, dict[str, str]]:
     return "\n\n".join(text), {}
 
 
-def _signature(verb: Verb) -> list[tuple[str, str, Any]]:
-    """Return name, annotation and default of what the function takes, what it shares with others too, and last."""
+def _signature(verb: Verb, sentences: Mapping[str, str]) -> list[tuple[str, str, Any]]:
+    """Return name, annotation and default of what the command may have of what the function takes, and last what it
+    shares with others. Where further keys of a study are taken, only what has a sentence is of the command."""
     given: list[tuple[str, str, Any]] = []
     for name, one in inspect.signature(verb.function).parameters.items():
-        if one.kind is one.VAR_KEYWORD:
-            shared = re.sub(r"Unpack\[(\w+)\]", r"\1", one.annotation).replace("Any", "Computing")
-            fields = getattr(declared, shared).__annotations__
-            given += [(key, kind.__forward_arg__, None) for key, kind in fields.items()]
-        else:
+        if one.kind is not one.VAR_KEYWORD:
             given.append((name, one.annotation, one.default))
-    return sorted(given, key=lambda one: _LAST.get(one[0], 0))
+            continue
+        if one.annotation == "Any":
+            given = [each for each in given if each[0] in {*sentences, *verb.arguments}]
+        shared = re.sub(r"Unpack\[(\w+)\]", r"\1", one.annotation).replace("Any", "Computing")
+        fields = getattr(declared, shared).__annotations__
+        given += [(key, kind.__forward_arg__, None) for key, kind in fields.items()]
+    return sorted((each for each in given if each[0] not in verb.hidden), key=lambda each: _LAST.get(each[0], 0))
 
 
 def _parameter(verb: Verb, name: str, annotation: str, default: Any, sentence: str | None) -> click.Parameter | None:
@@ -151,8 +154,7 @@ def _parameter(verb: Verb, name: str, annotation: str, default: Any, sentence: s
     None, and without what Python takes besides."""
     word, several = WORDS.get(name, Word()), re.search(r"Sequence\[([\w| ]+)\]", annotation)
     kind = re.split(r" \| ", several[1] if several else annotation)[0]
-    listed = verb.options is None or name in (*verb.options, *verb.arguments)
-    if not listed or not (kind in _TYPES or kind.startswith("Literal")):
+    if not (kind in _TYPES or kind.startswith("Literal")):
         return None
     type_: click.ParamType[Any]
     if name in _BY_NAME:
@@ -179,7 +181,7 @@ def _parameter(verb: Verb, name: str, annotation: str, default: Any, sentence: s
 
 def _command(name: str, verb: Verb) -> click.Command:
     text, sentences = parse(verb.function.__doc__ or "")
-    parameters = [_parameter(verb, *one, sentences.get(one[0])) for one in _signature(verb)]
+    parameters = [_parameter(verb, *one, sentences.get(one[0])) for one in _signature(verb, sentences)]
     as_json = click.Option(["--json", "as_json"], is_flag=True, help="Print a machine-readable result.")
     params = [one for one in (*parameters, as_json) if one is not None]
     params.sort(key=lambda one: isinstance(one, click.Option))
@@ -194,7 +196,7 @@ def _call(verb: Verb, *, as_json: bool, **typed: Any) -> None:
     title = verb.title or Path(str(given.get(next(iter(parameters))))).stem
     if "announce" in parameters:
         given["announce"] = lambda address: print_result({"address": address}, address, as_json)
-    if any(name == "progress" for name, *_ in _signature(verb)):
+    if any(name == "progress" for name, *_ in _signature(verb, {})):
         with described(title, interval=verb.interval, of_search=verb.search) as shown:
             result = verb.function(**given, progress=shown, say=tell)
     else:

@@ -147,6 +147,7 @@ def unseen(
     left out in turn. The same command continues after a stop.
 
     out: Folder to write to, or to continue in.
+    seconds: Time limit, s; by default the study's.
 
     In Python `design` goes with a `model` that has a covariance; with neither model nor set it is the study. pressures:
     kPa, a row a pose. outputs: of each shape, in words (docs/sensitivity.md). measured: a set of two designs or more,
@@ -176,7 +177,7 @@ def unseen(
     return Unseen(run.study(run_unseen, study, out, seconds, progress=run.progress))
 
 
-@study_verb("studies.loop.record", interval=0.0)
+@study_verb("studies.loop.record", 0.0)
 def loop(study: File, out: Folder, *, seconds: float | None = None, **given: Unpack[Computing]) -> LoopOutcome:
     """Choose a design, measure it, improve the model, repeat.
 

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     Target = ArrayLike | File  # (n, 3) m, or a cloud, mesh or trial
 
-OF_STUDY = ("seconds", "effects", "cluster", "out", "force")  # options of a command that takes a study
 _INTERVAL = 10.0  # s between the lines of a search, which has a step a second
 _OF_TARGET = ("frame", "unit", "scale", "rotation", "translation", "place", "description")
 
@@ -33,14 +32,14 @@ def reported(text: str, given: Mapping[str, Any]) -> str:
     return f"{text}\nreport: {Path(given['out']) / 'report.html'}"
 
 
-def study_verb(module: str, *options: str, interval: float = _INTERVAL) -> Callable[[Function], Function]:
-    """Declare a verb that takes a study. module: whose `as_text` says in words what the study came to. options: of the
-    command, besides those of all studies. interval: s between the lines of progress."""
+def study_verb(module: str, interval: float = _INTERVAL) -> Callable[[Function], Function]:
+    """Declare a verb that takes a study. module: whose `as_text` says in words what the study came to. interval: s
+    between the lines of progress."""
 
     def shown(result: Any, given: Mapping[str, Any]) -> Shown:
         return Shown(result.as_json(), reported(import_module(module).as_text(result), given))
 
-    return verb(shown, "STUDY", options=(*options, *OF_STUDY), interval=interval)
+    return verb(shown, "STUDY", interval=interval)
 
 
 def followed(run: Run) -> Callable[[Evaluations], None]:
@@ -86,7 +85,7 @@ def _optimized(result: StudyResult, given: Mapping[str, Any]) -> Shown:
     return Shown(content, "\n".join([*targets, text, *poses_in_words([*result.pressure]), *outputs, *after]))
 
 
-@verb(_optimized, "STUDY", options=OF_STUDY, interval=_INTERVAL, search=True)
+@verb(_optimized, "STUDY", interval=_INTERVAL, search=True)
 def optimize(
     design: DesignLike,
     target: Target | Sequence[File] | None = None,
@@ -200,7 +199,7 @@ def layouts(
     return run.study(run_layouts, study, out, seconds, progress=cell)
 
 
-@study_verb("studies.follow.result", "measured")
+@study_verb("studies.follow.result")
 def follow(
     design: DesignLike,
     target: File | Sequence[Mapping[str, Any]] | None = None,

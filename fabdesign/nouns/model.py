@@ -12,7 +12,7 @@ from fabdesign.effects.registry import check_values, effect_named, label_effect,
 from fabdesign.formats.schema import FROM_0, GRIDS, SHARE, Key, Metre, Within
 from fabdesign.formats.table import Table, nearest
 from fabdesign.nouns.forward import FACTOR_RANGE, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS, SIDE, Term
-from fabdesign.nouns.learned_range import LearnedRange
+from fabdesign.nouns.pressure import LearnedRange
 from fabdesign.version import SIMULATOR
 
 POINTS_PER_SIDE = SIDE  # of the simulator's grid, unless something else is asked for
