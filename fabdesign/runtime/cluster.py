@@ -62,16 +62,6 @@ def on_cluster(address: str | None, *, say: Say = lambda line: None) -> Iterator
     if address is None:
         yield
         return
-    with _connected(address, say) as cluster:
-        _current.append(cluster)
-        try:
-            yield
-        finally:
-            _current.remove(cluster)
-
-
-@contextmanager
-def _connected(address: str, say: Say) -> Iterator["Cluster"]:
     try:
         from distributed import Client
     except ModuleNotFoundError as error:
@@ -88,11 +78,14 @@ def _connected(address: str, say: Say) -> Iterator["Cluster"]:
             f"{address}: no scheduler answers within {WAIT:g} s ({type(error).__name__}); expected an address such as "
             "tcp://HOST:8786, or tls://HOST:8786 with certificates (docs/cluster.md)"
         ) from None
+    cluster = Cluster(address, client, say)
     try:
-        cluster = Cluster(address, client, say)
         cluster.prepare()
-        yield cluster
+        _current.append(cluster)
+        yield
     finally:
+        if cluster in _current:
+            _current.remove(cluster)
         with suppress(Exception):  # of a scheduler that is gone
             client.close(timeout=1)
 
