@@ -17,10 +17,10 @@ from fabdesign import one_blas_thread
 from fabdesign.interface import folders as studies
 from fabdesign.interface.analyses import Unseen, loop, sensitivity, study, unseen
 from fabdesign.interface.files import check, export, new, studio, view
-from fabdesign.interface.fits import calibrate, trace, train
+from fabdesign.interface.fits import calibrate, train
 from fabdesign.interface.folders import list_effects, prepare, schema
 from fabdesign.interface.laboratory import fuse, rig
-from fabdesign.interface.measured import evaluate, predict
+from fabdesign.interface.measured import evaluate, predict, trace
 from fabdesign.interface.motions import Sweep, equilibrium, simulate, sweep
 from fabdesign.interface.searches import demo, follow, layouts, optimize
 
