@@ -111,8 +111,7 @@ class FileKey:
     default: Any = None  # MISSING where there is none
 
 
-@cache
-def file_keys(form: Any) -> tuple[FileKey, ...]:
+def _file_keys(form: Any) -> tuple[FileKey, ...]:
     """Return the keys of a dataclass in the order of its fields."""
     hints, keys = get_type_hints(form, include_extras=True), []
     for each in (one for one in fields(form) if one.init):
@@ -123,6 +122,9 @@ def file_keys(form: Any) -> tuple[FileKey, ...]:
         default = each.default if each.default_factory is MISSING else each.default_factory()
         keys.append(FileKey(each.name, tuple(tables), name, plain, notes, sentence, default))
     return tuple(keys)
+
+
+file_keys: Callable[[Any], tuple[FileKey, ...]] = cache(_file_keys)
 
 
 def annotated(hint: Any, outer: Notes = Notes()) -> tuple[Any, Notes, str]:
