@@ -132,6 +132,8 @@ def _value(hint: Any, value: Any, outer: Notes, table: Table, key: str, usual: A
         items = _Item(table, table.bad(key, expected_of(kind, notes, value)))
         return tuple(_value(arguments[0], each, notes, items, key) for each in value)
     if (read := _scalar(kind, value, notes, table)) is not None:
+        if notes.key.there is not None and not notes.key.there(read):
+            raise table.error(f"{key} {read} is not there")
         return read
     raise table.bad(key, expected_of(kind, notes, value))
 

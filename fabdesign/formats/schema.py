@@ -70,15 +70,17 @@ class Key:
     name: in place of the field's, with a dot in a table; "": the field has no key. also: an older name that is read.
     form: the type that stands in the file, if it is another one. read: the value from that and its table, None where it
     does not fit. expected: what an error then says. file: reads the object from its own file, which the key names.
-    absent: the value where the key is not there, from the table. one_of: keys of which one is there, with their types;
-    several: or more of them, whose values are joined. inside: the fields of a dataclass stand in the same table. rest:
-    all keys that no other field takes. brief: not written where it is the default.
+    there: whether what a path names is there, such as Path.is_file. absent: the value where the key is not there, from
+    the table. one_of: keys of which one is there, with their types; several: or more of them, whose values are joined.
+    inside: the fields of a dataclass stand in the same table. rest: all keys that no other field takes. brief: not
+    written where it is the default.
     """
 
     name: str | None = None
     also: str = ""
     expected: str = ""
     file: Callable[[Any], Any] | None = None
+    there: Callable[[Path], bool] | None = None
     read: Callable[[Any, Any], Any] | None = None
     absent: Callable[[Any], Any] | None = None
     form: Any = None

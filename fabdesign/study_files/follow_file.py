@@ -26,12 +26,14 @@ from fabdesign.study_files.study_file import (
 )
 from fabdesign.study_files.study_targets import RegionsOfCloth, TargetFile, weighting_on_cloth
 
+_THERE = Key(there=Path.exists)
+
 
 @dataclass(frozen=True)
 class MovingTarget:
     """A trial, a motion, or a folder with a cloud or mesh for each instant."""
 
-    file: Annotated[Path, "a trial, a motion, or a folder of clouds or meshes in the order of their names"]
+    file: Annotated[Path, _THERE, "a trial, a motion, or a folder of clouds or meshes in the order of their names"]
     frame_rate: Annotated[float, FileUnit("Hz"), ABOVE_0, "of a folder; a trial or motion says its times"] = 30.0
     until: Annotated[Second | None, ABOVE_0, "after rest; absent: to its end"] = None
     unit: Annotated[Unit, "of a folder's files"] = "m"
@@ -39,9 +41,7 @@ class MovingTarget:
     weighting: RegionsOfCloth = None
 
     def resolved(self, table: Table) -> "MovingTarget":
-        """Raise InputError for what is not there."""
-        if not self.file.exists():
-            raise table.error(f"file {self.file} is not there")
+        """Return the target with its regions on the cloth."""
         return replace(self, weighting=weighting_on_cloth(self.weighting, table))
 
 

@@ -18,21 +18,16 @@ HOLD = 2.0  # s, for which the pressures of a shape at rest are held on the devi
 TRACE_GRID = 21  # points a side: a trace asks for hundreds of motions
 UNLIMITED = RigLimits(np.inf, np.inf, LONGEST)
 LEAST_TRIALS = 3  # to calibrate and trace on, beside those held out
+_TRUTH = Key("key", there=Path.is_file)
 
 
 @dataclass(frozen=True)
 class VirtualRig:
     """Measures by `fabdesign rig`. None: the rig's own."""
 
-    truth: Annotated[Path | None, Key("key"), "ground truth of the specimens; absent: the data sheet"] = None
+    truth: Annotated[Path | None, _TRUTH, "ground truth of the specimens; absent: the data sheet"] = None
     element: Annotated[Metre | None, Within(least=0.002, most=0.05), "of its mesh"] = None
     step: Annotated[Second | None, Within(least=1e-4, most=0.01), "of its time steps"] = None
-
-    def resolved(self, table: Table) -> "VirtualRig":
-        """Raise InputError for a ground truth that is not there."""
-        if self.truth is not None and not self.truth.is_file():
-            raise table.error(f"the ground truth {self.truth} is not there")
-        return self
 
 
 @dataclass(frozen=True)
