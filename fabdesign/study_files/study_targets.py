@@ -72,7 +72,7 @@ class TargetFile:
     as need be unless there is a `rotation`. Of wishes `file` is the study's own. points (n, 3): of Python, for a file.
     """
 
-    file: Annotated[Path, Key(absent=_no_file, there=Path.is_file), "a trial, a cloud or a mesh"]
+    file: Annotated[Path, Key(absent=_no_file), "a trial, a cloud or a mesh"]
     frame: Annotated[int, "of a trial"] = -1
     description: Annotated[str, "where it comes from; absent: what its measurement set says"] = ""
     unit: Annotated[Unit, "of the file; a trial says its own"] = "m"
@@ -101,6 +101,8 @@ class TargetFile:
             raise table.bad("free", "false beside regions, which are weighed where the target stands")
         if self.place == "fit" and "translation" in table:
             raise table.bad("translation", 'none beside place = "fit", which finds it')
+        if self.points is None and not self.file.is_file():
+            raise table.error(f"file {self.file} is not there")
         return replace(self, weighting=weighting_on_cloth(self.weighting, table))
 
 
