@@ -126,8 +126,8 @@ def read_csv(path: Path) -> PressureProgram:
     table.say(["time_s", *(f"channel_{i}" for i in range(len(channels)))])
     time = table.numbers(time_column)
     pressure = np.array([table.numbers(column) for column in channels]).reshape(len(channels), len(time)).T
-    table.refuse((pressure < 0).any(axis=1), lambda _: "a pressure below 0; expected kPa from 0")
-    table.refuse(np.not_equal(time[:1], 0), lambda _: f"time_s = {time[0]:g}; expected the first row at 0")
+    table.refuse(pressure.min(axis=1, initial=0.0) < 0, lambda _: "a pressure below 0; expected kPa from 0")
+    table.refuse(time[:1] != 0, lambda _: f"time_s = {time[0]:g}; expected the first row at 0")
     table.refuse(time > LONGEST, lambda row: f"time_s = {time[row]:g}; expected at most {LONGEST:g} s")
     table.require_rising("time_s", time)
     return PressureProgram.of_rows(time, pressure, duration=_until(time))
