@@ -29,6 +29,7 @@ from studies.tracing.black_box import Residuals, baseline_score
 from studies.tracing.candidates import candidates_of, same_from_rest
 from studies.tracing.discovered_term import discover
 from studies.tracing.experiment import Explanation, next_experiment
+from studies.tracing.judged import Judged, certain_drift
 from studies.tracing.outcome import Outcome, model_of
 from studies.tracing.residual_analysis import errors_of_trials, remains
 from studies.tracing.rules import Selection
@@ -184,6 +185,7 @@ def _evidence(selection: Selection, data: MeasuredData, left: float) -> Evidence
         fitted=before.scored.excess(floor),
         fitted_after=after.scored.excess(floor),
         typical=plain.typical(floor),
+        drift=certain_drift(Judged(selection.plain, folds, floor), data.session[:, 0]),
     )
 
 
