@@ -105,6 +105,17 @@ class LeftOut:
         """Return the gradient (p,), tempered, of all trials, with the prior's."""
         return np.asarray(self._parts[1].sum(axis=0) + self.x / self.prior**2)
 
+    def changing(self, part: Indices, place: Array) -> tuple[Array, Array]:
+        """Return (k,) by how much the unknowns `part` (k,) change with the place (samples,) of a trial, beside all
+        unknowns, and its covariance (k, k). Its prior is that of `part`."""
+        hessian, gradient = self._parts
+        once, twice = (np.einsum("s,sij->ij", place**power, hessian) for power in (1, 2))
+        own = 0.5 * (twice + twice.T)[np.ix_(part, part)] + np.diag(1 / self.prior[part] ** 2)
+        across = 0.5 * (once + once.T)[:, part]
+        covariance = np.linalg.inv(np.block([[self.information, across], [across.T, own]]))
+        step = -covariance @ np.concatenate([self.gradient, place @ gradient[:, part]])
+        return step[-len(part) :], covariance[-len(part) :, -len(part) :]
+
     def scored(self, off: Indices | Sequence[int] = ()) -> Scored:
         """Return the squares with the unknowns `off` at zero in every fold, the others fitted to the other folds."""
         hessian, gradient = self._parts

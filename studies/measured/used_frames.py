@@ -20,7 +20,6 @@ from fabdesign.errors import InputError
 from fabdesign.formats.json_file import plain, read_json, write_json
 from fabdesign.formats.schema import Key
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import PARAMETERS, Case, ForwardModel, Term
 from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.runtime.fingerprint import sha256
@@ -149,63 +148,41 @@ def _spans(trials: Sequence[Trial], forward: ForwardModel, progress: Progress) -
 
 
 def _search(trials: Sequence[Trial], forward: ForwardModel, progress: Progress) -> list[list[Span]]:
-    draws = _prior(DRAWS)
-    times = [instants(trial) for trial in trials]
-    some, total = range(SCREEN), SCREEN * len(trials)
-    flags = _sensitive([(t, d) for t in range(len(trials)) for d in some], trials, times, draws, forward, 0, progress)
-    parted = [t for t in range(len(trials)) if any(flags[t, d].any() for d in some)]
-    rest = [(t, d) for t in parted for d in range(SCREEN, DRAWS)]
-    flags |= _sensitive(rest, trials, times, draws, forward, total, progress)
-    result: list[list[Span]] = [[] for _ in trials]
-    for t in parted:
-        share = np.mean([flags[t, d] for d in range(DRAWS)], axis=0)
-        result[t] = _runs(times[t], share >= SHARE)
-    return result
+    rng, times = np.random.default_rng(_SEED), [instants(trial) for trial in trials]
+    draws = [dict.fromkeys(PARAMETERS, 1.0)]  # the same for all trials
+    draws += [
+        {name: float(np.exp(PRIOR[name] * rng.standard_normal())) for name in PARAMETERS} for _ in range(1, DRAWS)
+    ]
+    flags: dict[tuple[int, int], Flags] = {}  # of trial and draw, which instants are sensitive
 
+    def look(wanted: Sequence[tuple[int, int]]) -> None:
+        at_once, total = max(1, _AT_ONCE // 3), len(flags) + len(wanted)
+        for first in range(0, len(wanted), at_once):
+            some = wanted[first : first + at_once]
+            cases = [_changed(trials[t], draws[d], d, side) for t, d in some for side in (0.0, 1.0, -1.0)]
+            motions = forward.motions(cases, [times[t] for t, _ in some for _ in range(3)])
+            for k, pair in enumerate(some):
+                flags[pair] = instants_elsewhere(*motions[3 * k : 3 * k + 3])
+            progress(3 * len(flags), 3 * total)
 
-def _prior(draws: int) -> list[dict[str, float]]:
-    """Return the factors of each draw, the same for all trials."""
-    rng = np.random.default_rng(_SEED)
-    drawn = [{name: float(np.exp(PRIOR[name] * rng.standard_normal())) for name in PARAMETERS} for _ in range(1, draws)]
-    return [dict.fromkeys(PARAMETERS, 1.0), *drawn]
-
-
-def _sensitive(
-    wanted: Sequence[tuple[int, int]],
-    trials: Sequence[Trial],
-    times: Sequence[Array],
-    draws: Sequence[dict[str, float]],
-    forward: ForwardModel,
-    before: int,
-    progress: Progress,
-) -> dict[tuple[int, int], Flags]:
-    """Return the sensitive instants of each (trial, draw); `before` of them are done."""
-    flags: dict[tuple[int, int], Flags] = {}
-    at_once = max(1, _AT_ONCE // 3)
-    for first in range(0, len(wanted), at_once):
-        some = wanted[first : first + at_once]
-        cases = [_changed(trials[t], draws[d], d, side) for t, d in some for side in (0.0, 1.0, -1.0)]
-        motions = forward.motions(cases, [times[t] for t, _ in some for _ in range(3)])
-        for k, pair in enumerate(some):
-            flags[pair] = instants_elsewhere(*motions[3 * k : 3 * k + 3])
-        progress(3 * (before + first + len(some)), 3 * (before + len(wanted)))
-    return flags
+    look([(t, d) for t in range(len(trials)) for d in range(SCREEN)])
+    parted = [t for t in range(len(trials)) if any(flags[t, d].any() for d in range(SCREEN))]
+    look([(t, d) for t in parted for d in range(SCREEN, DRAWS)])
+    shares = {t: np.mean([flags[t, d] for d in range(DRAWS)], axis=0) for t in parted}
+    return [_runs(times[t], shares[t] >= SHARE) if t in shares else [] for t in range(len(trials))]
 
 
 def _changed(trial: Trial, factors: dict[str, float], draw: int, side: float) -> Case:
-    signs = _signs(trial.design, trial.program.pressure.shape[1], draw)
+    """Return a motion with a change to a side: of the first draw a channel's pressure goes by the side of its muscles,
+    else at random."""
+    channels = trial.program.pressure.shape[1]
+    signs = np.random.default_rng([_SEED, draw]).choice([-1.0, 1.0], channels)
+    if not draw:
+        of_muscles = np.pad(sides(trial.design), (0, channels - trial.design.channels))
+        signs = np.where(of_muscles, of_muscles, signs)
     program = replace(trial.program, pressure=trial.program.pressure * (1 + PRESSURE * side * signs))
     effects = (Term("frame_tilt", {"about_x": TILT * side, "about_z": 0.0}),) if side else ()
     return Case(trial.design, program, factors, effects)
-
-
-def _signs(design: Design, channels: int, draw: int) -> Array:
-    """Return (channels,) 1 or -1, of the first draw by the side of a channel's muscles, else at random."""
-    signs = np.random.default_rng([_SEED, draw]).choice([-1.0, 1.0], channels)
-    if draw:
-        return signs
-    sides_of_channels = np.pad(sides(design), (0, channels - design.channels))
-    return np.asarray(np.where(sides_of_channels, sides_of_channels, signs))
 
 
 def instants(trial: Trial) -> Array:

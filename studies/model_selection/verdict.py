@@ -37,10 +37,12 @@ class Evidence:
     fitted: float | None = None  # m that the refitted model leaves of the trials that it was fitted to; None: `before`
     fitted_after: float = math.inf  # m, the same with all effects
     typical: float = 0.0  # m, the median over trials held out of what the refitted model leaves of each
+    drift: float = 0.0  # m by which it certainly changes from the first trial of the session to the last
 
     def adequate(self, tolerance: float) -> bool:
-        """Return whether the refitted model leaves no more than the tolerance [m], in the mean and in the median."""
-        return max(self.before, self.typical) <= tolerance
+        """Return whether the refitted model leaves no more than the tolerance [m], in the mean and in the median, and
+        does not change by more over the session."""
+        return max(self.before, self.typical, self.drift) <= tolerance
 
 
 def decide(evidence: Evidence, tolerance: float) -> Word:

@@ -95,6 +95,16 @@ class Outcome(OfModel):
         return float(np.mean(means < _LITTLE * means.mean()))
 
     @property
+    def _drift(self) -> float:
+        """Return by how much the model without effects certainly changes over the session, m; 0 up to the tolerance."""
+        return self.evidence.drift if self.verdict != "effect" and self.evidence.drift > self.tolerance else 0.0
+
+    @property
+    def follows(self) -> str | None:
+        """Return what the residual goes with; None where with nothing."""
+        return "order" if self._drift else self.remains.follows
+
+    @property
     def said(self) -> list[str]:
         """Return lines for people."""
         lines = []
@@ -104,10 +114,10 @@ class Outcome(OfModel):
         if self.verdict == "effect" and self.selection.slight:
             names = _listed(self.selection.slight)
             lines.append(f"{names}: no more than in any careful build; in the model, which predicts better with it")
-        if self.remains.follows == "order":
+        if self.follows == "order":
             lines.append(
-                f"what is left changes by {in_mm(self.remains.drift):.2f} mm from the first trial to the last; to tell "
-                "a drift over the session, repeat the first trial at its end"
+                f"what is left changes by {in_mm(self._drift or self.remains.drift):.2f} mm from the first trial to "
+                "the last; to tell a drift over the session, repeat the first trial at its end"
             )
         lines += far_factors(self.after)
         measured = mean_of(self.errors, "test", "after")
@@ -165,7 +175,7 @@ class Outcome(OfModel):
             "residual": {
                 "where": self.remains.where,
                 "when_s": self.remains.when,
-                "follows": self.remains.follows,
+                "follows": self.follows,
             },
             "unjudged": [stretch.as_json() for stretch in self.data.used.stretches or ()],
             "unjudged_share": self.data.used.share_left_out,
@@ -200,7 +210,8 @@ class Outcome(OfModel):
         return self.selection.floor
 
     def _candidates(self) -> list[dict[str, Any]]:
-        none = Candidate("none", 0.0, (0.0, 0.0), self.evidence.before, self.evidence.typical, False, {})
+        typical = max(self.evidence.typical, self.evidence.drift)
+        none = Candidate("none", 0.0, (0.0, 0.0), self.evidence.before, typical, False, {})
         return [
             {
                 "name": c.name,

@@ -189,7 +189,7 @@ def _residual(outcome: Outcome) -> Iterator[page.Block]:
             curves.append(charts.curve(which, times, in_mm(rms), colour, **group))
     yield charts.chart("time", curves, x="time, s", y="RMS, mm", yaxis={"rangemode": "tozero"})
     u, v = (page.mm(place, 0) for place in after.where)
-    follows = f"; it goes with {after.follows}" if after.follows else ""
+    follows = f"; it goes with {outcome.follows}" if outcome.follows else ""
     when = f"about {after.when:.1f} s after rest{follows}"
     yield page.Text(f"What is left is largest at u, v = {u}, {v} mm, {when}.")
     yield page.Title(f"Trial {_worst(outcome)}: measured, before, after")

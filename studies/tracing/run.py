@@ -26,6 +26,7 @@ from studies.measured.fit_data import MeasuredData, TooLittle
 from studies.measured.splits import fit_trials
 from studies.measured.used_frames import find_used_frames
 from studies.model_selection.black_box import Residuals, baseline_score
+from studies.model_selection.judged import Judged, certain_drift
 from studies.model_selection.rules import Selection
 from studies.model_selection.verdict import Evidence, decide
 from studies.tracing.candidates import candidates_of, same_from_rest
@@ -184,6 +185,7 @@ def _evidence(selection: Selection, data: MeasuredData, left: float) -> Evidence
         fitted=before.scored.excess(floor),
         fitted_after=after.scored.excess(floor),
         typical=plain.typical(floor),
+        drift=certain_drift(Judged(selection.plain, folds, floor), data.session[:, 0]),
     )
 
 

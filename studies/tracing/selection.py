@@ -24,9 +24,8 @@ from optimize.fit.significance import NEEDED, cheapest_first, conditioned, cost,
 from studies.fitting.fits import beginning, fit_at_rest
 from studies.fitting.fitted_model import expected_rms
 from studies.fitting.joint_fit import beside, joint_fit
-from studies.model_selection.judged import Judged, is_certain
+from studies.model_selection.judged import Judged, certain_drift, is_certain
 from studies.model_selection.rules import ON_SETS, Selection, below, follow
-from studies.model_selection.verdict import so_far
 from studies.tracing.task import Task, to_first_order
 
 SLIGHT = 2.0  # times the tolerance: what leaves no more is near the minimum, and the joint fit begins there
@@ -48,9 +47,10 @@ def select(task: Task) -> Selection:
         factors = replace(begin, x=np.stack([all_on, x])[:, vector.are_factors])
     hopeful = replace(NEAR, hopeless=expected_rms(task.data.noise, HOPELESS * task.tolerance))
     plain = task.fit("plain", vector.without_effects, factors, hopeful)
-    scored = task.judged(plain).scored
-    excess = max(scored.excess(task.floor), scored.typical(task.floor))
-    if excess <= task.tolerance and plain.vector.is_plausible(plain.x):
+    judged = task.judged(plain)
+    excess = max(judged.excess, judged.scored.typical(task.floor))
+    remaining = max(excess, certain_drift(judged, task.data.session[:, 0]))
+    if remaining <= task.tolerance and plain.vector.is_plausible(plain.x):
         task.say(so_far(()))
         to_its_end = FitStart(plain.minimum, inputs=plain.inputs)
         return _adequate(task, vector, task.fit("plain to its end", plain.vector, to_its_end))

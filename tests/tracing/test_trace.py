@@ -41,7 +41,7 @@ from studies.measured.fit_data import MeasuredData
 from studies.measured.splits import fit_trials
 from studies.measured.used_frames import UsedFrames
 from studies.model_selection.black_box import Residuals, baseline_score, basis_of
-from studies.model_selection.judged import CAUSE, Judged, decoys_beside, exchanged, strength, turned
+from studies.model_selection.judged import CAUSE, Judged, certain_drift, decoys_beside, exchanged, strength, turned
 from studies.model_selection.rules import Selection, loses
 from studies.model_selection.verdict import Evidence, decide, explains
 from studies.tracing.candidates import candidates_of
@@ -456,6 +456,23 @@ def test_what_builds_up_over_the_session_is_seen_and_its_size_said(late):
     assert seen.follows == "order" and seen.drift == pytest.approx(1e-3, rel=0.15)
     floor = data.noise.sigma
     assert baseline_score(drifting, data.folds).excess(floor) < 0.7 * drifting.scored.excess(floor)
+
+
+def test_factors_that_change_over_the_session_are_certain_in_its_order_alone(tmp_path):
+    measured = write(tmp_path / "set", count=6)
+    data = MeasuredData.of([measured], fit_trials(measured.trials), UsedFrames(None, 0.0), DRAWN, seed=0)
+    plain = fit(Fits(Predictor(Curler(), Model(), sensing=True), 0.5e-3).problem(data, fit_vector()))
+    place, misfit = data.session[:, 0], plain.state.misfit
+    even = (place - place.mean()) / np.ptp(place)
+    change = plain.state.jacobian[:, plain.vector.names.index("muscle_gain")]  # m, by a logarithm of the gain
+
+    def drift(size, place):
+        moved = replace(misfit, residual=misfit.residual + size * change * even[misfit.sample])
+        drifting = replace(plain, state=replace(plain.state, misfit=moved))
+        return certain_drift(Judged(drifting, data.folds, data.noise.sigma), place)
+
+    assert drift(0.1, place) == pytest.approx(0.1 * np.sqrt(np.mean(change**2)), rel=0.3)
+    assert drift(0.1, place[[2, 0, 4, 1, 3]]) == drift(0.0, place) == drift(0.1, np.zeros(5)) == 0
 
 
 @pytest.fixture(scope="module")
