@@ -134,7 +134,8 @@ def _unreadable(path: Path, error: Exception) -> InputError:
 def points_of(message: Any, what: str) -> Array:
     """Return (n, 3) of a PointCloud2. Raises InputError, `what` it is of in its message."""
     sizes = [getattr(message, name, -1) for name in ("height", "width", "point_step", "row_step")]
-    listed, content = getattr(message, "fields", None), getattr(message, "data", None)
+    listed: Any = getattr(message, "fields", None)
+    content: Any = getattr(message, "data", None)
     of_kind = isinstance(listed, list) and isinstance(content, bytes) and hasattr(message, "is_bigendian")
     if not of_kind or not all(map(_is_size, sizes)):
         raise InputError(f"{what}: is no cloud as {_SCHEMAS[0]} has it; expected height, width, steps and bytes")

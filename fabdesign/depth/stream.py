@@ -3,6 +3,7 @@ which images or clouds of several cameras belong to one frame, by their stamps: 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,11 +62,11 @@ class DepthStream:
         return cloud_of(self.depth(index) * self.unit, self.camera.slopes)
 
 
-def cloud_of(depth: Array, slopes: Array) -> Array:
+def cloud_of(depth: NDArray[np.floating[Any]], slopes: Array) -> Array:
     """Return the points (n, 3) m of the pixels that have a depth [m], by the slopes of their rays."""
     rows, columns = np.nonzero(depth)
     z = depth[rows, columns, None]
-    return np.concatenate([slopes[rows, columns] * z, z], axis=1)
+    return np.asarray(np.concatenate([slopes[rows, columns] * z, z], axis=1))
 
 
 def paired_as_stamped(

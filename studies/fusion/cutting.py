@@ -7,7 +7,6 @@ from itertools import product
 from zlib import crc32
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -65,21 +64,18 @@ class Cutter:
         """Return the part of an image (rows, columns) m that may be the cloth, 0 elsewhere. Raises InputError."""
         image = self.stream.depth(number)
         every = int(np.count_nonzero(image))
-        part = np.ascontiguousarray(image[self.part])
-        depth = _in_box(part, self.stream.unit, self._rays, self.pose[:3, 3].copy(), self._low, self._high)
-        inside = depth > 0
+        depth = image[self.part] * self.stream.unit
+        world = self._rays * depth[..., None] + self.pose[:3, 3]
+        inside = (depth > 0) & ((world > self._low) & (world < self._high)).all(axis=2)
         self.counts["box"] += every - int(inside.sum())
         for a, b, c, d in self.cut.planes:
-            world = self._rays * depth[..., None] + self.pose[:3, 3]
             inside = self._without("planes", inside, world @ np.array([a, b, c]) >= d)
         if self.cut.colour is not None:
             inside = self._without("colour", inside, self._coloured(number, np.where(inside, depth, 0.0)))
         if self.predicted is not None and self.cut.predicted is not None:
-            rows, columns = np.nonzero(inside)
-            world = self._rays[rows, columns] * depth[rows, columns, None] + self.pose[:3, 3]
-            far, _ = self.predicted(number).query(world, distance_upper_bound=self.cut.predicted)
+            far, _ = self.predicted(number).query(world[inside], distance_upper_bound=self.cut.predicted)
             near = np.zeros_like(inside)
-            near[rows, columns] = np.isfinite(far)
+            near[inside] = np.isfinite(far)
             inside = self._without("predicted", inside, near)
         self.kept += int(inside.sum())
         depth = np.where(inside, depth, 0.0)
@@ -121,26 +117,6 @@ class Cutter:
         """Return by rule the share of all pixels with a depth that it cut."""
         every = self.kept + sum(self.counts.values())
         return {rule: count / max(every, 1) for rule, count in self.counts.items() if count or rule == "box"}
-
-
-@njit(cache=True)
-def _in_box(
-    image: NDArray[np.uint16], unit: float, rays: Array, position: Array, low: Array, high: Array
-) -> Array:  # pragma: no cover - compiled
-    """Return the depths (rows, columns) m of pixels that lie in the box, 0 elsewhere."""
-    rows, columns = image.shape
-    depth = np.zeros((rows, columns))
-    for r in range(rows):
-        for c in range(columns):
-            if image[r, c]:
-                z = image[r, c] * unit
-                inside = True
-                for k in range(3):
-                    at = rays[r, c, k] * z + position[k]
-                    inside = inside and low[k] < at < high[k]
-                if inside:
-                    depth[r, c] = z
-    return depth
 
 
 @dataclass(frozen=True, eq=False)

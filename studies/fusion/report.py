@@ -22,9 +22,9 @@ AROUND = 60  # pixels
 SLICE = 0.008  # m, half the width of a slice in the picture
 
 
-def write_report(path: Path, report: "FusionReport", last: Mapping[str, Array], stamped: "StampedFrames") -> None:
-    """Write the page. last: the last frame's clouds in the world, by sensor."""
-    path.write_text(html_of(f"Fused: {report.recording}", _blocks(report, last, stamped)), encoding="utf-8")
+def page_of(report: "FusionReport", last: Mapping[str, Array], stamped: "StampedFrames") -> str:
+    """Return the page. last: the last frame's clouds in the world, by sensor."""
+    return html_of(f"Fused: {report.recording}", _blocks(report, last, stamped))
 
 
 def _blocks(report: "FusionReport", last: Mapping[str, Array], stamped: "StampedFrames") -> Iterator[Block]:
