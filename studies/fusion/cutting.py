@@ -56,7 +56,7 @@ class Cutter:
         self.part = slice(int(first[1]), int(last[1])), slice(int(first[0]), int(last[0]))
         self._slopes = np.ascontiguousarray(camera.slopes[self.part])
         rays = np.concatenate([self._slopes, np.ones((*self._slopes.shape[:2], 1))], axis=2)
-        self._rays = np.ascontiguousarray(rays @ self.pose[:3, :3].T)
+        self._rays = rays @ self.pose[:3, :3].T
         middle = np.array([0.0, -self.fabric.height / 2, 0.0])
         self.pixel = float(np.linalg.norm(self.pose[:3, 3] - middle)) / camera.focal[0]  # m on the cloth
 

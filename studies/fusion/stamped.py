@@ -20,7 +20,7 @@ from fabdesign.errors import InputError, note
 from fabdesign.files.pressure_file import steps_of
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.trial import RecordingTiming, SensorTiming
-from studies.fusion.clocks import Losses, coarse_clocks
+from studies.fusion.clocks import Losses, coarse_clocks, places
 from studies.fusion.cutting import Cutter, SensorImages, read_images, view_at_rest
 from studies.fusion.input import AlignedFrames, Anchored, anchor_sensors, moved_camera
 from studies.fusion.joint import SensorView, TimedViews, align_timed
@@ -125,7 +125,7 @@ def _frames_of(recording: Recording, cutters: Sequence[Cutter], tolerance: Toler
     clocks, similar = coarse_clocks(views, all(camera.cutter.stream.clock == "global" for camera in cameras))
     timed = TimedViews(views, clocks, [COARSELY if np.isfinite(s) else UNKNOWN for s in similar])
     stamps = np.array([view.stamp for view in views[0]])
-    place = np.cumsum(np.concatenate([[0], np.maximum(np.round(np.diff(stamps) / interval), 1)]))
+    place = places(stamps, interval)
     step, start = np.polyfit(place, stamps, 1) if len(stamps) > 2 else (interval, stamps[0])
     instants = timed.clocks[0].times(start + step * np.arange(int(place[-1]) + 1))  # through the first camera's images
     shown = _steady(timed)
