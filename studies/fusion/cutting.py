@@ -64,7 +64,7 @@ class Cutter:
         """Return the part of an image (rows, columns) m that may be the cloth, 0 elsewhere. Raises InputError."""
         image = self.stream.depth(number)
         every = int(np.count_nonzero(image))
-        depth = image[self.part] * self.stream.unit
+        depth: Array = np.asarray(image[self.part] * self.stream.unit, np.float64)
         world = self._rays * depth[..., None] + self.pose[:3, 3]
         inside = (depth > 0) & ((world > self._low) & (world < self._high)).all(axis=2)
         self.counts["box"] += every - int(inside.sum())
