@@ -46,6 +46,9 @@ class Losses:
     late: tuple[int, ...]  # numbers of images off their place by over LATE intervals
 
 
+NOTHING_LOST = Losses(0.0, (), (), ())
+
+
 def losses(stamps: Array, counters: NDArray[np.int64] | None, same: Sequence[bool]) -> Losses:
     """Return what is odd. counters: of the camera, where it counts. same: whether an image equals the one before it."""
     gaps = np.diff(stamps)

@@ -117,7 +117,7 @@ def _timeline(stamped: "StampedFrames") -> Figure:
         times = stamped.timed.times(k) - stamped.offset
         above.plot(times, in_mm(np.array([view.mean_speed for view in views])), label=stamped.anchored.sensors[k].name)
         below.plot(times, np.full(len(times), k), "|", color=f"C{k}")
-        lost: Any = stamped.timed.clocks[k].times(np.array(stamped.odd[k].lost)) - stamped.offset
+        lost: Any = stamped.timed.clocks[k].times(np.array(stamped.cutters[k].odd.lost)) - stamped.offset
         below.plot(lost, np.full(len(lost), k), "x", color="red")
     for time in stamped.recording.program.time[:50]:
         above.axvline(float(time), color="grey", linewidth=0.6)
