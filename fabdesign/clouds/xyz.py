@@ -18,8 +18,6 @@ from fabdesign.geometry.placement import Unit
 _COMMENTS = ("#", "//")
 _PTS_WIDTHS = (3, 4, 6, 7)  # x y z, then an intensity, a colour, or both
 Lines = list[tuple[int, str]]  # with their numbers in the file
-
-
 Points = NDArray[np.float64]
 
 
