@@ -106,6 +106,11 @@ def _mesh(path: Path, _: int) -> Geometry:
     return Geometry(*read_mesh(path))
 
 
+def _text(path: Path, _: int) -> Geometry:
+    points, unit = read_xyz(path)
+    return Geometry(points, unit=unit)
+
+
 def _mcap(path: Path, frame: int) -> Geometry:
     topics = read_mcap(path)
     if len(topics) > 1:
@@ -157,7 +162,7 @@ _READERS: Mapping[str, Callable[[Path, int], Geometry]] = {
     ".npz": _npz,
     ".c3d": _c3d,
     ".mcap": _mcap,
-    **dict.fromkeys((".xyz", ".csv", ".txt", ".tsv", ".asc"), lambda path, _: Geometry(**read_xyz(path)._asdict())),
+    **dict.fromkeys((".xyz", ".csv", ".txt", ".tsv", ".asc"), _text),
     **dict.fromkeys((".stl", ".off", ".glb", ".gltf"), _mesh),
 }
 KINDS = tuple(_READERS)

@@ -18,25 +18,20 @@ from fabdesign.geometry.placement import Unit
 _COMMENTS = ("#", "//")
 _PTS_WIDTHS = (3, 4, 6, 7)  # x y z, then an intensity, a colour, or both
 Lines = list[tuple[int, str]]  # with their numbers in the file
+Points = NDArray[np.float64]
 
 
-class TextCloud(NamedTuple):
-    points: NDArray[np.float64]  # (n, 3) in the file's unit; NaN where a cell is empty; n may be 0
-    unit: Unit | None = None  # that the header names
-
-
-def read_xyz(path: Path | str) -> TextCloud:
-    """Points of a text file.
+def read_xyz(path: Path) -> tuple[Points, Unit | None]:
+    """Return the points (n, 3) of a text file, NaN where a cell is empty, and the unit that its header names.
 
     Lines that are empty or start with # or // are skipped, but for one that names the columns; numbers are parted by
     semicolons, tabs, commas or blanks, and may have decimal commas where no commas part them. A header names the
     columns x, y and z, with their unit or above a row of units; without one they are the first three, and a CSV has no
     others. Raises InputError.
     """
-    path = Path(path)
     lines = _with_header(_lines(path), path)
     if not lines:
-        return TextCloud(np.zeros((0, 3)))
+        return np.zeros((0, 3)), None
     mark = _mark(lines[0][1])
     head = _split(lines[0][1], mark)
     columns, unit = [0, 1, 2], None
@@ -44,13 +39,13 @@ def read_xyz(path: Path | str) -> TextCloud:
         columns, unit, lines = _named(path, lines, mark)
     elif len(head) < 3 or (mark and len(head) > 3):
         _refuse(path, lines[0], "has no header" if mark and len(head) > 3 else "is no point")
-    cloud = TextCloud(_numbers(path, lines, mark, len(head), columns), unit)
+    points = _numbers(path, lines, mark, len(head), columns)
     if columns == [0, 1, 2]:
-        _require_no_numbering(cloud.points, len(head), path)
+        _require_no_numbering(points, len(head), path)
     commas = _decimal_commas(lines, mark)
     if mark == ";" or commas:
         note(f"{path}: written with {' and '.join(['semicolons'] * (mark == ';') + ['decimal commas'] * commas)}")
-    return cloud
+    return points, unit
 
 
 def is_text_cloud(path: Path) -> bool:
@@ -62,11 +57,10 @@ def is_text_cloud(path: Path) -> bool:
     return _names_axes(head) or _are_numbers(head)
 
 
-def read_pts(path: Path | str) -> NDArray[np.float64]:
+def read_pts(path: Path) -> Points:
     """Return (n, 3) points of a PTS: their count, then as many lines of x y z, with an intensity, a colour or both.
 
     Raises InputError."""
-    path = Path(path)
     lines = [line for line in _lines(path) if not line[1].startswith("#")]
     if not lines or not (lines[0][1].isascii() and lines[0][1].isdecimal()):
         raise InputError(f"{path}: its first line is no count of points; expected a sound PTS")
@@ -94,7 +88,7 @@ def _decimal_commas(lines: Lines, mark: str | None) -> bool:
     return mark != "," and any("," in line for _, line in lines)
 
 
-def _require_no_numbering(points: NDArray[np.float64], width: int, path: Path) -> None:
+def _require_no_numbering(points: Points, width: int, path: Path) -> None:
     """Raise InputError where the first of more than three columns counts the points: it is no x."""
     if width > 3 and len(points) > 2 and (np.diff(points[:, 0]) == 1).all():
         raise InputError(f"{path}: its first column counts the points; expected x, y, z, or a header that names them")
@@ -182,7 +176,7 @@ def _named(path: Path, lines: Lines, mark: str | None) -> _Named:
     return _Named(columns, unit, rest)
 
 
-def _numbers(path: Path, lines: Lines, mark: str | None, width: int, columns: list[int]) -> NDArray[np.float64]:
+def _numbers(path: Path, lines: Lines, mark: str | None, width: int, columns: list[int]) -> Points:
     """Return (n, 3). An empty cell is a point that was not seen, anything else that is no number is refused."""
     if not lines:
         return np.zeros((0, 3))

@@ -3,13 +3,14 @@ which images or clouds of several cameras belong to one frame, by their stamps: 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.depth.intrinsics import Intrinsics
 from fabdesign.errors import InputError
-from fabdesign.nouns.array import Array, Floats
+from fabdesign.nouns.array import Array
 
 MOST_FRAMES = 100_000
 _UNITS = (1e-6, 0.1)  # m: of a depth unit
@@ -61,11 +62,11 @@ class DepthStream:
         return cloud_of(self.depth(index) * self.unit, self.camera.slopes)
 
 
-def cloud_of(depth: Floats, slopes: Array) -> Array:
+def cloud_of(depth: NDArray[np.floating[Any]], slopes: Array) -> Array:
     """Return the points (n, 3) m of the pixels that have a depth [m], by the slopes of their rays."""
     rows, columns = np.nonzero(depth)
     z = depth[rows, columns, None]
-    return np.concatenate([slopes[rows, columns] * z, z], axis=1)
+    return np.asarray(np.concatenate([slopes[rows, columns] * z, z], axis=1))
 
 
 def paired_as_stamped(

@@ -18,18 +18,6 @@ _SLIM = 1e-9  # of its longest edge: a triangle less high is one in length only
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def corner_and_edges(vertices: Array, triangles: Indices) -> Array:
-    items = np.empty((len(triangles), 9))
-    for k in range(len(triangles)):
-        for a in range(3):
-            corner = vertices[triangles[k, 0], a]
-            items[k, a] = corner
-            items[k, a + 3] = vertices[triangles[k, 1], a] - corner
-            items[k, a + 6] = vertices[triangles[k, 2], a] - corner
-    return items
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def bodies_of(items: Array, order: Indices) -> Array:
     """Return points (m, 3) in that order; triangles (m, 18), each as the search takes it: a corner, the axes of a frame
     there (along an edge, across it in the plane, the normal), the edge's length, the third corner in that frame, its

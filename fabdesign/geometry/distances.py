@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from fabdesign.geometry import cell_items
 from fabdesign.geometry.cell_items import CellGrid
-from fabdesign.geometry.cell_search import edge_weights, search_cells
+from fabdesign.geometry.cell_search import search_cells
 from fabdesign.nouns.array import Array, Floats, Indices
 
 _PER_CELL = 12.0  # items in an occupied cell, were they all on one flat sheet
@@ -68,13 +68,29 @@ class Cells:
         return NearestItem(squared, item)
 
     def weights(self, points: NDArray[Any], item: Indices) -> Array:
-        """Return (n, 2) of the two edges of each point's triangle at its place nearest to the point (n, 3) m."""
-        return edge_weights(np.ascontiguousarray(points, dtype=np.float64), item, self.items)
+        """Return (n, 2) of the two edges of each point's triangle at its place nearest to the point (n, 3) m.
+
+        |corner + v b + w c - p|^2 is convex: the least is at the plane's foot if that is inside, else on an edge.
+        """
+        corner, b, c = self.items[item].reshape(-1, 3, 3).transpose(1, 2, 0)
+        p = np.asarray(points, dtype=np.float64).T - corner
+        bb, cc, bc, pb, pc = _dot(b, b), _dot(c, c), _dot(b, c), _dot(p, b), _dot(p, c)
+        determinant, v, w = bb * cc - bc * bc, cc * pb - bc * pc, bb * pc - bc * pb
+        inside = (determinant > 0) & (v >= 0) & (w >= 0) & (v + w <= determinant)
+        ways = (pb, bb), (pc, cc), (bb - bc - pb + pc, bb + cc - 2 * bc)  # along each edge, and its length, squared
+        with np.errstate(divide="ignore", invalid="ignore"):
+            foot = np.stack([v, w]) / determinant
+            at_b, at_c, across = (np.where(size > 0, np.clip(way / size, 0.0, 1.0), 0.0) for way, size in ways)
+        edges = np.array([[at_b, 0 * at_b], [0 * at_c, at_c], [1.0 - across, across]])  # (edge, weight, n)
+        off = p[:, None] - edges[:, 0] * b[:, None] - edges[:, 1] * c[:, None]
+        nearest = np.take_along_axis(edges, _dot(off, off).argmin(axis=0)[None, None], axis=0)[0]
+        return np.where(inside, foot, nearest).T
 
     @staticmethod
     def of_triangles(vertices: Array, triangles: Indices) -> "Cells":
         """Return the cells of a mesh: vertices (m, 3) m, and the corners of each triangle (t, 3)."""
-        return Cells(cell_items.corner_and_edges(vertices, triangles))
+        a, b, c = vertices[triangles.T]
+        return Cells(np.concatenate([a, b - a, c - a], axis=1))
 
     @cached_property
     def _grid(self) -> CellGrid:
@@ -93,6 +109,11 @@ class Cells:
     @cached_property
     def _next(self) -> "Cells":
         return Cells(self.items, self.coarser * _COARSER)
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Return the products of vectors (3, ...), in the order of their axes."""
+    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
 def nearest_distances(points: Floats, others: Floats) -> Array:

@@ -194,13 +194,18 @@ def _strip_gap(points: Array, fabric: Fabric) -> float:
     half, deep = fabric.width / 2, _STRIP * fabric.height
     x, y = np.meshgrid(np.linspace(-half, half, 41), np.linspace(0, -deep, 9))
     strip = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
-    away = np.linalg.norm(points - np.stack([points[:, 0].clip(-half, half), *np.zeros((2, len(points)))], 1), axis=1)
-    edge = points[away <= deep]
+    edge = points[_off_cloth(points, fabric, 0.0) <= deep]
     if not len(edge):
         return np.inf
-    nearest = np.stack([edge[:, 0].clip(-half, half), edge[:, 1].clip(-deep, 0), 0 * edge[:, 2]], axis=1)
-    to_strip = np.linalg.norm(edge - nearest, axis=1).mean()
-    return float(cKDTree(points).query(strip)[0].mean() + to_strip)
+    return float(cKDTree(points).query(strip)[0].mean() + _off_cloth(edge, fabric, deep).mean())
+
+
+def _off_cloth(points: Array, fabric: Fabric, deep: float) -> Array:
+    """Return (n,) m from points to so much [m] of the cloth, from its hung edge down, as it hangs without pressure,
+    flat."""
+    half = fabric.width / 2
+    x, y = points[:, 0].clip(-half, half), points[:, 1].clip(-deep, 0)
+    return np.asarray(np.linalg.norm(points - np.stack([x, y, 0 * x], axis=1), axis=1))
 
 
 def fit_markers(
@@ -217,13 +222,13 @@ def fit_markers(
         turned = turn.apply(metres)
         tie = TIE * float(turn.magnitude()) / (np.pi / 2)
         if misplaced(turned, fabric) is None:
-            sizes.append((_gap(turned, fabric) + tie, turn * given, np.zeros(3)))
+            sizes.append((float(_off_cloth(turned, fabric, fabric.height).mean()) + tie, turn * given, np.zeros(3)))
         # the markers' middle below the edge's, the uppermost as far below it as spread evenly
         upper = turned[turned[:, 1] >= np.quantile(turned[:, 1], 1 - _UPPER)]
         across = (turned[:, 0].min() + turned[:, 0].max()) / 2
         top = turned[:, 1].max() + fabric.height / (len(turned) + 1)
         shift = -np.array([across, top, np.median(upper[:, 2])])
-        laid.append((_gap(turned + shift, fabric) + tie, turn * given, shift))
+        laid.append((float(_off_cloth(turned + shift, fabric, fabric.height).mean()) + tie, turn * given, shift))
     spacing = float(np.sqrt(fabric.width * fabric.height / len(points)))
     best = min(gap for gap, _, _ in laid)
     sound = [candidate for candidate in sizes if candidate[0] <= best + _OWN * spacing] or laid
@@ -232,13 +237,6 @@ def fit_markers(
     over = [p for _, other, p in candidates if differ(other, OVER * turn) < SAME]
     rivals = [p for _, other, p in candidates if min(differ(other, turn), differ(other, OVER * turn)) >= SAME]
     return PlacementFit(placement_of(factor, turn, shift), over[0] if over else None, rivals[0] if rivals else None)
-
-
-def _gap(points: Array, fabric: Fabric) -> float:
-    """Return the mean distance [m] from the markers to the cloth as it hangs without pressure, flat."""
-    half = fabric.width / 2
-    x, y = points[:, 0].clip(-half, half), points[:, 1].clip(-fabric.height, 0)
-    return float(np.linalg.norm(points - np.stack([x, y, 0 * x], axis=1), axis=1).mean())
 
 
 @dataclass(frozen=True, eq=False)

@@ -138,7 +138,7 @@ class Fusion:
 
     def draw(self, folder: Path, ending: str, report: FusionReport) -> None:
         """Draw the last frame before and after, and of stamped images the page."""
-        from studies.fusion.report import draw, write_report
+        from studies.fusion.report import draw, page_of
         from studies.fusion.stamped import StampedFrames
 
         aligned, time, before, after = self._aligned, self.times[-1], {}, {}
@@ -149,7 +149,7 @@ class Fusion:
             before[sensor.name] = cloud @ sensor.camera_to_world[:3, :3].T + sensor.position
         draw(before, after, folder / f"fusion{ending}.png", title=f"{aligned.recording.name}, {time:.3f} s")
         if isinstance(aligned, StampedFrames):
-            write_report(folder / f"report{ending}.html", report, after, aligned)
+            (folder / f"report{ending}.html").write_text(page_of(report, after, aligned), encoding="utf-8")
 
 
 def _thin(faces: Mapping[str, Sequence[Array]], points: int, area: float) -> dict[str, Array]:

@@ -7,6 +7,7 @@ thinned on a grid, face by face, and sampled. docs/lab/fuse.md has the figures.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -106,15 +107,10 @@ def as_json(reports: Sequence[FusionReport], given: int) -> dict[str, Any]:
 
 def _designs(recordings: Sequence[Recording]) -> tuple[list[str], dict[str, Design]]:
     """Return each recording's key in the set's designs, and these: equal ones once, another of one name as NAME_2."""
-    keys: list[str] = []
-    designs: dict[str, Design] = {}
-    for recording in recordings:
-        design, number = recording.design, 1
-        key = design.name
-        while designs.setdefault(key, design) != design:
-            number += 1
-            key = f"{design.name}_{number}"
-        keys.append(key)
+    keys, designs = [], dict[str, Design]()
+    for design in (recording.design for recording in recordings):
+        names = (f"{design.name}_{number}" if number > 1 else design.name for number in count(1))
+        keys.append(next(name for name in names if designs.setdefault(name, design) == design))
     return keys, designs
 
 

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from fabdesign.depth.sensor import Sensor
 from fabdesign.errors import InputError
+from fabdesign.geometry.hung_cloth import at_rest
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.units import in_mm
@@ -92,8 +93,7 @@ def register_to_rest(sensor: Sensor, cloud: Array, fabric: Fabric, cleaned: Clea
 
 def _coarse(sensor: Sensor, cleaned: Array, fabric: Fabric, z: float) -> Array:
     """Return the pose by point-to-plane and then point-to-point ICP onto an even sample of the face."""
-    u, v = np.meshgrid(np.linspace(0, fabric.width, 81), np.linspace(0, fabric.height, 81))
-    face = np.stack([u.ravel() - fabric.width / 2, -v.ravel(), np.full(u.size, z)], axis=1)
+    face = at_rest(fabric, 81, 81) + [0.0, 0.0, z]
     target = point_cloud(face)
     target.normals = o3d.utility.Vector3dVector(np.tile([0.0, 0.0, 1.0], (len(face), 1)))
     source = point_cloud(cleaned)

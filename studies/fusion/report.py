@@ -21,9 +21,9 @@ AROUND = 60  # pixels
 SLICE = 0.008  # m, half the width of a slice in the picture
 
 
-def write_report(path: Path, report: "FusionReport", last: Mapping[str, Array], stamped: "StampedFrames") -> None:
-    """Write the page. last: the last frame's clouds in the world, by sensor."""
-    path.write_text(html_of(f"Fused: {report.recording}", _blocks(report, last, stamped)), encoding="utf-8")
+def page_of(report: "FusionReport", last: Mapping[str, Array], stamped: "StampedFrames") -> str:
+    """Return the page. last: the last frame's clouds in the world, by sensor."""
+    return html_of(f"Fused: {report.recording}", _blocks(report, last, stamped))
 
 
 def _blocks(report: "FusionReport", last: Mapping[str, Array], stamped: "StampedFrames") -> Iterator[Block]:
@@ -116,7 +116,7 @@ def _timeline(stamped: "StampedFrames") -> Figure:
         times = stamped.timed.times(k) - stamped.offset
         above.plot(times, in_mm(np.array([view.mean_speed for view in views])), label=stamped.anchored.sensors[k].name)
         below.plot(times, np.full(len(times), k), "|", color=f"C{k}")
-        lost: Any = stamped.timed.clocks[k].times(np.array(stamped.odd[k].lost)) - stamped.offset
+        lost: Any = stamped.timed.clocks[k].times(np.array(stamped.cutters[k].odd.lost)) - stamped.offset
         below.plot(lost, np.full(len(lost), k), "x", color="red")
     for time in stamped.recording.program.time[:50]:
         above.axvline(float(time), color="grey", linewidth=0.6)

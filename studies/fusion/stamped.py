@@ -14,15 +14,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fabdesign.clouds.recording import Recording
-from fabdesign.depth.sensor import Sensor
-from fabdesign.depth.stream import DepthStream
 from fabdesign.errors import InputError, note
 from fabdesign.files.pressure_file import steps_of
 from fabdesign.nouns.array import Array, Indices
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.trial import RecordingTiming, SensorTiming
-from studies.fusion.clocks import Losses, coarse_clocks
-from studies.fusion.cutting import Cutter, SensorImages, read_images, view_at_rest
+from studies.fusion.clocks import coarse_clocks, places
+from studies.fusion.cutting import Cutter
 from studies.fusion.input import AlignedFrames, Anchored, anchor_sensors, moved_camera
 from studies.fusion.joint import SensorView, TimedViews, align_timed
 from studies.fusion.onset import pressure_offset
@@ -46,7 +44,6 @@ class StampedFrames(AlignedFrames):
     timed: TimedViews
     instants: Array  # (T,) s on the common axis
     offset: float  # s, common time of the pressure's 0
-    odd: tuple[Losses, ...]
 
     def frames(self) -> Iterator[tuple[int, float, Sequence[SensorView]]]:
         """Yield the number, the time [s] and the views of each frame."""
@@ -71,7 +68,7 @@ def stamped_frames(recording: Recording, tolerance: Tolerance) -> StampedFrames:
     is kept, since that needs times and poses. Raises InputError."""
     fabric = recording.design.fabric
     cutters = [
-        Cutter(stream, sensor.camera_to_world, recording.cut, fabric)
+        Cutter(stream, sensor.camera_to_world, recording.cut, fabric, sensor.name)
         for sensor, stream in zip(recording.sensors, recording.depth, strict=True)
     ]
     if recording.cut.predicted is None:
@@ -79,11 +76,12 @@ def stamped_frames(recording: Recording, tolerance: Tolerance) -> StampedFrames:
     coarse = _frames_of(recording, cutters, Tolerance(True))
     cloth = predicted_cloth(recording)
 
-    def nearer(k: int, stream: DepthStream) -> Cutter:
-        times = coarse.timed.clocks[k].times(stream.stamps) - coarse.offset
-        return Cutter(stream, coarse.poses[k], recording.cut, fabric, lambda number: cloth(float(times[number])))
+    def nearer(k: int, one: Cutter) -> Cutter:
+        times = coarse.timed.clocks[k].times(one.stream.stamps) - coarse.offset
+        pose, cut = coarse.poses[k], recording.cut
+        return Cutter(one.stream, pose, cut, fabric, one.name, lambda number: cloth(float(times[number])))
 
-    cutters = [nearer(k, cutter.stream) for k, cutter in enumerate(coarse.cutters)]
+    cutters = [nearer(k, cutter) for k, cutter in enumerate(coarse.cutters)]
     used = replace(recording, sensors=coarse.anchored.sensors, depth=tuple(cutter.stream for cutter in cutters))
     return _frames_of(used, cutters, tolerance)
 
@@ -109,23 +107,21 @@ def _frames_of(recording: Recording, cutters: Sequence[Cutter], tolerance: Toler
     images = sum(len(stream.stamps) for stream in recording.depth)
     if images > MOST_VIEWS:
         raise InputError(f"{recording.folder}: {images} images; expected at most {MOST_VIEWS}")
-    by_sensor: dict[str, SensorImages] = {}
-    for sensor, cutter in zip(recording.sensors, cutters, strict=True):
+    read: dict[str, Cutter] = {}
+    for cutter in cutters:
         with tolerance.forgiving():
-            by_sensor[sensor.name] = read_images(cutter, sensor, tolerance)
-    if not by_sensor:
+            cutter.read(tolerance)
+            read[cutter.name] = cutter
+    if not read:
         raise InputError(f"recording {recording.name}: no sensor is left")
-
-    def at_rest(sensor: Sensor) -> tuple[Array, SensorView] | None:
-        return view_at_rest(by_sensor[sensor.name])
-
-    anchored = anchor_sensors(recording, tolerance, [camera.sensor for camera in by_sensor.values()], at_rest)
-    cameras = [by_sensor[sensor.name] for sensor in anchored.sensors]
+    among = [sensor for sensor in recording.sensors if sensor.name in read]
+    anchored = anchor_sensors(recording, tolerance, among, lambda sensor: read[sensor.name].at_rest())
+    cameras = [read[sensor.name] for sensor in anchored.sensors]
     views, interval = [camera.views for camera in cameras], cameras[0].odd.interval
-    clocks, similar = coarse_clocks(views, all(camera.cutter.stream.clock == "global" for camera in cameras))
+    clocks, similar = coarse_clocks(views, all(camera.stream.clock == "global" for camera in cameras))
     timed = TimedViews(views, clocks, [COARSELY if np.isfinite(s) else UNKNOWN for s in similar])
     stamps = np.array([view.stamp for view in views[0]])
-    place = np.cumsum(np.concatenate([[0], np.maximum(np.round(np.diff(stamps) / interval), 1)]))
+    place = places(stamps, interval)
     step, start = np.polyfit(place, stamps, 1) if len(stamps) > 2 else (interval, stamps[0])
     instants = timed.clocks[0].times(start + step * np.arange(int(place[-1]) + 1))  # through the first camera's images
     shown = _steady(timed)
@@ -135,10 +131,7 @@ def _frames_of(recording: Recording, cutters: Sequence[Cutter], tolerance: Toler
     timed = timed.moved(aligned.clocks)
     offset, uncertain, steps = _pressure(recording, timed)
     kept, left_out = _paired(recording, anchored, timed, instants, offset, interval)
-    timing = {
-        camera.sensor.name: _timing(camera, timed, k, kept, spread, similar[k])
-        for k, (camera, spread) in enumerate(zip(cameras, aligned.spread, strict=True))
-    }
+    timing = {c.name: _timing(c, timed, k, kept, aligned.spread[k], similar[k]) for k, c in enumerate(cameras)}
     begins = _us(offset - timed.times(0)[0])
     return StampedFrames(
         recording=recording,
@@ -146,11 +139,10 @@ def _frames_of(recording: Recording, cutters: Sequence[Cutter], tolerance: Toler
         poses=aligned.poses,
         times=np.round(kept - offset, 6),
         timing=RecordingTiming(_us(interval), left_out, begins, _us(uncertain), steps, timing),
-        cutters=[camera.cutter for camera in cameras],
+        cutters=cameras,
         timed=timed,
         instants=kept,
         offset=offset,
-        odd=tuple(camera.odd for camera in cameras),
     )
 
 
@@ -244,7 +236,7 @@ def _nearest(timed: TimedViews, camera: int, instants: Array) -> tuple[Array, In
 
 
 def _timing(
-    camera: SensorImages, timed: TimedViews, column: int, instants: Array, spread: float, similar: float
+    camera: Cutter, timed: TimedViews, column: int, instants: Array, spread: float, similar: float
 ) -> SensorTiming:
     """Return a camera's clock against the first's, and what became of its images."""
     clock, first, odd, times = timed.clocks[column], timed.clocks[0], camera.odd, timed.times(column)
@@ -258,7 +250,7 @@ def _timing(
         -float(clock.drift),
         _us(spread) if column else 0.0,
         column == 0 or bool(np.isfinite(similar)),
-        len(camera.cutter.stream.stamps),
+        len(camera.stream.stamps),
         len(odd.lost),
         len(odd.repeated),
         len(odd.late),

@@ -41,7 +41,8 @@ def with_target_poses(recording: Recording) -> tuple[Recording, dict[str, float]
         raise InputError(f"{place}: a target is seen in depth images; expected bag or images of each sensor")
     paired, chosen = paired_as_stamped(streams, 30.0, str(place))
     chosen = chosen[np.unique(np.linspace(0, len(chosen) - 1, MOST_IMAGES).round().astype(int))]
-    seen = [_still(target_points(stream, [int(k) for k in chosen[:, c]], target)) for c, stream in enumerate(paired)]
+    points = [target_points(stream, [int(k) for k in chosen[:, c]], target) for c, stream in enumerate(paired)]
+    seen = [{key: point for key, point in each.items() if not _moves(each, *key)} for each in points]
     nominal = [sensor.camera_to_world for sensor in recording.sensors]
     poses, residuals = solve(seen, nominal, [sensor.name for sensor in recording.sensors])
     sensors = tuple(replace(s, camera_to_world=pose) for s, pose in zip(recording.sensors, poses, strict=True))
@@ -124,14 +125,10 @@ def target_points(stream: DepthStream, numbers: Sequence[int], target: SeenTarge
     return seen
 
 
-def _still(seen: Mapping[tuple[int, int], Array]) -> dict[tuple[int, int], Array]:
-    """Return the points of frames in which the target does not move."""
-
-    def moves(frame: int, corner: int, point: Array) -> bool:
-        beside = [seen.get((frame + step, corner)) for step in (-1, 1)]
-        return any(other is not None and np.linalg.norm(other - point) > STILL for other in beside)
-
-    return {key: point for key, point in seen.items() if not moves(*key, point)}
+def _moves(seen: Seen, frame: int, corner: int) -> bool:
+    """Return whether a point of the target is elsewhere in the frame before or after."""
+    beside = [seen.get((frame + step, corner)) for step in (-1, 1)]
+    return any(other is not None and np.linalg.norm(other - seen[frame, corner]) > STILL for other in beside)
 
 
 def sphere_middle(cloud: Array, radius: float, pixel: float, rng: np.random.Generator) -> Array | None:

@@ -26,6 +26,7 @@ from studies.fitting.fitted_model import expected_rms
 from studies.fitting.joint_fit import beside, joint_fit
 from studies.model_selection.judged import Judged, certain_drift, is_certain
 from studies.model_selection.rules import ON_SETS, Selection, below, follow
+from studies.model_selection.verdict import so_far
 from studies.tracing.task import Task, to_first_order
 
 SLIGHT = 2.0  # times the tolerance: what leaves no more is near the minimum, and the joint fit begins there

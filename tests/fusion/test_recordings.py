@@ -239,7 +239,7 @@ def test_a_hand_beside_the_predicted_cloth_is_cut() -> None:
         ("predicted", Cut(predicted=0.03), lambda number: cloth),
         ("colour", blue, None),
     ):
-        cutter = Cutter(stream, camera.pose, cut, DESIGN.fabric, predicted)
+        cutter = Cutter(stream, camera.pose, cut, DESIGN.fabric, "front_left", predicted)
         depth = np.zeros(SIZE)
         depth[cutter.part] = cutter.depth(0)
         kept[name] = (depth > 0) & hand

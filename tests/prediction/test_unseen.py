@@ -23,7 +23,7 @@ from fabdesign.nouns.model import Covariance, Model, Parameter, Spread
 from fabdesign.nouns.model_sampling import TWO_SIDED, spread_hash
 from fabdesign.nouns.pressure import fastest
 from fabdesign.study_files.unseen_file import UnseenStudy
-from studies.check.study import study_findings
+from studies.check.design import study_findings
 from studies.unseen.prediction import Draws, after, in_turn, spread
 from studies.unseen.report import as_text
 from studies.unseen.run import run_unseen
