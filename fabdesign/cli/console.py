@@ -17,7 +17,6 @@ from fabdesign.formats.json_file import json_text
 from fabdesign.runtime import working_time
 from fabdesign.runtime.effort import duration
 from fabdesign.runtime.shortage import ensure_cache_folder
-from fabdesign.units import in_mm
 from fabdesign.version import __version__
 
 if TYPE_CHECKING:
@@ -156,14 +155,17 @@ class LiveLine:
         self._shown = -_QUIET
         self._told = ""
 
-    def show(self, evaluations: "Evaluations") -> None:
-        if evaluations.message != self._told:
-            self._told = evaluations.message
-            self._console.print(f"{self._title}: {self._told}", highlight=False, markup=False, soft_wrap=True)
-        best = "none yet" if evaluations.best is None else f"{in_mm(evaluations.best.value):.3f} mm"
+    def show(self, evaluations: "Evaluations", search: str = "") -> None:
+        """Show how a search stands. search: its name, where there are several."""
+        name = f"{search}: " if search else ""
+        if evaluations.message and evaluations.message != self._told:
+            line = f"{self._title}: {name}{evaluations.message}"
+            self._console.print(line, highlight=False, markup=False, soft_wrap=True)
+        self._told = evaluations.message
         done = f"{evaluations.history.evaluations} evaluations, {evaluations.elapsed:.0f} s"
         remaining = f"{max(0.0, evaluations.seconds - evaluations.elapsed):.0f} s left at most"
-        self.say(f"{evaluations.stage}: best {best}, {done}", share=evaluations.share, left=remaining)
+        line = f"{name}{evaluations.stage}: {evaluations.best_in_words}, {done}"
+        self.say(line, share=evaluations.share, left=remaining)
 
     def say(self, text: str, *, share: float | None = None, left: str = "") -> None:
         """Show `title: text`; on a terminal a bar with the share done and what is said of the time left."""

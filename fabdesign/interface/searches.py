@@ -181,7 +181,7 @@ def layouts(
     def cell(cell: Any, number: int, of: int, at: Evaluations) -> None:
         nonlocal total
         total = of
-        line = f"{cell.name}, {number} of {of}: {_best(at)}, {at.elapsed:.0f} s in this search"
+        line = f"{cell.name}, {number} of {of}: {at.best_in_words}, {at.elapsed:.0f} s in this search"
         show(line, min(1.0, (number - 1 + at.share) / of))
 
     return run.study(run_layouts, study, out, seconds, progress=cell)
@@ -257,7 +257,7 @@ def demo(out: Folder = "demo", **given: Unpack[Working]) -> Demo:
 
     run = Run(**given)
     show, say = _whole_search(run), getattr(run.progress, "say", run.say)
-    return run_demo(Path(out), force=run.force, progress=lambda name, evaluations: show(evaluations), say=say)
+    return run_demo(Path(out), force=run.force, progress=lambda name, evaluations: show(evaluations, name), say=say)
 
 
 def _targets(target: Any, keys: dict[str, Any]) -> dict[str, Any]:
@@ -282,13 +282,11 @@ def _absolute(file: Any) -> str:
     return str(Path(file).absolute())
 
 
-def _whole_search(run: Run) -> Callable[[Evaluations], None]:
-    """Return what shows how a search stands; a live line shows all of it."""
-    show: Callable[[Evaluations], None] = getattr(run.progress, "show", lambda at: run.progress(_best(at), at.share))
+def _whole_search(run: Run) -> Callable[..., None]:
+    """Return what shows how a search stands, with its name where there are several; a live line shows all of it."""
+
+    def line(at: Evaluations, search: str = "") -> None:
+        run.progress(f"{search}: {at.best_in_words}" if search else at.best_in_words, at.share)
+
+    show: Callable[..., None] = getattr(run.progress, "show", line)
     return show
-
-
-def _best(at: Evaluations) -> str:
-    from fabdesign.units import in_mm
-
-    return "best none yet" if at.best is None else f"best {in_mm(at.best.value):.3f} mm"

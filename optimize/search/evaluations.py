@@ -10,6 +10,7 @@ import numpy as np
 from fabdesign.nouns.column import Jacobians
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.runtime import working_time
+from fabdesign.units import in_mm
 from optimize.search.design_space import DesignSpace, Vector
 from optimize.search.history import Entry, History
 from optimize.search.objective import Objective, Poses
@@ -108,6 +109,15 @@ class Evaluations:
     def elapsed(self) -> float:
         """s spent, earlier sessions of this history included."""
         return working_time.seconds() - self._began
+
+    @property
+    def best_in_words(self) -> str:
+        """Return the best so far for people; of the coarse model until the last stage's has a value, which may be
+        higher."""
+        if self.best is None:
+            return "best none yet"
+        where = "" if self.stages[self.best.stage].values_as(self.stages[-1]) else " on the coarse model"
+        return f"best {in_mm(self.best.value):.3f} mm{where}"
 
     @property
     def share(self) -> float:
@@ -209,7 +219,10 @@ class Evaluations:
     def require_time(self, needed: float = 0.0) -> None:
         """Raises Stop where less than `needed` s are left."""
         if self.elapsed + needed > self.seconds:
-            raise Stop(f"time used: the limit of {self.limit:g} s is reached")
+            part = f"the search's part, {self.seconds:g} of {self.limit:g} s,"
+            what = part if self.seconds < self.limit else f"the limit of {self.limit:g} s"
+            ends = "is reached" if self.elapsed >= self.seconds else "would be passed by the next step"
+            raise Stop(f"time used: {what} {ends}")
 
     def set_down(self, reason: str = "") -> None:
         """Keep the best, and what was spent, at an end within a round. reason: of an end by a limit."""

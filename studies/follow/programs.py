@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from fabdesign.nouns.forward import Case, Term
-from fabdesign.nouns.pressure import PressureProgram, limits
+from fabdesign.nouns.pressure import PressureProgram, limits, regulated
 from fabdesign.study_files.follow_file import FollowStudy
 
 Array = NDArray[np.float64]
@@ -65,7 +65,7 @@ class Regulator:
 def regulator_of(study: FollowStudy) -> Regulator:
     """Return what the study's pressures keep."""
     rig = study.rig
-    most = np.minimum(limits(study.design), min(rig.pressure, rig.supply or np.inf))
+    most = regulated(np.minimum(limits(study.design), min(rig.pressure, rig.supply or np.inf)), rig.resolution)
     return Regulator(rig.cycle, rig.resolution, np.zeros(study.design.channels), most, rig.rate)
 
 

@@ -99,8 +99,7 @@ def _with_layout(
     """Return the study with the design that a search finds, as the rig can drive it."""
 
     def show(at: Evaluations) -> None:
-        best = "none yet" if at.best is None else f"{in_mm(at.best.value):.3f} mm"
-        progress(f"a layout for shapes at rest: best {best}", 0.0)
+        progress(f"a layout for shapes at rest: {at.best_in_words}", 0.0)
 
     design = chosen_layout(study, wanted, regulator, work, show)
     if study.rig.channels is not None and design.channels > study.rig.channels:

@@ -127,15 +127,15 @@ def fewer_said(study: Study, fewer: Fewer, *, converged: bool = True) -> str:
     space = fewer.start[0]
     count = len(space.design.muscles)
     bound = f"within {study.price.tolerance:.0%} of it" if not study.price.muscle else "for the price of a muscle"
+    value, before = f"{in_mm(fewer.value):.2f} mm", f"{in_mm(fewer.before):.2f} mm"
+    mm = f"{value} with either" if value == before else f"{value} instead of {before}, {bound}"
     if count < fewer.count:
-        mm = f"{in_mm(fewer.value):.2f} mm instead of {in_mm(fewer.before):.2f}"
         cut = ", not tried to the end" if fewer.cut else ""
         on = f" on {_channels(space.channels)}" if space.channels < count else ""
-        return f"{count} muscles{on} are enough, where the search came to {fewer.count}: {mm}, {bound}{cut}."
+        return f"{count} muscles{on} are enough, where the search came to {fewer.count}: {mm}{cut}."
     if not fewer.ended:
         straight = "" if any(len(muscle.path) > 2 for muscle in space.design.muscles) else ", straight,"
-        mm = f"{in_mm(fewer.value):.2f} mm instead of {in_mm(fewer.before):.2f}"
-        return f"The {count} muscles{straight} are enough on {_channels(space.channels)}: {mm}, {bound}." + (
+        return f"The {count} muscles{straight} are enough on {_channels(space.channels)}: {mm}." + (
             " Fewer muscles are not enough." if converged else ""
         )
     if fewer.cut:

@@ -18,10 +18,10 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import RISE
 from fabdesign.nouns.model_sampling import half_widths, spread_of
 from fabdesign.nouns.predictor import Predictor
-from fabdesign.nouns.pressure import poses_in_words, rising_program
+from fabdesign.nouns.pressure import poses_in_words, regulated, rising_program
 from fabdesign.runtime.fingerprint import content_of
 from fabdesign.study_files.study_file import Study
-from fabdesign.units import from_kpa, in_kpa, in_mm
+from fabdesign.units import in_kpa, in_mm
 from fabdesign.version import SIMULATOR, __version__
 from optimize.search.design_space import DesignSpace
 from optimize.search.evaluations import SLOPES
@@ -37,8 +37,6 @@ from studies.layouts.reach import Reach
 from studies.layouts.refinement import fewer_said, front_said, kept_fewer
 from studies.layouts.robustness import Robustness
 from studies.layouts.robustness import as_json as robust_json
-
-REGULATED = 0.1  # kPa, steps of the pressures in a file: finer than regulators resolve
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,8 +217,7 @@ def write_best(
     """Write a design, each pose's pressures [Pa], held until its time [s] or, to a shape at rest, rising within `rise`
     s, and result.json, each file whole."""
     write_design(design, out / "design.toml")
-    steps = np.floor(in_kpa(pressures) / REGULATED + 1e-6)  # not above: a limit may lie there
-    for pose, (row, time) in enumerate(zip(from_kpa(steps * REGULATED), times, strict=True), start=1):
+    for pose, (row, time) in enumerate(zip(regulated(pressures), times, strict=True), start=1):
         file = pressure_file_of(pose)
         program = (
             rising_program(row, rise, rise + SINGLE_ROW_DURATION)

@@ -240,6 +240,8 @@ def test_a_page_explains_what_ran_and_its_legends_leave_the_bars_free(
         over = legend.get_window_extent()
         assert over.y0 >= axes.get_window_extent().y1 - 1
         assert over.x1 <= figure.bbox.x1 and over.y1 <= figure.bbox.y1
+        title = axes.xaxis.label.get_window_extent()
+        assert figure.bbox.x0 <= title.x0 and title.x1 <= figure.bbox.x1
 
 
 def test_a_study_killed_goes_on_and_ends_with_the_same_numbers(study: SensitivityStudy, tmp_path: Path) -> None:
