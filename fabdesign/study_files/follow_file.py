@@ -78,7 +78,7 @@ _TARGET = Key(
     expected=_EITHER,
     one_of={
         "motion": Annotated[MovingTarget, "the motion that is wanted"],
-        "moments": Annotated[tuple[Moment, ...], "shapes and their times; between them the pressures are smooth"],
+        "moments": Annotated[tuple[Moment, ...], "poses: shapes and their times; between them the cloth goes by shapes at rest"],
     },
 )
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +23,11 @@ FLOORLESS = 0.5e-3  # m, the same of a target without noise
 
 @dataclass(frozen=True)
 class Limitation:
-    """Why the motion lacks something between two instants [s]: by "pressure", "rate" or "reach"."""
+    """Why the motion lacks something between two instants [s]."""
 
     begin: float
     end: float
-    by: str
+    by: Literal["highest", "lowest", "rate", "reach"]  # the first two are limits of pressure
     channels: tuple[int, ...] = ()
 
     @property
@@ -36,9 +36,10 @@ class Limitation:
         when = f"from {self.begin:.2f} to {self.end:.2f} s"
         if self.by == "reach":
             return f"{when} the layout does not reach the shape, or not so fast: no limit of the regulator is met"
-        numbers = ", ".join(map(str, self.channels))
-        what = {"pressure": "at the end of what pressure may be", "rate": "as fast as the regulator changes"}[self.by]
-        return f"{when} channel {numbers} is {what}"
+        several = len(self.channels) > 1
+        which = f"channel{'s' * several} {', '.join(map(str, self.channels))} {'are' if several else 'is'}"
+        what = {"highest": "at the highest pressure", "lowest": "at the lowest pressure, after falling to it"}
+        return f"{when} {which} {what.get(self.by, 'as fast as the regulator changes')}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,15 +90,19 @@ class FollowResult:
                 spans.append(Limitation(before, float(times[k]), by, channels))
         return spans
 
-    def _met(self, time: float) -> tuple[str, tuple[int, ...]]:
-        """Return which limit a set point meets in the cycles before an instant."""
+    def _met(self, time: float) -> tuple[Literal["highest", "lowest", "rate", "reach"], tuple[int, ...]]:
+        """Return which limit a set point meets in the cycles before an instant. A channel that was idle all the time
+        holds nothing back, unless all are."""
         regulator, last = self.regulator, int(np.ceil(time / self.regulator.cycle - 1e-9))
         rows = self.pressures[max(0, last - 4) : last]
         room = AT_LIMIT * regulator.resolution
-        ends = (rows <= regulator.lowest + room) | (rows >= regulator.highest - room)
+        low, high = rows <= regulator.lowest + room, rows >= regulator.highest - room
+        fallen = low[-1:] & (~low[:1] | low.all())
         steps = np.abs(np.diff(np.concatenate([np.zeros((1, regulator.channels)), self.pressures]), axis=0))
         fast = steps[max(0, last - 4) : last] >= regulator.change - regulator.resolution - room
-        for by, met in (("rate", fast), ("pressure", ends)):
+        limits: dict[Literal["highest", "lowest", "rate"], NDArray[np.bool_]] = {}
+        limits |= {"rate": fast, "highest": high, "lowest": fallen}
+        for by, met in limits.items():
             if (channels := np.flatnonzero(met.any(axis=0))).size:
                 return by, tuple(channels.tolist())
         return "reach", ()
@@ -132,7 +137,12 @@ class FollowResult:
                 "band_mm": None if copies is None else in_mm(copies.band).tolist(),
             },
             "limited": [
-                {"from_s": one.begin, "to_s": one.end, "by": one.by, "channels": list(one.channels)}
+                {
+                    "from_s": one.begin,
+                    "to_s": one.end,
+                    "by": one.by if one.by in ("rate", "reach") else "pressure",
+                    "channels": list(one.channels),
+                }
                 for one in self.limitations
             ],
             "copies": copies

@@ -18,7 +18,8 @@ from studies.follow.wanted import moved as moved_distances
 
 Array = NDArray[np.float64]
 APART = 0.3  # s between two instants, at least
-STEPS = 3  # of Gauss-Newton
+STEPS, STEPS_OF_POSES = 3, 6  # of Gauss-Newton
+BETWEEN = 0.1  # s from one shape between two poses to the next
 BEGIN = 0.2  # of the highest pressures, where the first instant's search begins
 FARTHEST = 0.8  # of UNIT, by which a pressure moves at once
 STIFF = 1.0  # of 1 / UNIT^2: the prior's, about where a pressure is
@@ -34,9 +35,8 @@ def quasi_static(predictor: Predictor, case: Case, wanted: Wanted, regulator: Re
     columns = [pressure(channel) for channel in range(regulator.channels)]
     jacobians = predictor.faces_jacobian
     assert jacobians is not None
-    for _ in range(STEPS):
-        held = [replace(case, program=PressureProgram(np.zeros(1), row[None], 1.0)) for row in pressures]
-        shapes = jacobians(held, columns)
+    for _ in range(STEPS_OF_POSES if wanted.poses else STEPS):
+        shapes = jacobians([_held(case, row) for row in pressures], columns)
         for k, (moment, shape) in enumerate(zip(moments, shapes, strict=True)):
             side = isqrt(len(shape.points) // 2)
             distances = wanted.distances(int(moment), shape.points, side)
@@ -51,8 +51,28 @@ def quasi_static(predictor: Predictor, case: Case, wanted: Wanted, regulator: Re
             pressures[k] = np.clip(moved, regulator.lowest, regulator.highest)
     times = np.concatenate([[0.0], wanted.times[moments]])
     rows = np.concatenate([np.zeros((1, regulator.channels)), nearest])
-    at = regulator.cycle * (np.arange(cycles) + 0.5)
+    at = np.minimum(regulator.cycle * (np.arange(cycles) + 0.5), times[-1])
+    if wanted.poses:  # without speed at the poses, and at rest
+        after = np.searchsorted(times, at).clip(1)
+        share = (at - times[after - 1]) / np.diff(times)[after - 1]
+        share = share**2 * (3 - 2 * share)
+        at = times[after - 1] + share * np.diff(times)[after - 1]
     return regulator.kept(np.stack([np.interp(at, times, row) for row in rows.T], axis=1))
+
+
+def between_poses(predictor: Predictor, case: Case, wanted: Wanted, program: PressureProgram) -> Wanted:
+    """Return what is wanted with the shapes at rest under `program` between its poses: a cloth that follows them does
+    not swing. A motion stays as it is."""
+    times = np.arange(BETWEEN, wanted.times[-1], BETWEEN) if wanted.poses else wanted.times[:0]
+    times = times[np.abs(times[:, None] - wanted.times).min(axis=1, initial=np.inf) > BETWEEN / 2]
+    rows = program.at(times)
+    shapes = predictor.equilibria([_held(case, row) for row in rows]) if len(rows) else []
+    sound = [k for k, shape in enumerate(shapes) if np.isfinite(shape).all()]
+    return wanted.guided(times[sound], np.array([shapes[k] for k in sound])) if sound else wanted
+
+
+def _held(case: Case, row: Array) -> Case:
+    return replace(case, program=PressureProgram(np.zeros(1), row[None], 1.0))
 
 
 def _apart(times: Array) -> Sequence[int]:

@@ -42,7 +42,7 @@ def _of_moments(moments: tuple[Moment, ...], study: FollowStudy) -> Wanted:
     for moment in moments:
         if moment.target.free:
             raise InputError(f"{moment.target.file}: free at {moment.time:g} s; expected a place that is given, or fit")
-    return Wanted(np.array([moment.time for moment in moments]), tuple(targets))
+    return Wanted(np.array([moment.time for moment in moments]), tuple(targets), poses=True)
 
 
 def _of_motion(target: MovingTarget, design: Design, seed: int) -> Wanted:

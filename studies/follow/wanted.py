@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fabdesign.geometry.metrics import landmark_errors, surface_rms
 from fabdesign.geometry.shape import Shape, at_places, bilinear
 from fabdesign.geometry.surface import Surface
+from fabdesign.geometry.wishes import Landmarks
 from optimize.fit.clouds import Match, Nodes, nodes_of
 from studies.layout_search.target import LoadedTarget
 
@@ -22,6 +23,7 @@ POINTS = 300  # of a cloud that are compared while searching: more say nothing n
 SCALE = 2e-4  # m, of what distances are worth where a target shows no noise
 WISHED = 1e-3  # m, the same of wishes, which nobody means so exactly
 EACH = 100.0  # independent points that an instant counts as, whatever its cloud has
+GUIDES, GUIDED = 5, 0.1  # places a side of a shape between poses; its weight, where a pose has 1
 HUBER, FARTHEST = 1.345, 0.020  # of the scale; m, a distance that counts less beyond
 
 
@@ -55,10 +57,24 @@ class Distances:
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """A target at each instant. times (K,) s after rest, rising, above 0."""
+    """A target at each instant. times (K,) s after rest, rising, above 0. poses: shapes at a few instants, between
+    which the cloth is to move smoothly."""
 
     times: Array
     targets: tuple[LoadedTarget, ...]
+    poses: bool = False
+
+    def guided(self, times: Array, shapes: Floats) -> "Wanted":
+        """Return the same with shapes (T, 2 n, 3) m at other `times` (T,) s, which count little: the way between
+        poses."""
+        u, v = (share.ravel() for share in np.meshgrid(*[np.linspace(0, 1, GUIDES)] * 2))
+        shares = np.stack([u, v], axis=1)
+        every = dict(zip(self.times.tolist(), self.targets, strict=True))
+        for time, shape in zip(times.tolist(), shapes, strict=True):
+            goals = at_places(Shape.of(shape.astype(float)).middle, shares)
+            marks = Landmarks(shares, goals, np.ones(goals.shape, bool), np.full(len(goals), 1 / len(goals)))
+            every[time] = LoadedTarget(goals, landmarks=marks, weight=GUIDED)
+        return Wanted(np.array(sorted(every)), tuple(every[time] for time in sorted(every)), self.poses)
 
     def distances(self, moment: int, points: Floats, side: int) -> Distances | None:
         """Return the distances of instant number `moment` to a shape (2 n, 3) m. side: nodes of the mid-surface, a
@@ -74,7 +90,7 @@ class Wanted:
         """Return the same with about so many points of each cloud."""
         step = [-(-len(target.points) // count) if target.landmarks is None else 1 for target in self.targets]
         thin = (replace(target, points=target.points[::k]) for target, k in zip(self.targets, step, strict=True))
-        return Wanted(self.times, tuple(thin))
+        return Wanted(self.times, tuple(thin), self.poses)
 
     def errors(self, times: Array, motion: Floats) -> Array:
         """Return (T,) m of a motion's frames (T, 2 n, 3) m: surface RMS at wanted instants, NaN at other times."""
