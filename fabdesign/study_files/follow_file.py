@@ -78,7 +78,9 @@ _TARGET = Key(
     expected=_EITHER,
     one_of={
         "motion": Annotated[MovingTarget, "the motion that is wanted"],
-        "moments": Annotated[tuple[Moment, ...], "poses: shapes and their times; between them the cloth goes by shapes at rest"],
+        "moments": Annotated[
+            tuple[Moment, ...], "poses: shapes and their times; between them the cloth goes by shapes at rest"
+        ],
     },
 )
 

@@ -84,7 +84,7 @@ def within_rate(program: PressureProgram, rate: float, resolution: float = 100.0
     if not np.isfinite(rate):
         return program
     times = np.asarray(TICK * np.arange(max(1, round(program.duration / TICK))), np.float64)
-    most = max(regulated(np.asarray(rate * TICK), resolution), resolution)
+    most = max(float(regulated(np.asarray(rate * TICK), resolution)), resolution)
     wanted, at, rows = regulated(program.at(times), resolution), np.zeros(program.pressure.shape[1]), []
     for row in wanted:
         at = at + np.clip(row - at, -most, most)

@@ -268,7 +268,9 @@ def test_what_cannot_be_reached_is_answered_by_the_nearest_motion_and_the_reason
     free = replace(result, regulator=replace(result.regulator, rate=np.inf))
 
     def said(*rows):
-        [limit] = replace(free, pressures=np.array([*rows[:1] * (len(result.pressures) - len(rows)), *rows])).limitations
+        [limit] = replace(
+            free, pressures=np.array([*rows[:1] * (len(result.pressures) - len(rows)), *rows])
+        ).limitations
         return limit.sentence
 
     assert said([300e3, 0], [300e3, 0]).endswith("s channel 0 is at the highest pressure")  # the other one is idle
