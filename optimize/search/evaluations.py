@@ -157,8 +157,7 @@ class Evaluations:
         """Return value [m] and shape of every point on the model of the stage of this number, or on `cheap`; each is
         recorded, and becomes `best` where it is, unless on `cheap`. Raises Stop."""
         results: list[tuple[float, Poses]] = []
-        while len(results) < len(points):
-            batch = points[len(results) : len(results) + self._room()]
+        for batch in self._batches(points):
             self.require_time(self._expected(number, len(batch), cheap is None))
             begin = self.elapsed
             results += self._evaluate_batch(number, batch, cheap)
@@ -170,9 +169,8 @@ class Evaluations:
         """Return the seconds that a batch of a size is expected to take: as the smallest that was no smaller, else as
         the largest that was smaller; 0 before any."""
         known = {n: seconds for (stage, n, cheap), seconds in self._pace.items() if (stage, cheap) == (number, exact)}
-        above = [known[n] for n in sorted(known) if n >= size]
-        below = [known[n] for n in sorted(known) if n < size]
-        return (above or below[-1:] or [0.0])[0]
+        nearest = min(known, key=lambda n: (n < size, abs(n - size)), default=None)
+        return 0.0 if nearest is None else known[nearest]
 
     def jacobians(self, number: int) -> Jacobians | None:
         """Return what derivatives a search of the stage of this number may ask for; None: it takes differences."""
@@ -189,23 +187,25 @@ class Evaluations:
         jacobians = self.jacobians(number)
         assert jacobians is not None
         slopes: list[Slopes] = []
-        while len(slopes) < len(points):
-            batch = points[len(slopes) : len(slopes) + self._room()]
+        objective = self.objective_of(number)
+        for batch in self._batches(points):
             self.require_time()
-            spaces = [self.space(start, number) for start, _ in batch]
-            objective = self.objective_of(number)
-            new = slopes_of(jacobians, objective, [(s, x) for s, (_, x) in zip(spaces, batch, strict=True)])
+            new = slopes_of(jacobians, objective, [(self.space(start, number), x) for start, x in batch])
             self._record(self.stages[number].name + SLOPES, batch, [objective.value(one.shape) for one in new])
             slopes += new
             self._on_progress(self)
         return slopes
 
-    def _room(self) -> int:
-        """Return evaluations that the next batch may have. Raises Stop where none are left."""
-        remaining = self._most - self.history.evaluations
-        if remaining <= 0:
-            raise Stop(f"the limit of {self._most} evaluations is reached")
-        return min(BATCH, remaining)
+    def _batches(self, points: Sequence[Point]) -> Iterator[Sequence[Point]]:
+        """Yield points in batches, as many as there are evaluations left. Raises Stop where none are."""
+        begin = 0
+        while begin < len(points):
+            remaining = self._most - self.history.evaluations
+            if remaining <= 0:
+                raise Stop(f"the limit of {self._most} evaluations is reached")
+            batch = points[begin : begin + min(BATCH, remaining)]
+            begin += len(batch)
+            yield batch
 
     @contextmanager
     def aside(self) -> Iterator[None]:
@@ -245,8 +245,7 @@ class Evaluations:
     ) -> list[tuple[float, Poses]]:
         stage = self.stages[number]
         self.stage = stage.name
-        spaces = [self.space(start, number) for start, _ in batch]
-        points = [(space, x) for space, (_, x) in zip(spaces, batch, strict=True)]
+        points = [(self.space(start, number), x) for start, x in batch]
         objective = self.objective_of(number)
         shapes = objective.shapes(cheap or stage.forward, points)
         label = stage.name if cheap is None else stage.name + SLOPES

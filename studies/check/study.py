@@ -19,7 +19,7 @@ from optimize.fit.free_parameters import fit_vector
 from studies.benches.records import SIZES, require_columns, require_sizes
 from studies.check.design import design_findings, spacing
 from studies.check.findings import Findings, failures
-from studies.follow.target import wanted_of
+from studies.follow.wanted import wanted_of
 from studies.layout_search.target import load_target
 
 

@@ -3,14 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case, Term
 from fabdesign.nouns.pressure import PressureProgram, limits, regulated
 from fabdesign.study_files.follow_file import FollowStudy
 
-Array = NDArray[np.float64]
 UNIT = 1e5  # Pa, that changes are computed in
 ROUGH = 0.5  # of UNIT: prior standard deviation of the second difference of set points from cycle to cycle
 SMOOTH = 24.0  # UNIT/s^2: the same of the second derivative between poses, where little else holds it

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.files.design_file import write_design
 from fabdesign.files.pressure_file import read_csv, write_pressures
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.pressure import require_pressures
@@ -25,20 +25,16 @@ from fabdesign.version import SIMULATOR
 from optimize.fit.descent import Progress
 from optimize.search.evaluations import Evaluations
 from sim import Simulator
-from studies.follow.layout import chosen_layout
 from studies.follow.measured import MeasuredRun, displacements, read_run
 from studies.follow.programs import Regulator, case_of, regulator_of
 from studies.follow.report import write_report
-from studies.follow.result import FollowResult
-from studies.follow.scatter import copies_of
-from studies.follow.start import between_poses, quasi_static
-from studies.follow.target import files_of, wanted_of
-from studies.follow.wanted import GUIDED, Wanted
+from studies.follow.result import FollowResult, copies_of
+from studies.follow.start import between_poses, chosen_layout, quasi_static
+from studies.follow.wanted import GUIDED, Wanted, files_of, wanted_of
 from studies.follow.windows import Effort, FollowTask, solve
 from studies.layout_search.target import pose_errors
 from studies.prediction.forward_model import forward_model, without_resistance
 
-Array = NDArray[np.float64]
 ALGORITHM = 3  # of what a study's folder keeps: raised where it is no longer what this code would compute
 PRESSURES = "pressures.csv"
 COARSE = 21  # points a side, with which a pass begins

@@ -257,22 +257,17 @@ def study_content(study: Study, targets: Sequence[LoadedTarget]) -> dict[str, st
         more["start_pressures"] = in_kpa(study.start_pressures).tolist()
     for number, target in enumerate(targets, start=1):
         name = "target" if len(targets) == 1 else f"target {number}"
-        more[f"{name}.time"] = target.time
-        more[f"{name}.weight"] = target.weight
-        more[f"{name}.points"] = target.sha256
-        if target.markers:
-            more[f"{name}.distances"] = "from markers, one way"
-        if target.landmarks is not None:
-            more[f"{name}.wishes"] = target.landmarks.key
-        if target.free:
-            more[f"{name}.free"] = True
-        if target.weighting is not None:
-            more[f"{name}.regions"] = repr(target.weighting.regions)
-        if target.face != "both":
-            more[f"{name}.face"] = target.face
-    content = content_of(study, _NO_MATTER, more)
-    absent = {name for name in _ABSENT if content.get(name) == "None"}
-    return {name: value for name, value in content.items() if name not in (*_RAISED, *absent)}
+        more |= {f"{name}.time": target.time, f"{name}.weight": target.weight, f"{name}.points": target.sha256}
+        further = {
+            "distances": target.markers and "from markers, one way",
+            "wishes": target.landmarks and target.landmarks.key,
+            "free": target.free,
+            "regions": target.weighting and repr(target.weighting.regions),
+            "face": target.face != "both" and target.face,
+        }
+        more |= {f"{name}.{key}": value for key, value in further.items() if value}
+    content = content_of(study, _NO_MATTER, more).items()
+    return {name: value for name, value in content if name not in _RAISED and (name not in _ABSENT or value != "None")}
 
 
 def keep(history: History, result: StudyResult, *, follow: bool) -> None:

@@ -18,8 +18,7 @@ from fabdesign.formats.result_tables import Columns, Tabled, by_name
 from fabdesign.nouns.array import Array
 from fabdesign.study_files.sensitivity_file import SensitivityStudy
 from studies.prediction.stability import snaps
-from studies.sensitivity.inputs import Inputs
-from studies.sensitivity.outputs import OutputColumn
+from studies.sensitivity.variables import Inputs, OutputColumn
 
 LEVELS = 4  # of Morris' grid
 STEP = LEVELS / (2 * (LEVELS - 1))  # of an elementary effect: 2/3, which makes all levels equally likely

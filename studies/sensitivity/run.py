@@ -22,10 +22,9 @@ from fabdesign.study_files.sensitivity_file import Output, SensitivityStudy, rea
 from studies.layout_search.target import LoadedTarget, load_target
 from studies.prediction.forward_model import WithMuscleStates, forward_model, knows_muscles
 from studies.prediction.stability import moves, to_either_side
-from studies.sensitivity.inputs import Inputs
-from studies.sensitivity.outputs import Outputs, needs_tension
 from studies.sensitivity.report import write_report
 from studies.sensitivity.result import Computed, SensitivityResult, saltelli_rows, trajectories
+from studies.sensitivity.variables import Inputs, Outputs, needs_tension
 from studies.study import Running, StudyRun, kept_content, simulator
 
 FILE = "samples.sqlite"

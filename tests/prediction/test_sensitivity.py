@@ -13,6 +13,7 @@ from scipy.stats import sobol_indices
 
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.files.design_file import write_design
+from fabdesign.geometry.shape import mean_curvature, tip
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Covariance, EffectTerm, Model, Parameter, Quantity
@@ -20,11 +21,10 @@ from fabdesign.nouns.model_sampling import Ensemble
 from fabdesign.study_files.sensitivity_file import SensitivityStudy, Varied, read_sensitivity
 from fabdesign.study_files.study_targets import read_shape_output
 from studies.prediction.stability import snaps
-from studies.sensitivity.inputs import Inputs
-from studies.sensitivity.outputs import Outputs, mean_curvature, tip
 from studies.sensitivity.report import as_text, bars_figure
 from studies.sensitivity.result import STEP, indices, saltelli_rows, screening, trajectories
 from studies.sensitivity.run import Progress, run_sensitivity
+from studies.sensitivity.variables import Inputs, Outputs
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line
 
