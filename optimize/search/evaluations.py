@@ -112,8 +112,7 @@ class Evaluations:
 
     @property
     def best_in_words(self) -> str:
-        """Return the best so far for people; of the coarse model until the last stage's has a value, which may be
-        higher."""
+        """Return the best so far for people; on the coarse model it may look better than it is."""
         if self.best is None:
             return "best none yet"
         where = "" if self.stages[self.best.stage].values_as(self.stages[-1]) else " on the coarse model"
@@ -132,10 +131,9 @@ class Evaluations:
 
     def finalists(self, most: int = FINALISTS) -> list[tuple[DesignSpace, Vector]]:
         """Return the best, and what other starts came to that is as near: another layout or other pressures."""
-        best = self.best
+        best, points = self.best, [self.best_point()]
         if best is None or not self.stages[best.stage].values_as(self.stages[-1]):
-            return [self.best_point()]
-        points = [self.best_point()]
+            return points
         for rival in sorted(self.rivals.values(), key=lambda rival: rival.value):
             point = self.space(rival.start, rival.stage), rival.x
             if rival.start != best.start and len(points) < most and not any(_same(point, other) for other in points):
@@ -174,8 +172,7 @@ class Evaluations:
 
     def jacobians(self, number: int) -> Jacobians | None:
         """Return what derivatives a search of the stage of this number may ask for; None: it takes differences."""
-        stage = self.stages[number]
-        return jacobians_for(stage.slopes or stage.forward, self.objective_of(number))
+        return jacobians_for(self.stages[number].slopes or self.stages[number].forward, self.objective_of(number))
 
     def objective_of(self, number: int) -> Objective:
         """Return what the stage of this number is valued by."""
@@ -272,10 +269,13 @@ class Evaluations:
         return values
 
     def _note(self, rival: Best, shape: Poses) -> None:
-        """Keep it as the best, and among those that are as near."""
-        if self._better(rival.stage, rival.value):
+        """Keep it as the best, and among those that are as near. Of different forward models a later stage's knows
+        better, whatever it says."""
+        stage, best = self.stages[rival.stage], self.best
+        alike = best is not None and self.stages[best.stage].values_as(stage)
+        if best is None or (rival.value < best.value if alike else rival.stage > best.stage):
             self.best, self.best_shape = rival, shape
-        if self.stages[rival.stage].values_as(self.stages[-1]):
+        if stage.values_as(self.stages[-1]):
             known = self.rivals.get(rival.start)
             if known is None or rival.value < known.value:
                 self.rivals[rival.start] = rival
@@ -292,15 +292,6 @@ class Evaluations:
             if not front or value < front[-1][1]:
                 front.append((count, value))
         return front
-
-    def _better(self, number: int, value: float) -> bool:
-        """Return whether it is better than the best so far; of different forward models a later stage's knows better,
-        whatever it says."""
-        if self.best is None:
-            return True
-        if self.stages[self.best.stage].values_as(self.stages[number]):
-            return value < self.best.value
-        return number > self.best.stage
 
 
 def _same(one: tuple[DesignSpace, Vector], other: tuple[DesignSpace, Vector]) -> bool:

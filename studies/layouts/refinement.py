@@ -10,7 +10,6 @@ from fabdesign.nouns.predictor import Predictor
 from fabdesign.study_files.study_file import Study
 from fabdesign.study_files.study_targets import Price, Robust
 from fabdesign.units import in_mm
-from optimize.search.design_space import DesignSpace, Vector
 from optimize.search.evaluations import Evaluations
 from optimize.search.search_state import as_rows, of_rows
 from optimize.search.starts import Start
@@ -149,8 +148,3 @@ def front_said(fewer: Fewer) -> str:
     """Return the front in words; empty where there is one number of muscles."""
     each = ", ".join(f"{count}: {in_mm(value):.2f}" for count, value in fewer.front)
     return f"Reached, in mm, by number of muscles: {each}." if len(fewer.front) > 1 else ""
-
-
-def points_of(fewer: Fewer | None) -> list[tuple[DesignSpace, Vector]]:
-    """Return the smaller layout, to come before what the search found; none where there is none."""
-    return [] if fewer is None or fewer.ended else [fewer.start]

@@ -1,7 +1,7 @@
 """The result of a study, its files, and as its search's history keeps it, so that the same call answers at once."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -16,21 +16,16 @@ from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import RISE
-from fabdesign.nouns.model_sampling import half_widths, spread_of
-from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import poses_in_words, regulated, rising_program
 from fabdesign.runtime.fingerprint import content_of
 from fabdesign.study_files.study_file import Study
 from fabdesign.units import in_kpa, in_mm
 from fabdesign.version import SIMULATOR, __version__
-from optimize.search.design_space import DesignSpace
 from optimize.search.evaluations import SLOPES
 from optimize.search.history import Entry, History
 from optimize.search.multistart import INTERRUPTED
-from optimize.search.objective import Objective
 from optimize.search.search_state import of_rows
 from optimize.search.thinning import Fewer
-from studies.intervals.draws import drawn_models, region_terms
 from studies.layout_search.target import LoadedTarget, pose_errors
 from studies.layouts.loading_path import LoadingPath
 from studies.layouts.reach import Reach
@@ -226,19 +221,6 @@ def write_best(
         )
         write_pressures(program, out / file)
     write_json(out / "result.json", result)
-
-
-def expected_within(result: StudyResult, objective: Objective, coarse: Predictor) -> float | None:
-    """Return half the width [m] of the 90 % intervals along the cloth's normal, mean over poses and regions. None of a
-    model without. coarse: moves the drawn models."""
-    spread = spread_of(coarse.model)
-    if spread is None:
-        return None
-    space = DesignSpace(result.design, result.study.limits, result.pressure, vary_pressures=False)
-    models = drawn_models(coarse.model) if spread.covariance else []
-    others = [objective.shapes(replace(coarse, model=model), [(space, np.empty(0))])[0] for model in models]
-    terms = region_terms(result.rest, result.points, others, result.design.fabric)
-    return float(half_widths(spread, *terms).mean())
 
 
 VERSIONS = f"fabdesign {__version__}, simulator {SIMULATOR}"

@@ -9,6 +9,7 @@ import numpy as np
 
 from fabdesign.errors import SimulationError
 from fabdesign.nouns.array import Array
+from fabdesign.nouns.model_sampling import half_widths, spread_of
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.output import WorkFolder, write_text
 from fabdesign.runtime import working_time
@@ -22,6 +23,7 @@ from optimize.search.multistart import INTERRUPTED, search
 from optimize.search.objective import Objective
 from optimize.search.starts import Start
 from optimize.search.thinning import Fewer
+from studies.intervals.draws import drawn_models, region_terms
 from studies.layout_search.first_layouts import (
     first_starts,
     forward_models,
@@ -32,9 +34,9 @@ from studies.layout_search.target import LoadedTarget, load_target, target_error
 from studies.layouts.loading_path import LoadingPath, loading_path
 from studies.layouts.reach import helps_of, lacking_of, missed_at, reach_of
 from studies.layouts.refinement import NEAR as NEAR_ENOUGH
-from studies.layouts.refinement import POOL, made_robust, points_of, search_seconds, shrunk
+from studies.layouts.refinement import POOL, made_robust, search_seconds, shrunk
 from studies.layouts.report import Section, render_report
-from studies.layouts.result import StudyResult, answer, expected_within, keep, pressures_kpa, study_content, write_best
+from studies.layouts.result import StudyResult, answer, keep, pressures_kpa, study_content, write_best
 from studies.layouts.robustness import robustness_of
 from studies.prediction.forward_model import forward_model, without_resistance
 from studies.study import Simulated, StudyRun
@@ -129,7 +131,8 @@ def _searched(
         )
         progress(evaluations)
     robust, doubled = study.robust if follow else None, 0
-    points = [*points_of(fewer), *evaluations.finalists(FINALISTS if robust is None else POOL)]
+    smaller = [] if fewer is None or fewer.ended else [fewer.start]
+    points = [*smaller, *evaluations.finalists(FINALISTS if robust is None else POOL)]
     if robust is not None:
         try:
             points, doubled = made_robust(study, robust, evaluations, points, quick)
@@ -259,3 +262,16 @@ def _result(
         loading_path=path,
         fewer=fewer,
     )
+
+
+def expected_within(result: StudyResult, objective: Objective, coarse: Predictor) -> float | None:
+    """Return half the width [m] of the 90 % intervals along the cloth's normal, mean over poses and regions. None of a
+    model without. coarse: moves the drawn models."""
+    spread = spread_of(coarse.model)
+    if spread is None:
+        return None
+    space = DesignSpace(result.design, result.study.limits, result.pressure, vary_pressures=False)
+    models = drawn_models(coarse.model) if spread.covariance else []
+    others = [objective.shapes(replace(coarse, model=model), [(space, np.empty(0))])[0] for model in models]
+    terms = region_terms(result.rest, result.points, others, result.design.fabric)
+    return float(half_widths(spread, *terms).mean())

@@ -79,11 +79,6 @@ def _rows(result: SensitivityResult) -> Iterator[list[Any]]:
                 yield [method, row, k, *values, *("" if x != x else f"{x:.9g}" for x in numbers)]
 
 
-def render(result: SensitivityResult) -> str:
-    """Return HTML, self-contained."""
-    return page.html_of(result.study.name, _blocks(result))
-
-
 def _blocks(result: SensitivityResult) -> Iterator[page.Block]:
     study, outputs = result.study, result.as_json()["outputs"]
     yield page.Title(study.name, 1)

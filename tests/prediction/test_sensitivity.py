@@ -22,9 +22,9 @@ from fabdesign.study_files.sensitivity_file import SensitivityStudy, Varied, rea
 from fabdesign.study_files.study_targets import read_shape_output
 from studies.prediction.stability import snaps
 from studies.sensitivity.report import as_text, bars_figure
-from studies.sensitivity.result import STEP, indices, saltelli_rows, screening, trajectories
+from studies.sensitivity.result import indices, screening
 from studies.sensitivity.run import Progress, run_sensitivity
-from studies.sensitivity.variables import Inputs, Outputs
+from studies.sensitivity.variables import STEP, Inputs, Outputs, saltelli_rows, trajectories
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line
 
