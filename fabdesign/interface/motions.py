@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 FRAME_RATE = 60.0  # Hz, of the paper's cameras
 _AT_ONCE = 64  # what the simulator takes side by side
-_LANES = "2"  # of kernels for a lone design: its motion takes a third less time
+LANES = "2"  # of kernels for a lone design: its motion takes a third less time
 
 
 def _simulated(motion: Motion, given: Mapping[str, Any]) -> Shown:
@@ -102,7 +102,7 @@ def simulate(
     acting = [rising_program(p.pressure[-1], rise, rise) if equilibrium else p for _, p in asked]
     with _written(run, out, meshes, paths_of(design, model, pressures)) as write, run.computing():
         if out is not None:
-            os.environ.setdefault("FABDESIGN_LANES", _LANES)  # read where the simulator is loaded for the first time
+            os.environ.setdefault("FABDESIGN_LANES", LANES)  # read where the simulator is loaded for the first time
         run.warn_beyond(fitted, acting)
         forward = simulator(side, self_contact=self_contact, rise=rise, hold=hold)
 

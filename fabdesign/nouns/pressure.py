@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from fabdesign.nouns.design import Design
 
 RISE_STEPS, RESOLUTION = 60, 100.0  # rows; Pa
+LEAST_HOLD = 0.7  # s, after which a cloth stands: shapes at rest cost a fit a hundredth of what a motion costs
 LARGEST = 1e6  # Pa, for a muscle type that states no maximum
 WINDOW = 0.1  # s, over which a set point's rate is taken: the shorter of the lags that are learned
 _SLIGHT = 1e-3  # of a number, that does not count as beyond it
@@ -53,6 +54,11 @@ class PressureProgram:
         row = np.clip(np.searchsorted(self.time, t, side="right") - 1, 0, None)
         integral = until[row] + self.pressure[row] * (t - self.time[row])[:, None]
         return np.asarray(np.diff(integral, axis=0) / np.diff(edges)[:, None])
+
+
+def regulated(pressures: Array, resolution: float = RESOLUTION) -> Array:
+    """Return pressures as a regulator takes them, whole `resolution` Pa; never above, since a limit may lie there."""
+    return np.asarray(resolution * np.floor(pressures / resolution + 1e-6))
 
 
 def rising_program(last: Array, rise: float, duration: float) -> PressureProgram:
@@ -151,8 +157,10 @@ USUAL_LIMITS = RigLimits()
 
 def standard_programs(design: "Design", rig: RigLimits = USUAL_LIMITS) -> dict[str, PressureProgram]:
     """Return steps, staircases and ramps within the limits of the muscles and the rig: every channel alone in turn, one
-    face, the other, all."""
+    face, the other, all. Levels hold for LEAST_HOLD s, as far as the rig's duration allows it."""
     most, seconds = np.minimum(limits(design), rig.pressure), rig.duration
+    levels, count = max(1, int(seconds / LEAST_HOLD)), len(most)
+    stairs = 2 * int(np.clip(levels // 2, 2, 3))
     on = {(m.channel, m.side) for m in design.muscles}
     faces = {s: np.array([(c, s) in on for c in range(design.channels)]) for s in ("front", "back")}
     groups = {f"the {side}": where for side, where in faces.items() if where.any()}
@@ -161,18 +169,19 @@ def standard_programs(design: "Design", rig: RigLimits = USUAL_LIMITS) -> dict[s
         p = np.where(where, most, 0.0)
         candidates[f"step of {said}, held"] = _rows([0.0], [p], seconds)
         candidates[f"step of {said} on and off"] = _rows([0.0, seconds / 2], [p, 0 * p], seconds)
-        stairs = np.array([1, 2, 3, 2, 1, 0]) / 3
-        candidates[f"staircase of {said}, up and down"] = _rows(
-            np.arange(6) * seconds / 6, stairs[:, None] * p, seconds
-        )
+        shares = 1 - np.abs(2 * np.arange(1, stairs + 1) / stairs - 1)
+        times = np.arange(stairs) * seconds / stairs
+        candidates[f"staircase of {said}, up and down"] = _rows(times, shares[:, None] * p, seconds)
         times = np.arange(60) * seconds / 60
         candidates[f"slow ramp of {said}, up and down"] = _rows(
             times, (1 - np.abs(times / seconds * 2 - 1))[:, None] * p, seconds
         )
-    alone = np.diag(most)
-    candidates["each channel alone in turn"] = _rows(np.arange(len(most)) * seconds / len(most), alone, seconds)
-    both = np.tril(np.ones((len(most), len(most)))) * most * 0.7
-    candidates["one channel more at a time"] = _rows(np.arange(len(most)) * seconds / len(most), both, seconds)
+    for channels in np.array_split(np.arange(count), -(-count // levels)) if count else ():
+        which = "each channel" if count <= levels else f"channels {', '.join(map(str, channels))}"
+        times = np.arange(len(channels)) * seconds / len(channels)
+        candidates[f"{which} alone in turn"] = _rows(times, np.diag(most)[channels], seconds)
+    both = np.tril(np.ones((count, count))) * most * 0.7
+    candidates["one channel more at a time"] = _rows(np.arange(count) * seconds / count, both, seconds)
     return {name: program for name, program in candidates.items() if fastest(program) <= rig.rate * (1 + 1e-9)}
 
 

@@ -2,7 +2,6 @@
 another, what is measured fed back, and the report."""
 
 from studies.follow.programs import Regulator, case_of, regulator_of
-from studies.follow.target import wanted_of
-from studies.follow.wanted import Wanted
+from studies.follow.wanted import Wanted, wanted_of
 
 __all__ = ["Regulator", "Wanted", "case_of", "regulator_of", "wanted_of"]

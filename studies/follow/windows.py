@@ -179,7 +179,8 @@ class _Place:
     def all_of(window: _Window, programs: Sequence[Array]) -> "list[_Place]":
         places = []
         for program, kept in zip(programs, window.with_states(programs), strict=True):
-            rough = Roughness.of(_rows_before(program, window.begin), program[window.begin : window.end])
+            rows = program[window.begin : window.end]
+            rough = Roughness.of(_rows_before(program, window.begin), rows, window.task.regulator.rough)
             places.append(_Place(window, program, kept, window.distances(kept.motion), rough))
         return places
 

@@ -15,7 +15,7 @@ from fabdesign.formats.json_file import read_json, write_json
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import RISE
 from fabdesign.nouns.muscle import Muscle
-from fabdesign.nouns.pressure import rising_program
+from fabdesign.nouns.pressure import regulated, rising_program
 from fabdesign.output import new_folder, read_mark
 from fabdesign.runtime.fingerprint import sha256
 from optimize.search.margins import Limits
@@ -133,7 +133,7 @@ class Saving:
         with new_folder(folder, made_by="studio", force=True) as unfinished:
             write_design(layout.design, unfinished / "design.toml")
             for pose, pressures in enumerate((poses or [layout.pressures]) if layout.pressures else (), start=1):
-                program = rising_program(np.array(pressures), RISE, RISE + SETTLED)
+                program = rising_program(regulated(np.array(pressures)), RISE, RISE + SETTLED)
                 write_pressures(program, unfinished / pressure_file_of(pose))
             if targets:
                 text = study_document(

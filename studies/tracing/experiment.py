@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case, ForwardModel, Term
-from fabdesign.nouns.pressure import USUAL_LIMITS, RigLimits, standard_programs
+from fabdesign.nouns.pressure import USUAL_LIMITS, RigLimits, regulated, standard_programs
 from fabdesign.units import in_kpa, in_mm
 from optimize.fit.parameters import FitVector
 
@@ -74,7 +74,7 @@ def next_experiment(
             "design": design.name,
             "duration_s": program.duration,
             "time_s": program.time.tolist(),
-            "pressure_kpa": in_kpa(program.pressure).round(3).tolist(),
+            "pressure_kpa": in_kpa(regulated(program.pressure, rig.resolution)).tolist(),
         },
         "separates": [e.name for e in explanations],
         "expected_gain": in_mm(gain),
