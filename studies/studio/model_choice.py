@@ -30,26 +30,22 @@ class ModelChoice:
 
     @staticmethod
     def of(given: Model | None) -> "ModelChoice":
-        if given is None:
-            return ModelChoice(None, False)
-        return ModelChoice(given, True, _effect_values(given))
+        return ModelChoice(given, given is not None, _effect_values(given or Model()))
 
     @property
     def model(self) -> Model:
         """Return the model of all that is on. The corrector stays only beside the effects that it was trained with."""
-        base = self.given if self.given is not None and self.fitted else None
-        if base is None:
-            base = Model() if self.given is None else Model(points_per_side=self.given.points_per_side)
-        scopes = {effect.name: effect.scope for effect in (self.given.effects if self.given else ())}
-        terms = tuple(
-            EffectTerm(
-                name, {k: Quantity(v, EFFECTS[name].parameters[k].unit) for k, v in values.items()}, scopes.get(name)
-            )
-            for name, values in self.effect_values.items()
-        )
+        given = self.given or Model()
+        base = given if self.fitted else Model(points_per_side=given.points_per_side)
         if _effect_values(base) == self.effect_values:
             return base if self.corrected else base.without(["corrector"])
-        return replace(base, effects=terms, covariance=None, corrector=None, corrector_hash=None)
+        scopes = {effect.name: effect.scope for effect in given.effects}
+        terms = []
+        for name, values in self.effect_values.items():
+            declared = EFFECTS[name].parameters
+            quantities = {key: Quantity(value, declared[key].unit) for key, value in values.items()}
+            terms.append(EffectTerm(name, quantities, scopes.get(name)))
+        return replace(base, effects=tuple(terms), covariance=None, corrector=None, corrector_hash=None)
 
     @cached_property
     def around(self) -> list[Model]:

@@ -14,7 +14,7 @@ import tomlkit
 from fabdesign.errors import InputError
 from fabdesign.files.design_file import write_design
 from fabdesign.formats.json_file import read_json
-from fabdesign.output import new_folder
+from fabdesign.output import new_folder, write_text
 from fabdesign.study_files.study_file import result_in
 from fabdesign.study_files.study_targets import TargetFile
 from fabdesign.units import from_mm, in_kpa, in_mm
@@ -28,7 +28,6 @@ Vary = Literal["pressures", "pressures and positions", "one more muscle"]
 VARIES: tuple[Vary, ...] = get_args(Vary)
 PROGRAM = (sys.executable, "-m", "fabdesign")
 _STOPPED = 30.0  # s that a search has to end with its best
-_OBJECTS = ("weighting", "wishes")  # of a target, that its file alone can say
 
 
 @dataclass(frozen=True)
@@ -48,23 +47,22 @@ def study_document(
     *,
     vary: Vary,
     seconds: float,
-    model: Path | None,
+    model: Path | None = None,
     beside: Path,
 ) -> str:
     """Return the study as text, whose `design.toml` lies in the folder `beside` with it. targets: poses of one
     layout."""
     placed = [_placed(target.file, beside) for target in targets]
-    more = len(layout.design.muscles) + 1
-    variables: dict[str, Any] = {"pressures": True, "positions": vary != "pressures"}
-    if vary == "one more muscle":
-        variables["muscles"] = {"min": more, "max": more}
-    document: dict[str, Any] = {"format": "fabdesign.study/1", "kind": "optimize", "design": "design.toml"}
-    if model is not None:
-        document["model"] = _relative(model, beside)
-    document |= {
+    count = len(layout.design.muscles) + 1
+    more: dict[str, Any] = {"muscles": {"min": count, "max": count}} if vary == "one more muscle" else {}
+    document = {
+        "format": "fabdesign.study/1",
+        "kind": "optimize",
+        "design": "design.toml",
+        **({} if model is None else {"model": _relative(model, beside)}),
         "start_pressures": [in_kpa(pressure) for pressure in layout.pressures],
         **({"target": placed[0]} if len(placed) == 1 else {"targets": placed}),
-        "variables": variables,
+        "variables": {"pressures": True, "positions": vary != "pressures", **more},
         "limits": {
             "pressure": [in_kpa(pressure) for pressure in limits.pressure],
             "spacing": limits.spacing,
@@ -76,35 +74,25 @@ def study_document(
 
 
 def _placed(target: TargetFile, beside: Path) -> dict[str, Any]:
-    """Return what a study says of a target: what is not so by default."""
-    usual = vars(TargetFile(target.file))
-    said = {
-        name: list(value) if isinstance(value, tuple) else value
-        for name, value in vars(target).items()
-        if name not in _OBJECTS and value != usual[name]
-    }
+    """Return what a study says of a target: what is not so by default, and no objects, which its file alone can say."""
+    usual = vars(TargetFile(target.file)) | {"weighting": target.weighting, "wishes": target.wishes}
     if target.place == "fit":
-        said.pop("translation", None)  # the fit finds it
-    return {"file": _relative(target.file, beside), "frame": target.frame, "unit": target.unit} | said
+        usual["translation"] = target.translation  # the fit finds it
+    said = {name: value for name, value in vars(target).items() if value != usual[name]}
+    listed = {name: list(value) if isinstance(value, tuple) else value for name, value in said.items()}
+    return {"file": _relative(target.file, beside), "frame": target.frame, "unit": target.unit} | listed
 
 
 def _relative(path: Path, beside: Path) -> str:
-    return os.path.relpath(path.resolve(), beside.resolve()).replace(os.sep, "/")
+    return Path(os.path.relpath(path.resolve(), beside.resolve())).as_posix()
 
 
 class Search:
-    """One search in `folder`: `study.toml` and `design.toml`, and `result/` as `optimize` leaves it."""
+    """One search in `folder`: `study.toml` and `design.toml`, and `result/` as `optimize` leaves it. study: as
+    `study_document` takes it."""
 
     def __init__(
-        self,
-        folder: Path,
-        layout: Layout,
-        targets: Sequence[ShownTarget],
-        limits: Limits,
-        *,
-        vary: Vary,
-        seconds: float,
-        model: Path | None = None,
+        self, folder: Path, layout: Layout, targets: Sequence[ShownTarget], limits: Limits, **study: Any
     ) -> None:
         """Raises InputError where the folder is there already, or cannot be written."""
         self.folder, self.result = folder, folder / "result"
@@ -112,8 +100,7 @@ class Search:
         self._seen: dict[str, Any] = {}
         with new_folder(folder, made_by="studio") as unfinished:
             write_design(layout.design, unfinished / "design.toml")
-            text = study_document(layout, targets, limits, vary=vary, seconds=seconds, model=model, beside=folder)
-            (unfinished / "study.toml").write_text(text, encoding="utf-8", newline="\n")
+            write_text(unfinished / "study.toml", study_document(layout, targets, limits, **study, beside=folder))
         self._process = subprocess.Popen(
             [*PROGRAM, "optimize", str(folder / "study.toml"), "-o", str(self.result), "--json"],
             stdout=subprocess.DEVNULL,
@@ -199,10 +186,8 @@ class BackgroundSearch:
             number, beside = 1, self._save_folder()
             while (folder := beside.with_name(f"{beside.name}_search_{number}")).exists():
                 number += 1
-            search = Search(
-                folder, document.layout, document.targets, limits, vary=vary, seconds=seconds, model=document.model_file
-            )
-            layouts = document.layouts
+            layouts, options = document.layouts, {"vary": vary, "seconds": seconds, "model": document.model_file}
+            search = Search(folder, document.layout, document.targets, limits, **options)
             result = Result(name=f"search {number}: {vary}", begun=layouts[0], layouts=layouts, state="searching")
             self._under_way = search, result
             self.message = f"searching in {folder.name}, the first evaluations"
@@ -228,21 +213,17 @@ class BackgroundSearch:
             of = "" if count == 1 else f", mean of {count} poses,"
             figure = f"{in_mm(best.objective):.2f} mm{of} after {best.evaluations} evaluations"
             self.message = result.state = f"{figure}; {best.stop_reason}"
-            if document.shown is result:
-                document.changed()
-            document.show()
-        if not running:
-            self._end(search, result)
-
-    def _end(self, search: Search, result: Result) -> None:
+            (document.changed if document.shown is result else document.show)()
+        if running:
+            return
         problem = search.problem
         search.close()
         self._under_way = None
         self.message = problem or f"kept in {search.result}"
         if problem:
             result.state = problem
-            self._document.tell(problem, bad=True)
-        self._document.show()
+            document.tell(problem, bad=True)
+        document.show()
 
     def close(self) -> None:
         """Have it end with its best."""

@@ -30,17 +30,18 @@ from optimize.search.margins import Limits, constraint_margins
 from studies.check.files import inspect
 from studies.studio import layout as edits
 from studies.studio.drawings import DrawingHistory, DrawnLayout, LiveShape, Result, one_more_buys
-from studies.studio.files import Autosave, Saving
+from studies.studio.files import Autosave
 from studies.studio.layout import Layout, broken_limits, row_distance, rows, snapped
 from studies.studio.measured import ask_of_trial, errors_table
 from studies.studio.model_choice import Band, ModelChoice, models_around
 from studies.studio.opening import Opened, ShownTarget, compare, open_files, search_limits
 from studies.studio.search import Search, SearchResult, study_document
 from studies.studio.session import Session
-from studies.studio.shapes import JumpDetector, Live
+from studies.studio.shapes import JumpDetector
 from studies.studio.solver import Ask, StudioSolver
-from studies.studio.widgets.design_panels import model
-from studies.studio.widgets.flat_view import Places, laced, on_plane, ribbon
+from studies.studio.widgets.declared import on_plane
+from studies.studio.widgets.flat_view import Places, laced, ribbon
+from studies.studio.widgets.panels import model
 from tests.bending import AtOnce, Bending, bow
 from tests.command_line import Run, one_line
 
@@ -167,12 +168,12 @@ def test_a_gesture_is_one_step() -> None:
     document.end()
     dragged = document.layout
     document.do("flip", edits.flip(dragged, 1))
-    assert (document.undo(), document.layout) == ("flip", dragged)
-    assert (document.undo(), document.layout) == ("drag", BASIC)
-    assert document.undo() is None
-    assert (document.redo(), document.layout) == ("drag", dragged)
+    assert (document.move(-1), document.layout) == ("flip", dragged)
+    assert (document.move(-1), document.layout) == ("drag", BASIC)
+    assert document.move(-1) is None
+    assert (document.move(1), document.layout) == ("drag", dragged)
     document.do("another", BASIC)
-    assert document.redo() is None  # what was undone before is gone
+    assert document.move(1) is None  # what was undone before is gone
 
 
 def test_changed_means_other_than_what_was_kept() -> None:
@@ -181,7 +182,7 @@ def test_changed_means_other_than_what_was_kept() -> None:
     assert document.changed
     document.keep()
     assert not document.changed
-    document.undo()
+    document.move(-1)
     assert document.changed
 
 
@@ -245,45 +246,47 @@ def test_limits_agree_with_the_margins_of_a_search() -> None:
 # the shape that follows
 
 
-def test_only_the_newest_layout_is_asked_and_the_exact_one_after_letting_go() -> None:
-    worker, shapes = AtOnce(), []
-    live = Live(worker, shapes.append, pytest.fail)
-    layouts = [edits.move_muscle(BASIC, 0, (0.001 * k, 0.0)) for k in range(6)]
-    for layout in layouts[:5]:  # while the first is out, others come
-        live.want(layout, Model(), moving=True)
-        if layout is layouts[0]:
-            live.turn()
-    live.turn()
-    live.turn()
+def test_only_the_newest_layout_is_asked_and_the_exact_one_after_letting_go(begin: Begin) -> None:
+    session, shown, worker, clock = begin()
+    settle(session, clock)
+    worker.asked.clear()
+    earlier = len(shown.shapes)
+    layouts = [edits.move_muscle(BASIC, 0, (0.001 * k, 0.0)) for k in range(1, 6)]
+    worker.busy = True
+    for layout in layouts:  # while the first is out, others come
+        session.document.drag("drag", layout)
+    worker.busy = False
+    session.shapes.turn()
+    session.shapes.turn()
     assert [ask.design for ask in worker.asked] == [layouts[0].design, layouts[4].design]
     assert {ask.kind for ask in worker.asked} == {"follow"}
-    live.want(layouts[4], Model(), moving=False)
-    live.turn()
-    live.turn()
-    assert live.at_rest
-    assert [(s.exact, s.points_per_side) for s in shapes] == [(False, 21), (False, 21), (True, 41)]
-    assert shapes[-1].layout is layouts[4]
+    session.document.drag("drag", layouts[4], last=True)
+    session.shapes.turn()
+    session.shapes.turn()
+    assert not session.shapes.waiting
+    assert [(s.exact, s.points_per_side) for s in shown.shapes[earlier:]] == [(False, 21), (False, 21), (True, 41)]
+    assert shown.shapes[-1].layout is layouts[4]
 
 
-def test_an_exact_shape_of_a_layout_that_has_changed_is_dropped() -> None:
-    worker, shapes = AtOnce(), []
-    live = Live(worker, shapes.append, pytest.fail)
-    live.want(BASIC, Model(), moving=False)
-    live.turn()
-    live.turn()  # the exact one is out
-    live.want(edits.flip(BASIC, 0), Model(), moving=True)
-    live.turn()
-    live.turn()
-    assert [shape.exact for shape in shapes] == [False, False]
+def test_an_exact_shape_of_a_layout_that_has_changed_is_dropped(begin: Begin) -> None:
+    session, shown, worker, _ = begin()
+    session.shapes.turn()  # the exact one is out
+    worker.busy = True
+    session.document.drag("drag", edits.flip(BASIC, 0))
+    worker.busy = False
+    session.shapes.turn()
+    session.shapes.turn()
+    assert [ask.kind for ask in worker.asked] == ["follow", "exact", "follow"]
+    assert [shape.exact for shape in shown.shapes] == [False, False]
 
 
-def test_what_cannot_be_computed_is_told() -> None:
-    told: list[str] = []
-    live = Live(AtOnce(), lambda _: None, told.append)
-    live.want(BASIC, Model(effects=(EffectTerm("no_such_effect"),)), moving=False)
-    live.turn()
-    live.turn()
-    assert "no_such_effect" in told[0]
+def test_what_cannot_be_computed_is_told(begin: Begin, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = Model(effects=(EffectTerm("no_such_effect"),))
+    monkeypatch.setattr(ModelChoice, "model", model)
+    session, shown, *_ = begin()
+    session.shapes.turn()
+    session.shapes.turn()
+    assert "no_such_effect" in shown.said[0]
 
 
 def test_a_jump_is_told_from_a_motion_that_keeps_pace() -> None:
@@ -398,21 +401,21 @@ def test_what_is_saved_passes_check(begin: Begin, tmp_path: Path) -> None:
 
 
 def test_nothing_is_replaced_unasked(begin: Begin, tmp_path: Path) -> None:
-    saving, opened = Saving(), begin()[0].document.opened
-    folder, given = tmp_path / "mine", {"limits": opened.limits, "model": None}
     bare = Layout.of(replace(BASIC.design, muscles=()))  # no templates to draw
-    saving.save(bare, folder, **given)
-    assert saving.replaces(folder) is None
-    saving.save(bare, folder, **given)  # one's own
-    assert "earlier design" in str(Saving().replaces(folder))
-    with pytest.raises(InputError, match="earlier design"):
-        Saving().save(bare, folder, **given)
+    (session, shown, *_), (second, told, *_) = begin(layout=bare), begin(layout=bare)
+    files, folder = session.files, tmp_path / "mine"
+    assert files.save(folder) is not None
+    assert files.replaces(folder) is None
+    assert files.save(folder) is not None  # one's own
+    assert "earlier design" in str(second.files.replaces(folder))
+    assert second.files.save(folder) is None
+    assert "earlier design" in told.said[-1]
     (folder / "design.toml").write_text("# by hand\n")
-    assert "another program" in str(saving.replaces(folder))
+    assert "another program" in str(files.replaces(folder))
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "notes.txt").write_text("mine")
-    with pytest.raises(InputError, match=r"notes\.txt"):
-        saving.save(bare, tmp_path / "other", **given, replace=True)
+    assert files.save(tmp_path / "other", replace=True) is None
+    assert "notes.txt" in shown.said[-1]
 
 
 def test_playing_a_programme_asks_for_a_motion(begin: Begin) -> None:
@@ -522,7 +525,7 @@ def lifted(monkeypatch: pytest.MonkeyPatch) -> StudioSolver:
     monkeypatch.setattr(
         solver,
         "_predictor",
-        lambda simulator, model, sensing=False: Predictor(
+        lambda simulator, model, sensing: Predictor(
             simulator, model, sensing, None if model.corrector is None else Lifting()
         ),
     )
@@ -533,20 +536,20 @@ LIFTED = Model(corrector=Path("weights"), corrector_hash="0")
 
 
 def test_a_corrected_shape_has_the_simulated_one_beside(lifted: StudioSolver) -> None:
-    answer = lifted.answer(Ask.at_rest(0, "exact", BASIC.design, BASIC.pressures, LIFTED))
+    answer = lifted.answer(Ask.at_rest("exact", BASIC.design, BASIC.pressures, LIFTED))
     assert answer.points is not None
     assert answer.correction is not None
     assert answer.correction.trust == Trust(pytest.approx(0.8), 0.85)
     assert answer.correction.moved(answer.points) == pytest.approx(2e-3, abs=1e-7)
-    plain = lifted.answer(Ask.at_rest(0, "exact", BASIC.design, BASIC.pressures, LIFTED.without(["corrector"])))
+    plain = lifted.answer(Ask.at_rest("exact", BASIC.design, BASIC.pressures, LIFTED.without(["corrector"])))
     assert plain.correction is None
     assert np.array_equal(answer.correction.simulated, plain.points)
     far = edits.add_muscle(BASIC)
-    beyond = lifted.answer(Ask.at_rest(0, "exact", far.design, far.pressures, LIFTED))
+    beyond = lifted.answer(Ask.at_rest("exact", far.design, far.pressures, LIFTED))
     assert beyond.correction is not None
     assert not beyond.correction.trust.applies
     assert not beyond.correction.moved(beyond.points).any()
-    followed = lifted.answer(Ask.at_rest(0, "follow", BASIC.design, BASIC.pressures, LIFTED))
+    followed = lifted.answer(Ask.at_rest("follow", BASIC.design, BASIC.pressures, LIFTED))
     assert followed.correction is not None  # how far it is, while it is dragged
     assert np.array_equal(followed.points, followed.correction.simulated)
 
@@ -557,7 +560,7 @@ def test_a_corrected_motion_is_simulated_once(lifted: StudioSolver, monkeypatch:
     monkeypatch.setattr(Bending, "motions", lambda self, c, times: asked.extend(times) or motions(self, c, times))
     times = np.array([0.0, 0.2, 0.25])
     cloud = bow(Case(BASIC.design, constant_program([0.0] * 8))).reshape(-1, 3).astype(float) + [0, 0, 3e-3]
-    ask = Ask(0, "motion", BASIC.design, constant_program([0.0] * 8), LIFTED, times, measured=(cloud,) * 3)
+    ask = Ask("motion", BASIC.design, constant_program([0.0] * 8), LIFTED, times, measured=(cloud,) * 3)
     answer = lifted.answer(ask)
     (once,) = asked
     assert once == pytest.approx([0.0, 0.1, 0.15, 0.2, 0.25])  # with the instants that the corrector looks back to
@@ -610,7 +613,7 @@ def test_a_band_comes_with_the_exact_shape_and_goes_with_an_edit(begin: Begin) -
 
 def target_at(layout: Layout, path: Path, *, every: int = 1) -> ShownTarget:
     """The cloth's own shape as a target, every so many points of a row."""
-    ask = Ask.at_rest(0, "exact", layout.design, layout.pressures, Model())
+    ask = Ask.at_rest("exact", layout.design, layout.pressures, Model())
     np.savetxt(path, bow(Case(ask.design, ask.program))[::every, ::every].reshape(-1, 3))
     return ShownTarget.read(TargetFile(path), layout.design)
 
@@ -769,7 +772,7 @@ def test_poses_have_their_own_target_and_pressures(begin: Begin, tmp_path: Path)
     assert len(open_files([tmp_path / "mine" / "study.toml"], None).targets) == 2
     session.document.open_target(None)  # this pose is no more
     assert (session.document.targets, session.document.pose) == ([targets[0]], 0)
-    assert session.document.pressures == [(200e3, *(0.0,) * 7)]
+    assert [layout.pressures for layout in session.document.layouts] == [(200e3, *(0.0,) * 7)]
 
 
 def test_a_trials_frame_is_compared_with_the_motion_there(begin: Begin, folder: Path) -> None:

@@ -181,7 +181,8 @@ def test_the_page_shows_knots_that_are_dragged(study: Path) -> None:
         goal = ball + [0.0, 0.02, 0.0]
         camera = SimpleNamespace(position=goal + [0.01, 0.02, 0.5])
         for phase in ("start", "update", "end"):
-            page.program.drag(6, SimpleNamespace(client=SimpleNamespace(camera=camera), end_position=goal, phase=phase))
+            event = SimpleNamespace(client=SimpleNamespace(camera=camera), end_position=goal, phase=phase)
+            page.nodes.drag("/program/knot_6", event)
         for _ in range(12):
             studio.turn()
         assert edit.knot == 6

@@ -6,22 +6,19 @@ import numpy as np
 
 from studies.studio.session import Session
 from studies.studio.widgets.declared import Node, Post, SceneNodes, Widgets
-from studies.studio.widgets.flat_view import VIEW, FlatView, Places, eye_of
-from studies.studio.widgets.hung_view import ProgramView, hung_nodes
-from studies.studio.widgets.panels import Panel
+from studies.studio.widgets.flat_view import VIEW, Places, eye_of, flat_nodes
+from studies.studio.widgets.hung_view import hung_nodes, program_nodes
+from studies.studio.widgets.panels import panel
 
 
 class Page:
-    """Shows a session and lets hands at it. post: runs a function on the session's thread. widgets: what stands beside
-    the scene."""
+    """Shows a session and lets hands at it. post: runs a function on the session's thread. nodes: the scene's. widgets:
+    what stands beside it."""
 
     def __init__(self, server: Any, session: Session, post: Post) -> None:
-        self._server, self._session, self._post = server, session, post
+        self._server, self._session = server, session
         self._arrange(server)
-        self._nodes, self._flat = SceneNodes(server.scene), FlatView(session.document, post)
-        self.program = ProgramView(session, post)
-        self.widgets = Widgets(server.gui, post)
-        self._panel = Panel(session, self.widgets)
+        self.nodes, self.widgets = SceneNodes(server.scene, post), Widgets(server.gui, post)
         document = session.document
         for label, key, then in (("Undo", "Z", document.undo), ("Redo", "Y", document.redo)):
             command = server.gui.add_command(label, hotkey=key, modifier="cmd/ctrl")
@@ -30,9 +27,9 @@ class Page:
     def show(self) -> None:
         """Draw all that the session holds."""
         with self._server.atomic():
-            hung = {**hung_nodes(self._session), **self._gizmo_node()}
-            self._nodes.show({**self._flat.nodes(), **hung, **self.program.nodes()})
-            self.widgets.show(self._panel.widgets())
+            hung, program = hung_nodes(self._session), program_nodes(self._session)
+            self.nodes.show(flat_nodes(self._session.document) | hung | self._gizmo_node() | program)
+            self.widgets.show(panel(self._session, self.widgets))
 
     def _arrange(self, server: Any) -> None:
         server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
@@ -67,20 +64,16 @@ class Page:
     def _gizmo_node(self) -> dict[str, Node]:
         """Return a gizmo that moves the target, at its middle, where one is asked for."""
         target = self._session.document.target
-        if not self._panel.gizmo or target is None:
+        if not self._session.document.gizmo or target is None:
             return {}
         import viser.transforms as transforms
 
         angles = np.radians(target.file.rotation or (0.0, 0.0, 0.0))
+
+        def moved(turn: tuple[float, ...], place: tuple[float, ...]) -> None:
+            turned = np.degrees(transforms.SO3(np.array(turn)).as_rpy_radians())
+            self._session.document.place_target(tuple(map(float, turned)), place)
+
         turn = tuple(transforms.SO3.from_rpy_radians(*angles).wxyz.tolist())
-
-        def moved(event: Any) -> None:
-            if event.phase != "end":
-                return
-            turned = transforms.SO3(np.array(event.target.wxyz)).as_rpy_radians()
-            rotation = tuple(float(np.degrees(angle)) for angle in turned)
-            translation = tuple(map(float, event.target.position))
-            self._post(lambda: self._session.document.place_target(rotation, translation))
-
-        where = {"position": target.file.translation, "wxyz": turn}
-        return {"/hung/gizmo": Node("transform_controls", {"scale": 0.06, **where}, moved=moved)}
+        given = {"scale": 0.06, "position": target.file.translation, "wxyz": turn}
+        return {"/hung/gizmo": Node("transform_controls", given, moved=moved)}

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from fabdesign.units import in_mm
-from studies.studio.drawings import LiveShape
+from fabdesign.units import in_kpa, in_mm
+from studies.studio.drawings import LiveShape, Row
 from studies.studio.model_choice import lower_edge
 from studies.studio.session import Session
 from studies.studio.solver import Correction
@@ -102,6 +102,19 @@ def _box(name: str, content: str, colour: str, *, room: int = 1, most: int | Non
     if most is not None:
         style += f"; max-height:{_LINE * most:g}em; overflow-y:auto"
     return f'<div id="studio-{name}" style="{style}">{content}</div>'
+
+
+def results_table(rows: list[Row]) -> str:
+    """Return the table that compares the own drawing with results."""
+    head = "<tr><th></th><th>muscles</th><th>Chamfer, mm</th><th>surface RMS, mm</th><th>highest, kPa</th></tr>"
+    lines = []
+    for row in rows:
+        distances = ["" if value is None else f"{in_mm(value):.2f}" for value in (row.chamfer, row.surface_rms)]
+        cells = [escape(row.name), f"{row.muscles}", *distances, f"{in_kpa(row.highest):.0f}"]
+        weight = "bold" if row.shown else "normal"
+        lines.append(f"<tr style='font-weight:{weight}'>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>")
+    style = "font-size:0.82em; margin:0.4em 0.9em; text-align:right; border-spacing:0.7em 0.2em"
+    return f'<table id="studio-results" style="{style}">{head}{"".join(lines)}</table>'
 
 
 def profile(session: Session) -> str:
