@@ -73,11 +73,6 @@ class Document:
         return {f"{trial.name} ({trial.design_name}, {trial.role})": trial for trial in trials}
 
     @property
-    def moving(self) -> bool:
-        """Return whether a hand is in the middle of a gesture."""
-        return self.history.in_gesture and self.shown is None
-
-    @property
     def seen(self) -> Seen:
         """Return what was seen of the drawing that is shown."""
         return self.drawn if self.shown is None else self.shown
@@ -165,7 +160,7 @@ class Document:
 
     def end_gesture(self, calm: float) -> None:
         """End a gesture without an end of its own, as of a slider, once nothing came for `calm` s."""
-        if self.moving and self._dragged is None and self._clock() - self._touched > calm:
+        if self.history.in_gesture and self._dragged is None and self._clock() - self._touched > calm:
             self.history.end()
             self.changed()
 

@@ -1,6 +1,6 @@
 """The files of a sitting: the autosave, the file that was opened, the folder that it is saved in, templates."""
 
-from dataclasses import asdict, replace
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -34,42 +34,6 @@ def content_hash(file: Path) -> str | None:
         return None
 
 
-class Autosave:
-    """A copy of what is edited, kept beside its file until it is saved: a crash or a closed window loses nothing. It
-    holds muscles and pressures, which is all that the studio changes, and the hash of the file that they were begun
-    on."""
-
-    def __init__(self, file: Path) -> None:
-        self._file, self.path = file, file.with_name(f".{file.name}.studio")
-        self._written: Layout | None = None
-
-    def write(self, layout: Layout) -> None:
-        """Write once for each layout. Raises InputError where nothing can be written."""
-        if layout != self._written:
-            muscles = [asdict(muscle) for muscle in layout.design.muscles]
-            content = {"format": FORMAT, "begun_on": content_hash(self._file), "muscles": muscles}
-            write_json(self.path, content | {"pressures_pa": list(layout.pressures)})
-            self._written = layout
-
-    def read(self, design: Design) -> tuple[Layout, bool] | None:
-        """Return the layout that was unsaved, on the cloth and the muscle types of `design`, and whether the file is
-        still the one it was begun on; None where there is none, or none that fits."""
-        try:
-            content = read_json(self.path)
-            if content["format"] != FORMAT:
-                return None
-            muscles = tuple(_muscle(entry, design) for entry in content["muscles"])
-            pressures = tuple(float(pressure) for pressure in content["pressures_pa"])
-            same_file = content["begun_on"] == content_hash(self._file)
-        except (ValueError, KeyError, TypeError, AttributeError):
-            return None
-        return Layout.of(replace(design, muscles=muscles), pressures), same_file
-
-    def clear(self) -> None:
-        self.path.unlink(missing_ok=True)
-        self._written = None
-
-
 def _muscle(entry: dict[str, Any], design: Design) -> Muscle:
     """Return a muscle of an autosave. Raises ValueError and others where it does not fit the design."""
     path = tuple((float(u), float(v)) for u, v in entry["path"])
@@ -83,7 +47,9 @@ def _muscle(entry: dict[str, Any], design: Design) -> Muscle:
 
 class Files:
     """Saves, restores and follows the file. folder and template_folder: where the design and its templates go, unless
-    other places are typed."""
+    other places are typed. autosave: a copy of what is edited, beside the file until it is saved: a crash or a closed
+    window loses nothing. It holds muscles and pressures, which is all that the studio changes, and the hash of the file
+    that they were begun on."""
 
     def __init__(self, document: Document) -> None:
         self._document, self._file = document, document.opened.file
@@ -91,16 +57,24 @@ class Files:
         saved_here = self._file.name == "design.toml" and mark is not None and mark.made_by == "studio"
         self.folder = self._file.parent if saved_here else self._file.with_name(f"{self._file.stem}_studio")
         self.template_folder = self._file.with_name(f"{self._file.stem}_template")
-        self._autosave = Autosave(self._file)
+        self.autosave = self._file.with_name(f".{self._file.name}.studio")
+        self._autosaved: Layout | None = None
         self._autosaves = True  # until one fails
         self._known = content_hash(self._file)
         self._saved: dict[Path, str | None] = {}  # folder -> hash of the design last written there
 
     def restore(self) -> None:
         """Bring back what was unsaved: in place of the file's layout, or where redo finds it if the file is another."""
-        document = self._document
-        restored, same_file = self._autosave.read(document.layout.design) or (document.layout, True)
-        if restored == document.layout:
+        document, design = self._document, self._document.layout.design
+        try:
+            content = read_json(self.autosave)
+            muscles = tuple(_muscle(entry, design) for entry in content["muscles"])
+            pressures = tuple(float(pressure) for pressure in content["pressures_pa"])
+            known, same_file = content["format"] == FORMAT, content["begun_on"] == content_hash(self._file)
+        except (ValueError, KeyError, TypeError, AttributeError):  # there is none, or none that fits
+            return
+        restored = Layout.of(dataclasses.replace(design, muscles=muscles), pressures)
+        if not known or restored == document.layout:
             return
         if same_file:
             document.history.do("restored changes", restored)
@@ -114,13 +88,21 @@ class Files:
         history = self._document.history
         try:
             if not history.changed:
-                self._autosave.clear()
-            elif self._autosaves:
-                self._autosave.write(history.layout)
+                self._clear()
+            elif self._autosaves and history.layout != self._autosaved:
+                layout = history.layout
+                muscles = [dataclasses.asdict(muscle) for muscle in layout.design.muscles]
+                content = {"format": FORMAT, "begun_on": content_hash(self._file), "muscles": muscles}
+                write_json(self.autosave, content | {"pressures_pa": list(layout.pressures)})
+                self._autosaved = layout
         except InputError as error:
             if self._autosaves:
                 self._document.tell(f"no autosave: {error}", bad=True)
             self._autosaves = False
+
+    def _clear(self) -> None:
+        self.autosave.unlink(missing_ok=True)
+        self._autosaved = None
 
     def follow_file(self) -> None:
         """Take the file where another program has changed it, or say so where something is unsaved."""
@@ -165,7 +147,7 @@ class Files:
         """
         document = self._document
         document.history.end()
-        self._autosave.clear()  # it may lie in the folder, where no other files may be
+        self._clear()  # it may lie in the folder, where no other files may be
         try:
             saved = self._write(folder, replace=replace)
         except InputError as error:

@@ -1,6 +1,6 @@
 """A measurement set beside its prediction: one trial at a time, frame by frame, and a table of all of them."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -14,8 +14,7 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.trial import Trial
 from fabdesign.units import in_mm
-from studies.studio.document import Document
-from studies.studio.solver import Answer, Ask, Correction
+from studies.studio.solver import Ask, Correction
 
 APART = 1e-3  # m: surfaces nearer than that, drawn through each other, only flicker
 _SCALED = 8  # frames that the end of a motion's scale is taken from
@@ -76,47 +75,6 @@ class TrialMotion:
         if not rms:
             return text
         return f"{text}: surface RMS " + " corrected, ".join(rms) + (" without the corrector" if self._moved else "")
-
-
-class TrialErrors:
-    """How far the chosen model is from every trial of a set: a table that fills itself, one trial after another.
-
-    by_label: errors of the simulated motion, and of the corrected one where a corrector acts.
-    """
-
-    def __init__(self, document: Document, ask: Callable[[Ask, Callable[[Answer], None]], None]) -> None:
-        """Take `ask`, which has the simulator answer once it can."""
-        self._document, self._ask = document, ask
-        self._running, self._choice = False, document.choice
-        self.by_label: dict[str, tuple[Errors, ...]] = {}
-        document.listeners.append(self._stop)
-
-    def add(self, label: str, answer: Answer) -> None:
-        self.by_label[label] = answer.errors or UNKNOWN
-        self._document.show()
-
-    def _stop(self) -> None:
-        self._running = False
-        if self._choice is not self._document.choice:  # the errors were of another model
-            self._choice, self.by_label = self._document.choice, {}
-
-    def begin(self) -> None:
-        """Fill a row for every trial that has none, until something is edited or chosen."""
-        document, choice = self._document, self._document.choice
-        label = next((label for label in document.trials if label not in self.by_label), None)
-        self._running = label is not None
-        if label is None:
-            document.tell(f"errors of all {len(self.by_label)} trials")
-            return
-
-        def arrived(answer: Answer) -> None:
-            if choice is document.choice:
-                self.add(label, answer)
-                if self._running:
-                    self.begin()
-
-        with document.refusals():
-            self._ask(ask_of_trial(document.trials[label], choice.model), arrived)
 
 
 def ask_of_trial(trial: Trial, model: Model) -> Ask:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError, needs
 from fabdesign.files.motion_file import Motion
 from fabdesign.files.pressure_file import read_pressures, write_pressures
+from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import RISE
 from fabdesign.nouns.pressure import PressureProgram, require_pressures, rising_program
@@ -20,7 +21,7 @@ from studies.follow.programs import case_of
 from studies.prediction.predict import frame_times
 from studies.studio.document import Document
 from studies.studio.layout import Layout
-from studies.studio.measured import TrialErrors, TrialMotion, ask_of_trial
+from studies.studio.measured import UNKNOWN, TrialMotion, ask_of_trial
 from studies.studio.opening import FRAME_RATE, MovingProgram
 from studies.studio.shapes import Shapes
 from studies.studio.solver import Answer, Ask, Kind
@@ -33,17 +34,22 @@ _PAUSE = 0.5  # s, before a motion begins again
 
 class Playing:
     """Plays one motion at a time. motion: of the layout that is shown; None: its shape at rest is looked at. frame: the
-    one that is shown. running: whether it plays on by itself."""
+    one that is shown. running: whether it plays on by itself. errors: how far the chosen model is from trials of a set,
+    by their labels: of the simulated motion, and of the corrected one where a corrector acts."""
 
-    def __init__(self, document: Document, shapes: Shapes, errors: TrialErrors) -> None:
-        self._document, self._shapes, self._errors = document, shapes, errors
+    def __init__(self, document: Document, shapes: Shapes) -> None:
+        self._document, self._shapes = document, shapes
+        self.errors: dict[str, tuple[Errors, ...]] = {}
+        self._filling, self._choice = False, document.choice  # whether the errors of all trials are asked for
         self.motion: TrialMotion | None = None
         self.frame, self.running, self._time = 0, False, 0.0  # _time: s since the motion's first frame
         self._played: Ask | None = None  # what `motion` answers
         document.listeners.append(self._stop)
 
     def _stop(self) -> None:
-        self.motion, self.running = None, False
+        self.motion, self.running, self._filling = None, False, False
+        if self._choice is not self._document.choice:  # the errors were of another model
+            self._choice, self.errors = self._document.choice, {}
 
     def rise(self) -> None:
         """Play the motion to the pressures as they are: they rise within 1 s, and hold for 1 s."""
@@ -80,6 +86,25 @@ class Playing:
                 document.changed()
             self._ask(ask, label)
 
+    def all_errors(self) -> None:
+        """Ask for the errors of every trial that has none, one after another, until something is edited or chosen."""
+        document, choice = self._document, self._document.choice
+        label = next((label for label in document.trials if label not in self.errors), None)
+        self._filling = label is not None
+        if label is None:
+            document.tell(f"errors of all {len(self.errors)} trials")
+            return
+
+        def arrived(answer: Answer) -> None:
+            if choice is document.choice:
+                self.errors[label] = answer.errors or UNKNOWN
+                document.show()
+                if self._filling:
+                    self.all_errors()
+
+        with document.refusals():
+            self._shapes.also(ask_of_trial(document.trials[label], choice.model), arrived)
+
     def show(self, motion: TrialMotion, ask: Ask) -> None:
         """Play a motion from its first frame; one with the same frames as the last goes on where that is."""
         last, self.motion, self._played = self.motion, motion, ask
@@ -98,7 +123,7 @@ class Playing:
                 document.tell(answer.error, bad=True)
                 return
             if ask.measured:
-                self._errors.add(name, answer)
+                self.errors[name] = answer.errors or UNKNOWN
             self.motion = None
             self.show(TrialMotion(name, times, answer.points, ask.measured or None, answer.correction), ask)
             document.tell(f"{name}: {len(times)} frames")

@@ -6,7 +6,6 @@ from typing import Any
 
 from studies.studio.document import Document
 from studies.studio.files import Files
-from studies.studio.measured import TrialErrors
 from studies.studio.opening import Opened
 from studies.studio.playing import Playing, ProgramEdit
 from studies.studio.search import BackgroundSearch
@@ -23,8 +22,7 @@ class Session:
         self._clock = clock
         self.document = Document(opened, clock)
         self.shapes = Shapes(self.document, solver)
-        self.trial_errors = TrialErrors(self.document, self.shapes.also)
-        self.playing = Playing(self.document, self.shapes, self.trial_errors)
+        self.playing = Playing(self.document, self.shapes)
         moving = opened.moving
         self.program = None if moving is None else ProgramEdit(moving, self.document, self.shapes, self.playing)
         self.files = Files(self.document)

@@ -85,13 +85,13 @@ class Shapes:
 
     def _follow(self) -> None:
         """Ask for what the document shows now; a shape that is there already is only compared again."""
-        document = self._document
+        document, moving = self._document, self._document.history.in_gesture
         wanted = document.layout, document.choice.model, self._time
         if self._wanted is None or self._wanted != wanted:
             self._stage = "follow"
-        elif not document.moving and self._moving and self._stage == "idle":
+        elif not moving and self._moving and self._stage == "idle":
             self._stage = "exact"
-        self._wanted, self._moving = wanted, document.moving
+        self._wanted, self._moving = wanted, moving
         self.band, self._around = None, []
         self._others = [(ask, then) for ask, then in self._others if ask.kind != "nearby"]
         self.turn()

@@ -30,12 +30,11 @@ from optimize.search.margins import Limits, constraint_margins
 from studies.check.files import inspect
 from studies.studio import layout as edits
 from studies.studio.drawings import DrawingHistory, DrawnLayout, LiveShape, Result, one_more_buys
-from studies.studio.files import Autosave
 from studies.studio.layout import Layout, broken_limits, row_distance, rows, snapped
 from studies.studio.measured import ask_of_trial, errors_table
 from studies.studio.model_choice import Band, ModelChoice, models_around
 from studies.studio.opening import Opened, ShownTarget, compare, open_files, search_limits
-from studies.studio.search import Search, SearchResult, study_document
+from studies.studio.search import Search, study_document
 from studies.studio.session import Session
 from studies.studio.shapes import JumpDetector
 from studies.studio.solver import Ask, StudioSolver
@@ -360,10 +359,13 @@ def test_an_autosave_on_a_file_that_has_changed_is_a_step_away(begin: Begin, tmp
 
 
 @pytest.mark.parametrize("text", ["", "{}", '{"format": "fabdesign.studio-autosave/1", "muscles": [{}]}', "[1]"])
-def test_a_damaged_autosave_is_none(tmp_path: Path, text: str) -> None:
-    autosave = Autosave(tmp_path / "d.toml")
-    autosave.path.write_text(text)
-    assert autosave.read(BASIC.design) is None
+def test_a_damaged_autosave_is_none(begin: Begin, tmp_path: Path, text: str) -> None:
+    (tmp_path / ".basic.toml.studio").write_text(text)
+    session, shown, *_ = begin()
+    assert session.document.layout == BASIC
+    assert session.document.history.move(-1) is None
+    assert session.document.history.move(1) is None
+    assert shown.said == []
 
 
 def test_a_file_changed_meanwhile_is_taken_or_said(begin: Begin, tmp_path: Path) -> None:
@@ -478,21 +480,21 @@ def test_a_set_shows_what_was_measured_beside_its_prediction(folder: Path) -> No
 def test_every_trial_has_its_errors_in_a_table(folder: Path) -> None:
     clock = Clock()
     session, *_ = begun(open_files([folder / "set"], None), clock)
-    session.trial_errors.begin()
+    session.playing.all_errors()
     settle(session, clock, 4.0)
-    assert list(session.trial_errors.by_label) == list(session.document.trials)
+    assert list(session.playing.errors) == list(session.document.trials)
     shown = next(iter(session.document.trials))
     ask = ask_of_trial(session.document.trials[shown], session.document.choice.model)
     motion = StudioSolver(Bending).answer(ask).points
     assert motion is not None
     pairs = zip(motion, ask.measured, strict=True)
     expected = np.mean([capped_rms(Surface.of_faces(points).distance(cloud)) for points, cloud in pairs])
-    assert session.trial_errors.by_label[shown][0].surface_rms == pytest.approx(expected)
-    lines = errors_table(session.trial_errors.by_label).splitlines()
+    assert session.playing.errors[shown][0].surface_rms == pytest.approx(expected)
+    lines = errors_table(session.playing.errors).splitlines()
     assert lines[-1].startswith(f"| **mean of {len(session.document.trials)}** |")
     assert f"| {shown} | {1e3 * expected:.2f} |" in lines[4]
     session.document.choose(session.document.choice.switched("frame_tilt", True))
-    assert session.trial_errors.by_label == {}  # they were of another model
+    assert session.playing.errors == {}  # they were of another model
     session.end()
 
 
@@ -679,18 +681,21 @@ time.sleep(60)
     search.close()
 
 
-class Searching:
+class Searching(Result):
     """In the place of a search: the best so far is what a test says."""
 
-    best_so_far: SearchResult | None = None
+    better: Layout | None = None
     running, problem = True, None
 
     def __init__(self, folder: Path, layout: Layout, targets: list[ShownTarget], limits: Limits, **_: object) -> None:
-        self.folder, self.result = folder, folder / "result"
+        super().__init__()
+        self.folder = folder
 
-    def best(self) -> SearchResult | None:
-        best, Searching.best_so_far = Searching.best_so_far, None
-        return best
+    def read(self) -> bool:
+        better, Searching.better = Searching.better, None
+        if better is not None:
+            self.hold((better,), 3e-3)
+        return better is not None
 
     def close(self) -> None: ...
 
@@ -705,7 +710,7 @@ def test_a_result_is_a_drawing_of_its_own(begin: Begin, tmp_path: Path, monkeypa
     own = session.document.layout
     session.search.start("one more muscle", 10)
     better = edits.move_muscle(edits.add_muscle(own.with_pressure(0, 190e3)), 8, (-0.022, 0.0))
-    Searching.best_so_far = SearchResult((better,), 3e-3, 12, "searching")
+    Searching.better = better
     settle(session, clock, 4.0)
     assert session.document.layout == better  # it moves in
     assert session.document.history.layout == own
@@ -923,21 +928,22 @@ def test_all_is_in_the_first_view_and_bending_shows(size: tuple[float, float], w
 def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("viser")
     from studies.studio.gate import Gate
-    from studies.studio.server import Studio, quiet_viser
+    from studies.studio.server import quiet_viser
+    from studies.studio.widgets.page import Page
 
     monkeypatch.chdir(folder)
     write_design(BASIC.design, folder / "basic.toml")
     target = target_at(BASIC.with_pressure(0, 200e3), folder / "bowed.xyz", every=4)
     with contextlib.closing(Gate("127.0.0.1", None)) as gate, quiet_viser(gate) as server:
-        studio = Studio(server, open_files([Path("basic.toml"), target.file.file], folder / "model.toml"), AtOnce())
-        session, page = studio.session, studio.page
+        page = Page(server, open_files([Path("basic.toml"), target.file.file], folder / "model.toml"), AtOnce())
+        session = page.session
         turns = iter(range(20))
         points, export = "Ends and corners, mm from the upper left", ("Sewing template, 1:1", "Export template")
-        studio.run(lambda: next(turns) == 12)
+        page.run(lambda: next(turns) == 12)
 
         def run() -> None:
             for _ in range(20):
-                studio.turn()
+                page.turn()
                 session.playing.advance(0.02)
 
         assert session.shapes.shown is not None
@@ -948,8 +954,8 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         session.document.edit("add", lambda layout: edits.add_corner(edits.add_muscle(layout, 0), 8))
         session.document.edit("move", lambda layout: edits.move_muscle(layout, 8, (-0.022, 0.0)))
         session.document.choose(session.document.choice.switched("frame_tilt", True))
-        page.widgets.press("Target", "Placed by hand", "Gizmo")
-        studio.turn()
+        page.widgets.find("Target", "Placed by hand", "Gizmo").part.then(True)
+        page.turn()
         assert server.scene.get_handle_by_name("/hung/gizmo") is not None
         session.document.place_target((0.0, 0.0, 5.0), (0.0, 0.001, 0.0))
         run()
@@ -957,18 +963,18 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         assert session.document.target.file.rotation == (0.0, 0.0, 5.0)
         assert server.scene.get_handle_by_name("/flat/corner_8_2") is not None
         session.document.select(8)
-        studio.turn()
-        assert page.widgets.labels("Layout", points) == ["End 0", "Corner 1", "End 2"]
+        page.turn()
+        assert [made.part.name for made in page.widgets.find("Layout", points).inside] == ["End 0", "Corner 1", "End 2"]
         session.document.select(1)
-        studio.turn()
-        assert page.widgets.labels("Layout", points) == ["End 0", "End 1"]
-        assert "muscles 1 and 8" in page.widgets.handle("limits").content
+        page.turn()
+        assert [made.part.name for made in page.widgets.find("Layout", points).inside] == ["End 0", "End 1"]
+        assert "muscles 1 and 8" in page.widgets.find("limits").handle.content
         session.playing.rise()
         run()
         assert session.playing.motion is not None
         assert session.playing.frame > 0
         session.document.edit("remove", lambda layout: edits.remove_muscle(layout, 8))
-        studio.turn()
+        page.turn()
         assert server.scene.get_handle_by_name("/flat/corner_8_2") is None
         run()
         found = Result(
@@ -979,20 +985,20 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         run()
         assert server.scene.get_handle_by_name("/hung/other") is not None  # the own drawing beside it
         assert server.scene.get_handle_by_name("/flat/other") is not None
-        assert "<td>search 1</td><td>8</td>" in page.widgets.handle("Results", "table").content
+        assert "<td>search 1</td><td>8</td>" in page.widgets.find("Results", "table").handle.content
         session.document.set_option("beside", False)
-        studio.turn()
+        page.turn()
         assert server.scene.get_handle_by_name("/hung/other") is None
-        assert "<polyline" in page.widgets.handle("Model", "profile").content
-        page.widgets.press("Files", *export)
+        assert "<polyline" in page.widgets.find("Model", "profile").handle.content
+        page.widgets.find("Files", *export).part.then(True)
         template = folder / "basic_template"
         cut_list = (template / "design_cut_list.csv").read_text()
         export_design(session.document.layout.design, folder / "exported", stem="design", tail_length=0.03)
         assert cut_list == (folder / "exported" / "design_cut_list.csv").read_text()
         assert (template / "design_a4.pdf").is_file()
-        studio.turn()
-        assert "sewing template in basic_template: " in page.widgets.handle("message").content
+        page.turn()
+        assert "sewing template in basic_template: " in page.widgets.find("message").handle.content
         (template / "design_a4.pdf").unlink()
-        page.widgets.press("Files", *export)  # asks first
+        page.widgets.find("Files", *export).part.then(True)  # asks first
         assert not (template / "design_a4.pdf").exists()
         session.end()

@@ -135,21 +135,18 @@ class Widgets:
     def show(self, widgets: Sequence[Widget]) -> None:
         self._match(self._made, widgets, self._gui)
 
-    def handle(self, *names: str) -> Any:
-        """Return viser's handle of a widget, by its name and those of what it lies in, the outermost first."""
-        return self._find(names).handle
-
-    def labels(self, *names: str) -> list[str]:
-        """Return the names of the widgets inside one."""
-        return [made.part.name for made in self._find(names).inside]
+    def find(self, *names: str) -> _Made:
+        """Return a widget by its name and those of what it lies in, the outermost first."""
+        inside = self._made
+        for name in names:
+            every = [*inside, *(i for made in inside if not made.part.name for i in made.inside)]
+            one = next(made for made in every if made.part.name == name)
+            inside = one.inside
+        return one
 
     def typed(self, *names: str) -> Any:
-        """Return what stands in an input, by its name and those of what it lies in."""
-        return self._find(names).value
-
-    def press(self, *names: str) -> None:
-        """Press a button, as a person does."""
-        self._find(names).part.then(True)
+        """Return what stands in an input."""
+        return self.find(*names).value
 
     def unless_lost(self, reason: str | None, write: Callable[..., Any]) -> None:
         """Call `write(replace=...)`, after asking where something would be lost by it."""
@@ -167,14 +164,6 @@ class Widgets:
 
         yes.on_click(lambda _: self._post(replace))
         no.on_click(lambda _: self._post(dialog.close))
-
-    def _find(self, names: Sequence[str]) -> _Made:
-        inside = self._made
-        for name in names:
-            every = [*inside, *(i for made in inside if not made.part.name for i in made.inside)]
-            one = next(made for made in every if made.part.name == name)
-            inside = one.inside
-        return one
 
     def _match(self, made: list[_Made], widgets: Sequence[Widget], parent: Any) -> None:
         """Widgets keep their places: a list grows and shrinks at its end."""

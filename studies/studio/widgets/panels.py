@@ -246,7 +246,7 @@ def motion(session: Session, made: Widgets) -> list[Widget]:
     of_trials = [
         ui.choice("Trial", trials, trials[0]),
         ui.button("Show measured and predicted", lambda: playing.trial(typed("Trial"))),
-        ui.button("Errors of all trials", session.trial_errors.begin),
+        ui.button("Errors of all trials", playing.all_errors),
     ] if trials else []  # fmt: skip
     frames: dict[str, Any] = {"min": 0, "max": last, "step": 1, "disabled": shown is None}
     opened = [ui.button("Play the pressures of the command line", partial(playing.opened, given))] if given else []
@@ -266,7 +266,7 @@ def motion(session: Session, made: Widgets) -> list[Widget]:
             ui.button("Write the motion", lambda: playing.write(Path(typed("For other programs", "File").strip()))),
             closed=True,
         ),
-        ui.words("errors", errors_table(session.trial_errors.by_label)),
+        ui.words("errors", errors_table(playing.errors)),
     ]
 
 
