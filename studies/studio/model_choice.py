@@ -107,17 +107,10 @@ def models_around(model: Model) -> list[Model]:
         return []
 
 
-@dataclass(frozen=True, eq=False)
-class Band:
-    """The effect of a model's intervals on the lower edge, to first order. half: (n, 3) m to either side, which holds
-    90 %, in x, y and z."""
-
-    half: Array
-
-    @staticmethod
-    def of(shapes: list[NDArray[np.float32]]) -> "Band":
-        """Make it of the shapes under `models_around`, in their order: half the difference of two is a column of
-        deviations, and deviations of independent columns add up squared."""
-        edges = np.array([lower_edge(shape) for shape in shapes]).reshape(-1, 2, len(lower_edge(shapes[0])), 3)
-        columns = (edges[:, 0] - edges[:, 1]) / 2
-        return Band(NORMAL90 * np.sqrt(np.square(columns).sum(axis=0)))
+def half_band(shapes: list[NDArray[np.float32]]) -> Array:
+    """Return the effect of a model's intervals on the lower edge, to first order: (n, 3) m to either side, which holds
+    90 %, in x, y and z. shapes: under `models_around`, in their order: half the difference of two is a column of
+    deviations, and deviations of independent columns add up squared."""
+    edges = np.array([lower_edge(shape) for shape in shapes]).reshape(-1, 2, len(lower_edge(shapes[0])), 3)
+    columns = (edges[:, 0] - edges[:, 1]) / 2
+    return np.asarray(NORMAL90 * np.sqrt(np.square(columns).sum(axis=0)))

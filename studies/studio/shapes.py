@@ -8,12 +8,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.model import Model
 from studies.prediction.stability import LEAST, are_one, rms
 from studies.studio.document import Document
 from studies.studio.drawings import LiveShape
 from studies.studio.layout import Layout
-from studies.studio.model_choice import Band
+from studies.studio.model_choice import half_band
 from studies.studio.opening import compare
 from studies.studio.solver import Answer, Ask
 
@@ -28,14 +29,14 @@ class Shapes:
     until nothing is dragged.
 
     solver: a SolverProcess, or what sends and receives like one. shown: the last shape that came. before: (2 n, 3) m,
-    the one before a jump, until the next gesture. band: around `shown`, where it is exact and the model's intervals are
-    known."""
+    the one before a jump, until the next gesture. band: (n, 3) m to either side of the lower edge of `shown`, where it
+    is exact and the model's intervals are known."""
 
     def __init__(self, document: Document, solver: Any) -> None:
         self._document, self._solver = document, solver
         self.shown: LiveShape | None = None
         self.before: NDArray[np.float32] | None = None
-        self.band: Band | None = None
+        self.band: Array | None = None
         self._wanted: tuple[Layout, Model, float | None] | None = None  # the last: s after rest, of a motion's frame
         self._moving = False
         self._stage: Literal["idle", "follow", "exact"] = "idle"  # what is still to be asked of what is wanted
@@ -140,7 +141,7 @@ class Shapes:
             return
         around.append(answer.points)
         if len(around) == len(self._document.choice.around):
-            self.band = Band.of(around)
+            self.band = half_band(around)
             self._document.show()
 
 

@@ -32,7 +32,7 @@ from studies.studio import layout as edits
 from studies.studio.drawings import DrawingHistory, DrawnLayout, LiveShape, Result, one_more_buys
 from studies.studio.layout import Layout, broken_limits, row_distance, rows, snapped
 from studies.studio.measured import ask_of_trial, errors_table
-from studies.studio.model_choice import Band, ModelChoice, models_around
+from studies.studio.model_choice import ModelChoice, half_band, models_around
 from studies.studio.opening import Opened, ShownTarget, compare, open_files, search_limits
 from studies.studio.search import Search, study_document
 from studies.studio.session import Session
@@ -592,9 +592,9 @@ def test_the_band_is_the_covariance_at_the_edge() -> None:
         points[:, -1] = np.tensordot([np.log(one.parameters[name].factor) for name in names], slopes, 1)
         return points.reshape(-1, 3)
 
-    band = Band.of([shape(one) for one in models_around(model)])
+    band = half_band([shape(one) for one in models_around(model)])
     expected = 1.6449 * np.sqrt(np.einsum("ikd,ij,jkd->kd", slopes, root @ root.T, slopes))
-    assert band.half == pytest.approx(expected, rel=1e-5)
+    assert band == pytest.approx(expected, rel=1e-5)
     assert not models_around(Model())
 
 

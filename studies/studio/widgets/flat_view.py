@@ -140,8 +140,14 @@ def eye_of(places: Places, aspect: float = ASPECT) -> tuple[float, float, float]
 _HANDLE = 0.0035  # m, radius of an end or corner
 _LEAST_WIDTH = 0.0035  # m, of a muscle's band: thinner ones are hard to hit
 _PLAIN = {"flat_shading": True, "cast_shadow": False, "receive_shadow": False, "side": "double"}
-_THIN, _THICK = ({"thickness": width, "thickness_units": "screen"} for width in (1.0, 2.5))
 _SHEET = np.array([(0, 2, 1), (0, 3, 2)], dtype=np.uint32)
+
+
+def lines(*paths: Array, shade: Colour, pixels: float = 1.0) -> Node:
+    """Return lines, each through points (n, 3) m."""
+    points = np.concatenate([np.stack([path[:-1], path[1:]], axis=1) for path in paths])
+    given = {"points": points, "colors": shade, "thickness": pixels, "thickness_units": "screen"}
+    return Node("line_segments", given)
 
 
 def flat_nodes(document: Document) -> dict[str, Node]:
@@ -157,8 +163,7 @@ def flat_nodes(document: Document) -> dict[str, Node]:
         nodes |= _muscle(document, i, muscle, diameter, shade, i == document.selected, places)
     if (other := document.other()) is not None and other[0].design.muscles:
         paths = [places.flat(np.array(m.path), m.side, lift=0.8 * LIFT) for m in other[0].design.muscles]
-        legs = np.concatenate([np.stack([path[:-1], path[1:]], axis=1) for path in paths])  # below the muscles shown
-        nodes["/flat/other"] = Node("line_segments", {"points": legs, "colors": (90, 95, 100), **_THICK})
+        nodes["/flat/other"] = lines(*paths, shade=(90, 95, 100), pixels=2.5)  # below the muscles shown
     return nodes
 
 
@@ -204,6 +209,6 @@ def _sheet(places: Places, side: str, shade: Colour, title: str, row_distance: f
     }
     ends = [[(0.0, v), (w, v)] for v in rows(h, row_distance)] + [[(u, 0.0), (u, h)] for u in rows(w, row_distance)]
     if ends:
-        lines = np.array([places.flat(np.array(end), side, lift=0.0003) for end in ends])
-        nodes[f"/flat/{side}_rows"] = Node("line_segments", {"points": lines, "colors": (150, 160, 172), **_THIN})
+        threads = [places.flat(np.array(end), side, lift=0.0003) for end in ends]
+        nodes[f"/flat/{side}_rows"] = lines(*threads, shade=(150, 160, 172))
     return nodes

@@ -12,11 +12,10 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.units import in_kpa
 from studies.studio.drawings import LiveShape
-from studies.studio.measured import TrialMotion
 from studies.studio.opening import Comparison
 from studies.studio.session import Session
 from studies.studio.widgets.declared import LIFT, Node
-from studies.studio.widgets.flat_view import BACK, FRONT, Colour, Places, colour, heat, laced
+from studies.studio.widgets.flat_view import BACK, FRONT, Colour, Places, colour, heat, laced, lines
 
 LEAST_SCALE = 0.002  # m, the least end of a scale of distances
 _OTHER, _BEFORE = (60, 90, 200), (230, 140, 40)  # of another drawing's shape; of one before a jump or a correction
@@ -39,11 +38,14 @@ def largest_distance(session: Session) -> float | None:
 def hung_nodes(session: Session) -> dict[str, Node]:
     """Return the shape at rest beside target and other shapes, or a motion's frame beside what was measured."""
     document, motion, shape = session.document, session.playing.motion, session.shapes.shown
-    nodes = _frame(document.layout.design)
+    nodes, frame = _frame(document.layout.design), session.playing.frame
     if motion is not None:
-        points, ghost = motion.points[session.playing.frame], motion.ghost(session.playing.frame)
-        nodes |= _cloth(points, document.layout.design) | _beside("simulated", ghost, _BEFORE)
-        return nodes | _measured(motion, session.playing.frame)
+        nodes |= _cloth(motion.points[frame], document.layout.design)
+        nodes |= _beside("simulated", motion.ghost(frame), _BEFORE)
+        cloud, distances = motion.cloud(frame), motion.distances(frame)
+        if cloud is not None and distances is not None:
+            nodes |= _cloud("measured", cloud, heat(distances, max(LEAST_SCALE, motion.largest or 0.0)))
+        return nodes
     if shape is not None:
         nodes |= _at_rest(shape) | _beside("before", session.shapes.before, _BEFORE)
     other = document.other()
@@ -110,14 +112,6 @@ def _triangles(points: int) -> NDArray[np.uint32]:
     return front_triangles(side, side).astype(np.uint32)
 
 
-def _measured(motion: TrialMotion, frame: int) -> dict[str, Node]:
-    """Return the measured points of a frame, coloured by their distance to the surface that is shown."""
-    cloud, distances = motion.cloud(frame), motion.distances(frame)
-    if cloud is None or distances is None:
-        return {}
-    return _cloud("measured", cloud, heat(distances, max(LEAST_SCALE, motion.largest or 0.0)))
-
-
 def _cloud(name: str, points: Array, colours: NDArray[np.uint8]) -> dict[str, Node]:
     look = {"point_size": _POINT, "point_shape": "circle", "precision": "float32", "point_shading": "flat"}
     return {f"/hung/{name}": Node("point_cloud", {"points": points.astype(np.float32), "colors": colours, **look})}
@@ -152,11 +146,6 @@ def program_nodes(session: Session) -> dict[str, Node]:
         x, y = left + width * np.asarray(times) / end, below + height * np.asarray(values) / highest
         return np.stack([x, y, np.full_like(x, LIFT)], axis=1)
 
-    def line(times: Any, values: Any, shade: Colour, thickness: float = 1.0) -> Node:
-        path = places(times, values)
-        look = {"colors": shade, "thickness": thickness, "thickness_units": "screen"}
-        return Node("line_segments", {"points": np.stack([path[:-1], path[1:]], axis=1), **look})
-
     def label(text: str, time: float, pressure: float, anchor: str) -> Node:
         return Node("label", {"text": text, "position": tuple(places([time], [pressure])[0]), "anchor": anchor})
 
@@ -164,17 +153,18 @@ def program_nodes(session: Session) -> dict[str, Node]:
         edit.put(highest * (float(at[1]) - below) / height)
 
     nodes = {
-        "/program/axes": line([0.0, 0.0, end], [highest, 0.0, 0.0], _GREY),
+        "/program/axes": lines(places([0.0, 0.0, end], [highest, 0.0, 0.0]), shade=_GREY),
         "/program/most": label(f"{in_kpa(highest):.0f} kPa", 0.0, highest, "center-right"),
         "/program/end": label(f"{end:.2f} s", end, 0.0, "top-center"),
         "/program/title": label(f"program, channel {edit.channel}", end / 2, highest, "bottom-center"),
     }
     if playing.motion is not None and playing.motion.off is not None:
-        nodes["/program/now"] = line(np.full(2, playing.motion.times[playing.frame]), [0.0, highest], _GREY)
+        now = places(np.full(2, playing.motion.times[playing.frame]), [0.0, highest])
+        nodes["/program/now"] = lines(now, shade=_GREY)
     steps = cycle * np.repeat(np.arange(len(pressures) + 1), 2)[1:-1]
     for channel, values in enumerate(np.repeat(pressures, 2, axis=0).T):
-        thickness = 3.0 if channel == edit.channel else 1.0
-        nodes[f"/program/line_{channel}"] = line(steps, values, colour(channel), thickness)
+        pixels = 3.0 if channel == edit.channel else 1.0
+        nodes[f"/program/line_{channel}"] = lines(places(steps, values), shade=colour(channel), pixels=pixels)
     for k, at in enumerate(places(cycle * edit.knots, pressures[edit.knots, edit.channel])):
         shade, larger = (_DARK, 1.3) if k == edit.knot else (colour(edit.channel), 1.0)
         ball = {"radius": larger * _KNOT, "color": shade, "position": tuple(at), "subdivisions": 2}

@@ -121,8 +121,8 @@ def profile(session: Session) -> str:
     curves = [(z, "#1b4f8a", False)]
     between, message = (z, z), "no intervals: the model has no joint covariance"
     if band is not None:
-        between = z - band.half[:, 2], z + band.half[:, 2]
-        message = f"band: 90 % intervals of the model, at most ±{in_mm(band.half[:, 2].max()):.2f} mm"
+        between = z - band[:, 2], z + band[:, 2]
+        message = f"band: 90 % intervals of the model, at most ±{in_mm(band[:, 2].max()):.2f} mm"
     elif session.shapes.bands:
         message = "intervals follow the exact shape"
     correction = shape.correction if shape.exact else None
