@@ -30,7 +30,6 @@ from fabdesign.output import read_mark
 from fabdesign.study_files.follow_file import FollowStudy, read_follow
 from fabdesign.study_files.study_file import read_head, read_study
 from fabdesign.study_files.study_targets import TargetFile
-from fabdesign.units import in_mm
 from optimize.search.margins import Limits
 from studies.follow.programs import Regulator, regulator_of
 from studies.follow.target import wanted_of
@@ -38,6 +37,7 @@ from studies.follow.wanted import Wanted
 from studies.layout_search.target import LoadedTarget, load_target, target_errors
 from studies.prediction.predict import frame_times
 from studies.studio.layout import HIGHEST, Layout
+from studies.view.distance import errors_in_words
 
 DRAWS = 5  # of a floor: it stands beside each exact shape, and is good to a few hundredths of a millimetre
 FRAME_RATE = 30.0  # Hz, of a motion that is played
@@ -73,12 +73,8 @@ class Comparison:
     @property
     def sentences(self) -> list[str]:
         """Return the errors in words, mm, with the noise floors beside."""
-        e = self.errors
-        message = [
-            f"Chamfer {in_mm(e.chamfer):.2f} mm (noise floor {in_mm(e.chamfer_floor):.2f})",
-            f"surface RMS {in_mm(e.surface_rms):.2f} mm (noise floor {in_mm(e.surface_floor):.2f})",
-        ]
-        return [*message, told_beyond(e.beyond)] if e.beyond else message
+        beyond = [told_beyond(self.errors.beyond)] if self.errors.beyond else []
+        return [*errors_in_words(self.errors).split(", "), *beyond]
 
 
 def compare(target: ShownTarget, shape: NDArray[np.float32], design: Design) -> Comparison:

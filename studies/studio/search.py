@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -12,6 +13,7 @@ import tomlkit
 
 from fabdesign.errors import InputError
 from fabdesign.files.design_file import write_design
+from fabdesign.formats.encoder import Encoder
 from fabdesign.formats.json_file import read_json
 from fabdesign.output import new_folder, write_text
 from fabdesign.study_files.study_file import result_in
@@ -41,14 +43,15 @@ def study_document(
 ) -> str:
     """Return the study as text, whose `design.toml` lies in the folder `beside` with it. targets: poses of one
     layout."""
-    placed = [_placed(target.file, beside) for target in targets]
+    encoder = Encoder(beside.resolve() / "study.toml")
+    placed = [_placed(target.file, encoder) for target in targets]
     count = len(layout.design.muscles) + 1
     more: dict[str, Any] = {"muscles": {"min": count, "max": count}} if vary == "one more muscle" else {}
     document = {
         "format": "fabdesign.study/1",
         "kind": "optimize",
         "design": "design.toml",
-        **({} if model is None else {"model": _relative(model, beside)}),
+        **({} if model is None else {"model": Path(os.path.relpath(model.resolve(), beside.resolve())).as_posix()}),
         "start_pressures": [in_kpa(pressure) for pressure in layout.pressures],
         **({"target": placed[0]} if len(placed) == 1 else {"targets": placed}),
         "variables": {"pressures": True, "positions": vary != "pressures", **more},
@@ -62,18 +65,13 @@ def study_document(
     return tomlkit.dumps(document)
 
 
-def _placed(target: TargetFile, beside: Path) -> dict[str, Any]:
+def _placed(target: TargetFile, encoder: Encoder) -> dict[str, Any]:
     """Return what a study says of a target: what is not so by default, and no objects, which its file alone can say."""
-    usual = vars(TargetFile(target.file)) | {"weighting": target.weighting, "wishes": target.wishes}
+    bare = replace(target, file=target.file.resolve(), weighting=None, wishes=())
     if target.place == "fit":
-        usual["translation"] = target.translation  # the fit finds it
-    said = {name: value for name, value in vars(target).items() if value != usual[name]}
-    listed = {name: list(value) if isinstance(value, tuple) else value for name, value in said.items()}
-    return {"file": _relative(target.file, beside), "frame": target.frame, "unit": target.unit} | listed
-
-
-def _relative(path: Path, beside: Path) -> str:
-    return Path(os.path.relpath(path.resolve(), beside.resolve())).as_posix()
+        bare = replace(bare, translation=(0.0, 0.0, 0.0))  # the fit finds it
+    said, usual = encoder.encode(bare), encoder.encode(TargetFile(bare.file))
+    return {key: value for key, value in said.items() if key in ("file", "frame", "unit") or value != usual.get(key)}
 
 
 class Search(Result):

@@ -22,13 +22,12 @@ def serve(
     port: int | None = None,
     announce: Callable[[str], None],
     browser: bool = False,
-    make_worker: Callable[[], Any] = SolverProcess,
 ) -> None:
     """Run until it is interrupted. announce: is told the address once the page can be opened. port: None takes the
     first free one. Raises InputError where it cannot listen; unsaved changes lie in the autosave whatever ends it."""
     with contextlib.closing(Gate(host, port)) as gate, quiet_viser(gate) as viser_server:
         announce(gate.address)
-        with contextlib.closing(make_worker()) as worker, contextlib.ExitStack() as stack:
+        with contextlib.closing(SolverProcess()) as worker, contextlib.ExitStack() as stack:
             page = Page(viser_server, opened, worker)
             if browser:
                 stack.enter_context(tab_at(gate.address))
