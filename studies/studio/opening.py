@@ -20,7 +20,6 @@ from fabdesign.formats.json_file import read_json
 from fabdesign.formats.toml_file import file_stem, parse_toml
 from fabdesign.geometry.distances import nearest_distances
 from fabdesign.geometry.metrics import Errors, told_beyond
-from fabdesign.geometry.surface import Surface
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.design import Design
@@ -67,20 +66,19 @@ class Comparison:
     """A shape against the target. Distances in m."""
 
     errors: Errors
-    of_target: Array  # (n,) of each target point to the cloth's surface
     of_cloth: Array  # (2 m,) of each point of the cloth to the nearest of the target
+
+    @staticmethod
+    def of(target: ShownTarget, shape: NDArray[np.float32], design: Design) -> "Comparison":
+        """Return how far a shape (2 n, 3) m is from a target."""
+        errors = target_errors([target.loaded], shape[None].astype(np.float64), design, draws=DRAWS)
+        return Comparison(errors, nearest_distances(shape, target.points))
 
     @property
     def sentences(self) -> list[str]:
         """Return the errors in words, mm, with the noise floors beside."""
         beyond = [told_beyond(self.errors.beyond)] if self.errors.beyond else []
         return [*errors_in_words(self.errors).split(", "), *beyond]
-
-
-def compare(target: ShownTarget, shape: NDArray[np.float32], design: Design) -> Comparison:
-    """Return how far a shape (2 n, 3) m is from a target."""
-    errors = target_errors([target.loaded], shape[None].astype(np.float64), design, draws=DRAWS)
-    return Comparison(errors, Surface.of_faces(shape).distance(target.points), nearest_distances(shape, target.points))
 
 
 def placed_by_hand(file: TargetFile, rotation: Sequence[float], translation: Sequence[float]) -> TargetFile:

@@ -46,7 +46,9 @@ def study_document(
     encoder = Encoder(beside.resolve() / "study.toml")
     placed = [_placed(target.file, encoder) for target in targets]
     count = len(layout.design.muscles) + 1
-    more: dict[str, Any] = {"muscles": {"min": count, "max": count}} if vary == "one more muscle" else {}
+    variables: dict[str, Any] = {"pressures": True, "positions": vary != "pressures"}
+    if vary == "one more muscle":
+        variables["muscles"] = {"min": count, "max": count}
     document = {
         "format": "fabdesign.study/1",
         "kind": "optimize",
@@ -54,7 +56,7 @@ def study_document(
         **({} if model is None else {"model": Path(os.path.relpath(model.resolve(), beside.resolve())).as_posix()}),
         "start_pressures": [in_kpa(pressure) for pressure in layout.pressures],
         **({"target": placed[0]} if len(placed) == 1 else {"targets": placed}),
-        "variables": {"pressures": True, "positions": vary != "pressures", **more},
+        "variables": variables,
         "limits": {
             "pressure": [in_kpa(pressure) for pressure in limits.pressure],
             "spacing": limits.spacing,

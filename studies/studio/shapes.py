@@ -15,7 +15,7 @@ from studies.studio.document import Document
 from studies.studio.drawings import LiveShape
 from studies.studio.layout import Layout
 from studies.studio.model_choice import half_band
-from studies.studio.opening import compare
+from studies.studio.opening import Comparison
 from studies.studio.solver import Answer, Ask
 
 SNAP = 6.0  # times the motion for a change of this size before, which the cloth does not make without a jump
@@ -129,7 +129,7 @@ class Shapes:
             return
         seen.shape = shape
         if document.target is not None and seen.comparison is None:
-            seen.comparison = compare(document.target, shape.points, shape.layout.design)
+            seen.comparison = Comparison.of(document.target, shape.points, shape.layout.design)
         self._around = []
         for model in document.choice.around if self.bands else ():
             ask = Ask.at_rest("nearby", shape.layout.design, shape.layout.pressures, model)

@@ -123,20 +123,18 @@ class StudioSolver:
         """Return the answer; what goes wrong is said in it."""
         begin = working_time.seconds()
         try:
-            answer = self._laced(ask) if ask.kind == "laced" else self._computed(ask)
+            answer = self._computed(ask)
         except (InputError, SimulationError) as problem:
             answer = Answer(error=str(problem))
         return replace(answer, seconds=working_time.seconds() - begin)
-
-    def _laced(self, ask: Ask) -> Answer:
-        assert ask.times is not None
-        (motion,) = laced_motions(self._simulator(ask), ask.model, [ask.case], [ask.times], sensing=ask.sensing)
-        return Answer(motion.points, laced=motion)
 
     def _computed(self, ask: Ask) -> Answer:
         """Return shape or motion. The corrector acts on exact ones alone; how far it trusts the layout is said of
         all."""
         simulator, kept = self._simulator(ask), ask.model.without(["corrector"])
+        if ask.kind == "laced" and ask.times is not None:
+            (laced,) = laced_motions(simulator, ask.model, [ask.case], [ask.times], sensing=ask.sensing)
+            return Answer(laced.points, laced=laced)
         model = self._predictor(_Remembering(simulator), kept if ask.kind == "nearby" else ask.model, ask.sensing)
         corrector = model.corrector
         bare = replace(model, corrector=None)

@@ -150,7 +150,7 @@ class _DrawnPanels:
     def draw_key(self, figure: Figure) -> None:
         """Write below all panels what their colours stand for."""
         key = key_of(self._items, overlay=self._overlay and len(self._items) > 1)
-        style = {"linestyle": "", "marker": "o", "markersize": 5}
+        style: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 5}
         marks = [Line2D([], [], color=colour, label=name, **style) for name, colour in key]
         spacing = {"handletextpad": 0.1, "columnspacing": 1.2}
         figure.legend(handles=marks, loc="outside lower left", ncols=len(key), frameon=False, fontsize=8, **spacing)

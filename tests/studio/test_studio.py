@@ -33,7 +33,7 @@ from studies.studio.drawings import DrawingHistory, DrawnLayout, LiveShape, Resu
 from studies.studio.layout import Layout, broken_limits, row_distance, rows, snapped
 from studies.studio.measured import ask_of_trial, errors_table
 from studies.studio.model_choice import ModelChoice, half_band, models_around
-from studies.studio.opening import Opened, ShownTarget, compare, open_files, search_limits
+from studies.studio.opening import Comparison, Opened, ShownTarget, open_files, search_limits
 from studies.studio.search import Search, study_document
 from studies.studio.session import Session
 from studies.studio.shapes import JumpDetector
@@ -623,9 +623,9 @@ def target_at(layout: Layout, path: Path, *, every: int = 1) -> ShownTarget:
 def test_the_distance_to_a_target_is_that_of_the_metrics(tmp_path: Path) -> None:
     target = target_at(BASIC, tmp_path / "flat.xyz")
     flat = np.concatenate([target.points + [0, 0, z] for z in (1e-3, -1e-3)]).astype(np.float32)
-    found = compare(target, flat, BASIC.design)
+    found = Comparison.of(target, flat, BASIC.design)
     assert found.errors.surface_rms == pytest.approx(1e-3, rel=1e-4)
-    assert found.of_target == pytest.approx(np.full(41 * 41, 1e-3), rel=1e-4)
+    assert Surface.of_faces(flat).distance(target.points) == pytest.approx(np.full(41 * 41, 1e-3), rel=1e-4)
     assert found.of_cloth == pytest.approx(np.full(2 * 41 * 41, 1e-3), rel=1e-4)
     assert "surface RMS 1.00 mm (noise floor" in found.sentences[1]
 
