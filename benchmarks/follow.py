@@ -260,8 +260,8 @@ def calibrated(rig: Rig, design: Design, place: Path) -> Model:
 
 
 _HEAD = (
-    "| motion | s | error over floor | mm | floor, mm | from shapes at rest, mm | first answer, mm | first, CPU s | "
-    "all, CPU s | CMA-ES, mm |"
+    "| motion | s | error over floor | mm | floor, mm | from shapes at rest, mm | first answer, mm | first, s (CPU s) "
+    "| all, s (CPU s) | CMA-ES, mm |"
 )
 _DEVICES = "| device, mm | data sheet | calibrated | after one | after two | after three | floor |"
 
@@ -274,7 +274,8 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
         cma = f"{row['cma']:.2f}" if "cma" in row else ""
         lines.append(
             f"| {row['motion']} | {row['seconds']:g} | {row['ratio']:.2f} | {row['error']:.3f} | {row['floor']:.3f} | "
-            f"{row['from_rest']:.2f} | {row['first_error']:.2f} | {row['first_cpu']:.0f} | {row['cpu']:.0f} | {cma} |"
+            f"{row['from_rest']:.2f} | {row['first_error']:.2f} | {row['first']:.0f} ({row['first_cpu']:.0f}) | "
+            f"{row['wall']:.0f} ({row['cpu']:.0f}) | {cma} |"
         )
     devices = [row for row in rows if "device" in row]
     if devices:

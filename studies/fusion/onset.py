@@ -1,8 +1,8 @@
 """When the pressure's log begins on the cameras' axis: a step of pressure sets the cloth in motion.
 
-After a step from rest the cloth comes as the answer of a critically damped mass, 1 - (1 + t / T) exp(-t / T), or where
-it is light as one of first order, 1 - exp(-t / T): the one that fits better, whose start and T all cameras share. What
-the supply and the muscles take to answer is in it: an effect of the model (`dead_time`), not of a clock.
+After a step from rest the cloth comes as 1 - exp(-(t / T)^1.5), whose start and T all cameras share: a mass comes with
+t^2, what drag holds with t, and a sheet has modes of both. What the supply and the muscles take to answer is in it: an
+effect of the model (`dead_time`), not of a clock.
 """
 
 from collections.abc import Sequence
@@ -24,6 +24,9 @@ BEFORE = 0.04  # s: a view so long before a step shows the cloth without it
 LEAST = 100  # points
 SOON = 0.08  # s after a step
 SLOW = 0.03  # m/s: a cloth faster than that before a step says nothing of its instant
+POWER = 1.5
+NOISE, SHAPE = 3e-4, 0.05  # m, and of the way: how far a cloth comes otherwise than that
+SURE = 5e-4  # s: no step says it better
 
 
 def pressure_offset(
@@ -41,13 +44,12 @@ def pressure_offset(
         curves = [_curve(images, t, v, coarse + step) for images, t, v in zip(views, times, speeds, strict=True)]
         start = _start([curve for curve in curves if len(curve) > 1], coarse + step)
         if start is not None:
-            onsets.append(start - step)
+            onsets.append((start[0] - step, start[1]))
     if not onsets:
         return coarse, 0.02, 0
-    middle = float(np.median(onsets))
-    sound = [o for o in onsets if abs(o - middle) < 0.02]
-    spread = 1.48 * float(np.median(np.abs(np.array(sound) - middle))) if len(sound) > 1 else 0.005
-    return float(np.mean(sound)), max(spread, 5e-4) / len(sound) ** 0.5, len(sound)
+    instants, deviations = np.array(onsets).T
+    weights = deviations**-2.0
+    return float(weights @ instants / weights.sum()), float(weights.sum() ** -0.5), len(onsets)
 
 
 def _coarse(steps: Sequence[tuple[float, float]], times: Sequence[Array], speeds: Sequence[Array]) -> float:
@@ -90,21 +92,26 @@ def _curve(views: Sequence[StampedView], times: Array, speeds: Array, expected: 
     return np.array(points)
 
 
-def _start(curves: Sequence[Array], expected: float) -> float | None:
-    """Return the instant [s] of a step that the curves of all cameras share; None where they do not say it."""
-    if sum(map(len, curves)) < 2 * len(curves) + 2:
+def _start(curves: Sequence[Array], expected: float) -> tuple[float, float] | None:
+    """Return the instant [s] of a step that the curves of all cameras share, and its standard deviation; None where
+    they do not say it."""
+    points = sum(map(len, curves))
+    if points < 2 * len(curves) + 2:
         return None
 
-    def off(guess: Array, heavy: float) -> Array:
+    def off(guess: Array) -> Array:
         parts = []
         for curve in curves:
             after = np.maximum(curve[:, 0] - expected - guess[0], 0.0) / np.exp(guess[1])
-            shape = 1.0 - (1.0 + heavy * after) * np.exp(-after)
+            shape = 1.0 - np.exp(-(after**POWER))
             size = float(shape @ curve[:, 1]) / max(float(shape @ shape), 1e-12)
-            parts.append(curve[:, 1] - size * shape)
-        return np.asarray(np.concatenate(parts) / 1e-3)
+            parts.append((curve[:, 1] - size * shape) / np.hypot(NOISE, SHAPE * curve[:, 1]))
+        return np.asarray(np.concatenate(parts))
 
     starts = [[start, np.log(time)] for start in (-0.01, 0.01) for time in (0.01, 0.03, 0.1)]
-    tried = [least_squares(off, start, args=(heavy,)) for start in starts for heavy in (0.0, 1.0)]
-    best = min(tried, key=lambda solved: float(solved.cost))
-    return expected + float(best.x[0]) if abs(best.x[0]) < BEFORE else None
+    best = min((least_squares(off, start) for start in starts), key=lambda solved: float(solved.cost))
+    information = best.jac.T @ best.jac
+    misfit = max(1.0, 2 * float(best.cost) / (points - len(curves) - 2 or 1))
+    if abs(best.x[0]) > BEFORE or np.linalg.cond(information) > 1e12:
+        return None
+    return expected + float(best.x[0]), max(SURE, float(misfit * np.linalg.inv(information)[0, 0]) ** 0.5)

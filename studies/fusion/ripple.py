@@ -20,6 +20,7 @@ NOISE = 0.04  # pixels of disparity
 FOLDS = 0.8 / (2 * np.pi)  # pixels, amplitude beyond which several depths look alike
 TRUST = ((1.0, 0.15), (0.6, 0.1), (0.36, 0.06))  # where it folds: of WIDE, and pixels that the local plane is off
 REACH, TRIED = 0.7, 29  # pixels from the local plane, and depths within that are tried
+EXACT = 1e-4  # pixels, a step so short is the last one
 JUMP = 0.06  # 1/m, of two surfaces
 LEAST_SHARE, LEAST_RATIO = 0.1, 10.0  # of the residuals' square that is ripple, and over that of other baselines
 ROUNDS = 3
@@ -65,14 +66,14 @@ def ripple_of(depths: Sequence[Array], focal: float, pixel: float) -> Ripple | N
 
     focal: pixels. pixel: m on the cloth.
     """
-    coarse = [_Residuals(depth[::2, ::2], WIDE / pixel / 2) for depth in depths]
-    shares = np.array([_fit(coarse, focal * baseline, focal)[0] for baseline in BASELINES])
+    coarser = 2.0 * pixel  # every second pixel shows it as well
+    images = [_Residuals(depth[::2, ::2], WIDE / coarser) for depth in depths]
+    shares = np.array([_fit(images, focal * baseline, focal)[0] for baseline in BASELINES])
     if shares.max() < LEAST_RATIO * np.median(shares):
         return None
-    images, begin = [_Residuals(depth, WIDE / pixel) for depth in depths], focal * float(BASELINES[shares.argmax()])
-    frequency = begin
+    frequency = begin = focal * float(BASELINES[shares.argmax()])
     for _ in range(ROUNDS):
-        _, ripple, change = _fit(images, frequency, focal, pixel)
+        _, ripple, change = _fit(images, frequency, focal, coarser)
         frequency += change
         for image in images:
             image.phase_by(ripple)
@@ -181,5 +182,7 @@ def _inverse(
                 slope = 1.0 + 2 * np.pi * k * (a * cosine - b * sine)
                 step = (slope * (best + a * sine + b * cosine - w) + pull * (best - p)) / (slope**2 + pull)
                 best -= min(max(step, -0.03 / k), 0.03 / k)
+                if abs(step) < EXACT / k:
+                    break
             out[r, c] = best
     return out
