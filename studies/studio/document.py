@@ -137,6 +137,12 @@ class Document:
 
     # changes of the layout
 
+    def put(self, what: str, layout: Layout) -> None:
+        """Take another own drawing, in one step, whatever was shown."""
+        self.shown = None
+        self.history.do(what, layout)
+        self.changed()
+
     def edit(self, what: str, change: Callable[[Layout], Layout]) -> None:
         """Take one step."""
         self.take()

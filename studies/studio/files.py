@@ -122,10 +122,8 @@ class Files:
         except InputError as error:
             document.tell(f"changed on disk, and not taken: {error}", bad=True)
             return
-        document.shown = None
-        document.history.do("load from disk", Layout.of(design, document.history.layout.pressures))
+        document.put("load from disk", Layout.of(design, document.history.layout.pressures))
         document.history.keep()
-        document.changed()
         document.tell(f"{self._file.name} was taken from disk; undo brings back what was here.")
 
     def replaces(self, folder: Path) -> str | None:
@@ -145,11 +143,25 @@ class Files:
 
         replace: what stands in the folder, if this program made it.
         """
-        document = self._document
+        document, layout = self._document, self._document.layout
         document.history.end()
         self._clear()  # it may lie in the folder, where no other files may be
         try:
-            saved = self._write(folder, replace=replace)
+            if (reason := self.replaces(folder)) is not None and not replace:
+                raise InputError(f"{reason}; expected another folder, or leave to replace it")
+            with new_folder(folder, made_by="studio", force=True) as unfinished:
+                write_design(layout.design, unfinished / "design.toml")
+                for pose, shown in enumerate(document.layouts if layout.pressures else (), start=1):
+                    program = rising_program(np.array(shown.pressures), RISE, RISE + SETTLED)
+                    write_pressures(program, unfinished / pressure_file_of(pose))
+                if document.targets:
+                    text = study_document(
+                        layout, document.targets, document.limits, vary="pressures and positions", seconds=600,
+                        model=document.model_file, beside=folder,
+                    )  # fmt: skip
+                    write_text(unfinished / "study.toml", text)
+                left_out = _template(layout, unfinished / "template")
+                names = sorted(p.relative_to(unfinished) for p in unfinished.rglob("*") if p.is_file())
         except InputError as error:
             self.keep()
             document.tell(str(error), bad=True)
@@ -160,35 +172,9 @@ class Files:
             document.history.keep()
         if (folder / "design.toml").resolve() == self._file.resolve():
             self._known = content_hash(self._file)
-        document.tell("; ".join([f"saved {len(saved.files)} files in {folder}", *saved.left_out]))
+        saved = Exported(tuple(folder / name for name in names if not name.name.startswith(".")), (), left_out)
+        document.tell("; ".join([f"saved {len(saved.files)} files in {folder}", *left_out]))
         return saved
-
-    def _write(self, folder: Path, *, replace: bool) -> Exported:
-        """Write all that is saved. Raises InputError for another folder that is not empty, and where the folder would
-        have to be replaced."""
-        document, layout = self._document, self._document.layout
-        reason = self.replaces(folder)
-        if reason is not None and not replace:
-            raise InputError(f"{reason}; expected another folder, or leave to replace it")
-        with new_folder(folder, made_by="studio", force=True) as unfinished:
-            write_design(layout.design, unfinished / "design.toml")
-            for pose, shown in enumerate(document.layouts if layout.pressures else (), start=1):
-                program = rising_program(np.array(shown.pressures), RISE, RISE + SETTLED)
-                write_pressures(program, unfinished / pressure_file_of(pose))
-            if document.targets:
-                text = study_document(
-                    layout, document.targets, document.limits, vary="pressures and positions", seconds=600,
-                    model=document.model_file, beside=folder,
-                )  # fmt: skip
-                write_text(unfinished / "study.toml", text)
-            left_out: tuple[str, ...] = ("no template: the design has no muscles",)
-            if layout.design.muscles:
-                try:
-                    left_out = _export(layout, unfinished / "template", replace=False).left_out
-                except InputError as error:
-                    left_out = (f"no template: {error}",)
-            names = sorted(p.relative_to(unfinished) for p in unfinished.rglob("*") if p.is_file())
-        return Exported(tuple(folder / name for name in names if not name.name.startswith(".")), (), left_out)
 
     def save_template(self, folder: Path, *, replace: bool = False) -> None:
         """Write the sewing template of what is shown, and say so."""
@@ -196,6 +182,16 @@ class Files:
             saved = _export(self._document.layout, folder, replace=replace)
             names = ", ".join(file.name for file in saved.files)
             self._document.tell("; ".join([f"sewing template in {folder}: {names}", *saved.left_out]))
+
+
+def _template(layout: Layout, folder: Path) -> tuple[str, ...]:
+    """Write the templates into a folder. Return what is left out, and why."""
+    if not layout.design.muscles:
+        return ("no template: the design has no muscles",)
+    try:
+        return _export(layout, folder, replace=False).left_out
+    except InputError as error:
+        return (f"no template: {error}",)
 
 
 def _export(layout: Layout, folder: Path, *, replace: bool) -> Exported:

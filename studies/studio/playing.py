@@ -81,9 +81,7 @@ class Playing:
             trial = document.trials[label]
             ask = ask_of_trial(trial, document.choice.model)
             if trial.design != document.layout.design:
-                document.shown = None
-                document.history.do(f"design of {trial.name}", Layout.of(trial.design))
-                document.changed()
+                document.put(f"design of {trial.name}", Layout.of(trial.design))
             self._ask(ask, label)
 
     def all_errors(self) -> None:

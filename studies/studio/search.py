@@ -72,8 +72,8 @@ def _placed(target: TargetFile, encoder: Encoder) -> dict[str, Any]:
     bare = replace(target, file=target.file.resolve(), weighting=None, wishes=())
     if target.place == "fit":
         bare = replace(bare, translation=(0.0, 0.0, 0.0))  # the fit finds it
-    said, usual = encoder.encode(bare), encoder.encode(TargetFile(bare.file))
-    return {key: value for key, value in said.items() if key in ("file", "frame", "unit") or value != usual.get(key)}
+    keys, usual = encoder.encode(bare), encoder.encode(TargetFile(bare.file))
+    return {key: value for key, value in keys.items() if key in ("file", "frame", "unit") or value != usual.get(key)}
 
 
 class Search(Result):

@@ -272,28 +272,28 @@ def motion(session: Session, made: Widgets) -> list[Widget]:
 
 def files(session: Session, made: Widgets) -> list[Widget]:
     """Return the files: saved, exported, taken again."""
-    document, kept, typed = session.document, session.files, partial(made.typed, "Files")
+    document, saving, typed = session.document, session.files, partial(made.typed, "Files")
     state = "unsaved changes, kept in an autosave" if document.history.changed else "nothing unsaved"
     undo = f"; undo: {document.history.next_undo}" if document.history.next_undo else ""
 
     def save() -> None:
         to = Path(typed("Folder").strip())
-        made.unless_lost(kept.replaces(to), partial(kept.save, to))
+        made.unless_lost(saving.replaces(to), partial(saving.save, to))
 
     def export() -> None:
         to = Path(typed(_TEMPLATE, "Folder").strip())
         mark = read_mark(to)
         reason = None if mark is None else f"{to} holds what `fabdesign {mark.made_by}` wrote"
-        made.unless_lost(reason, partial(kept.save_template, to))
+        made.unless_lost(reason, partial(saving.save_template, to))
 
     return [
-        ui.entry("text", "Folder", str(kept.folder)),
+        ui.entry("text", "Folder", str(saving.folder)),
         ui.button("Save", save),
-        ui.button("Load from disk", kept.load_again),
+        ui.button("Load from disk", saving.load_again),
         ui.words("state", f"`{document.opened.file}`: {state}{undo}"),
         ui.folder(
             _TEMPLATE,
-            ui.entry("text", "Folder", str(kept.template_folder)),
+            ui.entry("text", "Folder", str(saving.template_folder)),
             ui.button("Export template", export),
         ),
     ]
