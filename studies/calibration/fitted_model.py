@@ -6,8 +6,8 @@ import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.nouns.forward import MUSCLE_TYPES, OF_MUSCLES, Term
-from fabdesign.nouns.learned_range import LearnedRange
 from fabdesign.nouns.model import Covariance, EffectTerm, Model, Parameter, Provenance, Quantity
+from fabdesign.nouns.pressure import LearnedRange
 from fabdesign.nouns.trial import Trial
 from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import muscle_scope

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.formats.csv_table import decimal, read_rows
+from fabdesign.formats.csv_table import decimal, read_raw_table
 from fabdesign.geometry.metrics import over
 from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.geometry.surface import CAP
@@ -29,7 +29,7 @@ OUTLYING = 0.03  # share of frames far off from which on it is said
 
 def engine_columns() -> dict[str, dict[str, float]]:
     """Return the standard deviations of logarithms, mean error included, by engine and factor."""
-    (_, *engines), rows = read_rows(FILE)
+    (_, *engines), rows, *_ = read_raw_table(FILE)
     return {
         engine: {name: float(decimal(values[k], FILE, line, name)) for line, (name, *values) in rows}
         for k, engine in enumerate(engines)

@@ -26,7 +26,7 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.pressure import PressureProgram, limits
 from fabdesign.output import read_mark
-from fabdesign.study_files.follow_file import FollowStudy, read_follow
+from fabdesign.study_files.follow_file import FollowStudy
 from fabdesign.study_files.study_file import read_head, read_study
 from fabdesign.study_files.study_targets import TargetFile
 from optimize.search.margins import Limits
@@ -235,7 +235,7 @@ def _begun(file: Path) -> Opened:
 def _of_moving(file: Path, result: Path | None = None) -> Opened:
     """Return a study of a target that moves; with the folder of a result its layout, where one was searched for, and
     its pressures."""
-    study, (design_file, model_file) = read_follow(file), _files_of(file)
+    study, (design_file, model_file) = FollowStudy.read(file), _files_of(file)
     if result is not None and (result / "design.toml").is_file():
         design_file = result / "design.toml"
         study = replace(study, design=read_design(design_file))
