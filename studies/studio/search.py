@@ -13,7 +13,7 @@ import tomlkit
 
 from fabdesign.errors import InputError
 from fabdesign.files.design_file import write_design
-from fabdesign.formats.encoder import Encoder
+from fabdesign.formats.codec import Encoder
 from fabdesign.formats.json_file import read_json
 from fabdesign.output import new_folder, write_text
 from fabdesign.study_files.study_file import result_in
