@@ -78,8 +78,7 @@ def items_of(
     items: list[Item] = []
     for file in files:
         if file.is_dir() or file.name == "set.toml":
-            title, source, one = _of_set(file, trial)
-            items += _trial(one, title, source, model, forward)
+            items += _of_set(file, trial, model, forward)
         elif file.suffix.lower() == ".npz" and (kind := _kind(file)) != "cloud":
             if kind == "motion":
                 items.append(Item.of_motion(file.stem, read_motion(file)))
@@ -109,15 +108,16 @@ def _kind(file: Path) -> str:
         return "trial" if "offsets" in arrays else "motion" if "time" in arrays else "cloud"
 
 
-def _of_set(file: Path, name: str | None) -> tuple[str, str, Trial]:
-    """Return a trial of a set by its name, else the first, with its title and where it comes from."""
+def _of_set(file: Path, name: str | None, model: Model | None, forward: ForwardModel | None) -> list[Item]:
+    """Return the panels of a trial of a set by its name, else of the first."""
     measured = read_set(file)
     chosen = [t for t in measured.trials if name in (None, t.name)]
     if not chosen:
         known = ", ".join(t.name for t in measured.trials[:5])
         raise InputError(f"{file}: has no trial {name}; expected one of {known}, ...")
     source = "synthetic rig" if "synthetic" in measured.description else "measured"
-    return f"{measured.name}/{chosen[0].name} ({chosen[0].design_name})", source, chosen[0]
+    title = f"{measured.name}/{chosen[0].name} ({chosen[0].design_name})"
+    return _trial(chosen[0], title, source, model, forward)
 
 
 def _measured(title: str, data: TrialData) -> Item:
