@@ -284,7 +284,7 @@ def test_between_poses_the_pressures_swing_nothing_to_its_goal(tmp_path, quick, 
     monkeypatch.setattr("studies.follow.run.PASSES", ((3, 4, 0.4),))
     moments = [{"time": time, "wishes": [{"edge": "bottom", "forward": 0.02}]} for time in (0.4, 0.8)]
     keys = {"name": "poses", "design": DESIGN, "points_per_side": GRID, "scatter": {"copies": 0}, "moments": moments}
-    result = run_follow(read_follow(keys), tmp_path / "out")
+    result = run_follow(FollowStudy.read(keys), tmp_path / "out")
     rest = np.zeros((2, 2))
     bends = np.abs(np.diff(np.concatenate([rest, result.pressures]), 2, axis=0))
     assert result.rms.max() < 6e-3 and len(result.motion) == 2
