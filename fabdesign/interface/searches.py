@@ -43,7 +43,7 @@ def study_verb(module: str, interval: float = _INTERVAL) -> Callable[[Function],
 
 
 def followed(run: Run) -> Callable[..., None]:
-    """Return what says how a search stands, with its name where there are several, and once what it came to."""
+    """Return what says how a search stands, by its name where there are several, and once what it came to."""
     message = ""
 
     def show(at: Evaluations, search: str = "") -> None:
