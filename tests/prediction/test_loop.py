@@ -208,7 +208,7 @@ def test_a_trace_that_other_code_began_is_begun_anew(place: Path, monkeypatch: p
         forced.append(force)
         raise TooLittle("d: 2 trials") if force else OtherContent("out: holds another trace")
 
-    monkeypatch.setattr("studies.tracing.run.trace_set", traced)
+    monkeypatch.setattr("studies.tracing.trace_set", traced)
     design = build("cross")
     measured = on_device(Asked(design, (constant_program(HIDDEN),), 1, 1), place / "set")
     found = traced_by(
