@@ -62,7 +62,7 @@ def _informative(study: LoopStudy, design: Design, levels: Array, rng: np.random
     highest = np.minimum(limits(design), study.highest)
     seconds = study.trials.seconds
     count = max(2, int(seconds / LEAST_HOLD))
-    times, stairs = seconds * np.arange(count) / count, np.minimum(np.arange(count) + 1, count + 1 - np.arange(count))
+    times, stairs = seconds * np.arange(count) / count, np.minimum(np.arange(count) + 2, count - np.arange(count))
     by_turns = np.stack([np.arange(count) < count / 2, stairs / stairs.max()])
     chosen = []
     for number in range(study.trials.number):
