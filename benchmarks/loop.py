@@ -22,7 +22,7 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import rising_program
 from fabdesign.output import write_text
-from fabdesign.study_files.loop_file import LoopStudy, read_loop
+from fabdesign.study_files.loop_file import LoopStudy
 from optimize.search.margins import Limits, constraint_margins
 from studies.loop.run import run_loop
 
@@ -129,7 +129,7 @@ def study_of(case: LoopCase, number: int, folder: Path) -> LoopStudy:
         f"[trials]\nnumber = {8 if case.network else 4}\nseconds = 1.0\n[learning]\ntrace_grid = {GRID}\n"
         f"{NETWORK if case.network else ''}[stop]\nturns = {TURNS}\nexcess = 0\ngain = -10\n",
     )
-    return read_loop(folder / "study.toml")
+    return LoopStudy.read(folder / "study.toml")
 
 
 def main() -> None:

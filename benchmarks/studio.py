@@ -23,8 +23,9 @@ from studies.studio.drawings import LiveShape
 from studies.studio.gate import Gate
 from studies.studio.layout import Layout, move_corner
 from studies.studio.opening import NEW, Opened, search_limits
-from studies.studio.server import Studio, quiet_viser
+from studies.studio.server import quiet_viser
 from studies.studio.solver import SolverProcess
+from studies.studio.widgets.page import Page
 
 PAGE = ROOT / "docs" / "lab" / "studio.md"
 COUNT = 200  # drags, and shapes once let go
@@ -36,25 +37,25 @@ class TimedStudio:
     """A studio whose loop runs until a shape is drawn."""
 
     def __init__(self, server: Any, worker: SolverProcess, layout: Layout) -> None:
-        self.studio = Studio(server, Opened(NEW, layout, search_limits(layout.design)), worker)
+        self.page = Page(server, Opened(NEW, layout, search_limits(layout.design)), worker)
         self.shapes: list[LiveShape] = []
 
-        self._run(self.studio.begin, layout, exact=True)  # compiles
+        self._run(self.page.begin, layout, exact=True)  # compiles
 
     def follow(self, layout: Layout) -> float:
         """s from a moment of a drag to its shape."""
-        return self._run(lambda: self.studio.session.document.drag("drag", layout), layout, exact=False)
+        return self._run(lambda: self.page.session.document.drag("drag", layout), layout, exact=False)
 
     def let_go(self, layout: Layout) -> float:
         """s from the end of a drag to the exact shape."""
-        return self._run(lambda: self.studio.session.document.drag("drag", layout, last=True), layout, exact=True)
+        return self._run(lambda: self.page.session.document.drag("drag", layout, last=True), layout, exact=True)
 
     def _run(self, hand: Callable[[], None], layout: Layout, *, exact: bool) -> float:
         begin, before = time.perf_counter(), len(self.shapes)
-        self.studio.post(hand)
+        self.page.post(hand)
         while not any(shape.exact == exact and shape.layout == layout for shape in self.shapes[before:]):
-            self.studio.turn()
-            shape = self.studio.session.shapes.shown
+            self.page.turn()
+            shape = self.page.session.shapes.shown
             if shape is not None and shape not in self.shapes[-1:]:
                 self.shapes.append(shape)
         return time.perf_counter() - begin

@@ -15,6 +15,7 @@ Nouns: Design, Fabric, Muscle, MuscleType, Model; `build` makes a catalogue layo
 `demo` `prepare`, and `studies`. Each is the command of its name. What they raise: InputError, SimulationError.
 """
 
+# ruff: noqa: F403, F405 the verbs are named once, in `interface`
 TYPE_CHECKING = False  # of `typing`, which would take longer to load than all of this
 if TYPE_CHECKING:
     from typing import Any
@@ -23,34 +24,7 @@ if TYPE_CHECKING:
     from fabdesign.files.design_file import read_design
     from fabdesign.files.measurement_set import read_set
     from fabdesign.files.model_file import read_model
-    from fabdesign.interface import (
-        calibrate,
-        check,
-        demo,
-        equilibrium,
-        evaluate,
-        export,
-        follow,
-        fuse,
-        layouts,
-        loop,
-        new,
-        optimize,
-        predict,
-        prepare,
-        rig,
-        schema,
-        sensitivity,
-        simulate,
-        studies,
-        studio,
-        study,
-        sweep,
-        trace,
-        train,
-        unseen,
-        view,
-    )
+    from fabdesign.interface import *
     from fabdesign.nouns.catalogue import build
     from fabdesign.nouns.design import Design
     from fabdesign.nouns.fabric import Fabric

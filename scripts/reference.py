@@ -18,7 +18,7 @@ import numpy as np
 from fabdesign.cli import commands
 from fabdesign.effects.registry import EFFECTS
 from fabdesign.effects.table import markdown_table
-from fabdesign.formats.decoder import expected_of
+from fabdesign.formats.codec import expected_of
 from fabdesign.formats.schema import FileKey, Notes, annotated, members, unit_of, walk
 from studies.check.kinds import KINDS, STUDIES
 

@@ -58,9 +58,9 @@ class Bending:
 
 
 class AtOnce:
-    """In the place of studies.studio.solver.SolverProcess: the answer is there when it is asked for."""
+    """In the place of studies.studio.solver.SolverProcess: the answer is there when it is asked for, unless `busy`."""
 
-    alive = True
+    alive, busy = True, False
 
     def __init__(self) -> None:
         self._solver, self.asked, self._due = StudioSolver(Bending), [], []  # type: ignore[var-annotated]
@@ -70,7 +70,7 @@ class AtOnce:
         self._due.append(ask)
 
     def receive(self) -> Answer | None:
-        return self._solver.answer(self._due.pop(0)) if self._due else None
+        return self._solver.answer(self._due.pop(0)) if self._due and not self.busy else None
 
     def close(self) -> None:
         pass

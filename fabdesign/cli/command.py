@@ -6,15 +6,14 @@ import inspect
 import os
 import re
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
 from functools import partial
 from math import isfinite
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import click
 
-from fabdesign.cli.console import LiveLine, commands, described, print_result, tell
+from fabdesign.cli.console import commands, described, print_result, tell
 from fabdesign.errors import InputError
 from fabdesign.interface import verb as declared
 from fabdesign.interface.verb import VERBS, WORDS, Verb, Word
@@ -95,6 +94,15 @@ class _Turn(click.ParamType[tuple[float, ...]]):
         return angles
 
 
+class _Texts(click.ParamType[list[str]]):
+    """Texts, separated by commas."""
+
+    name = "text"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return value.split(",") if value else []
+
+
 # click's types, by how a parameter is annotated
 _TYPES: Mapping[str, click.ParamType[Any]] = {
     "bool": click.BOOL,
@@ -107,36 +115,12 @@ _TYPES: Mapping[str, click.ParamType[Any]] = {
     "Toml": _OutputPath(".toml"),
     **dict.fromkeys(("File", "DesignLike", "ModelLike", "SetLike"), _NamedPath(path_type=Path)),
 }
+_RANGES: Mapping[str, Any] = {"int": _IntegerRange, "float": _NumberRange}
 _ABOVE_0 = _NumberRange(min=0, min_open=True)
 _BY_NAME = {"rotation": _Turn(), "seconds": _ABOVE_0, "tolerance": _ABOVE_0}
 _LAST = {"effects": 1, "cluster": 2, "out": 3, "force": 4}  # options that many share
 _GROUPS = {"studies": "List, show and compare results."}
 _NONE = inspect.Parameter.empty
-
-
-class _Parameter(NamedTuple):
-    """kind: its annotation, without None and without what Python takes besides. many: whether it is a sequence."""
-
-    name: str
-    kind: str
-    many: bool
-    default: Any
-    sentence: str
-    word: Word
-
-    @property
-    def type(self) -> click.ParamType[Any]:
-        ranges: dict[str, Any] = {"int": _IntegerRange, "float": _NumberRange}
-        if self.name in _BY_NAME:
-            return _BY_NAME[self.name]
-        if self.kind.startswith("Literal"):
-            return click.Choice([*ast.literal_eval(self.kind.removeprefix("Literal"))])
-        return _TYPES[self.kind] if self.word.ends is None else ranges[self.kind](*self.word.ends)
-
-    @property
-    def by_comma(self) -> bool:
-        """Return whether several are typed as one text."""
-        return self.many and not self.word.repeated and self.name not in _BY_NAME
 
 
 def parse(docstring: str) -> tuple[str, dict[str, str]]:
@@ -149,79 +133,71 @@ def parse(docstring: str) -> tuple[str, dict[str, str]]:
     return "\n\n".join(text), {}
 
 
-def _signature(verb: Verb) -> list[tuple[str, str, Any]]:
-    """Return name, annotation and default of what the function takes, what it shares with others too."""
+def _signature(verb: Verb, sentences: Mapping[str, str]) -> list[tuple[str, str, Any]]:
+    """Return name, annotation and default of what the command may have of what the function takes, and last what it
+    shares with others. Where further keys of a study are taken, only what has a sentence is of the command."""
     given: list[tuple[str, str, Any]] = []
     for name, one in inspect.signature(verb.function).parameters.items():
-        if one.kind is one.VAR_KEYWORD:
-            shared = re.sub(r"Unpack\[(\w+)\]", r"\1", one.annotation).replace("Any", "Computing")
-            fields = getattr(declared, shared).__annotations__
-            given += [(key, kind.__forward_arg__, None) for key, kind in fields.items()]
-        else:
+        if one.kind is not one.VAR_KEYWORD:
             given.append((name, one.annotation, one.default))
-    return given
+            continue
+        if one.annotation == "Any":
+            given = [each for each in given if each[0] in {*sentences, *verb.arguments}]
+        shared = re.sub(r"Unpack\[(\w+)\]", r"\1", one.annotation).replace("Any", "Computing")
+        fields = getattr(declared, shared).__annotations__
+        given += [(key, kind.__forward_arg__, None) for key, kind in fields.items()]
+    return sorted((each for each in given if each[0] not in verb.hidden), key=lambda each: _LAST.get(each[0], 0))
 
 
-def _parameters(verb: Verb, sentences: Mapping[str, str]) -> list[_Parameter]:
-    """Return those that the command can have, those that many share last."""
-    parameters = []
-    for name, annotation, default in sorted(_signature(verb), key=lambda one: _LAST.get(one[0], 0)):
-        word, several = WORDS.get(name, Word()), re.search(r"Sequence\[([\w| ]+)\]", annotation)
-        kind = re.split(r" \| ", several[1] if several else annotation)[0]
-        asked = verb.options is None or name in (*verb.options, *verb.arguments)
-        if asked and (kind in _TYPES or kind.startswith("Literal")):
-            sentence = sentences.get(name, word.sentence)
-            parameters.append(_Parameter(name, kind, several is not None, default, sentence, word))
-    return parameters
-
-
-def _option(one: _Parameter, optional: bool) -> click.Option:
-    names = ["-o", "--output"] if one.name == "out" else [one.word.option or f"--{one.name.replace('_', '-')}"]
-    required = one.default is _NONE or (one.name == "out" and one.default is None and not optional)
-    more: dict[str, Any] = {"is_flag": True} if one.kind == "bool" else {"type": one.type}
-    if one.by_comma:
-        more["type"] = click.STRING
-    elif one.many and one.name not in _BY_NAME:
-        more["multiple"] = True
-    elif not any(one.default is none for none in (_NONE, None, False)):
-        more |= {"default": one.default, "show_default": True}
-    if one.name == "cluster":
+def _parameter(verb: Verb, name: str, annotation: str, default: Any, sentence: str | None) -> click.Parameter | None:
+    """Return what the command has of a parameter; None where Python alone can give it. A kind is the annotation without
+    None, and without what Python takes besides."""
+    word, several = WORDS.get(name, Word()), re.search(r"Sequence\[([\w| ]+)\]", annotation)
+    kind = re.split(r" \| ", several[1] if several else annotation)[0]
+    if not (kind in _TYPES or kind.startswith("Literal")):
+        return None
+    type_: click.ParamType[Any]
+    if name in _BY_NAME:
+        type_, several = _BY_NAME[name], None
+    elif kind.startswith("Literal"):
+        type_ = click.Choice([*ast.literal_eval(kind.removeprefix("Literal"))])
+    else:
+        type_ = _TYPES[kind] if word.ends is None else _RANGES[kind](*word.ends)
+    if (shown := verb.arguments.get(name)) is not None:
+        how: dict[str, Any] = {"required": not shown.startswith("["), "nargs": -1 if shown.endswith("...") else 1}
+        return click.Argument([name], type=type_, metavar=shown or None, **how)
+    names = ["-o", "--output"] if name == "out" else [word.option or f"--{name.replace('_', '-')}"]
+    required = default is _NONE or (name == "out" and default is None and not verb.optional)
+    more: dict[str, Any] = {"is_flag": True} if kind == "bool" else {"type": type_}
+    if several:
+        more |= {"multiple": True} if word.repeated else {"type": _Texts()}
+    elif not any(default is none for none in (_NONE, None, False)):
+        more |= {"default": default, "show_default": True}
+    if name == "cluster":
         more |= {"envvar": "FABDESIGN_CLUSTER", "show_envvar": True}
-    return click.Option([*names, one.name], required=required, help=one.sentence, metavar=one.word.metavar, **more)
+    sentence = word.sentence if sentence is None else sentence
+    return click.Option([*names, name], required=required, help=sentence, metavar=word.metavar, **more)
 
 
 def _command(name: str, verb: Verb) -> click.Command:
     text, sentences = parse(verb.function.__doc__ or "")
-    parameters = _parameters(verb, sentences)
-    arguments: list[click.Parameter] = [
-        click.Argument(
-            [one.name],
-            type=one.type,
-            required=not verb.arguments[one.name].startswith("["),
-            nargs=-1 if verb.arguments[one.name].endswith("...") else 1,
-            metavar=verb.arguments[one.name] or None,
-        )
-        for one in parameters
-        if one.name in verb.arguments
-    ]
-    options = [_option(one, verb.optional) for one in parameters if one.name not in verb.arguments]
+    parameters = [_parameter(verb, *one, sentences.get(one[0])) for one in _signature(verb, sentences)]
     as_json = click.Option(["--json", "as_json"], is_flag=True, help="Print a machine-readable result.")
-    by_comma = [one.name for one in parameters if one.by_comma and one.name not in verb.arguments]
-    callback = partial(_call, verb, by_comma)
-    return click.Command(name, callback=callback, params=[*arguments, *options, as_json], help=text)
+    params = [one for one in (*parameters, as_json) if one is not None]
+    params.sort(key=lambda one: isinstance(one, click.Option))
+    return click.Command(name, callback=partial(_call, verb), params=params, help=text)
 
 
-def _call(verb: Verb, by_comma: list[str], *, as_json: bool, **typed: Any) -> None:
+def _call(verb: Verb, *, as_json: bool, **typed: Any) -> None:
     """Call the function with what was typed, show how far it is, and print what it gave."""
     given = {name: value for name, value in typed.items() if value is not None}
-    given |= {name: given[name].split(",") if given[name] else [] for name in by_comma if name in given}
     verb = verb.from_shell(given) or verb
     parameters = inspect.signature(verb.function).parameters
-    first = next(iter(parameters))
+    title = verb.title or Path(str(given.get(next(iter(parameters))))).stem
     if "announce" in parameters:
         given["announce"] = lambda address: print_result({"address": address}, address, as_json)
-    if any(name == "progress" for name, *_ in _signature(verb)):
-        with _progress(verb, Path(str(given.get(first))).stem) as shown:
+    if any(name == "progress" for name, *_ in _signature(verb, {})):
+        with described(title, interval=verb.interval, of_search=verb.search) as shown:
             result = verb.function(**given, progress=shown, say=tell)
     else:
         result = verb.function(**given)
@@ -232,11 +208,6 @@ def _call(verb: Verb, by_comma: list[str], *, as_json: bool, **typed: Any) -> No
         print_result(shows.content, shows.text, as_json)
         if shows.code:
             raise SystemExit(shows.code)
-
-
-def _progress(verb: Verb, title: str) -> AbstractContextManager[Any]:
-    title = verb.title or title
-    return LiveLine(title) if verb.search else described(title, interval=verb.interval)
 
 
 def add_commands() -> None:

@@ -2,13 +2,11 @@
 terminal a bar with the time left, elsewhere lines. While kernels compile, the bar says so, and that time is not
 extrapolated."""
 
-import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from math import inf
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -17,15 +15,11 @@ from fabdesign.formats.json_file import json_text
 from fabdesign.runtime import working_time
 from fabdesign.runtime.effort import duration
 from fabdesign.runtime.shortage import ensure_cache_folder
-from fabdesign.units import in_mm
 from fabdesign.version import __version__
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-    from optimize.search.evaluations import Evaluations
-
-_QUIET = 10.0  # s between a search's lines where standard error is no terminal
 MOST = 10  # notes of a command: a set may have one a trial
 _SETTLED = 5.0  # s, before which a share does not tell the time left
 _PERIOD = 600.0  # s of steps that the time left is taken from: a step of a fit may last a minute
@@ -75,10 +69,13 @@ def notes_told() -> Iterator[None]:
 
 
 @contextmanager
-def described(title: str, *, interval: float = 0.0) -> Iterator[Callable[[str, float | None], None]]:
+def described(
+    title: str, *, interval: float = 0.0, of_search: bool = False
+) -> Iterator[Callable[[str, float | None], None]]:
     """Return a context for work that says what it does, and about what share of it is done; without a share a line is
     an answer or an estimate, which stays. Elsewhere than on a terminal steps follow at least `interval` s apart, and
-    end with the time that is left."""
+    end with the time that is left. of_search: lines begin with the title, and say themselves how much is left."""
+    head = f"{title}: " if of_search else ""
     if not _on_terminal():
         begin, shown_at = working_time.seconds(), -inf
 
@@ -88,25 +85,26 @@ def described(title: str, *, interval: float = 0.0) -> Iterator[Callable[[str, f
             if share is not None and now - shown_at < interval:
                 return
             shown_at, elapsed = now, now - begin
-            known = share is not None and 0 < share < 1 and elapsed > _SETTLED
+            known = share is not None and 0 < share < 1 and elapsed > _SETTLED and not of_search
             rest = f"; about {duration(elapsed * (1 / share - 1))} left" if known and share else ""
-            tell(line + rest)
+            tell(head + line + rest)
 
         yield tell_step
         return
-    with bar() as shown:
+    with _bar(with_rest=not of_search) as shown:
         task = shown.add_task(title, total=1.0)
 
         def show(line: str, share: float | None) -> None:
+            line = printable(head + line)
             if share is None:
-                shown.console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
+                shown.console.print(line, highlight=False, markup=False, soft_wrap=True)
             else:
-                shown.update(task, description=printable(line), completed=share)
+                shown.update(task, description=line, completed=share)
 
         yield show
 
 
-def bar() -> "Progress":
+def _bar(with_rest: bool) -> "Progress":
     """Return a bar on standard error, gone when it is closed: what is done is told by the command's result."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, Task, TextColumn, TimeRemainingColumn
@@ -122,7 +120,7 @@ def bar() -> "Progress":
         def render(self, task: Task) -> Text:
             if working_time.compiling():
                 return Text("compiling the simulator")
-            return Text.assemble(super().render(task), " left")
+            return Text.assemble(super().render(task), " left") if with_rest else Text()
 
     return Progress(
         TextColumn("{task.description}", markup=False),  # names may look like it
@@ -139,48 +137,3 @@ def _on_terminal() -> bool:
     from rich.console import Console
 
     return Console(stderr=True).is_terminal
-
-
-class LiveLine:
-    """A context that shows `stage, best, evaluations, seconds` while a search calls `show`: on a terminal beside a bar
-    and the seconds that are left at most."""
-
-    def __init__(self, title: str) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn
-
-        self._title, self._console = title, Console(stderr=True)
-        columns = TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[left]}")
-        self._bar = Progress(*columns, console=self._console, transient=True) if self._console.is_terminal else None
-        self._task = None if self._bar is None else self._bar.add_task(title, total=1.0, left="")
-        self._shown = -_QUIET
-        self._told = ""
-
-    def show(self, evaluations: "Evaluations") -> None:
-        if evaluations.message != self._told:
-            self._told = evaluations.message
-            self._console.print(f"{self._title}: {self._told}", highlight=False, markup=False, soft_wrap=True)
-        best = "none yet" if evaluations.best is None else f"{in_mm(evaluations.best.value):.3f} mm"
-        done = f"{evaluations.history.evaluations} evaluations, {evaluations.elapsed:.0f} s"
-        remaining = f"{max(0.0, evaluations.seconds - evaluations.elapsed):.0f} s left at most"
-        self.say(f"{evaluations.stage}: best {best}, {done}", share=evaluations.share, left=remaining)
-
-    def say(self, text: str, *, share: float | None = None, left: str = "") -> None:
-        """Show `title: text`; on a terminal a bar with the share done and what is said of the time left."""
-        line = f"{self._title}: {text}"
-        if self._bar is not None and self._task is not None:
-            self._bar.update(self._task, description=line, completed=share, left=left)
-        elif time.monotonic() - self._shown > _QUIET:
-            self._shown = time.monotonic()
-            self._console.print(line, highlight=False, markup=False, soft_wrap=True)
-
-    def __enter__(self) -> Self:
-        if self._bar is not None:
-            self._bar.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._bar is not None:
-            self._bar.stop()

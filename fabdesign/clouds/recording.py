@@ -22,8 +22,7 @@ from fabdesign.depth.stream import DepthStream, paired_as_stamped
 from fabdesign.errors import InputError, note
 from fabdesign.files.design_file import read_design, write_design
 from fabdesign.files.pressure_file import NO_LOG, PressureLog, read_pressure_log, write_pressures
-from fabdesign.formats.decoder import decode
-from fabdesign.formats.encoder import Encoder
+from fabdesign.formats.codec import Encoder, decode
 from fabdesign.formats.lab_table import require_seconds
 from fabdesign.formats.schema import ABOVE_0, FileUnit, Key, Second
 from fabdesign.formats.table import Table, load_toml

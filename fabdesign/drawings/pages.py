@@ -1,7 +1,7 @@
 """Sewing templates as a PDF for a home printer: an overview, then every face on pages at 1:1: which part goes on which
 page, and what joins them."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
@@ -43,7 +43,6 @@ _HOW = (
     "Cut each page along its left and upper joint line, where it has them, from crop mark to crop mark.",
     "Lay it onto its neighbour so that lines, crosses and half circles meet, and glue.",
 )
-_HA = {"start": "left", "middle": "center", "end": "right"}
 
 
 @dataclass(frozen=True)
@@ -55,14 +54,9 @@ class Tiling:
     rows: int
     columns: int
 
-    @property
-    def window(self) -> tuple[float, float]:
-        """Width and height of what a page shows of the drawing, mm."""
-        return window(self.page)
-
     def box_of(self, row: int, column: int) -> Box:
         """Return the part of the drawing that a page shows; all pages together have the drawing in their middle."""
-        (width, height), (left, top, right, bottom) = self.window, self.box
+        (width, height), (left, top, right, bottom) = window(self.page), self.box
         steps = (width - OVERLAP, height - OVERLAP)
         first = left + (right - left - OVERLAP - self.columns * steps[0]) / 2
         highest = top + (bottom - top - OVERLAP - self.rows * steps[1]) / 2
@@ -80,15 +74,12 @@ def window(page: tuple[float, float]) -> tuple[float, float]:
 
 def tiled(box: Box, paper: str) -> Tiling:
     """Return the fewest pages that hold a box, upright or, where that takes fewer, on their side."""
-    upright = PAPERS[paper]
-    return min((_tiling(box, page) for page in (upright, upright[::-1])), key=lambda t: t.rows * t.columns)
-
-
-def _tiling(box: Box, page: tuple[float, float]) -> Tiling:
-    columns, rows = (
-        max(1, ceil((box[i + 2] - box[i] - OVERLAP) / (size - OVERLAP) - 1e-9)) for i, size in enumerate(window(page))
-    )
-    return Tiling(box, page, rows, columns)
+    tilings = []
+    for page in (PAPERS[paper], PAPERS[paper][::-1]):
+        lengths = zip((box[2] - box[0], box[3] - box[1]), window(page), strict=True)
+        columns, rows = (max(1, ceil((length - OVERLAP) / (size - OVERLAP) - 1e-9)) for length, size in lengths)
+        tilings.append(Tiling(box, page, rows, columns))
+    return min(tilings, key=lambda tiling: tiling.rows * tiling.columns)
 
 
 def page_name(row: int, column: int) -> str:
@@ -215,11 +206,7 @@ def _overview(design: Design, faces: list[tuple[str, Drawing, Tiling]], paper: s
     shapes += [Words((MARGIN, 33 + 5 * i), f"{i + 1}. {line}", 3.2) for i, line in enumerate(_HOW)]
     low = page[1] - 18.0
     shapes += scale_bar((MARGIN + 12, low))
-    shapes += [Line(((MARGIN + 4, low), (MARGIN + 4, low - 100)), 0.4)]
-    for i in range(11):
-        long = 4.0 if i % 5 == 0 else 2.0
-        shapes.append(Line(((MARGIN + 4, low - 10 * i), (MARGIN + 4 + long, low - 10 * i)), 0.3))
-    shapes.append(Words((MARGIN + 2, low - 50), "measure this: 100 mm", 3.2, anchor="middle", turn=-90))
+    shapes += scale_bar((MARGIN + 4, low), upright=True)
     _draw(around, shapes)
     top, left, right = 56.0, MARGIN + 14, page[0] - MARGIN
     each = (low - 12 - top) / len(faces)
@@ -243,13 +230,8 @@ def _figure(page: tuple[float, float]) -> Any:
     return Figure(figsize=(page[0] * _MM, page[1] * _MM))
 
 
-def _axes(
-    figure: Any,
-    page: tuple[float, float],
-    place: tuple[float, float, float, float],
-    box: tuple[float, float, float, float],
-) -> Any:
-    """Return a window at `place` on the page (left, top, right, bottom, mm) onto `box` of a drawing."""
+def _axes(figure: Any, page: tuple[float, float], place: Box, box: Box) -> Any:
+    """Return a window at `place` on the page onto `box` of a drawing."""
     left, top, right, bottom = place
     share = (left / page[0], 1 - bottom / page[1], (right - left) / page[0], (bottom - top) / page[1])
     axes = figure.add_axes(share, xlim=(box[0], box[2]), ylim=(box[3], box[1]))
@@ -257,22 +239,7 @@ def _axes(
     return axes
 
 
-def _draw(axes: Any, shapes: Any, scale: float = 1.0) -> None:
-    """Shapes in their order. scale: page millimetres to a unit of the drawing."""
-    from matplotlib.patches import Circle as Disc
-    from matplotlib.patches import Polygon
-
-    unit = scale * _POINT
+def _draw(axes: Any, shapes: Iterable[Shape], scale: float = 1.0) -> None:
+    """Draw shapes in their order. scale: page millimetres to a unit of the drawing."""
     for order, shape in enumerate(shapes):
-        if isinstance(shape, Line):
-            dash = (0, (3 / shape.width, 2 / shape.width)) if shape.dashed else "solid"
-            style = {"fill": False, "edgecolor": shape.colour, "linewidth": shape.width * unit, "linestyle": dash}
-            axes.add_patch(Polygon(shape.points, closed=shape.closed, zorder=order, **style))
-        elif isinstance(shape, Circle):
-            style = {"facecolor": shape.fill, "edgecolor": shape.colour, "linewidth": shape.width * unit}
-            axes.add_patch(Disc(shape.centre, shape.radius, zorder=order, **style))
-        else:
-            style = {"fontsize": shape.size * unit, "color": shape.colour, "ha": _HA[shape.anchor], "va": "baseline"}
-            weight = "bold" if shape.bold else "normal"
-            turned = {"rotation": -shape.turn, "rotation_mode": "anchor", "clip_on": True, "zorder": order}
-            axes.text(*shape.at, shape.text, weight=weight, parse_math=False, **style, **turned)
+        shape.draw(axes, scale * _POINT, order)

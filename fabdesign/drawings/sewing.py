@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.drawings.pages import PAPERS, write_pages
-from fabdesign.drawings.template import Circle, Drawing, Line, Shape, laced_sides, whole_template
+from fabdesign.drawings.template import Drawing, laced_sides, whole_template
 from fabdesign.errors import InputError, note
 from fabdesign.files.pressure_file import pressure_file_of, read_pressures, write_pressures
 from fabdesign.formats.csv_table import write_rows
@@ -26,45 +26,19 @@ _LONGEST = {"seam allowance": 0.1, "tail length": 1.0}  # m; what is longer was 
 def write_svg(drawing: Drawing, path: Path, *, title: str) -> None:
     """Write a drawing whose unit is the millimetre. Raises InputError where `path` cannot be written."""
     left, top, right, bottom = drawing.box
-    width, height = right - left, bottom - top
-    svg = ET.Element(
-        "svg",
-        {
-            "xmlns": "http://www.w3.org/2000/svg",
-            "width": f"{width:g}mm",
-            "height": f"{height:g}mm",
-            "viewBox": f"{left:g} {top:g} {width:g} {height:g}",
-            "font-family": "sans-serif",
-        },
-    )
+    size = {"width": f"{right - left:g}", "height": f"{bottom - top:g}"}
+    head = {
+        "xmlns": "http://www.w3.org/2000/svg",
+        **{name: f"{length}mm" for name, length in size.items()},
+        "viewBox": f"{left:g} {top:g} {' '.join(size.values())}",
+        "font-family": "sans-serif",
+    }
+    svg = ET.Element("svg", head)
     ET.SubElement(svg, "title").text = title
-    paper = {"x": f"{left:g}", "y": f"{top:g}", "width": f"{width:g}", "height": f"{height:g}", "fill": "white"}
-    ET.SubElement(svg, "rect", paper)
-    for shape in drawing.shapes:
-        _add(svg, shape)
+    ET.SubElement(svg, "rect", {"x": f"{left:g}", "y": f"{top:g}", **size, "fill": "white"})
+    svg.extend(shape.svg() for shape in drawing.shapes)
     ET.indent(svg)
     write_text(path, ET.tostring(svg, encoding="unicode", xml_declaration=False) + "\n")
-
-
-def _add(svg: ET.Element, shape: Shape) -> None:
-    if isinstance(shape, Line):
-        style = {"fill": "none", "stroke": shape.colour, "stroke-width": f"{shape.width:g}"}
-        if shape.dashed:
-            style["stroke-dasharray"] = "3 2"
-        points = " ".join(f"{x:.3f},{y:.3f}" for x, y in shape.points)
-        ET.SubElement(svg, "polygon" if shape.closed else "polyline", {"points": points, **style})
-    elif isinstance(shape, Circle):
-        place = {"cx": f"{shape.centre[0]:.3f}", "cy": f"{shape.centre[1]:.3f}", "r": f"{shape.radius:g}"}
-        style = {"fill": shape.fill, "stroke": shape.colour, "stroke-width": f"{shape.width:g}"}
-        ET.SubElement(svg, "circle", place | style)
-    else:
-        x, y = (f"{value:.3f}" for value in shape.at)
-        style = {"x": x, "y": y, "font-size": f"{shape.size:g}", "fill": shape.colour, "text-anchor": shape.anchor}
-        if shape.turn:
-            style["transform"] = f"rotate({shape.turn:g} {x} {y})"
-        if shape.bold:
-            style["font-weight"] = "bold"
-        ET.SubElement(svg, "text", style).text = shape.text
 
 
 def write_dxf(design: Design, path: Path, *, seam_allowance: float) -> None:
@@ -128,8 +102,7 @@ def pressures_beside(design: Path) -> list[Path]:
     """Return the pressure files of a result's poses, where `design` lies in the folder of a search."""
     if not (design.parent / "result.json").is_file():
         return []
-    poses = takewhile(lambda file: file.is_file(), (design.parent / pressure_file_of(pose) for pose in count(1)))
-    return list(poses)
+    return [*takewhile(Path.is_file, (design.parent / pressure_file_of(pose) for pose in count(1)))]
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,8 @@ right and y down. SVG and PDF pages are made of such drawings."""
 from dataclasses import dataclass
 from math import atan2, cos, degrees, dist, radians, sin
 from textwrap import wrap
-from typing import Literal
+from typing import Any, Literal
+from xml.etree import ElementTree as ET
 
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
@@ -32,6 +33,20 @@ class Line:
     closed: bool = False
     dashed: bool = False
 
+    def svg(self) -> ET.Element:
+        style = {"fill": "none", "stroke": self.colour, "stroke-width": f"{self.width:g}"}
+        if self.dashed:
+            style["stroke-dasharray"] = "3 2"
+        points = " ".join(f"{x:.3f},{y:.3f}" for x, y in self.points)
+        return ET.Element("polygon" if self.closed else "polyline", {"points": points, **style})
+
+    def draw(self, axes: Any, unit: float, order: int) -> None:
+        from matplotlib.patches import Polygon
+
+        dash = (0, (3 / self.width, 2 / self.width)) if self.dashed else "solid"
+        style = {"fill": False, "edgecolor": self.colour, "linewidth": self.width * unit, "linestyle": dash}
+        axes.add_patch(Polygon(self.points, closed=self.closed, zorder=order, **style))
+
 
 @dataclass(frozen=True)
 class Circle:
@@ -40,6 +55,17 @@ class Circle:
     width: float  # mm, of its line
     colour: str = "black"
     fill: str = "white"
+
+    def svg(self) -> ET.Element:
+        place = {"cx": f"{self.centre[0]:.3f}", "cy": f"{self.centre[1]:.3f}", "r": f"{self.radius:g}"}
+        style = {"fill": self.fill, "stroke": self.colour, "stroke-width": f"{self.width:g}"}
+        return ET.Element("circle", place | style)
+
+    def draw(self, axes: Any, unit: float, order: int) -> None:
+        from matplotlib.patches import Circle as Disc
+
+        style = {"facecolor": self.fill, "edgecolor": self.colour, "linewidth": self.width * unit}
+        axes.add_patch(Disc(self.centre, self.radius, zorder=order, **style))
 
 
 @dataclass(frozen=True)
@@ -52,7 +78,27 @@ class Words:
     turn: float = 0.0  # degrees, clockwise
     bold: bool = False
 
+    def svg(self) -> ET.Element:
+        x, y = (f"{value:.3f}" for value in self.at)
+        style = {"x": x, "y": y, "font-size": f"{self.size:g}", "fill": self.colour, "text-anchor": self.anchor}
+        if self.turn:
+            style["transform"] = f"rotate({self.turn:g} {x} {y})"
+        if self.bold:
+            style["font-weight"] = "bold"
+        element = ET.Element("text", style)
+        element.text = self.text
+        return element
 
+    def draw(self, axes: Any, unit: float, order: int) -> None:
+        sides = {"start": "left", "middle": "center", "end": "right"}
+        style = {"fontsize": self.size * unit, "color": self.colour, "ha": sides[self.anchor], "va": "baseline"}
+        turned = {"rotation": -self.turn, "rotation_mode": "anchor", "clip_on": True, "zorder": order}
+        weight = "bold" if self.bold else "normal"
+        axes.text(*self.at, self.text, weight=weight, parse_math=False, **style, **turned)
+
+
+# A shape gives its SVG element, whose unit is the millimetre, and draws itself on axes of Matplotlib; unit: points in
+# its millimetre.
 Shape = Line | Circle | Words
 
 
@@ -64,14 +110,21 @@ class Drawing:
     box: tuple[float, float, float, float]
 
 
-def scale_bar(start: Point, length: float = 100.0) -> list[Shape]:
-    """Return a bar to check a print by: ticks every 10 mm above the line, and what to measure below it."""
+def scale_bar(start: Point, *, upright: bool = False) -> list[Shape]:
+    """Return a bar of 100 mm to check a print by, to the right or up: ticks every 10 mm on one side of the line, and
+    what to measure on the other."""
     x, y = start
-    shapes: list[Shape] = [Line(((x, y), (x + length, y)), 0.4)]
-    for i in range(round(length / 10) + 1):
-        high = 4.0 if i % 5 == 0 else 2.0
-        shapes.append(Line(((x + 10 * i, y), (x + 10 * i, y - high)), 0.3))
-    return [*shapes, Words((x, y + 4.2), f"measure this: {length:g} mm", 3.2)]
+
+    def at(along: float, across: float) -> Point:
+        return (x + across, y - along) if upright else (x + along, y - across)
+
+    shapes: list[Shape] = [Line((start, at(_BAR, 0)), 0.4)]
+    shapes += [Line((at(10 * i, 0), at(10 * i, 2.0 if i % 5 else 4.0)), 0.3) for i in range(11)]
+    text = f"measure this: {_BAR:g} mm"
+    return [
+        *shapes,
+        Words(at(50, -2), text, 3.2, anchor="middle", turn=-90) if upright else Words(at(0, -4.2), text, 3.2),
+    ]
 
 
 def size_within(text: str, width: float, size: float) -> float:
@@ -124,7 +177,7 @@ def whole_template(design: Design, side: str, *, seam_allowance: float) -> Drawi
         Words((left, head), title, size_within(title, width, 5), bold=True),
         *(Words((left, head + 6 + _LINE * k), line, 3.2) for k, line in enumerate(lines)),
         *face.shapes,
-        *scale_bar((left, bottom + _FOOT - 4), _BAR),
+        *scale_bar((left, bottom + _FOOT - 4)),
     ]
     box = (left - _MARGIN, head - 4 - _MARGIN, max(right, left + _BAR) + _MARGIN, bottom + _FOOT + _MARGIN)
     return Drawing(tuple(shapes), box)

@@ -11,7 +11,7 @@ import numpy as np
 
 from fabdesign.errors import InputError
 from fabdesign.formats import lab_table
-from fabdesign.formats.decoder import as_number, decode
+from fabdesign.formats.codec import as_number, decode
 from fabdesign.formats.schema import Key
 from fabdesign.formats.table import Table, load_toml
 from fabdesign.nouns.bench import Array, Bench, BenchRecord, Specimen
@@ -112,7 +112,7 @@ def read_record(file: Path, needed: tuple[str, ...] = (), rest_length: float | N
         bare, column = _column(table, i, heading)
         if bare in columns:
             raise InputError(f"{file}: two columns hold {bare}")
-        columns[bare] = np.array([float(value) for _, _, value in table.cells(column)])
+        columns[bare] = table.numbers(column)
     for name, values in _ratios(columns, rest_length).items():
         columns.setdefault(name, values)
     for name in needed:
@@ -124,9 +124,8 @@ def read_record(file: Path, needed: tuple[str, ...] = (), rest_length: float | N
             unit = f" ({lab_table.without_unit(plain[0], dimension)})" if plain and dimension else _RATIOS.get(name, "")
             raise InputError(f"{file}: no column {name}; it has {', '.join(table.header)}{unit}")
     table.say([] if table.taken else table.header)
-    if "time" in columns and (np.diff(columns["time"]) <= 0).any():
-        late = int(np.argmax(np.diff(columns["time"]) <= 0)) + 1
-        raise InputError(f"{file} line {table.rows[late][0]}: time_s = {columns['time'][late]:g} does not rise")
+    if "time" in columns:
+        table.require_rising("time_s", columns["time"])
     return columns
 
 

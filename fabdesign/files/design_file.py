@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
@@ -12,8 +13,7 @@ import tomlkit
 from fabdesign.effects.registry import effect_named
 from fabdesign.errors import InputError
 from fabdesign.files import law_tables
-from fabdesign.formats.decoder import decode, decode_key, decode_part
-from fabdesign.formats.encoder import Encoder, plain
+from fabdesign.formats.codec import Encoder, decode, decode_key, decode_part, plain
 from fabdesign.formats.table import DESIGN, Table, load_toml
 from fabdesign.formats.toml_file import file_name, parse_toml
 from fabdesign.nouns.design import MUSCLE_TYPES, Design, Term
@@ -177,10 +177,10 @@ def write_design(design: Design, path: Path | str) -> None:
     """
     path = Path(path)
     with whole_file(path) as unfinished:  # first, so that nothing lies beside a file that cannot be written
-        unfinished.write_text(_document(design, path), encoding="utf-8", newline="\n")
+        unfinished.write_text(_text(design, path), encoding="utf-8", newline="\n")
 
 
-def _document(design: Design, path: Path) -> str:
+def _text(design: Design, path: Path) -> str:
     """Return the TOML text; the tables that it names are written beside `path`."""
     benches = iter(_place_bench(kind, path, i) for i, kind in enumerate(design.muscle_types.values()))
     names = {
@@ -189,7 +189,7 @@ def _document(design: Design, path: Path) -> str:
     }
     encoder = Encoder(path, names, comments=True)
     document = tomlkit.document()
-    document["format"] = "fabdesign.design/1"
+    document["format"] = FORMAT
     document["name"] = design.name
     document["fabric"] = encoder.encode(design.fabric)
     if design.muscle_types:
@@ -219,15 +219,14 @@ def _place_bench(kind: MuscleType, path: Path, index: int) -> str:
     places = [path.with_name(f"{stem}_bench.csv") for stem in stems]
     for place in places[:-1]:
         if not place.exists():
-            law_tables.write_bench_table(bench, place)
-            return place.name
-        try:
+            break
+        with suppress(InputError):
             if law_tables.read_bench_table(place) == bench:
                 return place.name
-        except InputError:
-            continue
-    law_tables.write_bench_table(bench, places[-1])
-    return places[-1].name
+    else:
+        place = places[-1]
+    law_tables.write_bench_table(bench, place)
+    return place.name
 
 
 def _place_curve(curve: law_tables.MembraneCurve, path: Path) -> str:

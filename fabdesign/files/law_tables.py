@@ -12,9 +12,8 @@ import tomlkit
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, note
-from fabdesign.formats.csv_table import decimal, read_rows, write_rows
-from fabdesign.formats.decoder import decode
-from fabdesign.formats.encoder import Encoder
+from fabdesign.formats.codec import Encoder, decode
+from fabdesign.formats.csv_table import decimal, read_raw_table, write_rows
 from fabdesign.formats.lab_table import LabTable, require_measured_pressures
 from fabdesign.formats.schema import ABOVE_0, Key, Metre
 from fabdesign.formats.table import Table, load_toml
@@ -53,28 +52,25 @@ def read_membrane_curve(path: Path) -> MembraneCurve:
     if place is None and len(table.header) > 2:
         raise table.bad("direction is the third column")
     table.say(CURVE_COLUMNS if place is not None else CURVE_COLUMNS[:2])
-    strain: tuple[list[float], list[float]] = ([], [])
-    tension: tuple[list[float], list[float]] = ([], [])
-    for (line, row), *cells in zip(table.rows, *map(table.cells, columns), strict=True):
-        name = row[place] if place is not None else "both"
-        if name not in ("1", "2", "both"):
-            raise InputError(f"{path} line {line}: direction = {name!r}; expected 1 (across), 2 (down) or both")
-        values = [float(value) for _, _, value in cells]
-        if values[0] > _MOST:
-            raise InputError(
-                f"{path} line {line}: strain = {values[0]:g}; expected at most {_MOST:g} (strain [%] is a percentage)"
-            )
-        for direction in (0, 1) if name == "both" else (int(name) - 1,):
-            for column, samples, value in zip(CURVE_COLUMNS, (strain, tension), values, strict=False):
-                if samples[direction] and value <= samples[direction][-1]:
-                    raise InputError(f"{path} line {line}: {column} = {value:g} does not rise from the row before")
-                samples[direction].append(value)
-    if (first := max((rows[0] for rows in strain if rows), default=0.0)) >= _STRETCH:
+    strain, tension = map(table.numbers, columns)
+    names = [row[place] if place is not None else "both" for _, row in table.rows]
+    known = np.isin(names, ("1", "2", "both"))
+    table.refuse(~known, lambda row: f"direction = {names[row]!r}; expected 1 (across), 2 (down) or both")
+    percentage = f"expected at most {_MOST:g} (strain [%] is a percentage)"
+    table.refuse(strain > _MOST, lambda row: f"strain = {strain[row]:g}; {percentage}")
+    each = [np.flatnonzero(np.isin(names, (direction, "both"))) for direction in ("1", "2")]
+    for direction, rows in enumerate(each, start=1):
+        for column, values in zip(CURVE_COLUMNS, (strain, tension), strict=False):
+            table.require_rising(column, values, rows)
+        if len(rows) == 1:
+            raise InputError(f"{path}: direction {direction} has one row; a curve needs at least two")
+    if (first := max(strain[rows[0]] for rows in each if len(rows))) >= _STRETCH:
         note(f"{path}: its strain begins at {first:g}; expected about 0 (is it the stretch, l / l0?)")
-    for direction in (0, 1):
-        if len(strain[direction]) == 1:
-            raise InputError(f"{path}: direction {direction + 1} has one row; a curve needs at least two")
-    return MembraneCurve((tuple(strain[0]), tuple(strain[1])), (tuple(tension[0]), tuple(tension[1])))
+    across, down = each
+    return MembraneCurve(
+        (tuple(strain[across].tolist()), tuple(strain[down].tolist())),
+        (tuple(tension[across].tolist()), tuple(tension[down].tolist())),
+    )
 
 
 def write_membrane_curve(curve: MembraneCurve, path: Path) -> None:
@@ -105,24 +101,15 @@ def read_bench_table(path: Path) -> BenchTable:
     table = LabTable(path, ",".join(BENCH_COLUMNS))
     columns = [table.find(name) for name in ("pressure", "contraction", "force")]
     table.say(BENCH_COLUMNS)
-    pressure, contraction, force = [], [], []
-    for (line, written, pascal), (_, share, shortening), (_, _, newton) in zip(*map(table.cells, columns), strict=True):
-        if written < 0:
-            heading = columns[0].heading.text
-            raise InputError(f"{path} line {line}: {heading} = {written}; expected a gauge pressure from 0")
-        if shortening >= 1:
-            heading = columns[1].heading.text
-            raise InputError(
-                f"{path} line {line}: {heading} = {share}; expected 1 - l/l0, no percentage (contraction [%] is one)"
-            )
-        pressure.append(float(pascal))
-        contraction.append(float(shortening))
-        force.append(float(newton))
+    pressure, contraction, force = map(table.numbers, columns)
+    table.refuse(pressure < 0, lambda row: f"{table.text(columns[0], row)}; expected a gauge pressure from 0")
+    share = "expected 1 - l/l0, no percentage (contraction [%] is one)"
+    table.refuse(contraction >= 1, lambda row: f"{table.text(columns[1], row)}; {share}")
     for column, values in zip(columns, (pressure, contraction), strict=False):
-        if len(set(values)) < 2:
+        if len(np.unique(values)) < 2:
             raise InputError(f"{path}: {column.heading.text} has one value only; a muscle's law needs at least two")
     require_measured_pressures(pressure, str(path))
-    return BenchTable(tuple(pressure), tuple(contraction), tuple(force))
+    return BenchTable(tuple(pressure.tolist()), tuple(contraction.tolist()), tuple(force.tolist()))
 
 
 def write_bench_table(bench: BenchTable, path: Path) -> None:
@@ -191,7 +178,7 @@ def write_bench_law(law: BenchLaw, path: Path, table: Path, *, comment: str = ""
 
 def read_law_table(file: Path, specimen: Specimen) -> tuple[tuple[str, ...], dict[str, NDArray[np.float64]]]:
     """Return a cylinder's terms (none of others) and the columns of numbers. Raises InputError."""
-    header, rows = read_rows(file)
+    header, rows, *_ = read_raw_table(file)
     if tuple(header) != TABLES[specimen]:
         raise InputError(f"{file}: columns are {','.join(header)}; expected {','.join(TABLES[specimen])}")
     columns: dict[str, NDArray[np.float64]] = {}

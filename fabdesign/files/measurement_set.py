@@ -10,8 +10,7 @@ from tomlkit.items import Item
 
 from fabdesign.files.design_file import write_design
 from fabdesign.files.trial_file import TrialData, write_trial
-from fabdesign.formats.decoder import decode
-from fabdesign.formats.encoder import Encoder
+from fabdesign.formats.codec import Encoder, decode
 from fabdesign.formats.table import load_toml
 from fabdesign.formats.toml_file import file_stem
 from fabdesign.nouns.design import Design

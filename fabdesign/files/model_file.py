@@ -7,8 +7,7 @@ from typing import Any
 import tomlkit
 
 from fabdesign.errors import InputError
-from fabdesign.formats.decoder import decode
-from fabdesign.formats.encoder import Encoder
+from fabdesign.formats.codec import Encoder, decode
 from fabdesign.formats.table import load_toml, nearest
 from fabdesign.nouns.corrector import central_hash
 from fabdesign.nouns.model import PARTS, Model

@@ -1,6 +1,7 @@
 """Pressures in: a CSV, a trial's npz, or one constant row such as "400,0,200" (kPa) or "2bar,0,29psi". Pressures out:
 the CSV. Logs of a regulator or a DAQ: pressures or volts, at any rate, on their own clock."""
 
+import os
 import re
 from dataclasses import dataclass
 from decimal import Decimal
@@ -23,8 +24,7 @@ from fabdesign.units import in_kpa, kilopascals
 
 TABLES = (".csv", ".tsv", ".txt")  # endings of text tables
 SINGLE_ROW_DURATION = 1.5  # s, of a program that has one row
-_KPA = UNITS["kPa"]
-_KILO = _KPA.factor  # `channel_0` without a unit is in kPa
+_KPA = UNITS["kPa"]  # of `channel_0` without a unit
 _CONSTANT = re.compile(r"\s*[-+.\w]+(\s+[a-zA-Z]+)?(\s*,\s*[-+.\w]+(\s+[a-zA-Z]+)?)*\s*,?\s*")
 _CELL = re.compile(r"([-+]?(?:[\d.]+(?:e[-+]?\d+)?|nan|inf))\s*([a-z]*)", re.IGNORECASE)
 _WHICH = {"set", "setpoint", "soll", "command", "cmd", "target", "ref", "ist", "meas", "measured", "actual", "feedback"}
@@ -47,7 +47,7 @@ def read_pressures(spec: str | Path, design: Design) -> PressureProgram:
     Raises InputError.
     """
     path = Path(spec)
-    row = isinstance(spec, str) and path.suffix.lower() not in TABLES and not _exists(path)
+    row = isinstance(spec, str) and path.suffix.lower() not in TABLES and not os.path.exists(path)  # noqa: PTH110 too long for one
     if path.suffix == ".npz":
         program = program_of(*read_trial_pressures(path))
     elif row and _CONSTANT.fullmatch(str(spec)):
@@ -95,13 +95,6 @@ def write_pressures(program: PressureProgram, path: Path) -> None:
     write_rows(path, header, lines)
 
 
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except OSError:  # no file's name is that long
-        return False
-
-
 def _read_constant(spec: str) -> PressureProgram:
     """Return the program of one row; its cells are in kPa, or each in the unit that it names."""
     cells = [_CELL.fullmatch(cell.strip()) for cell in spec.strip().rstrip(",").split(",")]
@@ -131,22 +124,18 @@ def read_csv(path: Path) -> PressureProgram:
     time_column = table.find("time")
     channels = _channels(table, time_column)
     table.say(["time_s", *(f"channel_{i}" for i in range(len(channels)))])
-    rows = zip(table.cells(time_column), *map(table.cells, channels), strict=True)
-    time: list[float] = []
-    pressure: list[list[float]] = []
-    for (line, _, second), *cells in rows:
-        time.append(float(second))
-        pressure.append([float(pascal) for _, _, pascal in cells])
-        if min(pressure[-1], default=0.0) < 0:
-            raise InputError(f"{path} line {line}: a pressure below 0; expected kPa from 0")
-        if len(time) == 1 and time[0] != 0:
-            raise InputError(f"{path} line {line}: time_s = {time[0]:g}; expected the first row at 0")
-        if time[-1] > LONGEST:
-            raise InputError(f"{path} line {line}: time_s = {time[-1]:g}; expected at most {LONGEST:g} s")
-        if len(time) > 1 and time[-1] <= time[-2]:
-            raise InputError(f"{path} line {line}: time_s = {time[-1]:g} does not rise from the row before")
-    duration = round(2 * time[-1] - time[-2], 9) if len(time) > 1 else SINGLE_ROW_DURATION
-    return PressureProgram.of_rows(np.array(time), np.array(pressure).reshape(len(time), -1), duration=duration)
+    time = table.numbers(time_column)
+    pressure = np.array([table.numbers(column) for column in channels]).reshape(len(channels), len(time)).T
+    table.refuse(pressure.min(axis=1, initial=0.0) < 0, lambda _: "a pressure below 0; expected kPa from 0")
+    table.refuse(time[:1] != 0, lambda _: f"time_s = {time[0]:g}; expected the first row at 0")
+    table.refuse(time > LONGEST, lambda row: f"time_s = {time[row]:g}; expected at most {LONGEST:g} s")
+    table.require_rising("time_s", time)
+    return PressureProgram.of_rows(time, pressure, duration=_until(time))
+
+
+def _until(time: Array) -> float:
+    """Return the end of the last row, which lasts as long as the one before."""
+    return round(float(2 * time[-1] - time[-2]), 9) if len(time) > 1 else SINGLE_ROW_DURATION
 
 
 def _channels(table: LabTable, time: TableColumn) -> list[TableColumn]:
@@ -154,22 +143,20 @@ def _channels(table: LabTable, time: TableColumn) -> list[TableColumn]:
     pressure, as they stand. Raises InputError where the numbers are not 0, 1, ..., where those of other names do not
     rise one by one, or a column is neither."""
     others = [i for i in range(len(table.headings)) if i != time.index]
-    names = [table.headings[i].quantity for i in others]
+    headings = [table.headings[i] for i in others]
+    names = [heading.quantity for heading in headings]
     if all(name in (None, "pressure") for name in names):
-        numbers = [number for i in others if (number := table.headings[i].number) is not None]
-        kinds = {word for i in others for word in table.headings[i].name.split("_") if word in _WHICH}
+        numbers = [heading.number for heading in headings if heading.number is not None]
+        kinds = {word for heading in headings for word in heading.name.split("_") if word in _WHICH}
         if len(kinds) > 1:
             raise table.bad(f"{' and '.join(sorted(kinds))} may be of one channel: channel_0, channel_1, ... say which")
         if len(others) > 1 and numbers and numbers != list(range(numbers[0], numbers[0] + len(others))):
             raise table.bad("the numbers of its columns do not rise one by one: channel_0, channel_1, ... say which")
         return [table.take(i, f"channel_{k}") for k, i in enumerate(others)]
-    by_name = {f"channel_{k}" for k in range(len(others))}
-    if set(names) != by_name or len(set(names)) < len(names):
+    channels = [f"channel_{k}" for k in range(len(others))]
+    if {*names} != {*channels}:  # as many, so none stands twice
         raise table.bad("one column a channel, from 0")
-    return [
-        table.find(name, default=_KILO if name in table.header else None)
-        for name in sorted(by_name, key=lambda name: int(name.rpartition("_")[2]))
-    ]
+    return [table.find(name, default=_KPA.factor if name in table.header else None) for name in channels]
 
 
 @dataclass(frozen=True)
@@ -209,45 +196,30 @@ def _of_volts(log: PressureLog, path: Path, design: Design) -> PressureProgram:
     columns = [i for i, heading in enumerate(table.headings) if heading.unit and heading.unit.dimension == "voltage"]
     if len(columns) != design.channels:
         raise table.bad(f"{len(columns)} columns in V for {design.channels} channels")
-    numbers = [heading.number for heading in (table.headings[i] for i in columns)]
+    numbers = [table.headings[i].number for i in columns]
     if None not in numbers and numbers != sorted(numbers, key=lambda n: n or 0):
         columns = [i for _, i in sorted(zip(numbers, columns, strict=True))]
         note(f"{path}: its columns in V are taken in the order of their numbers")
-    scale, zero = (
-        _for_each(values, name, design, path) for values, name in ((log.per_volt, "per_volt"), (log.zero, "zero"))
-    )
+    for name, values in (("per_volt", log.per_volt), ("zero", log.zero)):
+        if len(values) not in (1, design.channels):
+            each = f"expected one, or {design.channels}, one a channel"
+            raise InputError(f"{path}: {name} has {len(values)} numbers; {each}")
     if len(table.rows) > _ROWS:
         raise InputError(f"{path}: has {len(table.rows)} rows; expected at most {_ROWS}")
-    time = np.array([float(value) for _, _, value in table.cells(time_column)])
-    volts = np.array([[float(v) for _, _, v in table.cells(table.take(i, "voltage"))] for i in columns]).T
-    if (np.diff(time) <= 0).any():
-        row = int(np.flatnonzero(np.diff(time) <= 0)[0]) + 1
-        raise InputError(f"{path} line {table.rows[row][0]}: time = {time[row]:g} does not rise from the row before")
+    time = table.numbers(time_column)
+    volts = np.array([table.numbers(table.take(i, "voltage")) for i in columns]).T
+    table.require_rising("time", time)
     if time[-1] - time[0] > LONGEST:
         raise InputError(f"{path}: lasts {time[-1] - time[0]:g} s; expected at most {LONGEST:g} s")
-    pressure = (volts - zero) * scale
-    return _sound(time - time[0], pressure, path)
-
-
-def _for_each(values: tuple[float, ...], name: str, design: Design, path: Path) -> Array:
-    if len(values) not in (1, design.channels):
-        raise InputError(f"{path}: {name} has {len(values)} numbers; expected one, or {design.channels}, one a channel")
-    return np.broadcast_to(np.array(values, dtype=np.float64), (design.channels,))
-
-
-def _sound(time: Array, pressure: Array, path: Path) -> PressureProgram:
-    """Return the pressures without the noise about 0. Raises InputError where a pressure lies below it."""
-    highest = float(pressure.max(initial=0.0))
-    lowest = float(pressure.min(initial=0.0))
+    pressure = (volts - np.array(log.zero)) * np.array(log.per_volt)
+    highest, lowest = float(pressure.max(initial=0.0)), float(pressure.min(initial=0.0))
     if highest <= 0 or lowest < -max(5 * _NOISE * highest, 1e3):
         raise InputError(
             f"{path}: volts become {in_kpa(lowest):.3g} to {in_kpa(highest):.3g} kPa; expected gauge pressures from 0 "
             "(per_volt, zero?)"
         )
-    duration = 2 * time[-1] - time[-2] if len(time) > 1 else SINGLE_ROW_DURATION
-    return PressureProgram.of_rows(
-        time, np.where(pressure < _NOISE * highest, 0.0, pressure), duration=round(duration, 9)
-    )
+    quiet, time = np.where(pressure < _NOISE * highest, 0.0, pressure), time - time[0]
+    return PressureProgram.of_rows(time, quiet, duration=_until(time))
 
 
 def steps_of(program: PressureProgram, least: float = 0.1) -> list[tuple[float, float]]:

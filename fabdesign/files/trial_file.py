@@ -20,6 +20,7 @@ from fabdesign.runtime.effort import LONGEST
 from fabdesign.units import from_kpa, in_kpa
 
 Floats = NDArray[np.float64]
+SCALE = 1e-4  # m, of a unit in which points are written
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +79,10 @@ def program_of(time: Floats, pressure: Floats) -> PressureProgram:
     return PressureProgram.of_rows(start, pressure, duration=float(time[-1]))
 
 
-def write_trial(data: TrialData, path: Path, *, scale: float = 1e-4) -> None:
-    """Write a trial, its points as int16 in units of `scale` [m]. Raises InputError where they do not fit."""
-    units = np.rint(np.concatenate(data.frames) / scale)
-    farthest, most = np.abs(units).max() * scale, np.iinfo(np.int16).max * scale
+def write_trial(data: TrialData, path: Path) -> None:
+    """Write a trial, its points as int16 in units of SCALE. Raises InputError where they do not fit."""
+    units = np.rint(np.concatenate(data.frames) / SCALE)
+    farthest, most = np.abs(units).max() * SCALE, np.iinfo(np.int16).max * SCALE
     if farthest > most:
         raise InputError(
             f"trial {path.stem}: points {farthest:.3g} m from the middle of the top edge; expected at most {most:.3g} m"
@@ -92,7 +93,7 @@ def write_trial(data: TrialData, path: Path, *, scale: float = 1e-4) -> None:
             time=data.time.astype(np.float64),
             pressure=in_kpa(data.pressure).astype(np.float32),
             points=units.astype(np.int16),
-            scale=np.float64(scale),
+            scale=np.float64(SCALE),
             offsets=np.cumsum([0, *(len(frame) for frame in data.frames)], dtype=np.int64),
         )
 

@@ -8,10 +8,10 @@ import csv
 import io
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from math import isfinite
 from pathlib import Path
+from typing import NamedTuple
 
 from fabdesign.errors import InputError, note
 from fabdesign.formats.toml_file import LARGEST_TEXT, decode_any, read_bytes
@@ -25,8 +25,7 @@ _SEPARATOR_LINE = re.compile(r'\A"?sep=.?"?[ \t]*(?=[\r\n])', re.IGNORECASE)
 _WITH_POINT = re.compile(r"[-+]?\d*\.\d*([eE][-+]?\d+)?")
 
 
-@dataclass(frozen=True)
-class RawTable:
+class RawTable(NamedTuple):
     """A table's cells as texts, numbers with decimal points."""
 
     header: list[str]
@@ -40,12 +39,6 @@ class RawTable:
         if self.mark == "," and not self.decimal_comma:
             return None
         return _MARKS[self.mark] + (" and decimal commas" if self.decimal_comma else "")
-
-
-def read_rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """Return the header's names and every row with its line number; InputError where a row has another width."""
-    table = read_raw_table(path)
-    return table.header, table.rows
 
 
 def read_raw_table(path: Path) -> RawTable:
@@ -153,11 +146,8 @@ def _with_points(table: RawTable, path: Path) -> RawTable:
             f"{path}: {commas[1]!r} in line {commas[0]} and {points[1]!r} in line {points[0]}; expected decimal points "
             "or decimal commas, not both"
         )
-    rows = [
-        (line, [cell.replace(",", ".") if _WITH_COMMA.fullmatch(cell) else cell for cell in row])
-        for line, row in table.rows
-    ]
-    return RawTable(table.header, rows, table.mark, True)
+    read = [(i, [c.replace(",", ".") if _WITH_COMMA.fullmatch(c) else c for c in row]) for i, row in table.rows]
+    return table._replace(rows=read, decimal_comma=True)
 
 
 def decimal(text: str, path: Path, line: int, column: str) -> Decimal:

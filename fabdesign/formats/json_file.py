@@ -9,7 +9,7 @@ that a file of others can do no harm.
 import base64
 import json
 from collections.abc import Mapping
-from dataclasses import Field, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from math import isfinite
 from pathlib import Path
 from types import NoneType
@@ -47,7 +47,14 @@ def read_json(path: Path, kind: type = dict) -> Any:
 def plain(value: Any, *, exact: bool = False) -> Any:
     """Return what JSON holds of a value: of a dataclass a table of its fields, as they declare it."""
     if is_dataclass(value) and not isinstance(value, type):
-        return dict(_entry(field, getattr(value, field.name), exact) for field in fields(value))
+        table = {}
+        for field in fields(value):
+            name, item, notes = field.name, getattr(value, field.name), annotated(field.type)[1]
+            if not exact:
+                item = float(notes.unit.write(item)) if notes.unit and isinstance(item, float) else item
+                name = notes.key.name or name
+            table[name] = plain(item, exact=exact)
+        return table
     if hasattr(value, "tolist"):  # of numpy, which is not loaded for a help
         if exact and value.ndim:
             data = base64.b64encode(value.tobytes()).decode()
@@ -60,14 +67,6 @@ def plain(value: Any, *, exact: bool = False) -> Any:
     if isinstance(value, Path):
         return str(value)
     return None if not exact and isinstance(value, float) and not isfinite(value) else value
-
-
-def _entry(field: "Field[Any]", value: Any, exact: bool) -> tuple[str, Any]:
-    _, notes, _ = annotated(field.type)
-    if exact:
-        return field.name, plain(value, exact=True)
-    shown = float(notes.unit.write(value)) if notes.unit and isinstance(value, float) else value
-    return notes.key.name or field.name, plain(shown)
 
 
 def of_exact(kind: type[T], value: Any) -> T:

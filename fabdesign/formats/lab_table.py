@@ -6,14 +6,14 @@ refused, and so is what was surely measured in another unit.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from fabdesign.errors import InputError, note
 from fabdesign.formats.csv_table import decimal, read_raw_table
@@ -153,9 +153,6 @@ def _plain(name: str) -> str:
     return re.sub(r"[\s_\-]+", "_", name.strip().lower()).strip("_")
 
 
-_HINT = "or headings with units, as pressure [bar]"
-
-
 @dataclass(frozen=True)
 class TableColumn:
     index: int
@@ -187,25 +184,20 @@ class LabTable:
     def find(self, quantity: str, *, default: Decimal | None = None) -> TableColumn:
         """Return the column of a quantity, by its name, or as the only one with such a unit. default: the factor of one
         without a unit. Raises InputError for none, two, or one without a unit or with another quantity's."""
-        dimension = dimension_of(quantity)
-        named = [i for i, h in enumerate(self.headings) if self._is(h, quantity)]
-        if not named:
-            units = [h.unit for h in self.headings]
-            named = [
-                i
-                for i, (h, unit) in enumerate(zip(self.headings, units, strict=True))
-                if unit is not None and unit.dimension == dimension and h.quantity is None and i not in self.taken
-            ]
-        if len(named) != 1:
-            what = f"{len(named)} columns hold the {quantity}" if named else f"no column holds the {quantity}"
-            raise self.bad(what)
-        (index,) = named
-        return self.take(index, quantity, default=default)
+        words, named, unnamed = WORDS.get(quantity, ()), [], []
+        for i, heading in enumerate(self.headings):
+            is_of = heading.unit is not None and heading.unit.dimension == dimension_of(quantity)
+            if (is_of or heading.unit is None) and (heading.quantity == quantity or heading.name in words):
+                named.append(i)
+            elif is_of and heading.quantity is None and i not in self.taken:
+                unnamed.append(i)
+        if len(named := named or unnamed) != 1:
+            raise self.bad(f"{len(named) or 'no'} column{'s hold' if named else ' holds'} the {quantity}")
+        return self.take(named[0], quantity, default=default)
 
     def take(self, index: int, quantity: str, *, default: Decimal | None = None) -> TableColumn:
         """Return the column at a place as that quantity. Raises InputError like `find`."""
-        heading = self.headings[index]
-        dimension = dimension_of(quantity)
+        heading, dimension = self.headings[index], dimension_of(quantity)
         unit = heading.unit
         if unit is None and heading.symbol is not None:
             raise self.bad(f"{heading.text} has the unit {heading.symbol}")
@@ -220,22 +212,30 @@ class LabTable:
         self.taken[index] = quantity
         return TableColumn(index, heading, unit.factor if unit is not None else default or Decimal(1))
 
-    @staticmethod
-    def _is(heading: Heading, quantity: str) -> bool:
-        if heading.quantity != quantity and heading.name not in WORDS.get(quantity, ()):
-            return False
-        dimension = dimension_of(quantity)
-        return heading.unit is None or heading.unit.dimension == dimension
-
     def bad(self, what: str) -> InputError:
-        columns = ",".join(self.header)
-        return InputError(f"{self.path}: columns are {columns}; expected {self._expected}, {_HINT} ({what})")
+        expected = f"expected {self._expected}, or headings with units, as pressure [bar]"
+        return InputError(f"{self.path}: columns are {','.join(self.header)}; {expected} ({what})")
 
-    def cells(self, column: TableColumn) -> Iterator[tuple[int, Decimal, Decimal]]:
-        """Yield line, the number as written, and in SI."""
-        for line, row in self.rows:
-            written = decimal(row[column.index], self.path, line, column.heading.text)
-            yield line, written, written * column.factor
+    def numbers(self, column: TableColumn) -> NDArray[np.float64]:
+        """Return the column (n,), SI. Raises InputError for what is no number."""
+        index, text = column.index, column.heading.text
+        return np.array([float(decimal(row[index], self.path, i, text) * column.factor) for i, row in self.rows])
+
+    def text(self, column: TableColumn, row: int) -> str:
+        """Return a number as it is written, with its heading."""
+        return f"{column.heading.text} = {self.rows[row][1][column.index]}"
+
+    def refuse(self, bad: NDArray[np.bool_], say: Callable[[int], str]) -> None:
+        """Raise InputError for the first row that is bad, with its line."""
+        if bad.any():
+            row = int(np.argmax(bad))
+            raise InputError(f"{self.path} line {self.rows[row][0]}: {say(row)}")
+
+    def require_rising(self, name: str, values: NDArray[np.float64], rows: NDArray[np.intp] | None = None) -> None:
+        """Raise InputError where values do not rise from row to row, or to the next one of some rows."""
+        some = np.arange(len(values)) if rows is None else rows
+        falls = np.isin(np.arange(len(values)), some[1:][np.diff(values[some]) <= 0])
+        self.refuse(falls, lambda row: f"{name} = {values[row]:g} does not rise from the row before")
 
     def say(self, usual: Sequence[str]) -> None:
         """Say in one line how the table was read, unless it is written as this program writes it (the `usual`

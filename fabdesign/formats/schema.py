@@ -1,5 +1,5 @@
 """A kind of file is a frozen dataclass: its fields are the keys, and the types' annotations say units, limits and what
-a key is for. `decoder` reads such files, `encoder` writes them; `json_schema` is for editors.
+a key is for. `codec` reads and writes such files; `json_schema` is for editors.
 
     spacing: Annotated[Metre, FROM_0, "between muscles on one face"] = 0.006
 
@@ -7,7 +7,7 @@ A dataclass may have `resolved(table)`: what is checked across keys once all are
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from decimal import Decimal
 from functools import cache
 from math import isfinite
@@ -70,15 +70,17 @@ class Key:
     name: in place of the field's, with a dot in a table; "": the field has no key. also: an older name that is read.
     form: the type that stands in the file, if it is another one. read: the value from that and its table, None where it
     does not fit. expected: what an error then says. file: reads the object from its own file, which the key names.
-    absent: the value where the key is not there, from the table. one_of: keys of which one is there, with their types;
-    several: or more of them, whose values are joined. inside: the fields of a dataclass stand in the same table. rest:
-    all keys that no other field takes. brief: not written where it is the default.
+    there: whether what a path names is there, such as Path.is_file. absent: the value where the key is not there, from
+    the table. one_of: keys of which one is there, with their types; several: or more of them, whose values are joined.
+    inside: the fields of a dataclass stand in the same table. rest: all keys that no other field takes. brief: not
+    written where it is the default.
     """
 
     name: str | None = None
     also: str = ""
     expected: str = ""
     file: Callable[[Any], Any] | None = None
+    there: Callable[[Path], bool] | None = None
     read: Callable[[Any, Any], Any] | None = None
     absent: Callable[[Any], Any] | None = None
     form: Any = None
@@ -111,24 +113,20 @@ class FileKey:
     default: Any = None  # MISSING where there is none
 
 
-def file_keys(form: Any) -> tuple[FileKey, ...]:
-    """Return the keys of a dataclass in the order of its fields."""
-    return _file_keys(form)
-
-
-@cache
 def _file_keys(form: Any) -> tuple[FileKey, ...]:
-    hints = get_type_hints(form, include_extras=True)
-    return tuple(_file_key(each, hints[each.name]) for each in fields(form) if each.init)
+    """Return the keys of a dataclass in the order of its fields."""
+    hints, keys = get_type_hints(form, include_extras=True), []
+    for each in (one for one in fields(form) if one.init):
+        plain, notes, sentence = annotated(hints[each.name])
+        if len(kinds := members(plain)) == 1:  # None stands for a key that is not there
+            plain, notes, _ = annotated(kinds[0], notes)
+        *tables, name = (notes.key.name if notes.key.name is not None else each.name).split(".")
+        default = each.default if each.default_factory is MISSING else each.default_factory()
+        keys.append(FileKey(each.name, tuple(tables), name, plain, notes, sentence, default))
+    return tuple(keys)
 
 
-def _file_key(each: "Field[Any]", hint: Any) -> FileKey:
-    plain, notes, sentence = annotated(hint)
-    if len(kinds := members(plain)) == 1:  # None stands for a key that is not there
-        plain, notes, _ = annotated(kinds[0], notes)
-    *tables, name = (notes.key.name if notes.key.name is not None else each.name).split(".")
-    default = each.default if each.default_factory is MISSING else each.default_factory()
-    return FileKey(each.name, tuple(tables), name, plain, notes, sentence, default)
+file_keys: Callable[[Any], tuple[FileKey, ...]] = cache(_file_keys)
 
 
 def annotated(hint: Any, outer: Notes = Notes()) -> tuple[Any, Notes, str]:

@@ -11,33 +11,20 @@ parts of the model to leave out; `skip_bad` leaves out unsound trials.
 The only package of `fabdesign` that knows the others (sim, studies); loaded when it is asked for, without numpy.
 """
 
-from typing import TYPE_CHECKING, Any
-
 from fabdesign import one_blas_thread
 from fabdesign.interface import folders as studies
-from fabdesign.interface.analyses import Unseen, loop, sensitivity, study, unseen
+from fabdesign.interface.analyses import loop, sensitivity, study, unseen
 from fabdesign.interface.files import check, export, new, studio, view
-from fabdesign.interface.fits import calibrate, trace, train
+from fabdesign.interface.fits import calibrate, train
 from fabdesign.interface.folders import list_effects, prepare, schema
 from fabdesign.interface.laboratory import fuse, rig
-from fabdesign.interface.measured import evaluate, predict
-from fabdesign.interface.motions import Sweep, equilibrium, simulate, sweep
+from fabdesign.interface.measured import evaluate, predict, trace
+from fabdesign.interface.motions import equilibrium, simulate, sweep
 from fabdesign.interface.searches import demo, follow, layouts, optimize
-
-if TYPE_CHECKING:
-    from fabdesign.files.motion_file import Motion
 
 one_blas_thread()  # for the commands; in Python it was asked for already
 __all__ = [
-    "Motion", "Sweep", "Unseen", "calibrate", "check", "demo", "equilibrium", "evaluate", "export", "follow", "fuse",
-    "layouts", "list_effects", "loop", "new", "optimize", "predict", "prepare", "rig", "schema", "sensitivity",
-    "simulate", "studies", "studio", "study", "sweep", "trace", "train", "unseen", "view",
+    "calibrate", "check", "demo", "equilibrium", "evaluate", "export", "follow", "fuse", "layouts", "list_effects",
+    "loop", "new", "optimize", "predict", "prepare", "rig", "schema", "sensitivity", "simulate", "studies", "studio",
+    "study", "sweep", "trace", "train", "unseen", "view",
 ]  # fmt: skip
-
-
-def __getattr__(name: str) -> Any:
-    if name != "Motion":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from fabdesign.files.motion_file import Motion  # loads numpy
-
-    return Motion

@@ -53,20 +53,19 @@ def sensitivity(
     parameters vary together besides. pressures: kPa of channels that do not vary. samples: a power of two. grid: points
     a side, by default 21. keys: as of `optimize`. Ctrl-C ends with what is done.
     """
-    from fabdesign.interface.arguments import ends_of, functions_of, one_design, study_file
-    from fabdesign.study_files.sensitivity_file import read_sensitivity
+    from fabdesign.interface.arguments import asked_study, ends_of, functions_of
+    from fabdesign.study_files.sensitivity_file import SensitivityStudy
     from studies.sensitivity.run import run_sensitivity
 
     run = Run.of(keys)
-    if parameters is None and not covariance:
-        study: Any = study_file(design)
-    else:
+    asked: dict[str, Any] | None = None
+    if parameters is not None or covariance:
         functions = functions_of(outputs) if isinstance(outputs, Mapping) else {}
         ends = {
             name: {} if pair is None else dict(zip(("low", "high"), ends_of(f"parameters: {name}", pair), strict=True))
             for name, pair in (parameters or {}).items()
         }
-        keys |= {
+        asked = {
             "parameters": {**ends, "covariance": covariance},
             "method": _texts(method),
             "seed": seed,
@@ -77,10 +76,8 @@ def sensitivity(
             "points_per_side": grid,
             "at": [*at] or None,
             "functions": {name: _of_motion(function) for name, function in functions.items()} or None,
-            "design": one_design(design),
-            "model": run.model(model),
         }
-        study = read_sensitivity(keys)
+    study = asked_study(SensitivityStudy.read, design, keys, asked, run.model(model))
 
     def show(now: Any) -> None:
         run.progress(str(now), now.done / now.total)
@@ -150,6 +147,7 @@ def unseen(
     left out in turn. The same command continues after a stop.
 
     out: Folder to write to, or to continue in.
+    seconds: Time limit, s; by default the study's.
 
     In Python `design` goes with a `model` that has a covariance; with neither model nor set it is the study. pressures:
     kPa, a row a pose. outputs: of each shape, in words (docs/sensitivity.md). measured: a set of two designs or more,
@@ -157,32 +155,29 @@ def unseen(
     takes them. samples: models drawn. grid: points a side, by default the model's. keys: as of `optimize`, such as
     `candidates`, `rig_limits`, `rise`, `hold`.
     """
-    from fabdesign.interface.arguments import one_design, study_file
-    from fabdesign.study_files.unseen_file import read_unseen
+    from fabdesign.interface.arguments import asked_study
+    from fabdesign.study_files.unseen_file import UnseenStudy
     from studies.unseen.run import run_unseen
 
     run = Run.of(keys)
-    if model is None and measured is None:
-        study: Any = study_file(design)
-    else:
+    asked: dict[str, Any] | None = None
+    if model is not None or measured is not None:
         if (design is None) != (model is None):
             raise InputError("unseen: a design or a model alone; expected both, or neither beside measured")
         one_set = None if measured is None else all_sets(measured)[0]
-        keys |= {
+        asked = {
             "samples": samples,
             "seed": seed,
             "outputs": [*outputs],
             "pressures": pressures,
             "points_per_side": grid,
             "measured": one_set and {"set": one_set, "trials": trials, "free": [*free]},
-            "design": None if design is None else one_design(design),
-            "model": run.model(model),
         }
-        study = read_unseen(keys)
+    study = asked_study(UnseenStudy.read, design, keys, asked, run.model(model))
     return Unseen(run.study(run_unseen, study, out, seconds, progress=run.progress))
 
 
-@study_verb("studies.loop.record", interval=0.0)
+@study_verb("studies.loop.record", 0.0)
 def loop(study: File, out: Folder, *, seconds: float | None = None, **given: Unpack[Computing]) -> LoopOutcome:
     """Choose a design, measure it, improve the model, repeat.
 

@@ -26,8 +26,14 @@ def one_design(design: DesignLike) -> Design:
     return design if isinstance(design, Design) else read_design(design)
 
 
-def study_file(design: Any) -> Path:
-    """Return the study of a function that is given nothing else, as its command takes it."""
+def asked_study(
+    read: Callable[[Any], Any], design: Any, keys: Mapping[str, Any], asked: Mapping[str, Any] | None, model: Any
+) -> Any:
+    """Return the study that is asked of a design in Python; where nothing is asked, `design` is its file, as the
+    command takes it. keys: further ones of the study. Raises InputError."""
+    if asked is not None:
+        name = {} if design is None else {"name": (design := one_design(design)).name}
+        return read({**name, **keys, **asked, "design": design, "model": model})
     if not isinstance(design, Path | str):
         raise InputError(f"{getattr(design, 'name', design)}: a design alone; expected what is asked of it, or a study")
     return Path(design)

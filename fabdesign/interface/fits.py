@@ -1,5 +1,4 @@
-"""Fits to measured sets and benches: a model's factors, the effects that it lacks, and a corrector that learns what the
-simulator leaves out."""
+"""Fits to measured sets and benches: a model's factors, and a corrector that learns what the simulator leaves out."""
 
 from __future__ import annotations
 
@@ -9,12 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 from fabdesign.errors import InputError
-from fabdesign.interface.run import Run, all_sets, benches_of, paths_of, simulator, work_folder
+from fabdesign.interface.run import Run, all_sets, benches_of, paths_of, simulator
 from fabdesign.interface.verb import Computing, Shown, verb
 from fabdesign.units import in_mm
 
 if TYPE_CHECKING:
-    from fabdesign.interface.verb import Folder, ModelLike, SetLike, Toml
+    from fabdesign.interface.verb import ModelLike, SetLike, Toml
     from fabdesign.nouns.model import Model
     from fabdesign.nouns.trial import MeasurementSet
     from optimize.fit.parameters import FitVector
@@ -138,79 +137,6 @@ def _calibrate_benches(
         return [replace(one, files=tuple(file.name for file in written)) for one in fitted]
 
 
-def _traced(result: Any, given: Mapping[str, Any]) -> Shown:
-    from studies.benches import trace_report as of_bench
-    from studies.tracing import report as of_set
-
-    as_text = of_set.as_text if hasattr(result, "model") else of_bench.as_text
-    return Shown(result.to_json(), f"{given['out']}: {as_text(result)}")
-
-
-def _share_or_metres(given: dict[str, Any]) -> None:
-    """Read a tolerance in % of a bench, in mm of a set."""
-    from fabdesign.units import from_mm
-
-    if (tolerance := given.get("tolerance")) is not None:
-        given["tolerance"] = tolerance / 100 if benches_of(given["measured"]) else from_mm(tolerance)
-
-
-@verb(_traced, "SET|BENCH", from_shell=_share_or_metres, title="tracing")
-def trace(
-    measured: SetLike,
-    out: Folder | None = None,
-    *,
-    model: ModelLike | None = None,
-    tolerance: float | None = None,
-    grid: int | None = None,
-    seed: int = 0,
-    **given: Unpack[Computing],
-) -> Any:
-    """Find which effect the model of measured data lacks.
-
-    The data are a measurement SET or a BENCH. The effects are chosen by model selection. The answer can be that no
-    effect is missing, or that none of the known effects explains the data.
-
-    out: Folder to write to, or to continue in.
-    model: A model file: start of the fit, and effects that are already known.
-    tolerance: Excess error on held-out trials that is accepted: in mm, by default 0.5; for a bench in % of its output,
-        by default 2.
-    grid: Grid points per side; by default 21, or 41 where 21 are too coarse.
-    seed: Seed of the points drawn.
-
-    In Python the tolerance is in m, of a bench a share. Returns an `Outcome`: `.verdict`, `.model`; of a bench a
-    `BenchOutcome`. Without `out` nothing is kept; with it the same call goes on after Ctrl-C.
-    """
-    run = Run(**given)
-    if benches := benches_of(measured):
-        from studies.benches import tracing as of_bench
-
-        share = of_bench.TOLERANCE if tolerance is None else tolerance
-        with work_folder(out) as folder:
-            return of_bench.trace_bench(benches[0], folder, tolerance=share, force=run.force, progress=run.progress)
-    from fabdesign.nouns.model import Model
-    from fabdesign.runtime.effort import TRACE, Pace, fit_in_words, fit_seconds
-    from studies.tracing.run import DRAWN, GRID, TOLERANCE, TRIALS, Options, trace_set
-    from studies.tracing.verdict import SO_FAR
-
-    fitted, sets = run.model(model), all_sets(measured)
-    if len(sets) != 1:
-        raise InputError(f"{len(sets)} measurement sets; expected one")
-    (sound,), _ = run.sound(sets, skip_bad=False)
-    motion = [min(t.times[-1], DRAWN.until) for t in sound.trials if t.role == "fit"][:TRIALS]
-    unknowns = len(unknowns_of(["all"], (), fitted or Model(), [sound]).parameters)
-    seconds = fit_seconds(TRACE, motion, unknowns, grid or GRID)
-    pace, show = Pace(seconds), run.opened(lambda: fit_in_words(len(motion), unknowns, seconds))
-    with work_folder(out) as folder, run.computing():
-        return trace_set(
-            sound,
-            folder,
-            inputs=paths_of(measured, model),
-            options=Options(TOLERANCE if tolerance is None else tolerance, grid, seed, fitted),
-            force=run.force,
-            say=lambda line: show(line, None if line.startswith(SO_FAR) else pace.share()),
-        )
-
-
 def unknowns_of(free: Sequence[str], fix: Sequence[str], base: Model, sets: Sequence[MeasurementSet]) -> FitVector:
     """Return what a fit of these sets moves. Raises InputError."""
     from optimize.fit.free_parameters import fit_vector
@@ -297,7 +223,7 @@ def train(
         import corrector.paper_training  # noqa: F401 loads PyTorch: without it nothing is begun
     from fabdesign.nouns.model import Model
     from fabdesign.output import new_files
-    from fabdesign.runtime.effort import CALIBRATION, fit_seconds, in_words, on_cores, training_seconds
+    from fabdesign.runtime.effort import CALIBRATION, TRAINING, fit_seconds, in_words, on_cores, trials_seconds
     from studies.measured.used_frames import GRID as COARSE
     from studies.training.data import TrainingOptions
     from studies.training.train import train as train_on
@@ -310,7 +236,7 @@ def train(
     beside = out.with_suffix(".safetensors").name
     places = new_files(out, companions=[beside], force=run.force, inputs=paths_of(measured, model))
     motion = [float(t.times[-1]) for one in sets for t in one.trials if t.role == "fit"]
-    seconds = training_seconds(motion)
+    seconds = trials_seconds(TRAINING, motion)
     if vector is not None:
         seconds += fit_seconds(CALIBRATION, motion, len(vector.parameters), base.points_per_side)
     # how long the paper's takes is its plan's

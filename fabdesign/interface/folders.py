@@ -119,7 +119,7 @@ _SERVES = "for grids up to 41 points a side and designs up to 96 fixed points; o
 @verb(
     lambda seconds, _: Shown({"seconds": seconds}, f"the simulator is compiled, {seconds:.0f} s, {_SERVES}"),
     title="compiling",
-    options=(),
+    hidden=("force",),
 )
 def prepare(**given: Unpack[Working]) -> float:
     """Compile the simulator's kernels once on this machine.
@@ -132,7 +132,7 @@ def prepare(**given: Unpack[Working]) -> float:
     return compile_all(lambda line: run.progress(line, None))
 
 
-@verb(lambda content, _: Shown(content, json_text(content, indent=1)), "KIND", options=())
+@verb(lambda content, _: Shown(content, json_text(content, indent=1)), "KIND")
 def schema(kind: str) -> dict[str, Any]:
     """Print the JSON Schema of a kind of file, for editors.
 

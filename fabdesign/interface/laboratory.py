@@ -78,10 +78,7 @@ def _measured(trials: int, given: Mapping[str, Any]) -> Shown:
     return Shown(content, f"{out}: {trials} trials of a synthetic rig")
 
 
-_RIG = ("pressures", "key", "recording", "test_trials", "cluster", "out", "force")
-
-
-@verb(_measured, more={"more": "[P.csv]... [DESIGN P.csv...]..."}, options=_RIG, title="measured")
+@verb(_measured, more={"more": "[P.csv]... [DESIGN P.csv...]..."}, hidden=("effects",), title="measured")
 def rig(
     design: DesignLike,
     pressures: Sequence[Pressures] = (),

@@ -1,4 +1,4 @@
-"""Models beside measured data: the motions that it predicts, and how far they are off."""
+"""Models beside measured data: the motions that they predict, how far they are off, and which effect they lack."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from fabdesign.errors import InputError
-from fabdesign.interface.run import Run, all_sets, benches_of, paths_of, several, simulator
+from fabdesign.interface.fits import unknowns_of
+from fabdesign.interface.run import Run, all_sets, benches_of, paths_of, several, simulator, work_folder
 from fabdesign.interface.verb import Computing, Shown, verb
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def evaluate(
         if len(benches) > 1:
             raise InputError(f"{benches[0]}: a bench among {len(benches)} sources; expected a bench alone, or sets")
         return _evaluate_bench(run, benches[0], model, out, all_trials)
-    from fabdesign.runtime.effort import evaluation_seconds, in_words, on_cores
+    from fabdesign.runtime.effort import EVALUATION, in_words, on_cores, trials_seconds
     from studies.measured.used_frames import GRID as COARSE
     from studies.prediction.evaluate import evaluate_sets
     from studies.prediction.evaluation_report import write_evaluation
@@ -77,7 +78,7 @@ def evaluate(
         trials = [trial for one in sets for trial in one.trials]
         asked = [trial for trial in trials if trial.role in roles]
         run.warn_beyond(fitted, [trial.program for trial in asked], asked)
-        seconds = evaluation_seconds([float(trial.times[-1]) for trial in asked])
+        seconds = trials_seconds(EVALUATION, [float(trial.times[-1]) for trial in asked])
         if asked:  # else it is an error, in one line
             run.progress(in_words(seconds, f"{len(asked)} trials", on_cores()), None)
         forward = simulator(grid) if grid else enough_points(fitted, trials, simulator, tell=run.say)
@@ -187,3 +188,76 @@ def predict(
     if out is None:
         return motions
     return [Path(out) / folder / "trials" / t.file.name for folder, some in sets.items() for t in some]
+
+
+def _traced(result: Any, given: Mapping[str, Any]) -> Shown:
+    from studies.benches import trace_report as of_bench
+    from studies.tracing import report as of_set
+
+    as_text = of_set.as_text if hasattr(result, "model") else of_bench.as_text
+    return Shown(result.to_json(), f"{given['out']}: {as_text(result)}")
+
+
+def _share_or_metres(given: dict[str, Any]) -> None:
+    """Read a tolerance in % of a bench, in mm of a set."""
+    from fabdesign.units import from_mm
+
+    if (tolerance := given.get("tolerance")) is not None:
+        given["tolerance"] = tolerance / 100 if benches_of(given["measured"]) else from_mm(tolerance)
+
+
+@verb(_traced, "SET|BENCH", from_shell=_share_or_metres, title="tracing")
+def trace(
+    measured: SetLike,
+    out: Folder | None = None,
+    *,
+    model: ModelLike | None = None,
+    tolerance: float | None = None,
+    grid: int | None = None,
+    seed: int = 0,
+    **given: Unpack[Computing],
+) -> Any:
+    """Find which effect the model of measured data lacks.
+
+    The data are a measurement SET or a BENCH. The effects are chosen by model selection. The answer can be that no
+    effect is missing, or that none of the known effects explains the data.
+
+    out: Folder to write to, or to continue in.
+    model: A model file: start of the fit, and effects that are already known.
+    tolerance: Excess error on held-out trials that is accepted: in mm, by default 0.5; for a bench in % of its output,
+        by default 2.
+    grid: Grid points per side; by default 21, or 41 where 21 are too coarse.
+    seed: Seed of the points drawn.
+
+    In Python the tolerance is in m, of a bench a share. Returns an `Outcome`: `.verdict`, `.model`; of a bench a
+    `BenchOutcome`. Without `out` nothing is kept; with it the same call goes on after Ctrl-C.
+    """
+    run = Run(**given)
+    if benches := benches_of(measured):
+        from studies.benches import tracing as of_bench
+
+        share = of_bench.TOLERANCE if tolerance is None else tolerance
+        with work_folder(out) as folder:
+            return of_bench.trace_bench(benches[0], folder, tolerance=share, force=run.force, progress=run.progress)
+    from fabdesign.nouns.model import Model
+    from fabdesign.runtime.effort import TRACE, Pace, fit_in_words, fit_seconds
+    from studies.tracing.run import DRAWN, GRID, TOLERANCE, TRIALS, Options, trace_set
+    from studies.tracing.verdict import SO_FAR
+
+    fitted, sets = run.model(model), all_sets(measured)
+    if len(sets) != 1:
+        raise InputError(f"{len(sets)} measurement sets; expected one")
+    (sound,), _ = run.sound(sets, skip_bad=False)
+    motion = [min(t.times[-1], DRAWN.until) for t in sound.trials if t.role == "fit"][:TRIALS]
+    unknowns = len(unknowns_of(["all"], (), fitted or Model(), [sound]).parameters)
+    seconds = fit_seconds(TRACE, motion, unknowns, grid or GRID)
+    pace, show = Pace(seconds), run.opened(lambda: fit_in_words(len(motion), unknowns, seconds))
+    with work_folder(out) as folder, run.computing():
+        return trace_set(
+            sound,
+            folder,
+            inputs=paths_of(measured, model),
+            options=Options(TOLERANCE if tolerance is None else tolerance, grid, seed, fitted),
+            force=run.force,
+            say=lambda line: show(line, None if line.startswith(SO_FAR) else pace.share()),
+        )

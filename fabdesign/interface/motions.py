@@ -38,13 +38,7 @@ def _simulated(motion: Motion, given: Mapping[str, Any]) -> Shown:
     return Shown(content, f"{out}: {what} {motion.points.shape[1]} points")
 
 
-_OF_ONE = (
-    "pressures", "model", "without", "order", "duration", "frame_rate", "equilibrium", "rise", "hold", "mesh",
-    "self_contact", "grid", "effects", "out", "force",
-)  # fmt: skip
-
-
-@verb(_simulated, options=_OF_ONE, title="simulating")
+@verb(_simulated, hidden=("cluster",), title="simulating")
 def simulate(
     design: DesignLike | Sequence[DesignLike],
     pressures: Pressures = None,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
 
     Target = ArrayLike | File  # (n, 3) m, or a cloud, mesh or trial
 
-OF_STUDY = ("seconds", "effects", "cluster", "out", "force")  # options of a command that takes a study
 _INTERVAL = 10.0  # s between the lines of a search, which has a step a second
 _OF_TARGET = ("frame", "unit", "scale", "rotation", "translation", "place", "description")
 
@@ -34,14 +32,36 @@ def reported(text: str, given: Mapping[str, Any]) -> str:
     return f"{text}\nreport: {Path(given['out']) / 'report.html'}"
 
 
-def study_verb(module: str, *options: str, interval: float = _INTERVAL) -> Callable[[Function], Function]:
-    """Declare a verb that takes a study. module: whose `as_text` says in words what the study came to. options: of the
-    command, besides those of all studies. interval: s between the lines of progress."""
+def study_verb(module: str, interval: float = _INTERVAL) -> Callable[[Function], Function]:
+    """Declare a verb that takes a study. module: whose `as_text` says in words what the study came to. interval: s
+    between the lines of progress."""
 
     def shown(result: Any, given: Mapping[str, Any]) -> Shown:
         return Shown(result.as_json(), reported(import_module(module).as_text(result), given))
 
-    return verb(shown, "STUDY", options=(*options, *OF_STUDY), interval=interval)
+    return verb(shown, "STUDY", interval=interval)
+
+
+def followed(run: Run) -> Callable[[Evaluations], None]:
+    """Return what says how a search stands, and once what it came to meanwhile."""
+    message = ""
+
+    def show(at: Evaluations) -> None:
+        nonlocal message
+        if at.message != message:
+            message = at.message
+            run.progress(message, None)
+        done = f"{at.history.evaluations} evaluations, {at.elapsed:.0f} s"
+        rest = f"{max(0.0, at.seconds - at.elapsed):.0f} s left at most"
+        run.progress(f"{at.stage}: {_best(at)}, {done}, {rest}", at.share)
+
+    return show
+
+
+def _best(at: Evaluations) -> str:
+    from fabdesign.units import in_mm
+
+    return "best none yet" if at.best is None else f"best {in_mm(at.best.value):.3f} mm"
 
 
 def _optimized(result: StudyResult, given: Mapping[str, Any]) -> Shown:
@@ -65,7 +85,7 @@ def _optimized(result: StudyResult, given: Mapping[str, Any]) -> Shown:
     return Shown(content, "\n".join([*targets, text, *poses_in_words([*result.pressure]), *outputs, *after]))
 
 
-@verb(_optimized, "STUDY", options=OF_STUDY, search=True)
+@verb(_optimized, "STUDY", interval=_INTERVAL, search=True)
 def optimize(
     design: DesignLike,
     target: Target | Sequence[File] | None = None,
@@ -96,28 +116,24 @@ def optimize(
     further keys of a study (docs/studies.md), such as `objective`, `start_pressures`, `order`; of a target `place`,
     `frame`. Without `out` nothing is kept. Raises InputError for what a study may not be.
     """
-    from fabdesign.interface.arguments import ends_of, one_design, study_file
+    from fabdesign.interface.arguments import asked_study, ends_of
     from fabdesign.study_files.study_file import read_study
     from studies.layouts.run import run_study
 
     run = Run.of(keys)
-    if target is None:
-        study: Any = study_file(design)
-    else:
-        choice = {}
+    asked: dict[str, Any] | None = None
+    if target is not None:
+        asked = {
+            "seed": seed,
+            "variables": {"pressures": pressures, "positions": positions},
+            "limits": {**(limits or {}), "evaluations": evaluations},
+            **_targets(target, keys),
+        }
         if muscles is not None:
             least, most = ends_of("muscles", muscles)
-            choice = {"muscles": {"min": least, "max": most, "sides": [*sides]}}
-        keys |= dict(
-            seed=seed,
-            variables={"pressures": pressures, "positions": positions, **choice},
-            limits={**(limits or {}), "evaluations": evaluations},
-            **_targets(target, keys),
-            design=(read := one_design(design)),
-            model=run.model(model),
-        )
-        study = replace(read_study(keys), name=read.name)
-    return run.study(run_study, study, out, seconds, progress=_whole_search(run))
+            asked["variables"]["muscles"] = {"min": least, "max": most, "sides": [*sides]}
+    study = asked_study(read_study, design, keys, asked, run.model(model))
+    return run.study(run_study, study, out, seconds, progress=followed(run))
 
 
 @study_verb("studies.layout_grid.report")
@@ -150,30 +166,26 @@ def layouts(
     corner (0.2, 0.2)". seconds, evaluations: of all searches together. Other arguments and errors are those of
     `optimize`.
     """
-    from fabdesign.interface.arguments import one_design, study_file
+    from fabdesign.interface.arguments import asked_study
     from fabdesign.runtime.effort import in_words
-    from fabdesign.study_files.layouts_file import read_layouts
+    from fabdesign.study_files.layouts_file import LayoutsStudy
     from studies.layout_grid.run import run_layouts
 
     run = Run.of(keys)
-    if target is None:
-        study: Any = study_file(design)
-    else:
-        keys |= dict(
-            name=(read := one_design(design)).name,
-            seed=seed,
-            grid={"muscles": [*muscles], "sides": [*sides], "types": None if types is None else [*types]},
-            limits={**(limits or {}), "evaluations": evaluations},
-            outputs=[*outputs],
+    asked: dict[str, Any] | None = None
+    if target is not None:
+        asked = {
+            "seed": seed,
+            "grid": {"muscles": [*muscles], "sides": [*sides], "types": None if types is None else [*types]},
+            "limits": {**(limits or {}), "evaluations": evaluations},
+            "outputs": [*outputs],
             **_targets(target, keys),
-            design=read,
-            model=run.model(model),
-        )
-        study = read_layouts(keys)
+        }
+    study = asked_study(LayoutsStudy.read, design, keys, asked, run.model(model))
     total = 0
 
     def opening() -> str:
-        limit = seconds or (read_layouts(study) if isinstance(study, Path) else study).search.limits.seconds
+        limit = seconds or (LayoutsStudy.read(study) if isinstance(study, Path) else study).search.limits.seconds
         return in_words(limit, f"{total} searches, all within {limit:g} s of search time")
 
     show = run.opened(opening)
@@ -187,7 +199,7 @@ def layouts(
     return run.study(run_layouts, study, out, seconds, progress=cell)
 
 
-@study_verb("studies.follow.result", "measured")
+@study_verb("studies.follow.result")
 def follow(
     design: DesignLike,
     target: File | Sequence[Mapping[str, Any]] | None = None,
@@ -216,28 +228,24 @@ def follow(
     of pressures to begin with. rig_limits: as `[rig_limits]` of a study has them. grid: points a side, by default the
     model's. keys: as of `optimize`, and further keys of a study.
     """
-    from fabdesign.interface.arguments import one_design, study_file
-    from fabdesign.study_files.follow_file import read_follow
+    from fabdesign.interface.arguments import asked_study
+    from fabdesign.study_files.follow_file import FollowStudy
     from studies.follow.run import run_follow
 
     run = Run.of(keys)
-    if target is None:
-        study: Any = study_file(design)
-    else:
-        if isinstance(target, Path | str):
-            keys["motion"] = {"file": _absolute(target)}
-        else:
-            keys["moments"] = [*target]
-        keys |= {
-            "name": (read := one_design(design)).name,
+    asked: dict[str, Any] | None = None
+    if target is not None:
+        asked = {
             "seed": seed,
             "start": None if start is None else str(start),
             "rig_limits": {**(rig_limits or {})},
             "points_per_side": grid,
-            "design": read,
-            "model": run.model(model),
         }
-        study = read_follow(keys)
+        if isinstance(target, Path | str):
+            asked["motion"] = {"file": _absolute(target)}
+        else:
+            asked["moments"] = [*target]
+    study = asked_study(FollowStudy.read, design, keys, asked, run.model(model))
     return run.study(run_follow, study, out, seconds, measured=measured, progress=run.progress)
 
 
@@ -247,7 +255,7 @@ def _shown(outcome: Demo, given: Mapping[str, Any]) -> Shown:
     return Shown(as_json(outcome), reported(as_text(outcome), given))
 
 
-@verb(_shown, search=True, title="demo")
+@verb(_shown, interval=_INTERVAL, search=True, title="demo")
 def demo(out: Folder = "demo", **given: Unpack[Working]) -> Demo:
     """Find a layout for an embedded measured cloud.
 
@@ -256,8 +264,10 @@ def demo(out: Folder = "demo", **given: Unpack[Working]) -> Demo:
     from studies.demo.run import run_demo
 
     run = Run(**given)
-    show, say = _whole_search(run), getattr(run.progress, "say", run.say)
-    return run_demo(Path(out), force=run.force, progress=lambda name, evaluations: show(evaluations), say=say)
+    show = followed(run)
+    return run_demo(
+        Path(out), force=run.force, progress=lambda _, at: show(at), say=lambda line: run.progress(line, None)
+    )
 
 
 def _targets(target: Any, keys: dict[str, Any]) -> dict[str, Any]:
@@ -280,15 +290,3 @@ def _targets(target: Any, keys: dict[str, Any]) -> dict[str, Any]:
 
 def _absolute(file: Any) -> str:
     return str(Path(file).absolute())
-
-
-def _whole_search(run: Run) -> Callable[[Evaluations], None]:
-    """Return what shows how a search stands; a live line shows all of it."""
-    show: Callable[[Evaluations], None] = getattr(run.progress, "show", lambda at: run.progress(_best(at), at.share))
-    return show
-
-
-def _best(at: Evaluations) -> str:
-    from fabdesign.units import in_mm
-
-    return "best none yet" if at.best is None else f"best {in_mm(at.best.value):.3f} mm"

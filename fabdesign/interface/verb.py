@@ -131,16 +131,16 @@ class Verb:
     """A verb of a user, in Python and in the shell.
 
     shown: of the result and the arguments by name; None: nothing is printed. arguments: parameters that are arguments
-    of the command too, with what its usage calls them ("": as click does); by default the first. options: parameters
-    that are its options; None: all that can be. optional: whether the command goes without `-o`. from_shell: changes
-    arguments, by name, from what is typed; may return the verb that is called in its place. title: of the progress; by
-    default the first argument's name. interval: s between its lines. search: whether it is that of a search.
+    of the command too, with what its usage calls them ("": as click does); by default the first. hidden: parameters
+    that are no options of it. optional: whether the command goes without `-o`. from_shell: changes arguments, by name,
+    from what is typed; may return the verb that is called in its place. title: of the progress; by default the first
+    argument's name. interval: s between its lines. search: whether it is that of a search.
     """
 
     function: Callable[..., Any]
     shown: Callable[[Any, Mapping[str, Any]], Shown] | None
     arguments: Mapping[str, str]
-    options: Sequence[str] | None = None
+    hidden: Sequence[str] = ()
     optional: bool = False
     from_shell: Callable[[dict[str, Any]], Verb | None] = lambda _: None
     title: str = ""

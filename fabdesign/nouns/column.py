@@ -87,7 +87,7 @@ def factor(name: str) -> Column:
     return Column(name, "1", 1e-3, 0.02, moved)
 
 
-def of_effect(effect: str, parameter: str, step: float, far: float | None = None) -> Column:
+def of_effect(effect: str, parameter: str, step: float) -> Column:
     """Return an effect's parameter, in its declared unit; from its value `off` where the case is without the effect."""
     parameters = effect_named(effect, "column").parameters
     declared = parameters[parameter]
@@ -108,7 +108,7 @@ def of_effect(effect: str, parameter: str, step: float, far: float | None = None
         _, value = acting(case)
         return low - value, high - value
 
-    return Column(f"{effect} {parameter}", declared.unit, step, far or step, moved, room)
+    return Column(f"{effect} {parameter}", declared.unit, step, step, moved, room)
 
 
 def corner(muscle: int, index: int, along: tuple[float, float]) -> Column:

@@ -12,7 +12,7 @@ from fabdesign.effects.registry import check_values, effect_named, label_effect,
 from fabdesign.formats.schema import FROM_0, GRIDS, SHARE, Key, Metre, Within
 from fabdesign.formats.table import Table, nearest
 from fabdesign.nouns.forward import FACTOR_RANGE, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS, SIDE, Term
-from fabdesign.nouns.learned_range import LearnedRange
+from fabdesign.nouns.pressure import LearnedRange
 from fabdesign.version import SIMULATOR
 
 POINTS_PER_SIDE = SIDE  # of the simulator's grid, unless something else is asked for
@@ -185,7 +185,7 @@ class Model:
     effects: Annotated[tuple[EffectTerm, ...], Key(brief=True), "in the order in which they act"] = ()
     without_effects: Annotated[Mapping[str, Parameter] | None, _BEFORE, "fitted when no effect was there"] = None
     covariance: Annotated[Covariance | None, "of what was fitted together"] = None
-    corrector: Annotated[Path | None, Key("corrector.weights"), "safetensors"] = None
+    corrector: Annotated[Path | None, Key("corrector.weights", there=Path.is_file), "safetensors"] = None
     corrector_hash: Annotated[str | None, Key("corrector.trained_on"), "hash of parameters and effects"] = None
     spread: Annotated[Spread | None, "absent: its motions have no intervals"] = None
     learned_range: Annotated[LearnedRange | None, "of what has no physical name; absent: not known"] = None
@@ -193,7 +193,7 @@ class Model:
     provenance: Provenance = ORIGIN_UNKNOWN
 
     def resolved(self, table: Table) -> "Model":
-        """Raise InputError for unknown parameters, an effect that stands twice, and weights that are not there."""
+        """Raise InputError for unknown parameters, an effect that stands twice, and no weights."""
         for key in ("parameters", "parameters_without_effects"):
             for name in table.within([key]).names():
                 plain = name.rpartition(".")[2] if name.startswith(MUSCLE_TYPES) else name
@@ -205,8 +205,6 @@ class Model:
             raise table.error(f"effects: {label_effect(twice)} stands twice with one scope; expected it once")
         if "corrector" in table and self.corrector is None:
             raise table.within(["corrector"]).missing("weights")
-        if self.corrector is not None and not self.corrector.is_file():
-            raise table.within(["corrector"]).error(f"weights {self.corrector} is not there")
         return self
 
     @property

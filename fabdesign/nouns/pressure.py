@@ -1,6 +1,7 @@
-"""Pressure programs: the regulator's set points over time."""
+"""Pressure programs: the regulator's set points over time, what a rig can do, and how far the programs went that a
+model was fitted to."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,15 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
-from fabdesign.formats.schema import ABOVE_0, Key, Kilopascal, KilopascalPerSecond, Second, Within
+from fabdesign.formats.schema import ABOVE_0, FROM_0, Key, Kilopascal, KilopascalPerSecond, Second, Within
 from fabdesign.runtime.effort import LONGEST
 from fabdesign.units import in_kpa
 
 if TYPE_CHECKING:
     from fabdesign.nouns.design import Design
 
-RISE_STEPS = 60
+RISE_STEPS, RESOLUTION = 60, 100.0  # rows; Pa
 LARGEST = 1e6  # Pa, for a muscle type that states no maximum
+WINDOW = 0.1  # s, over which a set point's rate is taken: the shorter of the lags that are learned
+_SLIGHT = 1e-3  # of a number, that does not count as beyond it
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,14 +55,12 @@ class PressureProgram:
         return np.asarray(np.diff(integral, axis=0) / np.diff(edges)[:, None])
 
 
-def rising_program(
-    last: NDArray[np.float64], rise: float, duration: float, *, resolution: float = 100.0
-) -> PressureProgram:
+def rising_program(last: NDArray[np.float64], rise: float, duration: float) -> PressureProgram:
     """Return a program whose channels rise linearly and together from 0 to `last` (channels,) Pa within `rise` s, in
-    RISE_STEPS rows of whole `resolution` Pa, then hold until `duration` s."""
+    RISE_STEPS rows of whole RESOLUTION Pa, then hold until `duration` s."""
     share = (np.arange(RISE_STEPS) + 1) / RISE_STEPS
     rows = np.outer(share, last)
-    rows[:-1] = resolution * np.round(rows[:-1] / resolution)
+    rows[:-1] = RESOLUTION * np.round(rows[:-1] / RESOLUTION)
     return PressureProgram(rise * np.arange(RISE_STEPS) / RISE_STEPS, rows, duration)
 
 
@@ -124,8 +125,6 @@ def require_pressures(program: PressureProgram, design: "Design", where: str) ->
 
 
 HIGHEST = 300e3  # Pa, of programs that nobody named, where the muscles allow it
-
-
 # one number, or [lowest, highest] as in [limits]
 _HIGHEST = Key(
     form=Annotated[Kilopascal, ABOVE_0] | tuple[Kilopascal, Kilopascal],
@@ -148,3 +147,44 @@ class RigLimits:
 
 
 USUAL_LIMITS = RigLimits()
+
+
+@dataclass(frozen=True)
+class LearnedRange:
+    """The farthest of several pressure programs, each quantity by itself."""
+
+    pressure: Annotated[Kilopascal, FROM_0, "the highest set point"]  # Pa
+    rate: Annotated[KilopascalPerSecond, FROM_0, "the fastest change of the mean over 0.1 s to the next"]  # Pa/s
+    channels: Annotated[int, FROM_0, "that had pressure at once"]
+
+    @staticmethod
+    def of(programs: Iterable[PressureProgram]) -> "LearnedRange":
+        """Return the range of one program or more."""
+        each = [
+            (float(p.pressure.max(initial=0.0)), _rate(p), int((p.pressure > 0).sum(axis=1).max(initial=0)))
+            for p in programs
+        ]
+        pressure, rate, channels = (max(values) for values in zip(*each, strict=True))
+        return LearnedRange(pressure, rate, channels)
+
+    def beyond(self, programs: Sequence[PressureProgram]) -> str | None:
+        """Return a sentence on what of these programs was not learned from; None where all was."""
+        asked = LearnedRange.of(programs) if programs else self
+        parts = []
+        if asked.pressure > (1 + _SLIGHT) * self.pressure:
+            parts.append(f"pressures {_up_to(asked.pressure, 'kPa')}; learned from {_up_to(self.pressure, 'kPa')}")
+        if asked.rate > (1 + _SLIGHT) * self.rate:
+            parts.append(f"rates {_up_to(asked.rate, 'kPa/s')}; learned from {_up_to(self.rate, 'kPa/s')}")
+        if asked.channels > self.channels:
+            parts.append(f"up to {asked.channels} channels at once; learned from up to {self.channels}")
+        return f"beyond what the model has learned: {', '.join(parts)}" if parts else None
+
+
+def _rate(program: PressureProgram) -> float:
+    around = [program.means(np.array([t - WINDOW, t, t + WINDOW])) for t in program.time]
+    return max((float(np.abs(np.diff(means, axis=0)).max(initial=0.0)) / WINDOW for means in around), default=0.0)
+
+
+def _up_to(value: float, unit: str) -> str:
+    """Return a bound in words. value: in pascals, or pascals a second."""
+    return f"up to {in_kpa(value):.0f} {unit}"

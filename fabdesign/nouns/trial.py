@@ -31,18 +31,12 @@ def _design_of(table: Table) -> Design:
 class Trial:
     """One motion of a set. Its file is opened when its content is asked for; that raises InputError."""
 
-    file: Annotated[Path, "the npz"]
+    file: Annotated[Path, Key(there=Path.is_file), "the npz"]
     design_name: Annotated[str, Key("design"), "one of [designs]"]
     design: Annotated[Design, Key("", absent=_design_of)]
     order: Annotated[int, "place in the specimen's session, for what builds up from trial to trial"]
     role: Annotated[Role, "nothing may be fitted or chosen on test"]
     _sound: list[bool] = field(default_factory=list, init=False, repr=False, compare=False)  # filled once it is
-
-    def resolved(self, table: Table) -> "Trial":
-        """Raise InputError for a file that is not there."""
-        if not self.file.is_file():
-            raise table.error(f"file {self.file} is not there")
-        return self
 
     @property
     def name(self) -> str:

@@ -62,16 +62,6 @@ def on_cluster(address: str | None, *, say: Say = lambda line: None) -> Iterator
     if address is None:
         yield
         return
-    with _connected(address, say) as cluster:
-        _current.append(cluster)
-        try:
-            yield
-        finally:
-            _current.remove(cluster)
-
-
-@contextmanager
-def _connected(address: str, say: Say) -> Iterator["Cluster"]:
     try:
         from distributed import Client
     except ModuleNotFoundError as error:
@@ -88,11 +78,14 @@ def _connected(address: str, say: Say) -> Iterator["Cluster"]:
             f"{address}: no scheduler answers within {WAIT:g} s ({type(error).__name__}); expected an address such as "
             "tcp://HOST:8786, or tls://HOST:8786 with certificates (docs/cluster.md)"
         ) from None
+    cluster = Cluster(address, client, say)
     try:
-        cluster = Cluster(address, client, say)
         cluster.prepare()
-        yield cluster
+        _current.append(cluster)
+        yield
     finally:
+        if cluster in _current:
+            _current.remove(cluster)
         with suppress(Exception):  # of a scheduler that is gone
             client.close(timeout=1)
 
@@ -147,8 +140,16 @@ class Cluster:
 
     @property
     def workers(self) -> int:
-        """How many there are now, at least 1: where there are none, work waits for the first."""
-        return self._places()
+        """Number of workers now, each of which may have a task: at least 1, for where there are none work waits for the
+        first."""
+        try:
+            count = len(self.client.nthreads())
+        except _lost() as error:
+            raise self._gone() from error
+        if not count and "no workers" not in self._told:
+            self._told.add("no workers")
+            self.say(f"{self.address}: no workers; waiting for one")
+        return max(1, count)
 
     @cached_property
     def threads(self) -> int:
@@ -172,7 +173,7 @@ class Cluster:
         completed = as_completed(loop=self.client.loop)
         try:
             while due < len(tasks):
-                while waiting and len(under_way) < self._places():
+                while waiting and len(under_way) < self.workers:
                     number = waiting.pop()
                     key = f"fabdesign-{call}-{number}"
                     future = self.client.submit(
@@ -190,17 +191,6 @@ class Cluster:
         finally:
             with suppress(Exception):  # of a scheduler that is gone
                 self.client.cancel(list(under_way))
-
-    def _places(self) -> int:
-        """Return how many tasks may be under way: one for each worker."""
-        try:
-            count = len(self.client.nthreads())
-        except _lost() as error:
-            raise self._gone() from error
-        if not count and "no workers" not in self._told:
-            self._told.add("no workers")
-            self.say(f"{self.address}: no workers; waiting for one")
-        return max(1, count)
 
     def _result(self, future: Any, name: Callable[[], str]) -> Any:
         from distributed import KilledWorker

@@ -36,16 +36,12 @@ def frame_bytes(points_per_side: int) -> float:
     return _FACES + _NODE * points_per_side**2
 
 
-def step_bytes(channels: int) -> float:
-    """Return the bytes of a step of one motion."""
-    return _SCHEME + channels * (4 + _MEANS)
-
-
 def require_motion(seconds: float, frames: float, points_per_side: int, *, channels: int = 0) -> None:
     """Raise InputError where a motion of `seconds` s, all its `frames` kept, would last or take too much."""
     if seconds > LONGEST:
         raise InputError(f"a motion of {seconds:g} s; expected at most {LONGEST:g} s")
-    memory = frames * frame_bytes(points_per_side) + seconds * _TICKS * step_bytes(channels)
+    step = _SCHEME + channels * (4 + _MEANS)  # bytes
+    memory = frames * frame_bytes(points_per_side) + seconds * _TICKS * step
     if memory > MEMORY:
         raise InputError(
             f"{frames:.7g} frames in {seconds:g} s with {points_per_side} grid points a side take "
@@ -90,15 +86,10 @@ def unseen_seconds(shapes: int, candidates: int, points_per_side: int) -> float:
     return (shape * shapes + candidate * candidates) * (points_per_side / grid) ** 2 / cores()
 
 
-def training_seconds(motion: Sequence[float]) -> float:
-    """Return about how many seconds a corrector of the usual network takes. motion: s of each trial learned from."""
-    fixed, rate = TRAINING
-    return (fixed + rate * sum(motion)) / cores()
-
-
-def evaluation_seconds(motion: Sequence[float]) -> float:
-    """Return about how many seconds an evaluation takes by the clock on these cores. motion: s of each trial."""
-    fixed, rate = EVALUATION
+def trials_seconds(work: tuple[float, float], motion: Sequence[float]) -> float:
+    """Return about how many seconds work on trials takes by the clock on these cores. work: EVALUATION, or TRAINING of
+    a corrector of the usual network; motion: s of each trial."""
+    fixed, rate = work
     return (fixed + rate * sum(motion)) / cores()
 
 

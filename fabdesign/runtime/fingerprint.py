@@ -59,19 +59,16 @@ def _flat(value: Any, name: str) -> Iterator[tuple[str, Any]]:
 
 def require_same(known: Mapping[str, str], content: Mapping[str, str], folder: Path, holds: str) -> None:
     """Raise OtherContent, which says what differs, where what is kept is of other content. holds: what it then is."""
-    if known != content:
-        raise OtherContent(
-            f"{folder}: holds {holds} ({differences(known, content)}); expected the same one, or --force to start anew"
-        )
-
-
-def differences(known: Mapping[str, str], content: Mapping[str, str]) -> str:
-    """Return a clause a field, of the first few."""
     differing = [name for name in {**known, **content} if known.get(name) != content.get(name)]
+    if not differing:
+        return
     clauses = []
     for name in differing[:_SHOWN]:
         before, now = known.get(name, "not there"), content.get(name, "not there")
         long = max(len(before), len(now)) > _LONGEST_SHOWN
         clauses.append(f"{name} differs" if long else f"{name} was {before}, now {now}")
-    more = len(differing) - len(clauses)
-    return "; ".join([*clauses, *([f"and {more} more"] if more else [])])
+    if more := len(differing) - len(clauses):
+        clauses.append(f"and {more} more")
+    raise OtherContent(
+        f"{folder}: holds {holds} ({'; '.join(clauses)}); expected the same one, or --force to start anew"
+    )

@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Literal
 
 
 class Stopwatch:
@@ -18,36 +18,31 @@ class Stopwatch:
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self._clock, self._lock = clock, threading.Lock()
-        self._stops, self._stopped_at, self._excluded = 0, 0.0, 0.0
+        self.stops, self._stopped_at, self._excluded = 0, 0.0, 0.0
 
     def seconds(self) -> float:
         """Return the seconds since some instant, without those for which the clock stood still."""
         with self._lock:
-            return (self._stopped_at if self._stops else self._clock()) - self._excluded
-
-    @property
-    def stands_still(self) -> bool:
-        """Return whether it does now."""
-        return self._stops > 0
+            return (self._stopped_at if self.stops else self._clock()) - self._excluded
 
     @property
     def excluded(self) -> float:
         """s for which it has stood still."""
         with self._lock:
-            return self._excluded + (self._clock() - self._stopped_at if self._stops else 0.0)
+            return self._excluded + (self._clock() - self._stopped_at if self.stops else 0.0)
 
     def stop(self) -> None:
         """Stand still until as many `go` as `stop` were called."""
         with self._lock:
-            if self._stops == 0:
+            if self.stops == 0:
                 self._stopped_at = self._clock()
-            self._stops += 1
+            self.stops += 1
 
     def go(self) -> None:
         """Undo one `stop`."""
         with self._lock:
-            self._stops -= 1
-            if self._stops == 0:
+            self.stops -= 1
+            if self.stops == 0:
                 self._excluded += self._clock() - self._stopped_at
 
 
@@ -71,27 +66,22 @@ def compile_seconds() -> float:
 
 def compiling() -> bool:
     """Return whether code is being compiled or loaded now."""
-    return _wall.stands_still
+    return _wall.stops > 0
 
 
 @contextmanager
 def not_counted() -> Iterator[None]:
     """Return a context for which both clocks stand still."""
-    _stop()
+    _turn("stop")
     try:
         yield
     finally:
-        _go()
+        _turn("go")
 
 
-def _stop() -> None:
-    _wall.stop()
-    _processor.stop()
-
-
-def _go() -> None:
-    _wall.go()
-    _processor.go()
+def _turn(how: Literal["stop", "go"]) -> None:
+    for clock in (_wall, _processor):
+        getattr(clock, how)()
 
 
 @functools.cache
@@ -103,10 +93,10 @@ def watch_numba() -> None:
         """Listens to what Numba tells of its compiler."""
 
         def on_start(self, _: Any) -> None:
-            _stop()
+            _turn("stop")
 
         def on_end(self, _: Any) -> None:
-            _go()
+            _turn("go")
 
     # around a compilation, and around loading an earlier one
     event.register("numba:compiler_lock", Watch())  # type: ignore[no-untyped-call]

@@ -1,10 +1,9 @@
 """Study files of kind "follow": a target that moves, and what the regulator can do."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from fabdesign.files.design_file import read_design
 from fabdesign.formats.schema import ABOVE_0, GRIDS, FileUnit, Key, Metre, Second, Within
@@ -20,19 +19,21 @@ from fabdesign.study_files.study_file import (
     Name,
     Order,
     Seed,
+    StudyFile,
     StudyLimits,
     StudyModel,
     read_program,
-    study_of,
 )
 from fabdesign.study_files.study_targets import RegionsOfCloth, TargetFile, weighting_on_cloth
+
+_THERE = Key(there=Path.exists)
 
 
 @dataclass(frozen=True)
 class MovingTarget:
     """A trial, a motion, or a folder with a cloud or mesh for each instant."""
 
-    file: Annotated[Path, "a trial, a motion, or a folder of clouds or meshes in the order of their names"]
+    file: Annotated[Path, _THERE, "a trial, a motion, or a folder of clouds or meshes in the order of their names"]
     frame_rate: Annotated[float, FileUnit("Hz"), ABOVE_0, "of a folder; a trial or motion says its times"] = 30.0
     until: Annotated[Second | None, ABOVE_0, "after rest; absent: to its end"] = None
     unit: Annotated[Unit, "of a folder's files"] = "m"
@@ -40,9 +41,7 @@ class MovingTarget:
     weighting: RegionsOfCloth = None
 
     def resolved(self, table: Table) -> "MovingTarget":
-        """Raise InputError for what is not there."""
-        if not self.file.exists():
-            raise table.error(f"file {self.file} is not there")
+        """Return the target with its regions on the cloth."""
         return replace(self, weighting=weighting_on_cloth(self.weighting, table))
 
 
@@ -81,15 +80,14 @@ _TARGET = Key(
         "moments": Annotated[tuple[Moment, ...], "shapes and their times; between them the pressures are smooth"],
     },
 )
-
-
 _GRID = Key(absent=lambda table: (table.decoded["model"] or Model()).points_per_side)
 
 
 @dataclass(frozen=True, eq=False)
-class FollowStudy:
+class FollowStudy(StudyFile):
     """Pressures over time that bring a design nearest to a target that moves."""
 
+    kind = "follow"
     name: Name
     design: Annotated[Design, Key(file=read_design), "whose pressures are sought"]
     target: Annotated[MovingTarget | tuple[Moment, ...], _TARGET]
@@ -125,8 +123,3 @@ class FollowStudy:
             if other - one < 1e-6:
                 raise table.error(f"moments: two at {one:g} s; expected one at each time")
         return replace(self, target=tuple(sorted(self.target, key=lambda moment: moment.time)))
-
-
-def read_follow(path: Path | str | Mapping[str, Any]) -> FollowStudy:
-    """Read a study of kind "follow". Raises InputError."""
-    return study_of(FollowStudy, "follow", path)

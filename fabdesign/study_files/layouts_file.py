@@ -1,14 +1,13 @@
 """Study files of kind "layouts": a search for every number of muscles, type and choice of sides."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from fabdesign.formats.schema import Key, Within
 from fabdesign.formats.table import Table, nearest
 from fabdesign.runtime.effort import MUSCLES
-from fabdesign.study_files.study_file import MuscleChoice, Side, Study, study_of
+from fabdesign.study_files.study_file import MuscleChoice, Side, Study, StudyFile
 
 Sides = Literal["front", "back", "both"]
 SIDES: dict[str, tuple[Side, ...]] = {"front": ("front",), "back": ("back",), "both": ("front", "back")}
@@ -33,17 +32,16 @@ class Cell:
 _EXPECTED = f"numbers of muscles from 1 to {MUSCLES}, such as [1, 2, 4]"
 _Counts = Annotated[tuple[int, ...], Within(least=1, most=MUSCLES), Key(expected=_EXPECTED)]
 _COUNTS = Key("grid.muscles", form=_Counts, read=lambda value, _: tuple(sorted({*value})) or None, expected=_EXPECTED)
-
-
 _TYPES = Key("grid.types", absent=lambda table: tuple(table.decoded["search"].design.muscle_types))
 _SIDES = Key("grid.sides", expected='some of "front", "back", "both"')
 
 
 @dataclass(frozen=True, eq=False)
-class LayoutsStudy:
+class LayoutsStudy(StudyFile):
     """search: what all cells have in common. Each cell may use an even share of its limits' evaluations; their seconds
     are an even share too, which `studies.layout_grid` moves to where they gain."""
 
+    kind = "layouts"
     search: Annotated[Study, Key(inside=True)]
     muscles: Annotated[tuple[int, ...], _COUNTS, "a search for each number"]
     types: Annotated[tuple[str, ...], _TYPES, "muscle types; absent: each of the design"]
@@ -72,27 +70,18 @@ class LayoutsStudy:
         count = len(self.muscles) * len(self.types) * len(self.sides)
         limits = self.search.limits
         limits = replace(limits, seconds=limits.seconds / count, evaluations=max(1, limits.evaluations // count))
+        design = self.search.design
         for type_ in self.types:
+            alike = all(muscle.type == type_ for muscle in design.muscles)  # else they do not begin it
+            types, laced = {type_: design.muscle_types[type_]}, design.muscles if alike else ()
+            search = replace(
+                self.search,
+                design=replace(design, muscle_types=types, muscles=laced),
+                start_pressures=self.search.start_pressures if alike else None,
+                limits=limits,
+            )
             for muscles in self.muscles:
                 for sides in sorted(self.sides, key=lambda sides: len(SIDES[sides])):
                     name = f"{muscles}_{type_}_{sides}"
-                    search = replace(_of_type(self.search, type_), name=name, limits=limits)
-                    study = replace(search, muscles=MuscleChoice(muscles, muscles, SIDES[sides]))
+                    study = replace(search, name=name, muscles=MuscleChoice(muscles, muscles, SIDES[sides]))
                     yield Cell(name, muscles, type_, sides, study)
-
-
-def _of_type(search: Study, type_: str) -> Study:
-    """Return the search with one muscle type; the design's muscles begin it where all are of that type."""
-    design = search.design
-    alike = all(muscle.type == type_ for muscle in design.muscles)
-    design = replace(
-        design,
-        muscle_types={type_: design.muscle_types[type_]},
-        muscles=design.muscles if alike else (),
-    )
-    return replace(search, design=design, start_pressures=search.start_pressures if alike else None)
-
-
-def read_layouts(path: Path | str | Mapping[str, Any]) -> LayoutsStudy:
-    """Read a study of kind "layouts". Raises InputError."""
-    return study_of(LayoutsStudy, "layouts", path)

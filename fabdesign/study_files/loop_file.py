@@ -1,40 +1,33 @@
 """Study files of kind "loop": a target, a start design, and where measurements come from."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
-from fabdesign.errors import InputError
 from fabdesign.formats.schema import ABOVE_0, FROM_0, GRIDS, Key, Metre, Millimetre, Second, Within
 from fabdesign.formats.table import Table
 from fabdesign.nouns.model import POINTS_PER_SIDE
 from fabdesign.nouns.pressure import RigLimits
 from fabdesign.runtime.effort import LONGEST
-from fabdesign.study_files.study_file import Study, require_searchable, study_of
+from fabdesign.study_files.study_file import Study, StudyFile, require_searchable
 from fabdesign.units import in_kpa
 
 HOLD = 2.0  # s, for which the pressures of a shape at rest are held on the device
 TRACE_GRID = 21  # points a side: a trace asks for hundreds of motions
 UNLIMITED = RigLimits(np.inf, np.inf, LONGEST)
 LEAST_TRIALS = 3  # to calibrate and trace on, beside those held out
+_TRUTH = Key("key", there=Path.is_file)
 
 
 @dataclass(frozen=True)
 class VirtualRig:
     """Measures by `fabdesign rig`. None: the rig's own."""
 
-    truth: Annotated[Path | None, Key("key"), "ground truth of the specimens; absent: the data sheet"] = None
+    truth: Annotated[Path | None, _TRUTH, "ground truth of the specimens; absent: the data sheet"] = None
     element: Annotated[Metre | None, Within(least=0.002, most=0.05), "of its mesh"] = None
     step: Annotated[Second | None, Within(least=1e-4, most=0.01), "of its time steps"] = None
-
-    def resolved(self, table: Table) -> "VirtualRig":
-        """Raise InputError for a ground truth that is not there."""
-        if self.truth is not None and not self.truth.is_file():
-            raise table.error(f"the ground truth {self.truth} is not there")
-        return self
 
 
 @dataclass(frozen=True)
@@ -93,9 +86,10 @@ class StopRule:
 
 
 @dataclass(frozen=True, eq=False)
-class LoopStudy:
+class LoopStudy(StudyFile):
     """search: the choice of every turn; its model is what is known at first."""
 
+    kind = "loop"
     search: Annotated[Study, Key(inside=True)]
     source: Annotated[VirtualRig | Laboratory, _SOURCE]
     rig_limits: RigLimits = UNLIMITED
@@ -105,51 +99,38 @@ class LoopStudy:
     points_per_side: Annotated[int, GRIDS, "of the search's full model and the fit"] = POINTS_PER_SIDE
 
     def resolved(self, table: Table) -> "LoopStudy":
-        """Return the study within what the rig can do. Raises InputError for what it cannot."""
+        """Return the study within what the rig can do: no higher pressure, no faster rise. Raises InputError for what
+        it cannot."""
         require_searchable(self.search, table.where)
-        search = self.search if "hold" in table else replace(self.search, hold=HOLD)
-        study = replace(self, search=_within(search, self.rig_limits, table.where))
-        _require_runnable(study, table.where)
-        return study
+        search, rig, low, high = self.search, self.rig_limits, self.search.limits.pressure[0], self.highest
+        if low >= high:
+            raise table.error(
+                f"limits: pressure from {in_kpa(low):g} kPa; expected less than the rig's {in_kpa(high):g} kPa"
+            )
+        search = replace(
+            search,
+            limits=replace(search.limits, pressure=(low, high)),
+            rise=max(search.rise, high / rig.rate),
+            hold=search.hold if "hold" in table else HOLD,
+        )
+        longest = max(search.rise + search.hold, self.trials.seconds)
+        if longest > rig.duration:
+            raise table.error(
+                f"rig_limits: duration = {rig.duration:g}; a rise of {search.rise:g} s with its hold and the trials "
+                f"take up to {longest:g} s"
+            )
+        most = search.design.channels if search.muscles is None else search.muscles.most
+        if rig.channels is not None and most > rig.channels:
+            raise table.error(f"up to {most} muscles; the rig has {rig.channels} channels")
+        if isinstance(self.source, Laboratory) and self.source.tail_length is None:
+            for name, kind in search.design.muscle_types.items():
+                if kind.tail_length is None:
+                    raise table.error(
+                        f"laboratory: muscle type {name} has no tail_length; expected one there, in m, for the cut list"
+                    )
+        return replace(self, search=search)
 
     @property
     def highest(self) -> float:
         """Pa, of any set point."""
         return min(self.search.limits.pressure[1], self.rig_limits.pressure)
-
-
-def read_loop(path: Path | str | Mapping[str, Any]) -> LoopStudy:
-    """Read a study of kind "loop". Raises InputError."""
-    return study_of(LoopStudy, "loop", path)
-
-
-def _within(search: Study, rig: RigLimits, where: str) -> Study:
-    """Return the search within what the rig can do: no higher pressure, no faster rise."""
-    low, high = search.limits.pressure
-    high = min(high, rig.pressure)
-    if low >= high:
-        raise InputError(
-            f"{where}: limits: pressure from {in_kpa(low):g} kPa; expected less than the rig's {in_kpa(high):g} kPa"
-        )
-    limits = replace(search.limits, pressure=(low, high))
-    return replace(search, limits=limits, rise=max(search.rise, high / rig.rate))
-
-
-def _require_runnable(study: LoopStudy, where: str) -> None:
-    rig, search = study.rig_limits, study.search
-    longest = max(search.rise + search.hold, study.trials.seconds)
-    if longest > rig.duration:
-        raise InputError(
-            f"{where}: rig_limits: duration = {rig.duration:g}; a rise of {search.rise:g} s with its hold and the "
-            f"trials take up to {longest:g} s"
-        )
-    most = search.design.channels if search.muscles is None else search.muscles.most
-    if rig.channels is not None and most > rig.channels:
-        raise InputError(f"{where}: up to {most} muscles; the rig has {rig.channels} channels")
-    if isinstance(study.source, Laboratory) and study.source.tail_length is None:
-        for name, kind in search.design.muscle_types.items():
-            if kind.tail_length is None:
-                raise InputError(
-                    f"{where}: laboratory: muscle type {name} has no tail_length; expected one there, in m, for the "
-                    "cut list"
-                )

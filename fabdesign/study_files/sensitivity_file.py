@@ -3,7 +3,6 @@ parameters of effects), what is watched, and how much of it is computed."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
 import numpy as np
@@ -13,7 +12,7 @@ from fabdesign.effects.registry import check_values, effect_named
 from fabdesign.errors import InputError
 from fabdesign.files.design_file import read_design
 from fabdesign.files.pressure_file import note_slight
-from fabdesign.formats.decoder import decode_part
+from fabdesign.formats.codec import decode_part
 from fabdesign.formats.schema import ABOVE_0, GRIDS, Key, Second, Within
 from fabdesign.formats.table import Table, nearest
 from fabdesign.nouns.design import Design
@@ -22,7 +21,7 @@ from fabdesign.nouns.model import Model
 from fabdesign.nouns.model_sampling import covered, joint_root
 from fabdesign.nouns.pressure import limits
 from fabdesign.runtime.effort import LONGEST
-from fabdesign.study_files.study_file import START_PRESSURES, Hold, Name, Order, Rise, Seed, StudyModel, study_of
+from fabdesign.study_files.study_file import START_PRESSURES, Hold, Name, Order, Rise, Seed, StudyFile, StudyModel
 from fabdesign.study_files.study_targets import EXPECTED, TargetFile, read_shape_output
 from fabdesign.units import in_kpa, pascals
 
@@ -83,7 +82,12 @@ def read_varied(parameters: dict[str, Any], table: Table) -> tuple[Varied, ...]:
     design, model = table.find("design"), table.find("model") or Model()
     leaves = [leaf for name, value in parameters.items() for leaf in _leaves(name, value, table)]
     varied = tuple(_varied(name, leaf, design, model) for name, leaf in leaves)
-    _require_on_cloth(varied, design, table.where)
+    size = np.array([design.fabric.width, design.fabric.height])
+    for side in ("low", "high"):
+        shifts = {v.key: getattr(v, side) for v in varied if v.kind == "position"}
+        for number, path in enumerate(moved_paths(design, shifts)):  # type: ignore[arg-type]
+            if (path < -1e-9).any() or (path > size + 1e-9).any():
+                raise table.error(f"position.{number}: {side} takes muscle {number} off the cloth")
     return varied
 
 
@@ -103,13 +107,13 @@ def _leaves(name: str, value: Any, outer: Table) -> list[tuple[str, Table]]:
 def _varied(name: str, table: Table, design: Design, model: Model) -> Varied:
     kind, key, unit, bounds, interval = _meaning(name, table.where, design, model)
     ends = decode_part(LowHigh, table, LowHigh(*(interval or ())))
-    low, high = ends.low, ends.high
+    low, high, in_unit = ends.low, ends.high, f" {unit}" if unit else ""
     if low is None or high is None:
-        raise table.error(f"no {'low' if low is None else 'high'}; expected low and high{_in(unit)}")
+        raise table.error(f"no {'low' if low is None else 'high'}; expected low and high{in_unit}")
     table.finish()
     if not bounds[0] <= low < high <= bounds[1]:
         raise table.error(
-            f"low = {low:g}, high = {high:g}; expected low < high, from {bounds[0]:g} to {bounds[1]:g}{_in(unit)}"
+            f"low = {low:g}, high = {high:g}; expected low < high, from {bounds[0]:g} to {bounds[1]:g}{in_unit}"
         )
     if kind == "pressure":
         note_slight(pascals(str(high)), design, table.where)
@@ -151,25 +155,12 @@ def _meaning(name: str, where: str, design: Design, model: Model) -> _Meaning:
     raise InputError(f"{where}: unknown parameter {name}; expected {_FORMS}{nearest(name, PARAMETERS)}")
 
 
-def _in(unit: str) -> str:
-    return f" {unit}" if unit else ""
-
-
 def moved_paths(design: Design, shifts: dict[tuple[int, int, int], float]) -> list[np.ndarray]:
     """Return (corners, 2) m of every muscle, with shifts [m] by (muscle, corner or -1, axis)."""
     paths = [np.array(muscle.path, dtype=float) for muscle in design.muscles]
     for (muscle, corner, axis), shift in shifts.items():
         paths[muscle][slice(None) if corner < 0 else corner, axis] += shift
     return paths
-
-
-def _require_on_cloth(varied: tuple[Varied, ...], design: Design, where: str) -> None:
-    size = np.array([design.fabric.width, design.fabric.height])
-    for side in ("low", "high"):
-        shifts = {v.key: getattr(v, side) for v in varied if v.kind == "position"}
-        for number, path in enumerate(moved_paths(design, shifts)):  # type: ignore[arg-type]
-            if (path < -1e-9).any() or (path > size + 1e-9).any():
-                raise InputError(f"{where}: position.{number}: {side} takes muscle {number} off the cloth")
 
 
 def _outputs(value: tuple[str, ...], table: Table) -> tuple[str, ...] | None:
@@ -210,11 +201,12 @@ _MANY = Within(least=8, most=MOST)
 
 
 @dataclass(frozen=True, eq=False)
-class SensitivityStudy:
+class SensitivityStudy(StudyFile):
     """A study of what a shape depends on. joint: the model's parameters are drawn from its joint covariance, all of
     them, beside `varied`. functions: outputs of one's own, by name, of times [s] and points (T, 3362, 3) m; a shape at
     rest has one frame. seconds: of computing, all sessions together."""
 
+    kind = "sensitivity"
     name: Name
     design: Annotated[Design, Key(file=read_design), "whose motions are computed"]
     varied: Annotated[tuple[Varied, ...], _PARAMETERS, "what varies"]
@@ -260,8 +252,3 @@ class SensitivityStudy:
         if any(not 0 < t <= LONGEST for t in self.at) or list(self.at) != sorted({*self.at}):
             raise table.bad("at", _TIMES)
         return self
-
-
-def read_sensitivity(path: Path | str | Mapping[str, Any]) -> SensitivityStudy:
-    """Read a study of kind "sensitivity". Raises InputError."""
-    return study_of(SensitivityStudy, "sensitivity", path)

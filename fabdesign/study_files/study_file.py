@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from fabdesign.errors import InputError
 from fabdesign.files.design_file import read_design
 from fabdesign.files.model_file import read_model
 from fabdesign.files.pressure_file import note_slight, pressure_file_of, read_pressures
-from fabdesign.formats.decoder import decode, decode_part
+from fabdesign.formats.codec import decode, decode_part
 from fabdesign.formats.schema import ABOVE_0, FROM_0, FileUnit, Key, Kilopascal, Metre, Second, Within
 from fabdesign.formats.table import STUDY, Table, load_toml
 from fabdesign.nouns.design import Design
@@ -23,12 +23,10 @@ from fabdesign.runtime.effort import MUSCLES
 from fabdesign.study_files.study_targets import NO_PRICE, Price, Robust, ShapeOutput, TargetFile, read_shape_outputs
 from fabdesign.units import in_kpa
 
-FORMAT = STUDY
 Kind = Literal["optimize", "sensitivity", "layouts", "unseen", "loop", "follow"]
 KINDS = get_args(Kind)
 Side = Literal["front", "back"]
 Measure = Literal["chamfer", "surface_rms"]
-Form = TypeVar("Form")
 CORNERS = 3  # between a muscle's ends, at most
 HIGHEST = 400e3  # Pa, of the pressures searched where the study does not say
 
@@ -39,6 +37,23 @@ class StudyHead:
 
     kind: Annotated[Kind, "of the study"]
     cluster: Annotated[str | None, "address of a Dask scheduler whose workers compute; absent: this machine"] = None
+
+
+class StudyFile:
+    """A study of some kind, as its file holds it, or the same keys in Python."""
+
+    kind: ClassVar[Kind]
+
+    @classmethod
+    def read(cls, source: Path | str | Mapping[str, Any]) -> Self:
+        """Return the study of a file, or of the same keys in Python, whose design and model may be objects. Paths are
+        relative to the file; targets are opened when it runs. Raises InputError, also for a study of another kind."""
+        if isinstance(source, Mapping):
+            return decode(cls, Table(source, cls.kind, Path(cls.kind)))
+        root = load_toml(Path(source), STUDY, partial=True)
+        if decode_part(StudyHead, root).kind != cls.kind:
+            raise root.bad("kind", f'"{cls.kind}", the kind that this command runs')
+        return decode(cls, root)
 
 
 MANY = Within(least=1, most=MUSCLES)
@@ -177,13 +192,14 @@ _POSITIONS = Key("variables.positions", absent=lambda table: table.within(["vari
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
+class Study(StudyFile):
     """A search for the design and pressures that come closest to one target, or to several with one layout.
 
     `start_pressures` (channels,) Pa is where the search begins, and what holds where pressures do not vary; None: the
     middle of the limits.
     """
 
+    kind = "optimize"
     name: Name
     design: Annotated[Design, Key(file=read_design), "the start, and whatever is not varied"]
     targets: Annotated[tuple[TargetFile, ...], _TARGETS]
@@ -212,30 +228,16 @@ class Study:
         return self
 
 
-def study_of(form: type[Form], kind: Kind, source: Path | str | Mapping[str, Any]) -> Form:
-    """Return the study of a file, or of the same keys in Python, whose design and model may be objects. Raises
-    InputError, also for a study of another kind."""
-    if isinstance(source, Mapping):
-        return decode(form, Table(source, kind, Path(kind)))
-    root = load_toml(Path(source), FORMAT, partial=True)
-    if decode_part(StudyHead, root).kind != kind:
-        raise root.bad("kind", f'"{kind}", the kind that this command runs')
-    return decode(form, root)
-
-
 def read_study(path: Path | str | Mapping[str, Any]) -> Study:
-    """Read a study of kind "optimize" with the design and model that it names; targets are opened when it runs.
-
-    Paths are relative to the file. Raises InputError.
-    """
-    study = study_of(Study, "optimize", path)
+    """Return a study of kind "optimize" in which something may vary. Raises InputError."""
+    study = Study.read(path)
     require_searchable(study, "optimize" if isinstance(path, Mapping) else str(path))
     return study
 
 
 def read_head(path: Path | str) -> StudyHead:
     """Return what studies of all kinds have. Raises InputError."""
-    return decode_part(StudyHead, load_toml(Path(path), FORMAT, partial=True))
+    return decode_part(StudyHead, load_toml(Path(path), STUDY, partial=True))
 
 
 def require_searchable(study: Study, where: str) -> None:

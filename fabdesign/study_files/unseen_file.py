@@ -1,8 +1,6 @@
 """Study files of kind "unseen": a layout or muscle type predicted before it is sewn, and designs left out in turn."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -11,7 +9,7 @@ from numpy.typing import NDArray
 from fabdesign.files.design_file import read_design
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.model_file import read_model
-from fabdesign.formats.decoder import as_number
+from fabdesign.formats.codec import as_number
 from fabdesign.formats.schema import ABOVE_0, GRIDS, Key, Second, Within
 from fabdesign.formats.table import Table
 from fabdesign.nouns.design import Design
@@ -20,13 +18,11 @@ from fabdesign.nouns.model import Model
 from fabdesign.nouns.model_sampling import joint_root
 from fabdesign.nouns.pressure import USUAL_LIMITS, PressureProgram, RigLimits, limits
 from fabdesign.nouns.trial import MeasurementSet
-from fabdesign.study_files.study_file import Hold, Name, Outputs, Rise, Seed, read_program, study_of
+from fabdesign.study_files.study_file import Hold, Name, Outputs, Rise, Seed, StudyFile, read_program
 from fabdesign.units import pascals
 
 GRID = 21  # points a side, where there is no model whose factors belong to a grid
 FREE = "measured.free:"  # as an error says it
-
-
 _OWN_DESIGN = Key(file=read_design, absent=lambda table: table.find("design"))
 
 
@@ -88,10 +84,11 @@ _GRID = Key(absent=lambda table: sewn.model.points_per_side if (sewn := table.de
 
 
 @dataclass(frozen=True, eq=False)
-class UnseenStudy:
+class UnseenStudy(StudyFile):
     """trials: of each design that is left out, how many are evaluated at most. free: effects that are fitted to the
     others besides, as `calibrate --free` takes them. samples: models drawn."""
 
+    kind = "unseen"
     name: Name
     rig: Annotated[RigLimits, Key("rig_limits"), "of poses and programs that the study does not name"] = USUAL_LIMITS
     unsewn: Annotated[Unsewn | None, Key(inside=True)] = None
@@ -117,8 +114,3 @@ class UnseenStudy:
         if design and self.rig.channels is not None and design.channels > self.rig.channels:
             raise table.error(f"design {design.name} has {design.channels} channels; the rig has {self.rig.channels}")
         return self
-
-
-def read_unseen(path: Path | str | Mapping[str, Any]) -> UnseenStudy:
-    """Read a study of kind "unseen". Raises InputError."""
-    return study_of(UnseenStudy, "unseen", path)

@@ -10,7 +10,7 @@ import numpy as np
 
 from fabdesign.errors import InputError
 from fabdesign.files.bench_file import read_bench
-from fabdesign.formats.encoder import plain
+from fabdesign.formats.codec import plain
 from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.nouns.bench import Bench, BenchRecord
 from fabdesign.nouns.model import EffectTerm, Quantity

@@ -7,7 +7,7 @@ import tomlkit
 
 from fabdesign.errors import InputError
 from fabdesign.files.law_tables import MembraneCurve, write_bench_law, write_bench_table, write_membrane_curve
-from fabdesign.formats.encoder import plain
+from fabdesign.formats.codec import plain
 from fabdesign.nouns.bench import Bench
 from fabdesign.output import write_text
 from studies.benches.calibrate import BenchCalibration

@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 
 from fabdesign.effects import EFFECTS
-from fabdesign.formats.csv_table import decimal, read_rows
+from fabdesign.formats.csv_table import decimal, read_raw_table
 from fabdesign.geometry.metrics import over
 from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.geometry.surface import CAP
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import MUSCLE_TYPES, OF_MUSCLES, PARAMETERS, Term
-from fabdesign.nouns.learned_range import LearnedRange
 from fabdesign.nouns.model import Covariance, EffectTerm, Model, Parameter, Provenance, Quantity
+from fabdesign.nouns.pressure import LearnedRange
 from fabdesign.nouns.trial import Trial
 from fabdesign.units import in_mm
 from optimize.fit.fitted import Fit
@@ -35,7 +35,7 @@ OUTLYING = 0.03  # share of frames far off from which on it is said
 
 def engine_columns() -> dict[str, dict[str, float]]:
     """Return the standard deviations of logarithms, mean error included, by engine and factor."""
-    (_, *engines), rows = read_rows(FILE)
+    (_, *engines), rows, *_ = read_raw_table(FILE)
     return {
         engine: {name: float(decimal(values[k], FILE, line, name)) for line, (name, *values) in rows}
         for k, engine in enumerate(engines)

@@ -9,12 +9,12 @@ from fabdesign.files.bench_file import read_bench
 from fabdesign.formats.table import nearest
 from fabdesign.formats.toml_file import parse_toml
 from fabdesign.nouns.bench import Bench
-from fabdesign.study_files.follow_file import read_follow
-from fabdesign.study_files.layouts_file import read_layouts
-from fabdesign.study_files.loop_file import read_loop
-from fabdesign.study_files.sensitivity_file import read_sensitivity
+from fabdesign.study_files.follow_file import FollowStudy
+from fabdesign.study_files.layouts_file import LayoutsStudy
+from fabdesign.study_files.loop_file import LoopStudy
+from fabdesign.study_files.sensitivity_file import SensitivityStudy
 from fabdesign.study_files.study_file import read_head, read_study
-from fabdesign.study_files.unseen_file import FREE, read_unseen
+from fabdesign.study_files.unseen_file import FREE, UnseenStudy
 from optimize.fit.free_parameters import fit_vector
 from studies.benches.records import SIZES, require_columns, require_sizes
 from studies.check.design import design_findings, spacing
@@ -27,23 +27,23 @@ def study_findings(path: Path) -> Findings:
     """Return the findings of a study, its design and all its targets. Raises InputError for what reading refuses."""
     kind = read_head(path).kind
     if kind == "sensitivity":
-        sweep = read_sensitivity(path)
+        sweep = SensitivityStudy.read(path)
         findings = design_findings(sweep.design, f"{path}: design")
         targets = [sweep.target] if sweep.target else []
         return findings + failures(partial(load_target, target, sweep.design, seed=sweep.seed) for target in targets)
     if kind == "unseen":
-        unseen = read_unseen(path)
+        unseen = UnseenStudy.read(path)
         findings = failures([partial(fit_vector, unseen.free, where=f"{path}: {FREE}")])
         return findings + design_findings(unseen.unsewn.design, f"{path}: design") if unseen.unsewn else findings
     if kind == "loop":
         from studies.loop.run import open_study  # here: its report needs what a page is drawn with
 
-        loop = read_loop(path)
+        loop = LoopStudy.read(path)
         return design_findings(loop.search.design, f"{path}: design") + failures([partial(open_study, loop)])
     if kind == "follow":
-        follow = read_follow(path)
+        follow = FollowStudy.read(path)
         return design_findings(follow.design, f"{path}: design") + failures([partial(wanted_of, follow)])
-    study = read_layouts(path).search if kind == "layouts" else read_study(path)
+    study = LayoutsStudy.read(path).search if kind == "layouts" else read_study(path)
     findings = design_findings(study.design, f"{path}: design")
     findings += failures(partial(load_target, target, study.design, seed=study.seed) for target in study.targets)
     least = study.limits.spacing

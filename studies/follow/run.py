@@ -19,7 +19,7 @@ from fabdesign.runtime import working_time
 from fabdesign.runtime.effort import in_words, on_cores
 from fabdesign.runtime.fingerprint import content_of, sha256
 from fabdesign.runtime.store import Arrays, Checkpoint
-from fabdesign.study_files.follow_file import FollowStudy, read_follow
+from fabdesign.study_files.follow_file import FollowStudy
 from fabdesign.units import in_mm
 from fabdesign.version import SIMULATOR
 from optimize.fit.descent import Progress
@@ -67,7 +67,7 @@ def run_follow(
     Raises InputError, and SimulationError where no motion can be computed.
     """
     inputs = [] if isinstance(study, FollowStudy) else [study]
-    study = study if isinstance(study, FollowStudy) else read_follow(study)
+    study = study if isinstance(study, FollowStudy) else FollowStudy.read(study)
     study = study if seconds is None else replace(study, seconds=seconds)
     wanted, regulator = wanted_of(study), regulator_of(study)
     file = os.path.relpath(inputs[0], out).replace(os.sep, "/") if inputs else None

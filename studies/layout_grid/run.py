@@ -10,7 +10,7 @@ from fabdesign.formats.toml_file import file_stem
 from fabdesign.output import WorkFolder
 from fabdesign.runtime import working_time
 from fabdesign.runtime.store import read_kept
-from fabdesign.study_files.layouts_file import Cell, LayoutsStudy, read_layouts
+from fabdesign.study_files.layouts_file import Cell, LayoutsStudy
 from optimize.search.evaluations import Evaluations
 from optimize.search.search_state import as_rows, of_rows
 from optimize.search.starts import Start
@@ -54,7 +54,7 @@ def run_layouts(
     limits is told, not searched. progress: of a cell, its number, how many there are, and how its search stands.
     Raises InputError like `run_study`, SimulationError where no cell has a result.
     """
-    run = StudyRun.of(study, read_layouts, how)
+    run = StudyRun.of(study, LayoutsStudy.read, how)
     search = run.study.search
     for target in search.targets:
         load_target(target, search.design, seed=search.seed)  # sound, or said at once

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fabdesign.clouds.target_file import PlacedTarget, read_target
-from fabdesign.formats.decoder import decode_key
+from fabdesign.formats.codec import decode_key
 from fabdesign.formats.table import load_toml
 from fabdesign.geometry.metrics import DRAWS, CloudKind, Errors, landmark_errors, trial_errors
 from fabdesign.geometry.placement import placement_of

@@ -11,7 +11,7 @@ from fabdesign.files.design_file import read_design, write_design
 from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.runtime.effort import CALIBRATION, TRACE, cores, fit_seconds, in_words, on_cores, rig_seconds
 from fabdesign.runtime.store import Checkpoint
-from fabdesign.study_files.loop_file import Laboratory, LoopStudy, VirtualRig, read_loop
+from fabdesign.study_files.loop_file import Laboratory, LoopStudy, VirtualRig
 from fabdesign.study_files.study_file import require_searchable
 from fabdesign.units import from_mm
 from studies.layout_search.first_layouts import first_starts
@@ -40,7 +40,7 @@ def run_loop(
     The same study goes on where it stood. simulators: by points a side, for tests. seconds: of each search, in place of
     the study's. Raises InputError for bad input and for a laboratory's set that is not what was asked for.
     """
-    run = StudyRun.of(study, read_loop, how)
+    run = StudyRun.of(study, LoopStudy.read, how)
     study = run.study
     targets = open_study(study)
     inputs = [target.file for target in study.search.targets]

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from fabdesign.effects.registry import effect_named
 from fabdesign.errors import InputError
-from fabdesign.formats.decoder import as_number, decode
+from fabdesign.formats.codec import as_number, decode
 from fabdesign.formats.schema import FROM_0, FileUnit, Key, Metre, Within
 from fabdesign.formats.table import Table, load_toml, nearest
 from fabdesign.nouns.design import Design

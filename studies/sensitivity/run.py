@@ -18,7 +18,7 @@ from fabdesign.runtime.cluster import at_once as machines
 from fabdesign.runtime.effort import duration
 from fabdesign.runtime.fingerprint import sha256
 from fabdesign.runtime.store import Database
-from fabdesign.study_files.sensitivity_file import Output, SensitivityStudy, read_sensitivity
+from fabdesign.study_files.sensitivity_file import Output, SensitivityStudy
 from studies.layout_search.target import LoadedTarget, load_target
 from studies.prediction.forward_model import WithMuscleStates, forward_model, knows_muscles
 from studies.prediction.stability import moves, to_either_side
@@ -126,7 +126,7 @@ def run_sensitivity(
     interruptible: Ctrl-C ends with what is done, where that is enough for a statement.
     Raises SimulationError where too many samples fail for a statement.
     """
-    run = StudyRun.of(study, read_sensitivity, how)
+    run = StudyRun.of(study, SensitivityStudy.read, how)
     study = run.study
     target = load_target(study.target, study.design, seed=study.seed) if study.target else None
     with run.folder(out, "sensitivity", [study.target.file] if study.target else []) as work:

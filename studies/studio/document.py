@@ -19,15 +19,15 @@ class Document:
     """The design that a person edits, and what of it is shown. One thread owns it; the page asks through a queue.
 
     history: the own drawing; drawn: its last shape. targets: one for each pose; none where nothing is aimed at. shown:
-    a result of a search; None: the own drawing. beside: whether another drawing is shown beside. message: what was told
-    last, and whether it is bad news. listeners: called when what is shown, its model or its target is another one.
-    show: draws the page."""
+    a result of a search; None: the own drawing. beside: whether another drawing is shown beside. gizmo: whether the
+    target has one. message: what was told last, and whether it is bad news. listeners: called when what is shown, its
+    model or its target is another one. show: draws the page."""
 
     def __init__(self, opened: Opened, clock: Callable[[], float]) -> None:
         self.opened, self.limits, self._clock = opened, opened.limits, clock
         self.history, self.choice = DrawingHistory(opened.layout), ModelChoice.of(opened.model)
         self.targets, self.results = list(opened.targets), list[Result]()
-        self.drawn, self.beside = Seen(), True
+        self.drawn, self.beside, self.gizmo = Seen(), True, False
         self.shown: Result | None = None
         self.snap, self.row_distance = False, edits.row_distance(opened.layout.design)
         self.selected: int | None = 0 if opened.layout.design.muscles else None
@@ -54,16 +54,12 @@ class Document:
         return self.targets[self.pose] if self.targets else None
 
     @property
-    def pressures(self) -> list[tuple[float, ...]]:
-        """Return the pressures (channels,) Pa of every pose."""
-        if self.shown is not None:
-            return [layout.pressures for layout in self.shown.layouts]
-        return [self.history.drawing.pressures(pose) for pose in range(max(len(self.targets), 1))]
-
-    @property
     def layouts(self) -> tuple[Layout, ...]:
         """Return one layout for each pose."""
-        return tuple(Layout.of(self.layout.design, pressures) for pressures in self.pressures)
+        if self.shown is not None:
+            return self.shown.layouts
+        drawing, poses = self.history.drawing, range(max(len(self.targets), 1))
+        return tuple(Layout.of(drawing.layout.design, drawing.pressures(pose)) for pose in poses)
 
     @property
     def model_file(self) -> Path | None:
@@ -75,11 +71,6 @@ class Document:
         """Return the trials of the set that was opened, by a name for each."""
         trials = self.opened.measured.trials if self.opened.measured else ()
         return {f"{trial.name} ({trial.design_name}, {trial.role})": trial for trial in trials}
-
-    @property
-    def moving(self) -> bool:
-        """Return whether a hand is in the middle of a gesture."""
-        return self.history.in_gesture and self.shown is None
 
     @property
     def seen(self) -> Seen:
@@ -100,17 +91,24 @@ class Document:
         return self.results[-1].layout(self.pose), self.results[-1]
 
     def rows(self) -> list[Row]:
-        """Return the rows of the table that compares the own drawing with the results."""
+        """Return the rows of the table that compares the own drawing with the results. Until a shape was seen, Chamfer
+        is what the search says."""
         alone = len(self.targets) == 1  # over several poses a search's objective is a mean
-        drawn = Row.of("own drawing", self.history.layout, self.drawn, shown=self.shown is None)
-        return [drawn] + [
-            Row.of(r.name, r.layout(self.pose), r, shown=self.shown is r, objective=r.objective if alone else None)
-            for r in self.results
-        ]
+        drawings: list[tuple[str, Layout, Seen]] = [("own drawing", self.history.layout, self.drawn)]
+        drawings += [(result.name, result.layout(self.pose), result) for result in self.results]
+        rows = []
+        for name, layout, seen in drawings:
+            objective = seen.objective if alone and isinstance(seen, Result) else None
+            chamfer, rms = objective, None
+            if seen.comparison is not None:
+                chamfer, rms = seen.comparison.errors.chamfer, seen.comparison.errors.surface_rms
+            highest = max(layout.pressures, default=0.0)
+            rows.append(Row(name, len(layout.design.muscles), chamfer, rms, highest, seen is self.seen))
+        return rows
 
     def broken(self) -> list[Broken]:
         """Return the limits that are broken, worked out once for each layout."""
-        if self._broken is None or self._broken[0] is not self.layout:
+        if self._broken is None or self._broken[0] != self.layout:
             self._broken = self.layout, edits.broken_limits(self.layout, self.limits)
         return self._broken[1]
 
@@ -139,6 +137,12 @@ class Document:
 
     # changes of the layout
 
+    def put(self, what: str, layout: Layout) -> None:
+        """Take another own drawing, in one step, whatever was shown."""
+        self.shown = None
+        self.history.do(what, layout)
+        self.changed()
+
     def edit(self, what: str, change: Callable[[Layout], Layout]) -> None:
         """Take one step."""
         self.take()
@@ -162,7 +166,7 @@ class Document:
 
     def end_gesture(self, calm: float) -> None:
         """End a gesture without an end of its own, as of a slider, once nothing came for `calm` s."""
-        if self.moving and self._dragged is None and self._clock() - self._touched > calm:
+        if self.history.in_gesture and self._dragged is None and self._clock() - self._touched > calm:
             self.history.end()
             self.changed()
 
@@ -170,7 +174,7 @@ class Document:
         self.selected = index
         self.show()
 
-    def set_option(self, name: Literal["snap", "row_distance", "beside"], value: float | bool) -> None:
+    def set_option(self, name: Literal["snap", "row_distance", "beside", "gizmo"], value: float | bool) -> None:
         """Set how the layout is edited and shown."""
         setattr(self, name, value)
         self.show()
@@ -182,18 +186,15 @@ class Document:
         self._dragged = None if last else self.layout
         if self.snap:
             to = edits.snapped(to, (design.fabric.width, design.fabric.height), self.row_distance)
-        name = edits.point_name(design.muscles[index], corner)
-        self.drag(
-            f"move {name} {corner} of muscle {index}", edits.move_corner(self.layout, index, corner, to), last=last
-        )
+        what = f"move {edits.point_name(design.muscles[index], corner)} {corner} of muscle {index}"
+        self.drag(what, edits.move_corner(self.layout, index, corner, to), last=last)
 
     def drag_muscle(self, index: int, by: Point, *, last: bool) -> None:
         """Move a whole muscle `by` m since the drag began."""
         if index >= len(self.layout.design.muscles):
             return
-        start = self._dragged or self.layout
+        start, rows = self._dragged or self.layout, self.row_distance
         if self.snap:
-            rows = self.row_distance
             by = (rows * round(by[0] / rows), rows * round(by[1] / rows))
         self._dragged = None if last else start
         self.drag(f"move muscle {index}", edits.move_muscle(start, index, by), last=last)
@@ -204,21 +205,19 @@ class Document:
             self.drag(f"pressure of channel {channel}", self.layout.with_pressure(channel, pressure))
 
     def undo(self) -> None:
-        self._step("undone", self.history.undo)
+        self._move(-1, "undone")
 
     def redo(self) -> None:
-        self._step("done again", self.history.redo)
+        self._move(1, "done again")
 
-    def _step(self, how: str, step: Callable[[], str | None]) -> None:
+    def _move(self, by: int, how: str) -> None:
         if self.shown is not None:
             self.show_result(None)
-        pose, what = self.pose, step()
+        pose, what = self.pose, self.history.move(by)
         if what is None:
             return
         self._dragged = None
-        if self.pose != pose:
-            self._forget()
-        self.changed()
+        (self.changed if self.pose == pose else self._forget)()
         self.tell(f"{how}: {what}")
 
     # another drawing, model or target
@@ -231,25 +230,22 @@ class Document:
 
     def take(self) -> None:
         """Make the result that is shown the own drawing, as a step that can be undone; an edit does so too."""
-        if self.shown is None:
-            return
-        result, self.shown = self.shown, None
-        self.history.take(f"take {result.name}", result.layouts)
-        self.drawn.shape, self.drawn.comparison = result.shape, result.comparison
-        self.changed()
+        if (result := self.shown) is not None:
+            self.shown = None
+            self.history.take(f"take {result.name}", result.layouts)
+            self.drawn.shape, self.drawn.comparison = result.shape, result.comparison
+            self.changed()
 
     def choose(self, choice: ModelChoice) -> None:
         """Take another model, or other effects."""
         self.choice = choice
         self._forget()
-        self.changed()
 
     def show_pose(self, pose: int) -> None:
         """Show another of the study's targets, with its own pressures of the same layout: one step."""
         if pose != self.pose and 0 <= pose < len(self.targets):
-            self.history.show_pose(pose)
+            self.history.step(f"pose {pose}", self.history.drawing.at(pose))
             self._forget()
-            self.changed()
 
     def open_target(self, file: TargetFile | None) -> None:
         """Put a target in the place of the pose that is shown; None takes it away, and the pose where there are
@@ -261,7 +257,6 @@ class Document:
             if target is None and self.targets:
                 self.history.remove_pose(pose)
             self._forget()
-            self.changed()
 
     def place_target(self, rotation: tuple[float, ...], translation: tuple[float, ...]) -> None:
         """Place the target by hand. rotation: degrees about the fixed axes; translation: m."""
@@ -272,3 +267,4 @@ class Document:
         """Drop what was seen: it was under another model, or beside another target."""
         for seen in (self.drawn, *self.results):
             seen.forget()
+        self.changed()

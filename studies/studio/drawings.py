@@ -1,7 +1,7 @@
 """The drawings of a sitting: the own one with its history for undo and redo, and results of searches beside it."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,31 +21,29 @@ class DrawnLayout:
 
     layout: Layout
     pose: int = 0
-    others: tuple[tuple[int, tuple[float, ...]], ...] = ()
+    others: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
 
     def pressures(self, pose: int) -> tuple[float, ...]:
         """Return the pressures (channels,) Pa of a pose; of one that was never shown those of the one that is."""
-        given = self.layout.pressures if pose == self.pose else dict(self.others).get(pose, self.layout.pressures)
+        given = self.layout.pressures if pose == self.pose else self.others.get(pose, self.layout.pressures)
         return Layout.of(self.layout.design, given).pressures
 
     def at(self, pose: int) -> "DrawnLayout":
         """Return the drawing with another pose shown."""
-        others = {**dict(self.others), self.pose: self.layout.pressures}
-        others.pop(pose, None)
-        return DrawnLayout(Layout.of(self.layout.design, self.pressures(pose)), pose, tuple(sorted(others.items())))
+        others = {k: p for k, p in {**self.others, self.pose: self.layout.pressures}.items() if k != pose}
+        return DrawnLayout(Layout.of(self.layout.design, self.pressures(pose)), pose, others)
 
     def without(self, pose: int) -> "DrawnLayout":
         """Return the drawing without a pose: those after it move up, and a neighbour is shown in place of it."""
         kept = self.at(pose - 1 if pose else 1) if pose == self.pose else self
-        others = tuple((k - (k > pose), p) for k, p in kept.others if k != pose)
+        others = {k - (k > pose): p for k, p in kept.others.items() if k != pose}
         return replace(kept, pose=kept.pose - (kept.pose > pose), others=others)
 
     def same_content(self, other: "DrawnLayout") -> bool:
         """Return whether design and pressures of every pose are the same, whichever pose is shown."""
-        poses = {self.pose, other.pose, *dict(self.others), *dict(other.others)}
-        return self.layout.design == other.layout.design and all(
-            self.pressures(pose) == other.pressures(pose) for pose in poses
-        )
+        poses = {self.pose, other.pose, *self.others, *other.others}
+        same = all(self.pressures(pose) == other.pressures(pose) for pose in poses)
+        return same and self.layout.design == other.layout.design
 
 
 class DrawingHistory:
@@ -53,11 +51,13 @@ class DrawingHistory:
     layouts it passes through."""
 
     def __init__(self, layout: Layout) -> None:
-        self._past: list[tuple[str, DrawnLayout]] = []  # what was done, and the drawing before it
-        self._future: list[tuple[str, DrawnLayout]] = []
-        self._gesture: tuple[str, DrawnLayout] | None = None  # what is under way, and where it began
-        self.drawing = DrawnLayout(layout)
-        self._kept = self.drawing
+        self._kept = DrawnLayout(layout)
+        self._steps, self._at = [("", self._kept)], 0  # what was done, and the drawing after it
+        self._gesture: tuple[str, DrawnLayout] | None = None  # what is under way, and where it is
+
+    @property
+    def drawing(self) -> DrawnLayout:
+        return (self._gesture or self._steps[self._at])[1]
 
     @property
     def layout(self) -> Layout:
@@ -76,74 +76,56 @@ class DrawingHistory:
     def in_gesture(self) -> bool:
         return self._gesture is not None
 
-    def do(self, what: str, layout: Layout) -> None:
-        """Take one step."""
+    def step(self, what: str, drawing: DrawnLayout) -> None:
+        """Take one step to another drawing; what was undone before is gone."""
         self.end()
-        self._step(what, self.drawing, replace(self.drawing, layout=layout))
+        if drawing != self.drawing:
+            self._steps = [*self._steps[: self._at + 1][-STEPS:], (what, drawing)]
+            self._at = len(self._steps) - 1
 
-    def show_pose(self, pose: int) -> None:
-        """Take one step to another pose of the same design."""
-        self.end()
-        self._step(f"pose {pose}", self.drawing, self.drawing.at(pose))
+    def do(self, what: str, layout: Layout) -> None:
+        """Take one step to another layout."""
+        self.step(what, replace(self.drawing, layout=layout))
 
     def take(self, what: str, layouts: Sequence[Layout]) -> None:
         """Take one step to the layouts of another drawing, one for each pose."""
-        self.end()
-        others = tuple((k, layout.pressures) for k, layout in enumerate(layouts) if k != self.pose)
-        shown = layouts[min(self.pose, len(layouts) - 1)]
-        self._step(what, self.drawing, DrawnLayout(shown, self.pose, others))
+        others = {k: layout.pressures for k, layout in enumerate(layouts) if k != self.pose}
+        self.step(what, DrawnLayout(layouts[min(self.pose, len(layouts) - 1)], self.pose, others))
 
     def remove_pose(self, pose: int) -> None:
         """Take a pose out of the drawing and of every step."""
         self.end()
-        self.drawing, self._kept = self.drawing.without(pose), self._kept.without(pose)
-        for steps in (self._past, self._future):
-            steps[:] = [(what, drawing.without(pose)) for what, drawing in steps]
+        self._kept = self._kept.without(pose)
+        self._steps = [(what, drawing.without(pose)) for what, drawing in self._steps]
 
     def shape(self, what: str, layout: Layout) -> None:
         """Go through a moment of a gesture; another gesture ends where this one begins."""
-        if self._gesture is None or self._gesture[0] != what:
+        if self._gesture is not None and self._gesture[0] != what:
             self.end()
-            self._gesture = what, self.drawing
-        self.drawing = replace(self.drawing, layout=layout)
+        self._gesture = what, replace(self.drawing, layout=layout)
 
     def end(self) -> None:
         """Make the gesture under way, if any, one step."""
         if self._gesture is not None:
-            (what, before), self._gesture = self._gesture, None
-            self._step(what, before, self.drawing)
+            gesture, self._gesture = self._gesture, None
+            self.step(*gesture)
 
-    def _step(self, what: str, before: DrawnLayout, after: DrawnLayout) -> None:
-        self.drawing = after
-        if before != after:
-            self._past = [*self._past[-STEPS + 1 :], (what, before)]
-            self._future = []
-
-    def undo(self) -> str | None:
-        """Undo one step. Return its name, or None where there was none."""
+    def move(self, by: int) -> str | None:
+        """Undo (-1) or redo (1) one step. Return its name, or None where there was none."""
         self.end()
-        return self._move(self._past, self._future)
-
-    def redo(self) -> str | None:
-        """Redo one step. Return its name, or None where there was none."""
-        self.end()
-        return self._move(self._future, self._past)
-
-    def _move(self, source: list[tuple[str, DrawnLayout]], goal: list[tuple[str, DrawnLayout]]) -> str | None:
-        if not source:
+        if not 0 <= self._at + by < len(self._steps):
             return None
-        what, drawing = source.pop()
-        goal.append((what, self.drawing))
-        self.drawing = drawing
+        what = self._steps[max(self._at, self._at + by)][0]
+        self._at += by
         return what
 
     @property
     def next_undo(self) -> str | None:
-        return self._past[-1][0] if self._past else None
+        return self._steps[self._at][0] if self._at else None
 
     def offer(self, what: str, layout: Layout) -> None:
         """Put a layout where redo finds it, before all else."""
-        self._future.append((what, replace(self.drawing, layout=layout)))
+        self._steps.insert(self._at + 1, (what, replace(self.drawing, layout=layout)))
 
     def keep(self) -> None:
         """Take the drawing as it is now for saved."""
@@ -215,14 +197,6 @@ class Row:
     highest: float
     shown: bool
 
-    @staticmethod
-    def of(name: str, layout: Layout, seen: Seen, *, shown: bool, objective: float | None = None) -> "Row":
-        """Make the row of a drawing. objective: m, Chamfer as a search has it, until the shape was seen."""
-        errors = None if seen.comparison is None else seen.comparison.errors
-        chamfer = objective if errors is None else errors.chamfer
-        rms = None if errors is None else errors.surface_rms
-        return Row(name, len(layout.design.muscles), chamfer, rms, max(layout.pressures, default=0.0), shown)
-
 
 def one_more_buys(result: Result, others: Sequence[Result], drawn: Row | None) -> str | None:
     """Return in words what one more muscle buys, against the best with the muscles that the search began with, searched
@@ -231,12 +205,13 @@ def one_more_buys(result: Result, others: Sequence[Result], drawn: Row | None) -
     count = len(result.begun.design.muscles) if result.begun else 0
     if result.objective is None or result.begun is None or result.muscles <= count:
         return None
-    rivals = [(o.objective, o.name) for o in others if o.objective is not None and o.muscles == count]
-    if drawn is not None and drawn.chamfer is not None and drawn.muscles == count:
-        rivals.append((drawn.chamfer, drawn.name))
-    if not rivals:
+    rivals = [(other.objective, other.muscles, other.name) for other in others]
+    if drawn is not None:
+        rivals.append((drawn.chamfer, drawn.muscles, drawn.name))
+    known = [(objective, name) for objective, muscles, name in rivals if objective is not None and muscles == count]
+    if not known:
         return None
-    before, name = min(rivals)
+    before, name = min(known)
     less = in_mm(before - result.objective)
     change = f"{less:.2f} mm less" if less >= 0 else f"{-less:.2f} mm more"
     by_hand = drawn is not None and name == drawn.name

@@ -1,7 +1,6 @@
 """The files of a sitting: the autosave, the file that was opened, the folder that it is saved in, templates."""
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +15,10 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import RISE
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.nouns.pressure import rising_program
-from fabdesign.output import new_folder, read_mark
+from fabdesign.output import new_folder, read_mark, write_text
 from fabdesign.runtime.fingerprint import sha256
-from optimize.search.margins import Limits
 from studies.studio.document import Document
 from studies.studio.layout import Layout
-from studies.studio.opening import Opened, ShownTarget
 from studies.studio.search import study_document
 
 FORMAT = "fabdesign.studio-autosave/1"
@@ -37,43 +34,6 @@ def content_hash(file: Path) -> str | None:
         return None
 
 
-class Autosave:
-    """A copy of what is edited, kept beside its file until it is saved: a crash or a closed window loses nothing. It
-    holds muscles and pressures, which is all that the studio changes, and the hash of the file that they were begun
-    on."""
-
-    def __init__(self, file: Path) -> None:
-        self._file, self.path = file, file.with_name(f".{file.name}.studio")
-        self._written: Layout | None = None
-
-    def write(self, layout: Layout) -> None:
-        """Write once for each layout. Raises InputError where nothing can be written."""
-        if layout == self._written:
-            return
-        muscles = [asdict(muscle) for muscle in layout.design.muscles]
-        content = {"format": FORMAT, "begun_on": content_hash(self._file), "muscles": muscles}
-        write_json(self.path, content | {"pressures_pa": list(layout.pressures)})
-        self._written = layout
-
-    def read(self, design: Design) -> tuple[Layout, bool] | None:
-        """Return the layout that was unsaved, on the cloth and the muscle types of `design`, and whether the file is
-        still the one it was begun on; None where there is none, or none that fits."""
-        try:
-            content = read_json(self.path)
-            if content["format"] != FORMAT:
-                return None
-            muscles = tuple(_muscle(entry, design) for entry in content["muscles"])
-            pressures = tuple(float(pressure) for pressure in content["pressures_pa"])
-            same_file = content["begun_on"] == content_hash(self._file)
-        except (ValueError, KeyError, TypeError, AttributeError):
-            return None
-        return Layout.of(replace(design, muscles=muscles), pressures), same_file
-
-    def clear(self) -> None:
-        self.path.unlink(missing_ok=True)
-        self._written = None
-
-
 def _muscle(entry: dict[str, Any], design: Design) -> Muscle:
     """Return a muscle of an autosave. Raises ValueError and others where it does not fit the design."""
     path = tuple((float(u), float(v)) for u, v in entry["path"])
@@ -85,101 +45,36 @@ def _muscle(entry: dict[str, Any], design: Design) -> Muscle:
     return muscle
 
 
-@dataclass(frozen=True)
-class Saved:
-    """The files, and what could not be made and why."""
-
-    files: tuple[Path, ...]
-    left_out: tuple[str, ...]
-
-
-class Saving:
-    """Saves into one folder, `design.toml` and all that goes with it; knows what it has put there itself."""
-
-    def __init__(self) -> None:
-        self._saved: dict[Path, str | None] = {}  # folder -> hash of the design last written there
-
-    def replaces(self, folder: Path) -> str | None:
-        """Return why a person should be asked before `folder` is replaced; None where nothing would be lost."""
-        design, key = folder / "design.toml", folder.resolve()
-        if read_mark(folder) is None or not design.exists():
-            return None  # nothing there, or what `new_folder` refuses anyway
-        if key not in self._saved:
-            return f"{folder} holds an earlier design"
-        if self._saved[key] != content_hash(design):
-            return f"{design} was changed by another program since it was saved"
-        return None
-
-    def save(
-        self,
-        layout: Layout,
-        folder: Path,
-        *,
-        targets: Sequence[ShownTarget] = (),
-        poses: Sequence[tuple[float, ...]] = (),
-        limits: Limits,
-        model: Path | None,
-        replace: bool = False,
-    ) -> Saved:
-        """Write `design.toml`, `pressures.csv`, with a target `study.toml`, and `template/`.
-
-        poses: the pressures [Pa] of each of several targets; by default the layout's.
-        replace: what stands in the folder, if this program made it. Raises InputError for another folder that is not
-        empty, and where the folder would have to be replaced.
-        """
-        reason = self.replaces(folder)
-        if reason is not None and not replace:
-            raise InputError(f"{reason}; expected another folder, or leave to replace it")
-        with new_folder(folder, made_by="studio", force=True) as unfinished:
-            write_design(layout.design, unfinished / "design.toml")
-            for pose, pressures in enumerate((poses or [layout.pressures]) if layout.pressures else (), start=1):
-                program = rising_program(np.array(pressures), RISE, RISE + SETTLED)
-                write_pressures(program, unfinished / pressure_file_of(pose))
-            if targets:
-                text = study_document(
-                    layout, targets, limits, vary="pressures and positions", seconds=600, model=model, beside=folder
-                )
-                (unfinished / "study.toml").write_text(text, encoding="utf-8", newline="\n")
-            left_out = _template(layout, unfinished)
-            names = sorted(p.relative_to(unfinished) for p in unfinished.rglob("*") if p.is_file())
-        self._saved[folder.resolve()] = content_hash(folder / "design.toml")
-        return Saved(tuple(folder / name for name in names if not name.name.startswith(".")), left_out)
-
-
-def save_template(layout: Layout, folder: Path, *, replace: bool) -> Exported:
-    """Write what `fabdesign export` does into a folder. Raises InputError like it."""
-    kinds = [layout.design.muscle_types[muscle.type] for muscle in layout.design.muscles]
-    tail = _TAIL if any(kind.tail_length is None for kind in kinds) else None
-    return export_design(layout.design, folder, stem="design", tail_length=tail, force=replace)
-
-
-def _template(layout: Layout, folder: Path) -> tuple[str, ...]:
-    """Write the templates into `folder`/template. Return what is left out, and why."""
-    if not layout.design.muscles:
-        return ("no template: the design has no muscles",)
-    try:
-        return save_template(layout, folder / "template", replace=False).left_out
-    except InputError as error:
-        return (f"no template: {error}",)
-
-
 class Files:
     """Saves, restores and follows the file. folder and template_folder: where the design and its templates go, unless
-    other places are typed. saving: what is known of saved folders."""
+    other places are typed. autosave: a copy of what is edited, beside the file until it is saved: a crash or a closed
+    window loses nothing. It holds muscles and pressures, which is all that the studio changes, and the hash of the file
+    that they were begun on."""
 
     def __init__(self, document: Document) -> None:
         self._document, self._file = document, document.opened.file
-        self.folder = _folder(document.opened)
+        mark = read_mark(self._file.parent)
+        saved_here = self._file.name == "design.toml" and mark is not None and mark.made_by == "studio"
+        self.folder = self._file.parent if saved_here else self._file.with_name(f"{self._file.stem}_studio")
         self.template_folder = self._file.with_name(f"{self._file.stem}_template")
-        self.saving, self._autosave = Saving(), Autosave(self._file)
+        self.autosave = self._file.with_name(f".{self._file.name}.studio")
+        self._autosaved: Layout | None = None
         self._autosaves = True  # until one fails
         self._known = content_hash(self._file)
+        self._saved: dict[Path, str | None] = {}  # folder -> hash of the design last written there
 
     def restore(self) -> None:
         """Bring back what was unsaved: in place of the file's layout, or where redo finds it if the file is another."""
-        document = self._document
-        restored, same_file = self._autosave.read(document.layout.design) or (document.layout, True)
-        if restored == document.layout:
+        document, design = self._document, self._document.layout.design
+        try:
+            content = read_json(self.autosave)
+            muscles = tuple(_muscle(entry, design) for entry in content["muscles"])
+            pressures = tuple(float(pressure) for pressure in content["pressures_pa"])
+            known, same_file = content["format"] == FORMAT, content["begun_on"] == content_hash(self._file)
+        except (ValueError, KeyError, TypeError, AttributeError):  # there is none, or none that fits
+            return
+        restored = Layout.of(dataclasses.replace(design, muscles=muscles), pressures)
+        if not known or restored == document.layout:
             return
         if same_file:
             document.history.do("restored changes", restored)
@@ -192,14 +87,22 @@ class Files:
         """Write what is unsaved, if anything, into the autosave."""
         history = self._document.history
         try:
-            if history.changed and self._autosaves:
-                self._autosave.write(history.layout)
-            elif not history.changed:
-                self._autosave.clear()
+            if not history.changed:
+                self._clear()
+            elif self._autosaves and history.layout != self._autosaved:
+                layout = history.layout
+                muscles = [dataclasses.asdict(muscle) for muscle in layout.design.muscles]
+                content = {"format": FORMAT, "begun_on": content_hash(self._file), "muscles": muscles}
+                write_json(self.autosave, content | {"pressures_pa": list(layout.pressures)})
+                self._autosaved = layout
         except InputError as error:
             if self._autosaves:
                 self._document.tell(f"no autosave: {error}", bad=True)
             self._autosaves = False
+
+    def _clear(self) -> None:
+        self.autosave.unlink(missing_ok=True)
+        self._autosaved = None
 
     def follow_file(self) -> None:
         """Take the file where another program has changed it, or say so where something is unsaved."""
@@ -219,45 +122,80 @@ class Files:
         except InputError as error:
             document.tell(f"changed on disk, and not taken: {error}", bad=True)
             return
-        document.shown = None
-        document.history.do("load from disk", Layout.of(design, document.history.layout.pressures))
+        document.put("load from disk", Layout.of(design, document.history.layout.pressures))
         document.history.keep()
-        document.changed()
         document.tell(f"{self._file.name} was taken from disk; undo brings back what was here.")
 
-    def save(self, folder: Path, *, replace: bool = False) -> Saved | None:
-        """Save what is shown. Return what was written; None where it was refused, and that was told."""
-        document = self._document
+    def replaces(self, folder: Path) -> str | None:
+        """Return why a person should be asked before `folder` is replaced; None where nothing would be lost."""
+        design, key = folder / "design.toml", folder.resolve()
+        if read_mark(folder) is None or not design.exists():
+            return None  # nothing there, or what `new_folder` refuses anyway
+        if key not in self._saved:
+            return f"{folder} holds an earlier design"
+        if self._saved[key] != content_hash(design):
+            return f"{design} was changed by another program since it was saved"
+        return None
+
+    def save(self, folder: Path, *, replace: bool = False) -> Exported | None:
+        """Save what is shown into one folder: `design.toml`, a table of pressures for each pose, with a target
+        `study.toml`, and `template/`. Return what was written; None where it was refused, and that was told.
+
+        replace: what stands in the folder, if this program made it.
+        """
+        document, layout = self._document, self._document.layout
         document.history.end()
-        self._autosave.clear()  # it may lie in the folder, where no other files may be
+        self._clear()  # it may lie in the folder, where no other files may be
         try:
-            saved = self.saving.save(
-                document.layout, folder, targets=document.targets, poses=document.pressures,
-                limits=document.limits, model=document.model_file, replace=replace,
-            )  # fmt: skip
+            if (reason := self.replaces(folder)) is not None and not replace:
+                raise InputError(f"{reason}; expected another folder, or leave to replace it")
+            with new_folder(folder, made_by="studio", force=True) as unfinished:
+                write_design(layout.design, unfinished / "design.toml")
+                for pose, shown in enumerate(document.layouts if layout.pressures else (), start=1):
+                    program = rising_program(np.array(shown.pressures), RISE, RISE + SETTLED)
+                    write_pressures(program, unfinished / pressure_file_of(pose))
+                if document.targets:
+                    text = study_document(
+                        layout, document.targets, document.limits, vary="pressures and positions", seconds=600,
+                        model=document.model_file, beside=folder,
+                    )  # fmt: skip
+                    write_text(unfinished / "study.toml", text)
+                left_out = _template(layout, unfinished / "template")
+                names = sorted(p.relative_to(unfinished) for p in unfinished.rglob("*") if p.is_file())
         except InputError as error:
             self.keep()
             document.tell(str(error), bad=True)
             return None
         self.folder = folder
+        self._saved[folder.resolve()] = content_hash(folder / "design.toml")
         if document.shown is None:
             document.history.keep()
         if (folder / "design.toml").resolve() == self._file.resolve():
             self._known = content_hash(self._file)
-        document.tell("; ".join([f"saved {len(saved.files)} files in {folder}", *saved.left_out]))
+        saved = Exported(tuple(folder / name for name in names if not name.name.startswith(".")), (), left_out)
+        document.tell("; ".join([f"saved {len(saved.files)} files in {folder}", *left_out]))
         return saved
 
     def save_template(self, folder: Path, *, replace: bool = False) -> None:
         """Write the sewing template of what is shown, and say so."""
         with self._document.refusals():
-            saved = save_template(self._document.layout, folder, replace=replace)
+            saved = _export(self._document.layout, folder, replace=replace)
             names = ", ".join(file.name for file in saved.files)
             self._document.tell("; ".join([f"sewing template in {folder}: {names}", *saved.left_out]))
 
 
-def _folder(opened: Opened) -> Path:
-    """Return the folder of a design that was saved like that, else a new one beside the file."""
-    mark = read_mark(opened.file.parent)
-    if opened.file.name == "design.toml" and mark is not None and mark.made_by == "studio":
-        return opened.file.parent
-    return opened.file.with_name(f"{opened.file.stem}_studio")
+def _template(layout: Layout, folder: Path) -> tuple[str, ...]:
+    """Write the templates into a folder. Return what is left out, and why."""
+    if not layout.design.muscles:
+        return ("no template: the design has no muscles",)
+    try:
+        return _export(layout, folder, replace=False).left_out
+    except InputError as error:
+        return (f"no template: {error}",)
+
+
+def _export(layout: Layout, folder: Path, *, replace: bool) -> Exported:
+    """Write what `fabdesign export` does into a folder. Raises InputError like it."""
+    kinds = [layout.design.muscle_types[muscle.type] for muscle in layout.design.muscles]
+    tail = _TAIL if any(kind.tail_length is None for kind in kinds) else None
+    return export_design(layout.design, folder, stem="design", tail_length=tail, force=replace)

@@ -184,9 +184,5 @@ def _logger() -> logging.Logger:
     error of this program."""
     logger = logging.getLogger("fabdesign.studio")
     logger.setLevel(logging.ERROR)
-    logger.addFilter(_no_handshakes)
+    logger.addFilter(lambda record: "handshake" not in record.getMessage())
     return logger
-
-
-def _no_handshakes(record: logging.LogRecord) -> bool:
-    return "handshake" not in record.getMessage()

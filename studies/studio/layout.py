@@ -3,8 +3,9 @@ rows, and the limits that it breaks: the margins of the search, and what `check`
 
 import itertools
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from math import dist
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from fabdesign.errors import InputError
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
-from fabdesign.nouns.pressure import LARGEST, limits
+from fabdesign.nouns.pressure import LARGEST
 from fabdesign.nouns.pressure import limits as pressure_limits
 from fabdesign.runtime.effort import MUSCLES
 from fabdesign.units import in_kpa, in_mm
@@ -22,6 +23,7 @@ Point = tuple[float, float]  # (u, v) m
 HIGHEST = 400e3  # Pa, of a slider where no muscle type on the channel says less
 LEAST_SPACING = 1e-3  # m between lacing rows
 _MARGIN = 0.1  # of the cloth's side, that a new muscle leaves free
+_ROUNDING = 1e-6  # m
 _MICRO = 6  # digits of a coordinate in m: a micrometre is finer than any hand sews
 
 
@@ -38,13 +40,14 @@ class Layout:
         count = design.channels
         return Layout(design, (*pressures[:count], *(0.0,) * (count - len(pressures))))
 
-    def with_muscles(self, muscles: tuple[Muscle, ...]) -> "Layout":
+    def with_muscles(self, *muscles: Muscle) -> "Layout":
         return Layout.of(replace(self.design, muscles=muscles), self.pressures)
 
-    def with_muscle(self, index: int, muscle: Muscle) -> "Layout":
+    def with_muscle(self, index: int, **changes: Any) -> "Layout":
+        """Return the layout with changes of a muscle's fields."""
         muscles = list(self.design.muscles)
-        muscles[index] = muscle
-        return self.with_muscles(tuple(muscles))
+        muscles[index] = replace(muscles[index], **changes)
+        return self.with_muscles(*muscles)
 
     def with_pressure(self, channel: int, pressure: float) -> "Layout":
         """Return the layout with another pressure [Pa] on a channel."""
@@ -53,7 +56,7 @@ class Layout:
 
 def highest(design: Design) -> list[float]:
     """Return the end [Pa] of each channel's slider: what its muscles bear, HIGHEST at most where none says."""
-    return [min(HIGHEST, float(most)) if most >= 1e6 else float(most) for most in limits(design)]
+    return [min(HIGHEST, float(most)) if most >= 1e6 else float(most) for most in pressure_limits(design)]
 
 
 def point_name(muscle: Muscle, point: int) -> str:
@@ -63,23 +66,19 @@ def point_name(muscle: Muscle, point: int) -> str:
 
 def move_corner(layout: Layout, index: int, corner: int, to: Point) -> Layout:
     """Put an end or a corner of a muscle at `to`, or where the cloth ends."""
-    muscle = layout.design.muscles[index]
-    path = list(muscle.path)
+    path = list(layout.design.muscles[index].path)
     path[corner] = _within(layout.design, to)
     if any(a == b for a, b in itertools.pairwise(path)):
         return layout  # two points in one place: no leg between them
-    return layout.with_muscle(index, replace(muscle, path=tuple(path)))
+    return layout.with_muscle(index, path=tuple(path))
 
 
 def move_muscle(layout: Layout, index: int, by: Point) -> Layout:
     """Shift a whole muscle, as far as the cloth goes."""
-    muscle, fabric = layout.design.muscles[index], layout.design.fabric
-    shift = [
-        min(max(by[k], -min(p[k] for p in muscle.path)), size - max(p[k] for p in muscle.path))
-        for k, size in enumerate((fabric.width, fabric.height))
-    ]
-    path = tuple(_within(layout.design, (u + shift[0], v + shift[1])) for u, v in muscle.path)
-    return layout.with_muscle(index, replace(muscle, path=path))
+    design, path = layout.design, np.array(layout.design.muscles[index].path)
+    size = [design.fabric.width, design.fabric.height]
+    shifted = path + np.clip(by, -path.min(axis=0), size - path.max(axis=0))
+    return layout.with_muscle(index, path=tuple(_within(design, (u, v)) for u, v in shifted.tolist()))
 
 
 def add_muscle(layout: Layout, like: int | None = None) -> Layout:
@@ -92,54 +91,48 @@ def add_muscle(layout: Layout, like: int | None = None) -> Layout:
         raise InputError(f"{design.name}: has {MUSCLES} muscles; expected no more")
     middle, end = fabric.width / 2, _MARGIN * fabric.height
     path = (_within(design, (middle, end)), _within(design, (middle, fabric.height - end)))
-    if like is None:
-        new = Muscle(next(iter(design.muscle_types)), "front", design.channels, path, 0.02)
-    else:
-        new = replace(design.muscles[like], channel=design.channels, path=path)
-    return layout.with_muscles((*design.muscles, new))
+    usual = Muscle(next(iter(design.muscle_types)), "front", 0, path, 0.02)
+    new = replace(usual if like is None else design.muscles[like], channel=design.channels, path=path)
+    return layout.with_muscles(*design.muscles, new)
 
 
 def remove_muscle(layout: Layout, index: int) -> Layout:
     """Take a muscle off. A channel that no muscle is on any more goes, and those above it move down."""
-    gone = layout.design.muscles[index].channel
+    empty = layout.design.muscles[index].channel
     muscles = [muscle for i, muscle in enumerate(layout.design.muscles) if i != index]
     pressures = layout.pressures
-    if all(muscle.channel != gone for muscle in muscles):
-        muscles = [replace(m, channel=m.channel - 1) if m.channel > gone else m for m in muscles]
-        pressures = (*pressures[:gone], *pressures[gone + 1 :])
+    if all(muscle.channel != empty for muscle in muscles):
+        muscles = [replace(m, channel=m.channel - (m.channel > empty)) for m in muscles]
+        pressures = (*pressures[:empty], *pressures[empty + 1 :])
     return Layout.of(replace(layout.design, muscles=tuple(muscles)), pressures)
 
 
 def flip(layout: Layout, index: int) -> Layout:
     """Put a muscle on the other face, in the same place of the cloth."""
-    muscle = layout.design.muscles[index]
-    return layout.with_muscle(index, replace(muscle, side="back" if muscle.side == "front" else "front"))
+    return layout.with_muscle(index, side="back" if layout.design.muscles[index].side == "front" else "front")
 
 
 def set_type(layout: Layout, index: int, name: str) -> Layout:
     """Make a muscle of another type. Raises InputError for a type that the design does not have."""
     if name not in layout.design.muscle_types:
         raise InputError(f"muscle type {name}: expected one of {', '.join(layout.design.muscle_types)}")
-    return layout.with_muscle(index, replace(layout.design.muscles[index], type=name))
+    return layout.with_muscle(index, type=name)
 
 
 def set_channel(layout: Layout, index: int, channel: int) -> Layout:
     """Put a muscle on a channel. Raises InputError for a channel that would leave empty ones below it."""
     if not 0 <= channel <= layout.design.channels:
         raise InputError(f"channel {channel}: expected 0 to {layout.design.channels}, the next free one")
-    return layout.with_muscle(index, replace(layout.design.muscles[index], channel=channel))
+    return layout.with_muscle(index, channel=channel)
 
 
 def add_corner(layout: Layout, index: int) -> Layout:
     """Split a muscle's longest leg in the middle."""
-    muscle = layout.design.muscles[index]
-    legs = list(zip(muscle.path, muscle.path[1:], strict=False))
-    at = max(
-        range(len(legs)), key=lambda k: (legs[k][0][0] - legs[k][1][0]) ** 2 + (legs[k][0][1] - legs[k][1][1]) ** 2
-    )
-    (a, b), (c, d) = legs[at]
-    path = (*muscle.path[: at + 1], _within(layout.design, ((a + c) / 2, (b + d) / 2)), *muscle.path[at + 1 :])
-    return layout.with_muscle(index, replace(muscle, path=path))
+    path = layout.design.muscles[index].path
+    at = max(range(1, len(path)), key=lambda k: dist(path[k - 1], path[k]))
+    (a, b), (c, d) = path[at - 1], path[at]
+    middle = _within(layout.design, ((a + c) / 2, (b + d) / 2))
+    return layout.with_muscle(index, path=(*path[:at], middle, *path[at:]))
 
 
 def remove_corner(layout: Layout, index: int, corner: int) -> Layout:
@@ -148,7 +141,7 @@ def remove_corner(layout: Layout, index: int, corner: int) -> Layout:
     path = (*muscle.path[:corner], *muscle.path[corner + 1 :])
     if len(path) < 2 or any(a == b for a, b in itertools.pairwise(path)):
         raise InputError(f"muscle {index}: has {len(muscle.path)} points; expected two apart to remain")
-    return layout.with_muscle(index, replace(muscle, path=path))
+    return layout.with_muscle(index, path=path)
 
 
 def _within(design: Design, point: Point) -> Point:
@@ -173,15 +166,11 @@ def rows(length: float, distance: float) -> Array:
 def snapped(point: Point, size: Point, distance: float) -> Point:
     """Return the crossing of two rows that lies nearest to `point`, on a cloth of `size` (width, height) m; a cloth
     narrower than two rows has none, and keeps the coordinate."""
-    u, v = (_nearest(x, rows(length, distance)) for x, length in zip(point, size, strict=True))
+    u, v = (
+        float(round(among[np.argmin(np.abs(among - x))], 9)) if len(among := rows(length, distance)) else x
+        for x, length in zip(point, size, strict=True)
+    )
     return u, v
-
-
-def _nearest(x: float, among: Array) -> float:
-    return float(round(among[np.argmin(np.abs(among - x))], 9)) if len(among) else x
-
-
-_ROUNDING = 1e-6  # m
 
 
 @dataclass(frozen=True)
@@ -196,28 +185,31 @@ class Broken:
 
 def broken_limits(layout: Layout, limits: Limits) -> list[Broken]:
     """Return those of every muscle, every two on one face, and every channel, which count from 0 as in files."""
-    broken = [*_of_edges(layout.design, limits), *_of_margins(layout.design, limits)]
-    return [*sorted(broken, key=lambda line: (len(line.muscles), line.muscles)), *_of_pressures(layout, limits)]
-
-
-def _of_edges(design: Design, limits: Limits) -> Iterator[Broken]:
+    design, broken = layout.design, []
     size = np.array([design.fabric.width, design.fabric.height])
     for i, muscle in enumerate(design.muscles):
         free = float(np.min([muscle.path, size - muscle.path]))
         if free < limits.edge - _ROUNDING:
             message = f"lies {in_mm(free):.1f} mm from the edge; expected {in_mm(limits.edge):g} mm"
-            yield Broken("edge", f"muscle {i} {message}", (i,))
-
-
-def _of_margins(design: Design, limits: Limits) -> Iterator[Broken]:
-    if not design.muscles:
-        return
-    margins = Margins(design, limits)
-    values = margins.at(np.concatenate([muscle.path for muscle in design.muscles])).tolist()
-    for name, who, margin in zip(margins.names, margins.muscles, values, strict=True):
-        crossing = name == "spacing" and margin + limits.spacing < 0
-        if crossing or margin < -_ROUNDING:
-            yield Broken("crossing" if crossing else name, _in_words(design, limits, name, who, margin), who)
+            broken.append(Broken("edge", f"muscle {i} {message}", (i,)))
+    if design.muscles:
+        margins = Margins(design, limits)
+        values = margins.at(np.concatenate([muscle.path for muscle in design.muscles])).tolist()
+        for name, who, margin in zip(margins.names, margins.muscles, values, strict=True):
+            crossing = name == "spacing" and margin + limits.spacing < 0
+            if crossing or margin < -_ROUNDING:
+                message = _in_words(design, limits, name, who, margin)
+                broken.append(Broken("crossing" if crossing else name, message, who))
+    broken.sort(key=lambda line: (len(line.muscles), line.muscles))
+    low, searched = limits.pressure
+    for channel, (pressure, most) in enumerate(zip(layout.pressures, pressure_limits(design), strict=True)):
+        by_type = most < LARGEST and most <= searched
+        high, why = (most, "the muscles' maximum") if by_type else (searched, "the highest that is searched")
+        if not low - 1e-6 <= pressure <= high + 1e-6:
+            expected = f"expected {in_kpa(low):g} to {in_kpa(high):g} kPa, {why}"
+            message = f"channel {channel} has {in_kpa(pressure):g} kPa; {expected}"
+            broken.append(Broken("pressure", message, channel=channel))
+    return broken
 
 
 def _in_words(design: Design, limits: Limits, name: str, who: tuple[int, ...], margin: float) -> str:
@@ -238,13 +230,3 @@ def _in_words(design: Design, limits: Limits, name: str, who: tuple[int, ...], m
         return f"{length}; expected {pitches}, or it hardly bends the cloth"
     stock = in_mm((kind.stock_length or 0.0) - 2 * (kind.tail_length or 0.0))
     return f"{length}; expected at most {stock:.0f} mm, the stock of {kind.name} less its tails"
-
-
-def _of_pressures(layout: Layout, limits: Limits) -> Iterator[Broken]:
-    low, searched = limits.pressure
-    for channel, (pressure, most) in enumerate(zip(layout.pressures, pressure_limits(layout.design), strict=True)):
-        by_type = most < LARGEST and most <= searched
-        high, why = (most, "the muscles' maximum") if by_type else (searched, "the highest that is searched")
-        if not low - 1e-6 <= pressure <= high + 1e-6:
-            expected = f"expected {in_kpa(low):g} to {in_kpa(high):g} kPa, {why}"
-            yield Broken("pressure", f"channel {channel} has {in_kpa(pressure):g} kPa; {expected}", channel=channel)

@@ -1,6 +1,6 @@
 """A measurement set beside its prediction: one trial at a time, frame by frame, and a table of all of them."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -14,8 +14,7 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.trial import Trial
 from fabdesign.units import in_mm
-from studies.studio.document import Document
-from studies.studio.solver import Answer, Ask, Correction
+from studies.studio.solver import Ask, Correction
 
 APART = 1e-3  # m: surfaces nearer than that, drawn through each other, only flicker
 _SCALED = 8  # frames that the end of a motion's scale is taken from
@@ -35,41 +34,33 @@ class TrialMotion:
     correction: Correction | None = None
     off: Array | None = None
 
-    @property
-    def simulated(self) -> NDArray[np.float32] | None:
-        """Return (T, 2 n, 3) m before the corrector; None where none changed it."""
-        if self.correction is None or not self.correction.moved(self.points).any():
-            return None
-        return self.correction.simulated
+    @cached_property
+    def _moved(self) -> float:
+        """Return m, the most by which a corrector moved a point."""
+        return 0.0 if self.correction is None else float(self.correction.moved(self.points).max())
 
     def ghost(self, frame: int) -> NDArray[np.float32] | None:
         """Return a frame (2 n, 3) m before the corrector, where that is far enough off to be seen beside."""
-        if self.correction is None or float(self.correction.moved(self.points).max()) < APART:
-            return None
-        return self.correction.simulated[frame]
+        return None if self.correction is None or self._moved < APART else self.correction.simulated[frame]
 
     def cloud(self, frame: int) -> Array | None:
         """Return what was measured or is wanted of a frame, (n_t, 3) m."""
         return None if self.clouds is None else np.asarray(self.clouds[frame], dtype=np.float64)
 
-    def distances(self, frame: int) -> Array | None:
-        """Return (n_t,) m from each of these points to the shown surface, capped at 10 mm."""
-        return self._distances(self.points, frame)
-
-    def _distances(self, points: NDArray[np.float32], frame: int) -> Array | None:
-        cloud = self.cloud(frame)
-        if cloud is None:
+    def distances(self, frame: int, *, corrected: bool = True) -> Array | None:
+        """Return (n_t,) m from each of these points to the surface, as it is shown or before the corrector, capped at
+        10 mm."""
+        if (cloud := self.cloud(frame)) is None:
             return None
+        points = self.points if corrected or self.correction is None else self.correction.simulated
         return np.minimum(Surface.of_faces(points[frame]).distance(cloud, within=CAP), CAP)
 
     @cached_property
     def largest(self) -> float | None:
         """Return the end [m] of the scale of distances: their 98th percentile, in frames spread over the motion."""
-        if self.clouds is None:
-            return None
-        frames = np.unique(np.linspace(0, len(self.times) - 1, _SCALED).astype(int))
-        of_frames = [d for d in map(self.distances, frames.tolist()) if d is not None]
-        return float(np.percentile(np.concatenate(of_frames), 98))
+        frames = np.unique(np.linspace(0, len(self.times) - 1, _SCALED).astype(int)).tolist()
+        of_frames = [distances for frame in frames if (distances := self.distances(frame)) is not None]
+        return float(np.percentile(np.concatenate(of_frames), 98)) if of_frames else None
 
     def in_words(self, frame: int) -> str:
         text = f"{self.name}, {self.times[frame]:.3f} s"
@@ -77,71 +68,20 @@ class TrialMotion:
             error, mean = in_mm(self.off[frame]), in_mm(float(np.nanmean(self.off)))
             now = f"{error:.2f} mm" if np.isfinite(error) else "not wanted at this instant"
             return f"{text}: surface RMS {now}, mean {mean:.2f} mm"
-        distances = self.distances(frame)
-        if distances is None:
+        shown = [
+            self.distances(frame, corrected=corrected) for corrected in ((True, False) if self._moved else (True,))
+        ]
+        rms = [f"{in_mm(capped_rms(distances)):.2f} mm" for distances in shown if distances is not None]
+        if not rms:
             return text
-        if self.simulated is None:
-            return f"{text}: surface RMS {in_mm(capped_rms(distances)):.2f} mm"
-        before = self._distances(self.simulated, frame)
-        assert before is not None
-        return (
-            f"{text}: surface RMS {in_mm(capped_rms(distances)):.2f} mm corrected, "
-            f"{in_mm(capped_rms(before)):.2f} mm without the corrector"
-        )
-
-
-class TrialErrors:
-    """How far the chosen model is from every trial of a set: a table that fills itself, one trial after another.
-
-    by_label: errors of the simulated motion, and of the corrected one where a corrector acts.
-    """
-
-    def __init__(self, document: Document, ask: Callable[[Ask, Callable[[Answer], None]], None]) -> None:
-        """Take `ask`, which has the simulator answer once it can."""
-        self._document, self._ask = document, ask
-        self._running, self._choice = False, document.choice
-        self.by_label: dict[str, tuple[Errors, ...]] = {}
-        document.listeners.append(self._stop)
-
-    def begin(self) -> None:
-        """Fill a row for every trial, until something is edited or chosen."""
-        self._running = True
-        self._next()
-
-    def add(self, label: str, answer: Answer) -> None:
-        self.by_label[label] = answer.errors or UNKNOWN
-        self._document.show()
-
-    def _stop(self) -> None:
-        self._running = False
-        if self._choice is not self._document.choice:  # the errors were of another model
-            self._choice, self.by_label = self._document.choice, {}
-
-    def _next(self) -> None:
-        document, choice = self._document, self._document.choice
-        label = next((label for label in document.trials if label not in self.by_label), None)
-        if label is None:
-            self._running = False
-            document.tell(f"errors of all {len(self.by_label)} trials")
-            return
-
-        def arrived(answer: Answer) -> None:
-            if choice is document.choice:
-                self.add(label, answer)
-                if self._running:
-                    self._next()
-
-        with document.refusals():
-            self._ask(ask_of_trial(document.trials[label], choice.model), arrived)
+        return f"{text}: surface RMS " + " corrected, ".join(rms) + (" without the corrector" if self._moved else "")
 
 
 def ask_of_trial(trial: Trial, model: Model) -> Ask:
     """Return the ask for a trial's motion as sensors see it, and its errors from what was measured. Raises
     InputError."""
     measured = tuple(trial.load().frames)
-    return Ask(
-        0, "motion", trial.design, trial.program, model, trial.times, trial.order, sensing=True, measured=measured
-    )
+    return Ask("motion", trial.design, trial.program, model, trial.times, trial.order, True, measured)
 
 
 def errors_table(by_trial: Mapping[str, tuple[Errors, ...]]) -> str:
@@ -150,17 +90,14 @@ def errors_table(by_trial: Mapping[str, tuple[Errors, ...]]) -> str:
     if not by_trial:
         return ""
     corrected = any(len(errors) > 1 for errors in by_trial.values())
-    head = ["trial", "predicted", *(["corrected"] if corrected else []), "noise floor"]
-    rows = [head, ["---"] * len(head)]
-    values = {
-        name: [errors[0].surface_rms, *([errors[-1].surface_rms] if corrected else []), errors[-1].surface_floor]
+    rows = {
+        name: [e.surface_rms for e in (errors[0], errors[-1])[: 1 + corrected]] + [errors[-1].surface_floor]
         for name, errors in by_trial.items()
     }
-    rows += [[name, *map(_millimetres, row)] for name, row in values.items()]
-    if len(values) > 1:
-        rows.append([f"**mean of {len(values)}**", *map(_millimetres, np.mean(list(values.values()), axis=0))])
-    return "Surface RMS, mm, mean of all frames\n\n" + "\n".join("| " + " | ".join(row) + " |" for row in rows)
-
-
-def _millimetres(value: float) -> str:
-    return f"{in_mm(value):.2f}" if np.isfinite(value) else "not known"
+    if len(rows) > 1:
+        rows[f"**mean of {len(rows)}**"] = np.mean([*rows.values()], axis=0).tolist()
+    head = ["trial", "predicted", *(["corrected"] if corrected else []), "noise floor"]
+    lines = [head, ["---"] * len(head)]
+    for name, values in rows.items():
+        lines.append([name, *(f"{in_mm(x):.2f}" if np.isfinite(x) else "not known" for x in values)])
+    return "Surface RMS, mm, mean of all frames\n\n" + "\n".join("| " + " | ".join(line) + " |" for line in lines)

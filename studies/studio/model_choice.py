@@ -30,26 +30,22 @@ class ModelChoice:
 
     @staticmethod
     def of(given: Model | None) -> "ModelChoice":
-        if given is None:
-            return ModelChoice(None, False)
-        return ModelChoice(given, True, _effect_values(given))
+        return ModelChoice(given, given is not None, _effect_values(given or Model()))
 
     @property
     def model(self) -> Model:
         """Return the model of all that is on. The corrector stays only beside the effects that it was trained with."""
-        base = self.given if self.given is not None and self.fitted else None
-        if base is None:
-            base = Model() if self.given is None else Model(points_per_side=self.given.points_per_side)
-        scopes = {effect.name: effect.scope for effect in (self.given.effects if self.given else ())}
-        terms = tuple(
-            EffectTerm(
-                name, {k: Quantity(v, EFFECTS[name].parameters[k].unit) for k, v in values.items()}, scopes.get(name)
-            )
-            for name, values in self.effect_values.items()
-        )
+        given = self.given or Model()
+        base = given if self.fitted else Model(points_per_side=given.points_per_side)
         if _effect_values(base) == self.effect_values:
             return base if self.corrected else base.without(["corrector"])
-        return replace(base, effects=terms, covariance=None, corrector=None, corrector_hash=None)
+        scopes = {effect.name: effect.scope for effect in given.effects}
+        terms = []
+        for name, values in self.effect_values.items():
+            declared = EFFECTS[name].parameters
+            quantities = {key: Quantity(value, declared[key].unit) for key, value in values.items()}
+            terms.append(EffectTerm(name, quantities, scopes.get(name)))
+        return replace(base, effects=tuple(terms), covariance=None, corrector=None, corrector_hash=None)
 
     @cached_property
     def around(self) -> list[Model]:
@@ -111,17 +107,10 @@ def models_around(model: Model) -> list[Model]:
         return []
 
 
-@dataclass(frozen=True, eq=False)
-class Band:
-    """The effect of a model's intervals on the lower edge, to first order. half: (n, 3) m to either side, which holds
-    90 %, in x, y and z."""
-
-    half: Array
-
-    @staticmethod
-    def of(shapes: list[NDArray[np.float32]]) -> "Band":
-        """Make it of the shapes under `models_around`, in their order: half the difference of two is a column of
-        deviations, and deviations of independent columns add up squared."""
-        edges = np.array([lower_edge(shape) for shape in shapes]).reshape(-1, 2, len(lower_edge(shapes[0])), 3)
-        columns = (edges[:, 0] - edges[:, 1]) / 2
-        return Band(NORMAL90 * np.sqrt(np.square(columns).sum(axis=0)))
+def half_band(shapes: list[NDArray[np.float32]]) -> Array:
+    """Return the effect of a model's intervals on the lower edge, to first order: (n, 3) m to either side, which holds
+    90 %, in x, y and z. shapes: under `models_around`, in their order: half the difference of two is a column of
+    deviations, and deviations of independent columns add up squared."""
+    edges = np.array([lower_edge(shape) for shape in shapes]).reshape(-1, 2, len(lower_edge(shapes[0])), 3)
+    columns = (edges[:, 0] - edges[:, 1]) / 2
+    return np.asarray(NORMAL90 * np.sqrt(np.square(columns).sum(axis=0)))

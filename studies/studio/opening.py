@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,17 +20,15 @@ from fabdesign.formats.json_file import read_json
 from fabdesign.formats.toml_file import file_stem, parse_toml
 from fabdesign.geometry.distances import nearest_distances
 from fabdesign.geometry.metrics import Errors, told_beyond
-from fabdesign.geometry.surface import Surface
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.pressure import PressureProgram, limits
 from fabdesign.output import read_mark
-from fabdesign.study_files.follow_file import FollowStudy, read_follow
+from fabdesign.study_files.follow_file import FollowStudy
 from fabdesign.study_files.study_file import read_head, read_study
 from fabdesign.study_files.study_targets import TargetFile
-from fabdesign.units import in_mm
 from optimize.search.margins import Limits
 from studies.follow.programs import Regulator, regulator_of
 from studies.follow.target import wanted_of
@@ -37,6 +36,7 @@ from studies.follow.wanted import Wanted
 from studies.layout_search.target import LoadedTarget, load_target, target_errors
 from studies.prediction.predict import frame_times
 from studies.studio.layout import HIGHEST, Layout
+from studies.view.distance import errors_in_words
 
 DRAWS = 5  # of a floor: it stands beside each exact shape, and is good to a few hundredths of a millimetre
 FRAME_RATE = 30.0  # Hz, of a motion that is played
@@ -66,24 +66,19 @@ class Comparison:
     """A shape against the target. Distances in m."""
 
     errors: Errors
-    of_target: Array  # (n,) of each target point to the cloth's surface
     of_cloth: Array  # (2 m,) of each point of the cloth to the nearest of the target
+
+    @staticmethod
+    def of(target: ShownTarget, shape: NDArray[np.float32], design: Design) -> "Comparison":
+        """Return how far a shape (2 n, 3) m is from a target."""
+        errors = target_errors([target.loaded], shape[None].astype(np.float64), design, draws=DRAWS)
+        return Comparison(errors, nearest_distances(shape, target.points))
 
     @property
     def sentences(self) -> list[str]:
         """Return the errors in words, mm, with the noise floors beside."""
-        e = self.errors
-        message = [
-            f"Chamfer {in_mm(e.chamfer):.2f} mm (noise floor {in_mm(e.chamfer_floor):.2f})",
-            f"surface RMS {in_mm(e.surface_rms):.2f} mm (noise floor {in_mm(e.surface_floor):.2f})",
-        ]
-        return [*message, told_beyond(e.beyond)] if e.beyond else message
-
-
-def compare(target: ShownTarget, shape: NDArray[np.float32], design: Design) -> Comparison:
-    """Return how far a shape (2 n, 3) m is from a target."""
-    errors = target_errors([target.loaded], shape[None].astype(np.float64), design, draws=DRAWS)
-    return Comparison(errors, Surface.of_faces(shape).distance(target.points), nearest_distances(shape, target.points))
+        beyond = [told_beyond(self.errors.beyond)] if self.errors.beyond else []
+        return [*errors_in_words(self.errors).split(", "), *beyond]
 
 
 def placed_by_hand(file: TargetFile, rotation: Sequence[float], translation: Sequence[float]) -> TargetFile:
@@ -132,6 +127,7 @@ class MovingProgram:
 
 NEW = Path("layout.toml")  # that a layout would be, which was begun on no file
 _TARGETS = (".npz", ".ply", ".obj", ".stl", ".off", ".glb", ".gltf", ".xyz", ".pts", ".pcd", ".txt", ".npy")
+_BEGUN = "design, study or set"
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,122 +144,111 @@ class Opened:
     program: PressureProgram | None = None
     moving: MovingProgram | None = None  # of a study of a target that moves
 
+    @staticmethod
+    def of(file: Path, design: Design, pressures: tuple[float, ...] = (), **more: Any) -> "Opened":
+        """Return a design under the limits that a search keeps where no study says."""
+        return Opened(file, Layout.of(design, pressures), search_limits(design), **more)
+
 
 def open_files(files: Sequence[Path], model_file: Path | None, how: AsTarget = AS_GIVEN) -> Opened:
     """Open a design, study or set, at most one of them (none: the catalogue's *basic*), and beside it at most one
     target and one table of pressures. how: that target is read. Raises InputError."""
-    kinds = {file: _kind(file) for file in files}
-    for kind in ("design, study or set", "target", "pressures"):
-        several = [str(file) for file, (sort, _) in kinds.items() if sort == kind]
-        if len(several) > 1:
-            raise InputError(f"{several[1]}: a second {kind} beside {several[0]}; expected one")
-    if how != AS_GIVEN and "target" not in {sort for sort, _ in kinds.values()}:
+    by_kind: dict[str, Path] = {}
+    for file in dict.fromkeys(files):
+        if (kind := _kind(file)) in by_kind:
+            raise InputError(f"{file}: a second {kind} beside {by_kind[kind]}; expected one")
+        by_kind[kind] = file
+    if how != AS_GIVEN and "target" not in by_kind:
         raise InputError("--unit, --place or --rotation without a target; expected a cloud or mesh among the files")
-    opened = _begun([(file, name) for file, (sort, name) in kinds.items() if sort == "design, study or set"])
+    opened = _begun(by_kind[_BEGUN]) if _BEGUN in by_kind else Opened.of(NEW, build("basic", name="layout"))
+    design = opened.layout.design
     if model_file is not None:
         opened = replace(opened, model_file=model_file, model=read_model(model_file))
-    for file, (sort, _) in kinds.items():
-        if sort == "target":
-            with keys_as_options():
-                target = ShownTarget.read(how.target(file), opened.layout.design)
-            opened = replace(opened, targets=(target,))
-        elif sort == "pressures":
-            program = read_pressures(file, opened.layout.design)
-            last = tuple(float(pressure) for pressure in program.pressure[-1])
-            opened = replace(opened, program=program, layout=Layout.of(opened.layout.design, last))
-            if opened.moving is not None:
-                opened = replace(opened, program=None, moving=opened.moving.under(program))
+    if "target" in by_kind:
+        with keys_as_options():
+            opened = replace(opened, targets=(ShownTarget.read(how.target(by_kind["target"]), design),))
+    if "pressures" in by_kind:
+        program, moving = read_pressures(by_kind["pressures"], design), opened.moving
+        opened = replace(opened, layout=Layout.of(design, _last(program)), program=None if moving else program)
+        opened = replace(opened, moving=moving and moving.under(program))
     return opened
 
 
-def _kind(file: Path) -> tuple[str, str]:
-    """Return what a file is for, and of what format."""
-    if (mark := read_mark(file)) is not None and mark.made_by == "follow":
-        return "design, study or set", "result"
-    if file.is_dir() or file.name == "set.toml":
-        return "design, study or set", "set"
+def _last(program: PressureProgram) -> tuple[float, ...]:
+    return tuple(map(float, program.pressure[-1]))
+
+
+def _kind(file: Path) -> str:
+    """Return what a file is for."""
     suffix = file.suffix.lower()
+    if file.is_dir() or file.name == "set.toml":
+        return _BEGUN
     if suffix == ".toml":
         text = str(parse_toml(file).get("format", "fabdesign.design/1"))
-        name = text.partition("/")[0].removeprefix("fabdesign.")
-        if name in ("design", "study"):
-            return "design, study or set", name
+        if text.partition("/")[0] in ("fabdesign.design", "fabdesign.study"):
+            return _BEGUN
         raise InputError(
             f"{file}: format {text}; expected a design, a study or a measurement set (--model for a model)"
         )
     if suffix == ".csv":
         head = file.read_text(encoding="utf-8", errors="replace")[:8] if file.is_file() else ""
-        return ("pressures" if head.startswith("time_s") else "target"), "csv"
+        return "pressures" if head.startswith("time_s") else "target"
     if suffix in _TARGETS:
-        return "target", suffix
+        return "target"
     raise InputError(f"{file}: expected a design, study, set, target (cloud or mesh) or pressures (CSV)")
 
 
-def _begun(files: list[tuple[Path, str]]) -> Opened:
-    if not files:
-        design = build("basic", name="layout")
-        return Opened(NEW, Layout.of(design), search_limits(design))
-    file, sort = files[0]
-    if sort == "set":
+def _begun(file: Path) -> Opened:
+    """Return what the design, study, set or result of a study holds."""
+    if (mark := read_mark(file)) is not None and mark.made_by == "follow":
+        study = read_json(file / "result.json").get("study")
+        if not isinstance(study, str):
+            raise InputError(f"{file}: of a study without a file; expected the result of a study's file")
+        return _of_moving(file / study, file)
+    if file.is_dir() or file.name == "set.toml":
         measured = read_set(file)
-        design = measured.trials[0].design
-        file = Path(
-            file_stem(f"{measured.name}_{measured.trials[0].design_name}") + ".toml"
-        )  # nothing is written into a set
-        return Opened(file, Layout.of(design), search_limits(design), measured=measured)
-    if sort == "result":
-        return _of_result(file)
-    if sort == "study":
-        return _of_moving(file) if read_head(file).kind == "follow" else _of_study(file)
-    design = read_design(file)
-    return Opened(file, Layout.of(design, _pressures_beside(file, design)), search_limits(design))
-
-
-def _of_result(folder: Path) -> Opened:
-    """Return the study that a folder's result is of, under its pressures."""
-    study = read_json(folder / "result.json").get("study")
-    if not isinstance(study, str):
-        raise InputError(f"{folder}: of a study without a file; expected the result of a study's file")
-    return _of_moving(folder / study, folder)
+        first = measured.trials[0]
+        name = Path(file_stem(f"{measured.name}_{first.design_name}") + ".toml")  # nothing is written into a set
+        return Opened.of(name, first.design, measured=measured)
+    root = parse_toml(file)
+    if not str(root.get("format", "")).startswith("fabdesign.study"):
+        design = read_design(file)
+        return Opened.of(file, design, _pressures_beside(file, design))
+    kind = read_head(file).kind
+    if kind == "follow":
+        return _of_moving(file)
+    if kind != "optimize":
+        raise InputError(f'{file}: kind = "{kind}"; expected "optimize" or "follow", a search with a target')
+    search, (design_file, model_file) = read_study(file), _files_of(file)
+    begin = search.start_pressures
+    pressures = np.full(search.design.channels, np.mean(search.limits.pressure)) if begin is None else begin
+    return Opened(
+        design_file,
+        Layout.of(search.design, tuple(map(float, pressures))),
+        search.limits,
+        targets=tuple(ShownTarget.read(target, search.design) for target in search.targets),
+        model_file=model_file,
+        model=search.model,
+    )
 
 
 def _of_moving(file: Path, result: Path | None = None) -> Opened:
     """Return a study of a target that moves; with the folder of a result its layout, where one was searched for, and
     its pressures."""
-    study, (design_file, model_file) = read_follow(file), _files_of(file)
+    study, (design_file, model_file) = FollowStudy.read(file), _files_of(file)
     if result is not None and (result / "design.toml").is_file():
         design_file = result / "design.toml"
         study = replace(study, design=read_design(design_file))
-    moving, design = MovingProgram.of(study), study.design
+    moving = MovingProgram.of(study)
     if result is not None:
-        moving = moving.under(read_pressures(result / "pressures.csv", design))
-    return Opened(
-        design_file, Layout.of(design), search_limits(design), model_file=model_file, model=study.model, moving=moving
-    )
+        moving = moving.under(read_pressures(result / "pressures.csv", study.design))
+    return Opened.of(design_file, study.design, model_file=model_file, model=study.model, moving=moving)
 
 
 def _files_of(file: Path) -> tuple[Path, Path | None]:
     """Return the files of a study's design and model."""
     root = parse_toml(file)
-    model = root.get("model")
-    return file.parent / str(root["design"]), None if model is None else file.parent / str(model)
-
-
-def _of_study(file: Path) -> Opened:
-    if (kind := read_head(file).kind) != "optimize":
-        raise InputError(f'{file}: kind = "{kind}"; expected "optimize" or "follow", a search with a target')
-    study, (design_file, model_file) = read_study(file), _files_of(file)
-    begin = study.start_pressures
-    pressures = np.full(study.design.channels, np.mean(study.limits.pressure)) if begin is None else begin
-    layout = Layout.of(study.design, tuple(float(pressure) for pressure in pressures))
-    return Opened(
-        design_file,
-        layout,
-        study.limits,
-        targets=tuple(ShownTarget.read(target, study.design) for target in study.targets),
-        model_file=model_file,
-        model=study.model,
-    )
+    return file.parent / str(root["design"]), file.parent / str(root["model"]) if "model" in root else None
 
 
 def _pressures_beside(file: Path, design: Design) -> tuple[float, ...]:
@@ -272,7 +257,7 @@ def _pressures_beside(file: Path, design: Design) -> tuple[float, ...]:
     if file.name != "design.toml" or not beside.is_file():
         return ()
     try:
-        return tuple(float(pressure) for pressure in read_pressures(beside, design).pressure[-1])
+        return _last(read_pressures(beside, design))
     except InputError:  # of another design by now
         return ()
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError, needs
 from fabdesign.files.motion_file import Motion
 from fabdesign.files.pressure_file import read_pressures, write_pressures
+from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import RISE
 from fabdesign.nouns.pressure import PressureProgram, require_pressures, rising_program
@@ -20,30 +21,35 @@ from studies.follow.programs import case_of
 from studies.prediction.predict import frame_times
 from studies.studio.document import Document
 from studies.studio.layout import Layout
-from studies.studio.measured import TrialErrors, TrialMotion, ask_of_trial
+from studies.studio.measured import UNKNOWN, TrialMotion, ask_of_trial
 from studies.studio.opening import FRAME_RATE, MovingProgram
 from studies.studio.shapes import Shapes
 from studies.studio.solver import Answer, Ask, Kind
 from studies.view.items import Item
 from studies.view.write import KINDS, write_panels
 
-SLOW = (".gif", ".mp4")  # for which the page would stand still; `view` writes them
+WRITTEN = [kind for kind in KINDS if kind not in (".gif", ".mp4")]  # for these the page would stand still
 _PAUSE = 0.5  # s, before a motion begins again
 
 
 class Playing:
     """Plays one motion at a time. motion: of the layout that is shown; None: its shape at rest is looked at. frame: the
-    one that is shown. running: whether it plays on by itself."""
+    one that is shown. running: whether it plays on by itself. errors: how far the chosen model is from trials of a set,
+    by their labels: of the simulated motion, and of the corrected one where a corrector acts."""
 
-    def __init__(self, document: Document, shapes: Shapes, errors: TrialErrors) -> None:
-        self._document, self._shapes, self._errors = document, shapes, errors
+    def __init__(self, document: Document, shapes: Shapes) -> None:
+        self._document, self._shapes = document, shapes
+        self.errors: dict[str, tuple[Errors, ...]] = {}
+        self._filling, self._choice = False, document.choice  # whether the errors of all trials are asked for
         self.motion: TrialMotion | None = None
         self.frame, self.running, self._time = 0, False, 0.0  # _time: s since the motion's first frame
         self._played: Ask | None = None  # what `motion` answers
         document.listeners.append(self._stop)
 
     def _stop(self) -> None:
-        self.motion, self.running = None, False
+        self.motion, self.running, self._filling = None, False, False
+        if self._choice is not self._document.choice:  # the errors were of another model
+            self._choice, self.errors = self._document.choice, {}
 
     def rise(self) -> None:
         """Play the motion to the pressures as they are: they rise within 1 s, and hold for 1 s."""
@@ -52,15 +58,11 @@ class Playing:
     def file(self, path: Path) -> None:
         self._play(path.name, lambda: read_pressures(path, self._document.layout.design))
 
-    def opened(self) -> None:
+    def opened(self, program: PressureProgram) -> None:
         """Play the pressures that were given on the command line."""
-        if (program := self._document.opened.program) is not None:
-
-            def checked() -> PressureProgram:
-                require_pressures(program, self._document.layout.design, "pressures")
-                return program
-
-            self._play("pressures", checked)
+        with self._document.refusals():
+            require_pressures(program, self._document.layout.design, "pressures")
+            self._play("pressures", lambda: program)
 
     def _play(self, name: str, read: Callable[[], PressureProgram]) -> None:
         document = self._document
@@ -70,8 +72,7 @@ class Playing:
                 raise InputError("no muscles; expected some that move the cloth")
             times = frame_times(program, frame_rate=FRAME_RATE)
             document.history.end()
-            ask = Ask(0, "motion", document.layout.design, program, document.choice.model, times)
-            self._ask(ask, lambda answer: TrialMotion(name, times, _points(answer), None, answer.correction))
+            self._ask(Ask("motion", document.layout.design, program, document.choice.model, times), name)
 
     def trial(self, label: str) -> None:
         """Play a trial of the set, measured, and its prediction under the model that is chosen."""
@@ -80,15 +81,27 @@ class Playing:
             trial = document.trials[label]
             ask = ask_of_trial(trial, document.choice.model)
             if trial.design != document.layout.design:
-                document.shown = None
-                document.history.do(f"design of {trial.name}", Layout.of(trial.design))
-                document.changed()
+                document.put(f"design of {trial.name}", Layout.of(trial.design))
+            self._ask(ask, label)
 
-            def motion(answer: Answer) -> TrialMotion:
-                self._errors.add(label, answer)
-                return TrialMotion(label, trial.times, _points(answer), ask.measured, answer.correction)
+    def all_errors(self) -> None:
+        """Ask for the errors of every trial that has none, one after another, until something is edited or chosen."""
+        document, choice = self._document, self._document.choice
+        label = next((label for label in document.trials if label not in self.errors), None)
+        self._filling = label is not None
+        if label is None:
+            document.tell(f"errors of all {len(self.errors)} trials")
+            return
 
-            self._ask(ask, motion)
+        def arrived(answer: Answer) -> None:
+            if choice is document.choice:
+                self.errors[label] = answer.errors or UNKNOWN
+                document.show()
+                if self._filling:
+                    self.all_errors()
+
+        with document.refusals():
+            self._shapes.also(ask_of_trial(document.trials[label], choice.model), arrived)
 
     def show(self, motion: TrialMotion, ask: Ask) -> None:
         """Play a motion from its first frame; one with the same frames as the last goes on where that is."""
@@ -98,16 +111,22 @@ class Playing:
         self._shapes.before = None
         self._document.show()
 
-    def _ask(self, ask: Ask, motion: Callable[[Answer], TrialMotion]) -> None:
+    def _ask(self, ask: Ask, name: str) -> None:
+        """Have a motion computed, with its errors from what was measured, if anything, and play it."""
+        times, document = ask.times, self._document
+        assert times is not None
+
         def arrived(answer: Answer) -> None:
             if answer.points is None:
-                self._document.tell(answer.error or "no motion", bad=True)
+                document.tell(answer.error, bad=True)
                 return
+            if ask.measured:
+                self.errors[name] = answer.errors or UNKNOWN
             self.motion = None
-            self.show(shown := motion(answer), ask)
-            self._document.tell(f"{shown.name}: {len(shown.times)} frames")
+            self.show(TrialMotion(name, times, answer.points, ask.measured or None, answer.correction), ask)
+            document.tell(f"{name}: {len(times)} frames")
 
-        self._document.tell(f"computing {len(ask.times) if ask.times is not None else 0} frames")
+        document.tell(f"computing {len(times)} frames")
         self._shapes.also(ask, arrived)
 
     def advance(self, seconds: float) -> None:
@@ -139,37 +158,24 @@ class Playing:
         def arrived(answer: Answer) -> None:
             with document.refusals():
                 if answer.laced is None or motion is None:
-                    raise InputError(answer.error or "no motion")
+                    raise InputError(answer.error)
                 _export(path, motion, answer.laced)
                 document.tell(f"wrote {path}")
 
         with document.refusals():
             if motion is None or ask is None:
                 raise InputError("no motion; expected one that is played")
-            _require_kind(path)
+            if path.suffix.lower() not in WRITTEN:
+                raise InputError(f"{path}: expected a name that ends in {', '.join(WRITTEN[:-1])} or {WRITTEN[-1]}")
             document.tell(f"writing {path}")
             self._shapes.also(replace(ask, kind="laced", measured=(), wanted=None), arrived)
-
-
-def _points(answer: Answer) -> np.ndarray:
-    assert answer.points is not None
-    return answer.points
-
-
-def _require_kind(path: Path) -> str:
-    """Return the file's ending. Raises InputError."""
-    kind, kinds = path.suffix.lower(), [kind for kind in KINDS if kind not in SLOW]
-    if kind not in kinds:
-        raise InputError(f"{path}: expected a name that ends in {', '.join(kinds[:-1])} or {kinds[-1]}")
-    return kind
 
 
 def _export(path: Path, shown: TrialMotion, laced: Motion) -> None:
     """Write the motion that is shown, `laced` with its muscles. What was measured stands beside it, but not in a table
     of markers, which it has not. Raises InputError, also for a file that is there."""
-    kind = _require_kind(path)
     items = [Item.of_motion(shown.name, laced)]
-    if shown.clouds is not None and kind != ".csv":
+    if shown.clouds is not None and path.suffix.lower() != ".csv":
         title = f"{shown.name}, {'measured' if shown.off is None else 'wanted'}"
         measured = Item(title, np.asarray(shown.times, np.float64), shown.clouds)
         items = [measured, Item.of_motion(f"{shown.name}, predicted", laced, measured.title)]
@@ -242,10 +248,8 @@ class ProgramEdit:
                 )
             case = case_of(moving.study, moving.regulator.program(self.pressures))
             kind: Kind = "motion" if exact else "program"
-            ask = Ask(
-                0, kind, design, case.program, document.choice.model, moving.times, case.order,
-                effects=case.effects, wanted=moving.wanted,
-            )  # fmt: skip
+            ask = Ask(kind, design, case.program, document.choice.model, moving.times, case.order)
+            ask = replace(ask, effects=case.effects, wanted=moving.wanted)
             self._under_way = True
             self._shapes.also(ask, lambda answer: self._arrived(ask, answer))
 
@@ -254,11 +258,11 @@ class ProgramEdit:
         if (ask.design, ask.model) != (document.layout.design, document.choice.model):
             return  # others by now, and the motion was stopped
         if answer.points is None or answer.off is None:
-            document.tell(answer.error or "no motion", bad=True)
+            document.tell(answer.error, bad=True)
             return
         self.off = answer.off
         self.first = self.off if self.first is None else self.first
-        name, times, clouds = f"{answer.points_per_side} points a side", self.moving.times, self.moving.clouds
+        name, times, clouds = f"{ask.points_per_side} points a side", self.moving.times, self.moving.clouds
         self._playing.show(TrialMotion(name, times, answer.points, clouds, answer.correction, answer.off), ask)
         if not np.array_equal(ask.program.pressure, self.pressures):
             self.play()

@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -13,8 +13,9 @@ import tomlkit
 
 from fabdesign.errors import InputError
 from fabdesign.files.design_file import write_design
+from fabdesign.formats.codec import Encoder
 from fabdesign.formats.json_file import read_json
-from fabdesign.output import new_folder
+from fabdesign.output import new_folder, write_text
 from fabdesign.study_files.study_file import result_in
 from fabdesign.study_files.study_targets import TargetFile
 from fabdesign.units import from_mm, in_kpa, in_mm
@@ -28,17 +29,6 @@ Vary = Literal["pressures", "pressures and positions", "one more muscle"]
 VARIES: tuple[Vary, ...] = get_args(Vary)
 PROGRAM = (sys.executable, "-m", "fabdesign")
 _STOPPED = 30.0  # s that a search has to end with its best
-_OBJECTS = ("weighting", "wishes")  # of a target, that its file alone can say
-
-
-@dataclass(frozen=True)
-class SearchResult:
-    """The best so far, or at the end the result. layouts: one for each pose. objective: m."""
-
-    layouts: tuple[Layout, ...]
-    objective: float
-    evaluations: int
-    stop_reason: str
 
 
 def study_document(
@@ -48,20 +38,22 @@ def study_document(
     *,
     vary: Vary,
     seconds: float,
-    model: Path | None,
+    model: Path | None = None,
     beside: Path,
 ) -> str:
     """Return the study as text, whose `design.toml` lies in the folder `beside` with it. targets: poses of one
     layout."""
-    placed = [_placed(target.file, beside) for target in targets]
-    more = len(layout.design.muscles) + 1
+    encoder = Encoder(beside.resolve() / "study.toml")
+    placed = [_placed(target.file, encoder) for target in targets]
+    count = len(layout.design.muscles) + 1
     variables: dict[str, Any] = {"pressures": True, "positions": vary != "pressures"}
     if vary == "one more muscle":
-        variables["muscles"] = {"min": more, "max": more}
-    document: dict[str, Any] = {"format": "fabdesign.study/1", "kind": "optimize", "design": "design.toml"}
-    if model is not None:
-        document["model"] = _relative(model, beside)
-    document |= {
+        variables["muscles"] = {"min": count, "max": count}
+    document = {
+        "format": "fabdesign.study/1",
+        "kind": "optimize",
+        "design": "design.toml",
+        **({} if model is None else {"model": Path(os.path.relpath(model.resolve(), beside.resolve())).as_posix()}),
         "start_pressures": [in_kpa(pressure) for pressure in layout.pressures],
         **({"target": placed[0]} if len(placed) == 1 else {"targets": placed}),
         "variables": variables,
@@ -75,47 +67,33 @@ def study_document(
     return tomlkit.dumps(document)
 
 
-def _placed(target: TargetFile, beside: Path) -> dict[str, Any]:
-    """Return what a study says of a target: what is not so by default."""
-    usual = vars(TargetFile(target.file))
-    said = {
-        name: list(value) if isinstance(value, tuple) else value
-        for name, value in vars(target).items()
-        if name not in _OBJECTS and value != usual[name]
-    }
+def _placed(target: TargetFile, encoder: Encoder) -> dict[str, Any]:
+    """Return what a study says of a target: what is not so by default, and no objects, which its file alone can say."""
+    bare = replace(target, file=target.file.resolve(), weighting=None, wishes=())
     if target.place == "fit":
-        said.pop("translation", None)  # the fit finds it
-    return {"file": _relative(target.file, beside), "frame": target.frame, "unit": target.unit} | said
+        bare = replace(bare, translation=(0.0, 0.0, 0.0))  # the fit finds it
+    keys, usual = encoder.encode(bare), encoder.encode(TargetFile(bare.file))
+    return {key: value for key, value in keys.items() if key in ("file", "frame", "unit") or value != usual.get(key)}
 
 
-def _relative(path: Path, beside: Path) -> str:
-    return os.path.relpath(path.resolve(), beside.resolve()).replace(os.sep, "/")
-
-
-class Search:
-    """One search in `folder`: `study.toml` and `design.toml`, and `result/` as `optimize` leaves it."""
+class Search(Result):
+    """A result that `optimize` searches for in `folder`, which has `study.toml` and `design.toml`, and `result/` as
+    `optimize` leaves it."""
 
     def __init__(
-        self,
-        folder: Path,
-        layout: Layout,
-        targets: Sequence[ShownTarget],
-        limits: Limits,
-        *,
-        vary: Vary,
-        seconds: float,
-        model: Path | None = None,
+        self, folder: Path, layout: Layout, targets: Sequence[ShownTarget], limits: Limits, **study: Any
     ) -> None:
-        """Raises InputError where the folder is there already, or cannot be written."""
-        self.folder, self.result = folder, folder / "result"
+        """Begin from a layout. study: more of what `study_document` takes. Raises InputError where the folder is there
+        already, or cannot be written."""
+        super().__init__(state="searching")
+        self.folder, self._result = folder, folder / "result"
         self._poses, self._stopped = len(targets), False
-        self._seen: dict[str, Any] = {}
+        self._content: dict[str, Any] = {}
         with new_folder(folder, made_by="studio") as unfinished:
             write_design(layout.design, unfinished / "design.toml")
-            text = study_document(layout, targets, limits, vary=vary, seconds=seconds, model=model, beside=folder)
-            (unfinished / "study.toml").write_text(text, encoding="utf-8", newline="\n")
+            write_text(unfinished / "study.toml", study_document(layout, targets, limits, **study, beside=folder))
         self._process = subprocess.Popen(
-            [*PROGRAM, "optimize", str(folder / "study.toml"), "-o", str(self.result), "--json"],
+            [*PROGRAM, "optimize", str(folder / "study.toml"), "-o", str(self._result), "--json"],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
@@ -126,21 +104,23 @@ class Search:
     def running(self) -> bool:
         return self._process.poll() is None
 
-    def best(self) -> SearchResult | None:
-        """Return the best so far, when it is another than the last time; at the end the result."""
+    def read(self) -> bool:
+        """Take in the best so far, at the end the result. Return whether it is another than the last time."""
         try:
-            content = read_json(self.result / "result.json")
-            if content == self._seen:
-                return None
-            best = result_in(self.result)
+            content = read_json(self._result / "result.json")
+            if content == self._content:
+                return False
+            best = result_in(self._result)
         except (OSError, ValueError):  # it is being replaced at this moment
-            return None
+            return False
         if len(best.pressures) < self._poses:  # so it is
-            return None
-        self._seen = content
-        layouts = tuple(Layout.of(best.design, tuple(map(float, row))) for row in best.pressures)
-        objective, evaluations = from_mm(float(content["objective_mm"])), int(content["evaluations"])
-        return SearchResult(layouts, objective, evaluations, str(content.get("stop_reason", "")))
+            return False
+        self._content = content
+        objective, of = from_mm(float(content["objective_mm"])), f", mean of {self._poses} poses,"
+        self.hold(tuple(Layout.of(best.design, tuple(map(float, row))) for row in best.pressures), objective)
+        figure = f"{in_mm(objective):.2f} mm{of if self._poses > 1 else ''} after {content['evaluations']} evaluations"
+        self.state = f"{figure}; {content.get('stop_reason', '')}"
+        return True
 
     def stop(self) -> None:
         """Ask it to end with the best so far, which lies in `result` whatever it was about when it was asked."""
@@ -164,7 +144,7 @@ class Search:
         """Return why it ended without a result; None while it runs, and where it ended well or was stopped."""
         if self.running or self._process.returncode == 0 or self._process.stderr is None:
             return None
-        if self._process.stderr.closed or (self._stopped and (self.result / "result.json").is_file()):
+        if self._process.stderr.closed or (self._stopped and (self._result / "result.json").is_file()):
             return None
         lines = [line for line in self._process.stderr.read().splitlines() if line.strip()]
         return lines[-1] if lines else f"the search ended with code {self._process.returncode}"
@@ -176,12 +156,12 @@ class BackgroundSearch:
 
     def __init__(self, document: Document, save_folder: Callable[[], Path]) -> None:
         self._document, self._save_folder = document, save_folder
-        self._under_way: tuple[Search, Result] | None = None
+        self._search: Search | None = None
         self.message = ""
 
     @property
     def running(self) -> bool:
-        return self._under_way is not None
+        return self._search is not None
 
     def start(self, vary: Vary, seconds: float) -> None:
         """Search; the result is a drawing of its own."""
@@ -199,52 +179,40 @@ class BackgroundSearch:
             number, beside = 1, self._save_folder()
             while (folder := beside.with_name(f"{beside.name}_search_{number}")).exists():
                 number += 1
-            search = Search(
-                folder, document.layout, document.targets, limits, vary=vary, seconds=seconds, model=document.model_file
-            )
-            layouts = document.layouts
-            result = Result(name=f"search {number}: {vary}", begun=layouts[0], layouts=layouts, state="searching")
-            self._under_way = search, result
+            options = {"vary": vary, "seconds": seconds, "model": document.model_file}
+            self._search = search = Search(folder, document.layout, document.targets, limits, **options)
+            search.name, search.layouts = f"search {number}: {vary}", document.layouts
+            search.begun = search.layouts[0]
             self.message = f"searching in {folder.name}, the first evaluations"
-            document.results.append(result)
-            document.show_result(result)
+            document.results.append(search)
+            document.show_result(search)
 
     def stop(self) -> None:
         """Have it end; the best so far stays."""
-        if self._under_way is not None:
-            self._under_way[0].stop()
+        if self._search is not None:
+            self._search.stop()
             self.message = "stopping, with the best so far"
             self._document.show()
 
     def follow(self) -> None:
         """Read its best so far, and whether it has ended."""
-        if self._under_way is None:
+        if (search := self._search) is None:
             return
-        document, (search, result) = self._document, self._under_way
-        running = search.running  # before the result is read: what it wrote last is not missed
-        if (best := search.best()) is not None:
-            result.hold(best.layouts, best.objective)
-            count = len(document.targets)
-            of = "" if count == 1 else f", mean of {count} poses,"
-            figure = f"{in_mm(best.objective):.2f} mm{of} after {best.evaluations} evaluations"
-            self.message = result.state = f"{figure}; {best.stop_reason}"
-            if document.shown is result:
-                document.changed()
-            document.show()
-        if not running:
-            self._end(search, result)
-
-    def _end(self, search: Search, result: Result) -> None:
-        problem = search.problem
+        document, running = self._document, search.running  # before the result is read: the last is not missed
+        if search.read():
+            self.message = search.state
+            (document.changed if document.shown is search else document.show)()
+        if running:
+            return
+        problem, self._search = search.problem, None
         search.close()
-        self._under_way = None
-        self.message = problem or f"kept in {search.result}"
+        self.message = problem or f"kept in {search.folder / 'result'}"
         if problem:
-            result.state = problem
-            self._document.tell(problem, bad=True)
-        self._document.show()
+            search.state = problem
+            document.tell(problem, bad=True)
+        document.show()
 
     def close(self) -> None:
         """Have it end with its best."""
-        if self._under_way is not None:
-            self._under_way[0].close()
+        if self._search is not None:
+            self._search.close()

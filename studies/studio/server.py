@@ -1,26 +1,18 @@
-"""The studio as a server: the page behind its gate, the simulator beside it, and the one loop that owns the session."""
+"""The studio as a server: the page behind its gate, and the simulator beside it."""
 
 import contextlib
 import io
-import queue
 import tempfile
-import time
-import traceback
 import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from fabdesign.errors import InputError
 from studies.studio.gate import Gate
 from studies.studio.opening import Opened
-from studies.studio.session import Session
 from studies.studio.solver import SolverProcess
 from studies.studio.widgets.page import Page
-
-_BEAT = 0.02  # s between looks at what is due
-_SHORT = 0.002  # s, while an answer of the simulator is awaited
 
 
 def serve(
@@ -30,76 +22,19 @@ def serve(
     port: int | None = None,
     announce: Callable[[str], None],
     browser: bool = False,
-    make_worker: Callable[[], Any] = SolverProcess,
 ) -> None:
     """Run until it is interrupted. announce: is told the address once the page can be opened. port: None takes the
     first free one. Raises InputError where it cannot listen; unsaved changes lie in the autosave whatever ends it."""
     with contextlib.closing(Gate(host, port)) as gate, quiet_viser(gate) as viser_server:
         announce(gate.address)
-        with contextlib.closing(make_worker()) as worker, contextlib.ExitStack() as stack:
-            studio = Studio(viser_server, opened, worker)
+        with contextlib.closing(SolverProcess()) as worker, contextlib.ExitStack() as stack:
+            page = Page(viser_server, opened, worker)
             if browser:
                 stack.enter_context(tab_at(gate.address))
             try:
-                studio.run()
+                page.run()
             finally:
-                studio.session.end()
-
-
-class Studio:
-    """Page and session, and the queue through which the page's threads reach the session's."""
-
-    def __init__(self, viser_server: Any, opened: Opened, worker: Any) -> None:
-        self._due: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self._worker = worker
-        self.session = Session(opened, worker)
-        self.page = Page(viser_server, self.session, self.post)
-        self._stale = False  # whether the page shows what no longer holds
-
-    def post(self, ask: Callable[[], None]) -> None:
-        """Have something done on the session's thread, by the next turn."""
-        self._due.put(ask)
-
-    def begin(self) -> None:
-        def changed() -> None:
-            self._stale = True
-
-        self.session.begin(changed)
-
-    def run(self, until: Callable[[], bool] = lambda: False) -> None:
-        self.begin()
-        last, alive = time.monotonic(), True
-        while not until():
-            self.turn()
-            now = time.monotonic()
-            self.session.playing.advance(now - last)
-            last = now
-            if alive and not self._worker.alive:
-                alive = False
-                self.session.document.tell("The simulator has ended; save, and start the studio again.", bad=True)
-
-    def turn(self) -> None:
-        """Do what the page asks, all that has come, or after a beat nothing; then what is due; draw what changed."""
-        with contextlib.suppress(queue.Empty):
-            ask = self._due.get(timeout=_SHORT if self.session.shapes.waiting else _BEAT)
-            while True:
-                self._do(ask)
-                ask = self._due.get_nowait()
-        self.session.tick()
-        if self._stale:
-            self._do(self.page.show)
-            self._stale = False  # also where that failed: it would fail again
-
-    def _do(self, ask: Callable[[], None]) -> None:
-        """Do one thing; an error in it must not take the layout along."""
-        tell = self.session.document.tell
-        try:
-            ask()
-        except InputError as error:
-            tell(str(error), bad=True)
-        except Exception as error:
-            traceback.print_exc()
-            tell(f"an error of the program: {type(error).__name__}: {error}", bad=True)
+                page.session.end()
 
 
 @contextmanager

@@ -2,14 +2,14 @@
 
 import time
 from collections.abc import Callable
+from typing import Any
 
 from studies.studio.document import Document
 from studies.studio.files import Files
-from studies.studio.measured import TrialErrors
 from studies.studio.opening import Opened
 from studies.studio.playing import Playing, ProgramEdit
 from studies.studio.search import BackgroundSearch
-from studies.studio.shapes import Shapes, Solves
+from studies.studio.shapes import Shapes
 
 CALM = 0.35  # s without a further value, after which a slider counts as let go
 DUE = 1.0  # s between autosaves, and looks at the file and the search
@@ -18,12 +18,11 @@ DUE = 1.0  # s between autosaves, and looks at the file and the search
 class Session:
     """The document, shapes from the simulator, motions, errors of trials, a search, files."""
 
-    def __init__(self, opened: Opened, solver: Solves, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, opened: Opened, solver: Any, *, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self.document = Document(opened, clock)
         self.shapes = Shapes(self.document, solver)
-        self.trial_errors = TrialErrors(self.document, self.shapes.also)
-        self.playing = Playing(self.document, self.shapes, self.trial_errors)
+        self.playing = Playing(self.document, self.shapes)
         moving = opened.moving
         self.program = None if moving is None else ProgramEdit(moving, self.document, self.shapes, self.playing)
         self.files = Files(self.document)

@@ -36,7 +36,6 @@ from studies.prediction.forward_model import forward_model, laced_motions
 COARSE = 21  # points a side, while something is dragged
 _NOISE_FRAMES = 8  # of a trial, that a sensor's noise is estimated from
 Kind = Literal["follow", "nearby", "exact", "motion", "program", "laced"]
-LOOSE: tuple[Kind, ...] = ("follow", "nearby", "program")  # on the coarse grid, to a micrometre
 Points = NDArray[np.float32]
 
 
@@ -48,7 +47,6 @@ class Ask:
     program: the same on the coarse grid, from where the last program was another. laced: with the muscles, for other
     programs. wanted: what a motion is compared with."""
 
-    number: int
     kind: Kind
     design: Design
     program: PressureProgram
@@ -64,14 +62,23 @@ class Ask:
     def case(self) -> Case:
         return Case(self.design, self.program, effects=self.effects, order=self.order)
 
+    @property
+    def loose(self) -> bool:
+        """Return whether it is answered on the coarse grid, to a micrometre."""
+        return self.kind in ("follow", "nearby", "program")
+
+    @property
+    def points_per_side(self) -> int:
+        return COARSE if self.loose else self.model.points_per_side
+
     @staticmethod
     def at_rest(
-        number: int, kind: Kind, design: Design, pressures: tuple[float, ...], model: Model, time: float | None = None
+        kind: Kind, design: Design, pressures: tuple[float, ...], model: Model, time: float | None = None
     ) -> "Ask":
         """Ask for a shape under pressures (channels,) Pa. time: s after rest, where an exact one is of a motion."""
         if kind == "exact" and time is not None:
-            return Ask(number, kind, design, constant_program(list(pressures), time), model, np.array([time]))
-        return Ask(number, kind, design, constant_program(list(pressures)), model)
+            return Ask(kind, design, constant_program(list(pressures), time), model, np.array([time]))
+        return Ask(kind, design, constant_program(list(pressures)), model)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,21 +100,13 @@ class Answer:
     """points: (2 n, 3) m of a shape, (T, 2 n, 3) of a motion; None where there is none, and `error` says why. With
     `measured` in the ask: errors of the simulated motion, and of the corrected one where a corrector acts."""
 
-    number: int
-    kind: Kind
-    points: Points | None
-    points_per_side: int
-    seconds: float
-    error: str | None = None
+    points: Points | None = None
+    seconds: float = 0.0
+    error: str = "no motion"
     correction: Correction | None = None
     errors: tuple[Errors, ...] = ()
     laced: Motion | None = None
     off: Array | None = None  # (T,) m from what is wanted, NaN at instants at which nothing is
-
-    @property
-    def simulated(self) -> Points | None:
-        """Return the points without the corrector."""
-        return self.points if self.correction is None else self.correction.simulated
 
 
 class StudioSolver:
@@ -115,7 +114,7 @@ class StudioSolver:
 
     def __init__(self, make: Callable[..., Any]) -> None:
         self._make = make
-        self._simulators: dict[int, Any] = {}
+        self._simulators: dict[tuple[int, bool], Any] = {}
         self._correctors: dict[tuple[Path, str], Corrector | None] = {}
         self._last: tuple[Design, NDArray[np.float32]] | None = None  # the shape followed from, and of which design
         self._program: Any = None  # keeps the states of the program that was simulated last
@@ -123,51 +122,38 @@ class StudioSolver:
     def answer(self, ask: Ask) -> Answer:
         """Return the answer; what goes wrong is said in it."""
         begin = working_time.seconds()
-        side = COARSE if ask.kind in LOOSE else ask.model.points_per_side
-        answer = Answer(ask.number, ask.kind, None, side, 0.0)
         try:
-            answer = self._computed(ask, answer)
+            answer = self._computed(ask)
         except (InputError, SimulationError) as problem:
-            answer = replace(answer, points=None, error=str(problem))
+            answer = Answer(error=str(problem))
         return replace(answer, seconds=working_time.seconds() - begin)
 
-    def _computed(self, ask: Ask, answer: Answer) -> Answer:
-        """Return the answer with what was asked for."""
-        side = answer.points_per_side
-        if ask.kind == "laced":
-            assert ask.times is not None
-            forward = self._simulator(side, ask.kind)
-            (motion,) = laced_motions(forward, ask.model, [ask.case], [ask.times], sensing=ask.sensing)
-            return replace(answer, points=motion.points, laced=motion)
-        points, correction = self._nearby(ask, side) if ask.kind in LOOSE else self._exact(ask, side)
+    def _computed(self, ask: Ask) -> Answer:
+        """Return shape or motion. The corrector acts on exact ones alone; how far it trusts the layout is said of
+        all."""
+        simulator, kept = self._simulator(ask), ask.model.without(["corrector"])
+        if ask.kind == "laced" and ask.times is not None:
+            (laced,) = laced_motions(simulator, ask.model, [ask.case], [ask.times], sensing=ask.sensing)
+            return Answer(laced.points, laced=laced)
+        model = self._predictor(_Remembering(simulator), kept if ask.kind == "nearby" else ask.model, ask.sensing)
+        corrector = model.corrector
+        bare = replace(model, corrector=None)
+        correction: Correction | None = None
+        if ask.loose:
+            compute = self._followed if ask.times is None else self._resumed
+            points = simulated = compute(simulator, model.case(ask.case), ask)
+        else:
+            points = _shown(model if corrector is None or corrector.ordered else bare, ask)
+            simulated = points if corrector is None else _shown(bare, ask)
+        if corrector is not None:
+            correction = Correction(corrector.trust(ask.design), corrector.ordered, simulated)
         if not np.isfinite(points).all():
             raise SimulationError(f"no shape was found: the {ask.kind} calculation diverged")
         errors = _errors(ask, points, correction) if ask.measured else ()
         off = None if ask.wanted is None or ask.times is None else ask.wanted.errors(ask.times, points)
-        return replace(answer, points=points, correction=correction, errors=errors, off=off)
+        return Answer(points, correction=correction, errors=errors, off=off)
 
-    def _nearby(self, ask: Ask, side: int) -> tuple[Points, Correction | None]:
-        """Return the shape or motion without the corrector, which acts on exact ones alone, and how far it trusts the
-        layout."""
-        simulator = self._simulator(side, ask.kind)
-        full = self._predictor(simulator, ask.model.without(["corrector"]) if ask.kind == "nearby" else ask.model)
-        case = full.case(ask.case)
-        points = (self._followed if ask.times is None else self._resumed)(simulator, case, ask)
-        if full.corrector is None:
-            return points, None
-        return points, Correction(full.corrector.trust(ask.design), full.corrector.ordered, points)
-
-    def _exact(self, ask: Ask, side: int) -> tuple[Points, Correction | None]:
-        case, simulator = ask.case, _Remembering(self._simulator(side, ask.kind))
-        full = self._predictor(simulator, ask.model, sensing=ask.sensing)
-        if full.corrector is None:
-            return _shown(full, case, ask.times, ask.kind), None
-        trust, ordered = full.corrector.trust(ask.design), full.corrector.ordered
-        corrected = _shown(full, case, ask.times, ask.kind) if ordered else None
-        simulated = _shown(replace(full, corrector=None), case, ask.times, ask.kind)
-        return simulated if corrected is None else corrected, Correction(trust, ordered, simulated)
-
-    def _predictor(self, simulator: Any, model: Model, *, sensing: bool = False) -> Predictor:
+    def _predictor(self, simulator: Any, model: Model, sensing: bool) -> Predictor:
         """Return what `forward_model` does; a corrector's file is read once."""
         if model.corrector is None:
             return forward_model(simulator, model, sensing=sensing)
@@ -195,17 +181,16 @@ class StudioSolver:
         points: Points = shape.points[0]
         return points
 
-    def _simulator(self, side: int, kind: Kind) -> Any:
-        loose = kind in LOOSE
-        key = -side if loose else side
+    def _simulator(self, ask: Ask) -> Any:
+        key = ask.points_per_side, ask.loose
         if key not in self._simulators:
-            self._simulators[key] = self._make(side, tolerance=1e-6) if loose else self._make(side)
+            self._simulators[key] = self._make(key[0], **({"tolerance": 1e-6} if ask.loose else {}))
         return self._simulators[key]
 
 
 class _Remembering:
     """A forward model for one case that computes once what a corrector starts from and what is shown without it: asked
-    again for the shape, or for instants of the motion that were there, it gives what it has."""
+    again for the shape, or for some instants of the motion, it gives what it has."""
 
     def __init__(self, simulator: Any) -> None:
         self._simulator = simulator
@@ -213,27 +198,20 @@ class _Remembering:
         self._motion: tuple[Array, Points] | None = None
 
     def equilibria(self, cases: Sequence[Case]) -> list[Points]:
-        if self._shapes is None:
-            self._shapes = self._simulator.equilibria(cases)
+        self._shapes = self._shapes or self._simulator.equilibria(cases)
         return self._shapes
 
     def motions(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Points]:
-        (wanted,) = times
-        if self._motion is not None:
-            at, points = self._motion
-            frames = np.minimum(np.searchsorted(at, wanted - 1e-6), len(at) - 1)
-            if np.allclose(at[frames], wanted, rtol=0.0, atol=1e-6):
-                return [points[frames]]
-        (points,) = self._simulator.motions(cases, times)
-        self._motion = wanted, points
-        return [points]
+        self._motion = self._motion or (times[0], self._simulator.motions(cases, times)[0])
+        at, points = self._motion
+        return [points[np.searchsorted(at, times[0] - 1e-6)]]
 
 
-def _shown(model: Predictor, case: Case, times: Array | None, kind: Kind) -> Points:
-    if times is None:
-        return model.equilibria([case])[0]
-    frames = model.motions([case], [times])[0]
-    return frames[-1] if kind == "exact" else frames
+def _shown(model: Predictor, ask: Ask) -> Points:
+    if ask.times is None:
+        return model.equilibria([ask.case])[0]
+    frames = model.motions([ask.case], [ask.times])[0]
+    return frames[-1] if ask.kind == "exact" else frames
 
 
 def _errors(ask: Ask, points: Points, correction: Correction | None) -> tuple[Errors, ...]:
@@ -254,7 +232,8 @@ class SolverProcess:
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
-        self.connection, theirs = context.Pipe()
+        self._connection, theirs = context.Pipe()
+        self.send = self._connection.send
         self._process = context.Process(target=_serve, args=(theirs,), daemon=True, name="fabdesign studio")
         with uninterrupted():  # a process that is cut off at its start prints a traceback
             self._process.start()
@@ -264,18 +243,14 @@ class SolverProcess:
     def alive(self) -> bool:
         return self._process.is_alive()
 
-    def send(self, ask: Ask) -> None:
-        self.connection.send(ask)
-
     def receive(self) -> Answer | None:
         """Return the answer, if it is there."""
-        try:
-            return self.connection.recv() if self.connection.poll() else None
-        except (EOFError, OSError):
-            return None
+        with contextlib.suppress(EOFError, OSError):
+            return self._connection.recv() if self._connection.poll() else None
+        return None
 
     def close(self) -> None:
-        self.connection.close()
+        self._connection.close()
         self._process.terminate()
         self._process.join(2.0)
         if self._process.is_alive():

@@ -19,7 +19,7 @@ from fabdesign.output import WorkFolder, whole_file
 from fabdesign.runtime.effort import CALIBRATION, fit_seconds, in_words, on_cores, unseen_seconds
 from fabdesign.runtime.fingerprint import sha256
 from fabdesign.runtime.store import Checkpoint
-from fabdesign.study_files.unseen_file import FREE, UnseenStudy, read_unseen
+from fabdesign.study_files.unseen_file import FREE, UnseenStudy
 from fabdesign.units import in_mm
 from optimize.fit.clouds import evenly
 from optimize.fit.descent import Progress, parts
@@ -59,7 +59,7 @@ def run_unseen(
     coarse: finds the sensitive stretches of the measured set (studies.measured.used_frames).
     Raises InputError, and SimulationError where shapes cannot be computed.
     """
-    run = StudyRun.of(study, read_unseen, how)
+    run = StudyRun.of(study, UnseenStudy.read, how)
     study, forward, coarse = run.study, how.get("forward"), how.get("coarse")
     inputs = sorted({trial.file.parent.parent for trial in study.measured.trials}) if study.measured else []
     fit_vector(study.free, where=FREE)  # before anything is computed: it raises

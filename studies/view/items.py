@@ -15,10 +15,9 @@ from fabdesign.errors import InputError
 from fabdesign.files.design_file import read_design
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.motion_file import Motion, read_motion, square_triangles
-from fabdesign.files.trial_file import read_trial
+from fabdesign.files.trial_file import TrialData, read_trial
 from fabdesign.formats.npz_file import open_npz
 from fabdesign.geometry.shape import LacedMuscles
-from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.trial import Trial
@@ -78,7 +77,25 @@ def items_of(
     """
     items: list[Item] = []
     for file in files:
-        items += _items(file, trial, design, model, forward, how)
+        if file.is_dir() or file.name == "set.toml":
+            title, source, one = _of_set(file, trial)
+            items += _trial(one, title, source, model, forward)
+        elif file.suffix.lower() == ".npz" and (kind := _kind(file)) != "cloud":
+            if kind == "motion":
+                items.append(Item.of_motion(file.stem, read_motion(file)))
+            elif design is not None:
+                hung = read_design(design)
+                one = Trial(file, hung.name, hung, order=0, role="fit")
+                items += _trial(one, file.stem, "measured", model, forward)
+            elif model is not None:
+                raise InputError(f"{file}: a lone trial; expected --design with its design file to predict it")
+            else:
+                items.append(_measured(f"{file.stem}, measured", read_trial(file)))
+        else:
+            shape = how.read(file)
+            if np.abs(shape.points).max() > LARGEST:
+                raise InputError(f"{file.name}: points are beyond {LARGEST:g} m; expected metres, or --unit")
+            items.append(Item(file.name, np.zeros(1), shape.points[None], shape.triangles if shape.is_mesh else None))
     if len(items) > MOST:
         raise InputError(f"{len(items)} panels; expected at most {MOST} side by side")
     for item in items:
@@ -87,49 +104,28 @@ def items_of(
     return items
 
 
-def _items(
-    file: Path,
-    name: str | None,
-    design: Path | None,
-    model: Model | None,
-    forward: ForwardModel | None,
-    how: AsTarget,
-) -> list[Item]:
-    if file.is_dir() or file.name == "set.toml":
-        measured = read_set(file)
-        chosen = [t for t in measured.trials if name in (None, t.name)]
-        if not chosen:
-            known = ", ".join(t.name for t in measured.trials[:5])
-            raise InputError(f"{file}: has no trial {name}; expected one of {known}, ...")
-        source = "synthetic rig" if "synthetic" in measured.description else "measured"
-        title = f"{measured.name}/{chosen[0].name} ({chosen[0].design_name})"
-        return _trial(chosen[0], title, source, model, forward)
-    if file.suffix.lower() == ".npz":
-        with open_npz(file, "a motion's or a trial's arrays") as arrays:
-            is_trial, is_motion = "offsets" in arrays, "time" in arrays
-        if is_trial:
-            return _lone_trial(file, design, model, forward)
-        if is_motion:
-            return [Item.of_motion(file.stem, read_motion(file))]
-    shape = how.read(file)
-    if np.abs(shape.points).max() > LARGEST:
-        raise InputError(f"{file.name}: points are beyond {LARGEST:g} m; expected metres, or --unit")
-    return [Item(file.name, np.zeros(1), shape.points[None], shape.triangles if shape.is_mesh else None)]
+def _kind(file: Path) -> str:
+    with open_npz(file, "a motion's or a trial's arrays") as arrays:
+        return "trial" if "offsets" in arrays else "motion" if "time" in arrays else "cloud"
 
 
-def _lone_trial(file: Path, design_file: Path | None, model: Model | None, forward: ForwardModel | None) -> list[Item]:
-    if design_file is not None:
-        design: Design = read_design(design_file)
-        return _trial(Trial(file, design.name, design, order=0, role="fit"), file.stem, "measured", model, forward)
-    if model is not None:
-        raise InputError(f"{file}: a lone trial; expected --design with its design file to predict it")
-    data = read_trial(file)
-    return [Item(f"{file.stem}, measured", np.asarray(data.time, np.float64), data.frames)]
+def _of_set(file: Path, name: str | None) -> tuple[str, str, Trial]:
+    """Return a trial of a set by its name, else the first, with its title and where it comes from."""
+    measured = read_set(file)
+    chosen = [t for t in measured.trials if name in (None, t.name)]
+    if not chosen:
+        known = ", ".join(t.name for t in measured.trials[:5])
+        raise InputError(f"{file}: has no trial {name}; expected one of {known}, ...")
+    source = "synthetic rig" if "synthetic" in measured.description else "measured"
+    return f"{measured.name}/{chosen[0].name} ({chosen[0].design_name})", source, chosen[0]
+
+
+def _measured(title: str, data: TrialData) -> Item:
+    return Item(title, np.asarray(data.time, np.float64), data.frames)
 
 
 def _trial(trial: Trial, name: str, source: str, model: Model | None, forward: ForwardModel | None) -> list[Item]:
-    data = trial.load()
-    items = [Item(f"{name}, {source}", np.asarray(data.time, np.float64), data.frames)]
+    items = [_measured(f"{name}, {source}", trial.load())]
     if model is not None and forward is not None:
         case = Case(trial.design, trial.program, order=trial.order)
         shown = {"predicted": model}

@@ -4,7 +4,6 @@ import base64
 import json
 from collections.abc import Sequence
 from importlib.resources import files
-from typing import TypedDict
 
 import numpy as np
 from jinja2 import Environment
@@ -18,27 +17,6 @@ LEVELS = 32_000  # a coordinate is stored as a whole number of the largest one's
 MOST_POINTS = 4_000  # of a frame that has no triangles: more look the same
 
 
-class ComparedPanel(TypedDict):
-    """How far a panel is from another, for the page: a line an instant [s], and one of it all."""
-
-    reference: str
-    times: list[float]
-    lines: list[str]
-    whole: str
-
-
-class PackedItem(TypedDict):
-    """A panel for the page: coordinates as whole numbers, and what is drawn of them."""
-
-    title: str
-    times: list[float]  # s
-    counts: list[int]  # points of a frame
-    points: str  # base64
-    triangles: str
-    parts: list[tuple[int, tuple[float, float, float]]]  # corners, colour
-    beneath: str  # base64: of each vertex of the muscles' tubes, the point of the cloth that it lies on
-
-
 def render_page(
     title: str, items: Sequence[Item], apart: Sequence[Distance | None] = (), *, overlay: bool = False
 ) -> str:
@@ -47,31 +25,29 @@ def render_page(
     unsaid. overlay: whether that one's points lie over it until a click takes them away."""
     size = max(float(np.abs(frame).max(initial=0.0)) for item in items for frame in vertices_of(item))
     scale = max(size, 1e-6) / LEVELS
-    compared = [_compared(distance) for distance in apart or [None] * len(items)]
     titles = [item.title for item in items]
-    references = [
-        None if distance is None else titles.index(distance.reference) for distance in apart or [None] * len(items)
-    ]
-    packed = [
-        {**_packed(item, scale), "apart": apart_by, "reference": reference}
-        for item, apart_by, reference in zip(items, compared, references, strict=True)
-    ]
+    packed = []
+    for item, distance in zip(items, apart or [None] * len(items), strict=True):
+        reference = None if distance is None else titles.index(distance.reference)
+        packed.append({**_packed(item, scale), "apart": _compared(distance), "reference": reference})
     data = {"scale": scale, "cloud": CLOUD, "overlay": OVERLAY, "items": packed}
-    template = Environment(autoescape=True).from_string(
-        files("studies.view").joinpath("page.html.j2").read_text(encoding="utf-8")
-    )
     content = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
-    moves = any(item.moves for item in items)
     key = [
         (name, "rgb(" + ", ".join(f"{round(255 * share)}" for share in colour) + ")")
         for name, colour in key_of(items, overlay=any(apart))
     ]
-    return template.render(
-        title=title, items=items, data=Markup(content), key=key, moves=moves, overlay=overlay, compared=any(apart)
+    text = files("studies.view").joinpath("page.html.j2").read_text(encoding="utf-8")
+    shown = {"moves": any(item.moves for item in items), "overlay": overlay, "compared": any(apart)}
+    return (
+        Environment(autoescape=True)
+        .from_string(text)
+        .render(title=title, items=items, data=Markup(content), key=key, **shown)
     )
 
 
-def _packed(item: Item, scale: float) -> PackedItem:
+def _packed(item: Item, scale: float) -> dict[str, object]:
+    """Return a panel for the page: coordinates as whole numbers, and what is drawn of them; of each vertex of the
+    muscles' tubes the point of the cloth that it lies on."""
     kept = vertices_of(item)
     if item.triangles is None:
         kept = [frame[:: -(-len(frame) // MOST_POINTS)] for frame in kept]
@@ -89,7 +65,8 @@ def _packed(item: Item, scale: float) -> PackedItem:
     }
 
 
-def _compared(distance: Distance | None) -> ComparedPanel | None:
+def _compared(distance: Distance | None) -> dict[str, object] | None:
+    """Return how far a panel is from another: a line an instant [s], and one of it all."""
     if distance is None:
         return None
     return {

@@ -52,40 +52,22 @@ def save_picture(
     """Write a PNG with a row an item and a column an instant [s]. apart: how far each panel is from the one it is
     compared with; overlay: whether that one's points lie over it."""
     instants = instants_of(items, times) if any(item.moves for item in items) else [0.0]
-    box, width = (
-        oblique.box_of([frame for item in items for frame in item.frames]),
-        _WIDE if len(instants) == 1 else _NARROW,
-    )
-    low, high = oblique.extent(box)
-    height = width * float((high[1] - low[1]) / (high[0] - low[0]))
+    drawn = _DrawnPanels(items, apart, overlay)
+    width = _WIDE if len(instants) == 1 else _NARROW
     size = max(width * len(instants), _LEAST_WIDTH) + 0.2
     heads = [_wrapped(item, distance, size) for item, distance in zip(items, apart, strict=True)]
-    heights = [height + 0.35 + _LINE * (head.count("\n") + 1) for head in heads]
+    heights = [width * drawn.tall + 0.35 + _LINE * (head.count("\n") + 1) for head in heads]
     figure = plt.figure(figsize=(size, sum(heights) + 0.4), layout="constrained")
-    _draw_key(figure, items, overlay=overlay)
+    drawn.draw_key(figure)
     rows = figure.subfigures(len(items), 1, squeeze=False, height_ratios=heights)[:, 0]
-    for row, item, distance, head in zip(rows, items, apart, heads, strict=True):
-        drawn = _DrawnPanel(item, _reference(items, distance, overlay))
+    for number, (row, item, head) in enumerate(zip(rows, items, heads, strict=True)):
         row.suptitle(head, fontsize=9, x=0.01, ha="left")
         for axes, instant in zip(row.subplots(1, len(instants), squeeze=False)[0], instants, strict=True):
             frame = item.nearest(instant)
-            drawn.draw(axes, frame, box)
+            drawn.draw(axes, number, frame)
             axes.set_title(f"{item.times[frame]:.2f} s" if item.moves else "a still shape", fontsize=8, loc="left")
     figure.savefig(path, dpi=100, format="png")
     plt.close(figure)
-
-
-def _draw_key(figure: Figure, items: Sequence[Item], *, overlay: bool) -> None:
-    """Write below all panels what their colours stand for."""
-    key = key_of(items, overlay=overlay and len(items) > 1)
-    marks = [Line2D([], [], linestyle="", marker="o", markersize=5, color=colour, label=name) for name, colour in key]
-    style = {"frameon": False, "fontsize": 8, "handletextpad": 0.1, "columnspacing": 1.2}
-    figure.legend(handles=marks, loc="outside lower left", ncols=len(key), **style)
-
-
-def _reference(items: Sequence[Item], distance: Distance | None, overlay: bool) -> Item | None:
-    """Return what a panel is compared with, where its points are to lie over the panel."""
-    return next((item for item in items if overlay and distance and item.title == distance.reference), None)
 
 
 def save_animation(
@@ -95,21 +77,17 @@ def save_animation(
     Raises InputError where ffmpeg fails."""
     begin, end = min(float(item.times[0]) for item in items), max(float(item.times[-1]) for item in items)
     instants = np.arange(begin, end + 0.5 / RATE, 1 / RATE)
-    box = oblique.box_of([frame for item in items for frame in item.frames])
-    low, high = oblique.extent(box)
-    height = 3.4 * float((high[1] - low[1]) / (high[0] - low[0])) + 1.0
-    figure = plt.figure(figsize=(max(3.4 * len(items), _LEAST_WIDTH), height), layout="constrained")
+    drawn = _DrawnPanels(items, apart, overlay)
+    size = max(3.4 * len(items), _LEAST_WIDTH), 3.4 * drawn.tall + 1.0
+    figure = plt.figure(figsize=size, layout="constrained")
     panels = figure.subplots(1, len(items), squeeze=False)[0]
-    _draw_key(figure, items, overlay=overlay)
-    drawn = [
-        _DrawnPanel(item, _reference(items, apart_by, overlay)) for item, apart_by in zip(items, apart, strict=True)
-    ]
+    drawn.draw_key(figure)
     heads = [_head(item, distance) for item, distance in zip(items, apart, strict=True)]
 
     def show(instant: float) -> list[Any]:
-        for axes, one, head in zip(panels, drawn, heads, strict=True):
+        for number, (axes, item, head) in enumerate(zip(panels, items, heads, strict=True)):
             axes.clear()
-            one.draw(axes, one.item.nearest(instant), box)
+            drawn.draw(axes, number, item.nearest(instant))
             axes.set_title(f"{head}\n{instant:.2f} s", fontsize=7, loc="left")
         return []
 
@@ -157,42 +135,58 @@ def _head(item: Item, distance: Distance | None) -> str:
     return "\n".join([item.title, *(more + [""])[:3]])
 
 
-class _DrawnPanel:
-    """A panel that is drawn frame by frame."""
+class _DrawnPanels:
+    """Panels that are drawn frame by frame, all in one room. overlay: whether over a panel lie the points of what it is
+    compared with. tall: height over width of a panel."""
 
-    def __init__(self, item: Item, below: Item | None = None) -> None:
-        self.item, self._below = item, below
-        parts = [part for part in parts_of(item) if part.triangles.max() < len(item.frames[0])]  # muscles are lines
-        self._corners = np.concatenate([np.zeros((0, 3), int), *(part.triangles for part in parts)])
-        self._colours = np.repeat([part.colour for part in parts], [len(part.triangles) for part in parts], axis=0)
+    def __init__(self, items: Sequence[Item], apart: Sequence[Distance | None], overlay: bool) -> None:
+        self._items, self._overlay = items, overlay
+        by_title = {item.title: item for item in items}
+        self._below = [by_title[distance.reference] if overlay and distance else None for distance in apart]
+        self._room = oblique.box_of([frame for item in items for frame in item.frames])
+        low, high = oblique.extent(self._room)
+        self.tall = float((high[1] - low[1]) / (high[0] - low[0]))
 
-    def draw(self, axes: Any, frame: int, box: np.ndarray) -> None:
-        points = np.asarray(self.item.frames[frame])
-        if not len(self._corners):
+    def draw_key(self, figure: Figure) -> None:
+        """Write below all panels what their colours stand for."""
+        key = key_of(self._items, overlay=self._overlay and len(self._items) > 1)
+        style: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 5}
+        marks = [Line2D([], [], color=colour, label=name, **style) for name, colour in key]
+        spacing = {"handletextpad": 0.1, "columnspacing": 1.2}
+        figure.legend(handles=marks, loc="outside lower left", ncols=len(key), frameon=False, fontsize=8, **spacing)
+
+    def draw(self, axes: Any, number: int, frame: int) -> None:
+        item, below = self._items[number], self._below[number]
+        points = np.asarray(item.frames[frame])
+        parts = [part for part in parts_of(item) if part.triangles.max() < len(points)]  # muscles are lines
+        if not parts:
             oblique.draw_points(axes, points[:: -(-len(points) // SHOWN)], CLOUD)
         else:
-            corners = points[self._corners]
+            triangles = np.concatenate([part.triangles for part in parts])
+            colours = np.repeat([part.colour for part in parts], [len(part.triangles) for part in parts], axis=0)
+            corners = points[triangles]
             # of a cloth's two faces only what looks towards the viewer: they are too near to be sorted by depth
-            seen = oblique.facing(corners) if self.item.is_cloth else slice(None)
-            oblique.draw_triangles(axes, corners[seen], self._colours[seen])
-            if len(muscles := self._seen_muscles(frame)):
+            seen = oblique.facing(corners) if item.is_cloth else slice(None)
+            oblique.draw_triangles(axes, corners[seen], colours[seen])
+            if len(muscles := _seen_muscles(item, frame, triangles)):
                 oblique.draw_lines(axes, muscles, MUSCLE)
-        if self._below is not None:
-            cloud = np.asarray(self._below.frames[self._below.nearest(self.item.times[frame])])
+        if below is not None:
+            cloud = np.asarray(below.frames[below.nearest(item.times[frame])])
             oblique.draw_points(axes, cloud[:: -(-len(cloud) // SHOWN)], OVERLAY)
-        oblique.draw_room(axes, box)
+        oblique.draw_room(axes, self._room)
 
-    def _seen_muscles(self, frame: int) -> np.ndarray:
-        """Return (n, 2, 3) m: intervals on a face that looks towards the viewer. Drawn last, since by their depth
-        matplotlib would sort them half into the cloth; a fold in front does not hide them."""
-        muscles, points = self.item.muscles, np.asarray(self.item.frames[frame])
-        if muscles is None or not len(muscles.sides):
-            return np.zeros((0, 2, 3))
-        ends = muscles.points[frame][muscles.intervals]
-        normals = vertex_normals(points, self._corners)
-        half, seen = len(points) // 2, np.zeros(len(ends), dtype=bool)
-        for side, face in ((1, slice(0, half)), (-1, slice(half, None))):
-            on_side = muscles.sides[muscles.owners] == side
-            nearest = cKDTree(points[face]).query(ends[on_side].mean(axis=1))[1]
-            seen[on_side] = normals[face][nearest] @ oblique.TO_VIEWER > 0
-        return np.asarray(ends[seen])
+
+def _seen_muscles(item: Item, frame: int, triangles: np.ndarray) -> np.ndarray:
+    """Return (n, 2, 3) m: intervals on a face that looks towards the viewer. Drawn last, since by their depth
+    matplotlib would sort them half into the cloth; a fold in front does not hide them."""
+    muscles, points = item.muscles, np.asarray(item.frames[frame])
+    if muscles is None or not len(muscles.sides):
+        return np.zeros((0, 2, 3))
+    ends = muscles.points[frame][muscles.intervals]
+    normals = vertex_normals(points, triangles)
+    half, seen = len(points) // 2, np.zeros(len(ends), dtype=bool)
+    for side, face in ((1, slice(0, half)), (-1, slice(half, None))):
+        on_side = muscles.sides[muscles.owners] == side
+        nearest = cKDTree(points[face]).query(ends[on_side].mean(axis=1))[1]
+        seen[on_side] = normals[face][nearest] @ oblique.TO_VIEWER > 0
+    return np.asarray(ends[seen])

@@ -4,7 +4,6 @@ import shutil
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import TypedDict
 
 import numpy as np
 
@@ -17,13 +16,6 @@ from studies.view.items import Item
 # the package that writes a kind of file, besides what is always there
 _NEEDS = {".glb": "pygltflib", ".pvd": "meshio", ".rrd": "rerun", ".mp4": "imageio_ffmpeg"}
 KINDS = (".html", ".png", ".gif", ".mp4", ".glb", ".pvd", ".rrd", ".csv")
-
-
-class PanelNote(TypedDict, total=False):
-    """A note on a panel: frames that a file keeps, its distance to what it is compared with."""
-
-    frames_kept: int
-    distance: dict[str, object]
 
 
 def require_writer(kind: str) -> None:
@@ -39,29 +31,28 @@ def write_panels(
     times: Sequence[float] = (),
     markers: Mapping[str, tuple[float, float]] | None = None,
     overlay: bool = False,
-) -> list[PanelNote]:
-    """Write panels as the kind of file that the name's ending says, one of KINDS; return a note on each, or none.
+) -> list[dict[str, object]]:
+    """Write panels as the kind of file that the name's ending says, one of KINDS; return a note on each, or none:
+    `frames_kept` in a file, or its `distance` to what it is compared with.
 
     times: s, of a picture. markers: (u, v) m, of a table. overlay: whether a panel shows what it is compared with, too.
     """
     kind = path.suffix.lower()
     if kind == ".glb":
-        from studies.view.gltf import kept, save_glb
+        from studies.view.gltf import save_glb
 
-        save_glb(items, path)
-        return [{"frames_kept": len(kept(item))} for item in items]
-    if kind == ".pvd":
-        from studies.view.vtk import save_series
+        return save_glb(items, path)
+    if kind in (".pvd", ".rrd", ".csv"):
+        if kind == ".pvd":
+            from studies.view.vtk import save_series
 
-        save_series(items, path)
-        return []
-    if kind == ".rrd":
-        from studies.view.rerun_file import save_recording
+            save_series(items, path)
+        elif kind == ".rrd":
+            from studies.view.rerun_file import save_recording
 
-        save_recording(items, path)
-        return []
-    if kind == ".csv":
-        save_markers(items, path, markers or {})
+            save_recording(items, path)
+        else:
+            save_markers(items, path, markers or {})
         return []
     from studies.view.distance import distances
 
@@ -81,12 +72,7 @@ def write_panels(
 
 
 # shares of width and height from the upper left corner, seen from the front
-USUAL = {
-    "lower_left": (0.0, 1.0),
-    "lower_middle": (0.5, 1.0),
-    "lower_right": (1.0, 1.0),
-    "middle": (0.5, 0.5),
-}
+USUAL = {"lower_left": (0.0, 1.0), "lower_middle": (0.5, 1.0), "lower_right": (1.0, 1.0), "middle": (0.5, 0.5)}
 
 
 def save_markers(items: Sequence[Item], path: Path, markers: Mapping[str, tuple[float, float]]) -> None:

@@ -12,8 +12,8 @@ from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.files.model_file import read_model, write_model
 from fabdesign.nouns.forward import PARAMETERS
-from fabdesign.nouns.learned_range import LearnedRange
 from fabdesign.nouns.model import Covariance, EffectTerm, Model, Parameter, Provenance, Quantity
+from fabdesign.nouns.pressure import LearnedRange
 from tests.conftest import ROOT
 
 floats = partial(st.floats, allow_subnormal=False)  # the simulator's kernels flush those to zero

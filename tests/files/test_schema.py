@@ -13,8 +13,7 @@ import pytest
 import tomlkit
 
 from fabdesign.errors import InputError
-from fabdesign.formats.decoder import decode
-from fabdesign.formats.encoder import Encoder
+from fabdesign.formats.codec import Encoder, decode
 from fabdesign.formats.schema import FileUnit, Key, Kilopascal, Millimetre, Within, json_schema
 from fabdesign.formats.table import Table, load_toml
 from studies.check.kinds import KINDS, STUDIES, schema_of

@@ -10,9 +10,8 @@ from fabdesign.errors import InputError
 from fabdesign.files.model_file import read_model, write_model
 from fabdesign.files.pressure_file import constant_program
 from fabdesign.nouns.forward import PARAMETERS
-from fabdesign.nouns.learned_range import LearnedRange
 from fabdesign.nouns.model import EffectTerm, Model
-from fabdesign.nouns.pressure import PressureProgram, rising_program
+from fabdesign.nouns.pressure import LearnedRange, PressureProgram, rising_program
 from optimize.fit.free_parameters import fit_vector
 from studies.calibration.calibrate import CalibrationOptions, calibrate
 from studies.prediction.forward_model import extrapolated

@@ -10,7 +10,7 @@ import pytest
 from fabdesign.cli import console
 from fabdesign.files.bench_file import read_bench
 from fabdesign.runtime import effort
-from fabdesign.study_files.loop_file import read_loop
+from fabdesign.study_files.loop_file import LoopStudy
 from studies.benches.tracing import examine
 from studies.loop.run import loop_in_words
 from studies.tracing.verdict import so_far
@@ -33,11 +33,13 @@ print("over")
 SEARCH = """
 import time
 from types import SimpleNamespace
-from fabdesign.cli.console import LiveLine
-with LiveLine("sheet") as line:
+from fabdesign.cli.console import described
+from fabdesign.interface.searches import followed
+with described("sheet", of_search=True) as shown:
     history, best = SimpleNamespace(evaluations=64), SimpleNamespace(value=0.0123)
-    line.show(SimpleNamespace(stage="layouts", best=best, history=history, elapsed=20.0, seconds=60.0, share=1 / 3,
-                              message="after a tenth of its time 20.00 mm"))
+    followed(SimpleNamespace(progress=shown))(
+        SimpleNamespace(stage="layouts", best=best, history=history, elapsed=20.0, seconds=60.0, share=1 / 3,
+                        message="after a tenth of its time 20.00 mm"))
     time.sleep(0.2)
 """
 
@@ -107,10 +109,12 @@ def test_an_estimate_by_trials_unknowns_and_cores(monkeypatch):
     assert seconds == pytest.approx(273, rel=0.2)  # rig_b on two free cores
     assert effort.fit_seconds(effort.TRACE, [3.0] * 16, 45, 21) == pytest.approx(2 * seconds)
     assert effort.fit_in_words(8, 45, seconds) == "8 trials, 45 unknowns, 2 cores: about 4 min"
-    assert 2 * effort.evaluation_seconds([1.0] * 5) == pytest.approx(10.1, rel=0.3)  # CPU s of practice_set,
-    assert 2 * effort.evaluation_seconds([3.0] * 10) == pytest.approx(23.1, rel=0.3)  # and of rig_d
-    assert 2 * effort.training_seconds([1.0] * 4) == pytest.approx(7.4, rel=0.3)
-    assert 2 * effort.training_seconds([3.0] * 8) == pytest.approx(20.2, rel=0.3)
+    assert 2 * effort.trials_seconds(effort.EVALUATION, [1.0] * 5) == pytest.approx(
+        10.1, rel=0.3
+    )  # CPU s of practice_set,
+    assert 2 * effort.trials_seconds(effort.EVALUATION, [3.0] * 10) == pytest.approx(23.1, rel=0.3)  # rig_d
+    assert 2 * effort.trials_seconds(effort.TRAINING, [1.0] * 4) == pytest.approx(7.4, rel=0.3)
+    assert 2 * effort.trials_seconds(effort.TRAINING, [3.0] * 8) == pytest.approx(20.2, rel=0.3)
     assert so_far(["filling_lag"]).startswith("so far: filling lag (pressure follows the set point")
 
 
@@ -133,6 +137,6 @@ def test_a_trace_of_a_bench_tells_its_share():
 
 def test_a_loop_says_what_it_takes_at_most(monkeypatch):
     monkeypatch.setattr("fabdesign.runtime.effort.cores", lambda: 2)
-    said = loop_in_words(read_loop(ROOT / "examples/loop.toml"))
+    said = loop_in_words(LoopStudy.read(ROOT / "examples/loop.toml"))
     assert said.startswith("at most 2 designs, 120 s of search and 5 trials for each, 2 cores: about ")
     assert int(said.split()[-2]) >= 4 and said.endswith("min")

@@ -21,9 +21,8 @@ from fabdesign.cli.command import add_commands
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.files.measurement_set import NewTrial, write_set
 from fabdesign.files.model_file import write_model
-from fabdesign.files.motion_file import read_motion
+from fabdesign.files.motion_file import Motion, read_motion
 from fabdesign.files.pressure_file import constant_program
-from fabdesign.interface import Motion
 from fabdesign.interface.verb import VERBS as VERBS_OF_COMMANDS
 from fabdesign.interface.verb import Shown
 from fabdesign.interface.verb import verb as declare_verb

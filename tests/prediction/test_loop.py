@@ -24,7 +24,7 @@ from fabdesign.nouns.pressure import PressureProgram, rising_program
 from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.output import work_folder
 from fabdesign.runtime.fingerprint import OtherContent
-from fabdesign.study_files.loop_file import StopRule, read_loop
+from fabdesign.study_files.loop_file import LoopStudy, StopRule
 from studies.check.study import study_findings
 from studies.loop.learning import _traced, learn
 from studies.loop.measuring import Asked, programs_for, within_rate
@@ -192,7 +192,9 @@ def test_a_network_that_is_of_no_use_on_trials_kept_back_is_not_used(place: Path
     programs = tuple(rising_program(np.array(p) * 1e3, 0.5, 1.0) for p in ((100, 300), (300, 100), (250, 250)))
     measured = on_device(Asked(design, programs, 1, 1), place / "set")  # gain alone, which calibration finds
     with work_folder(place / "work", made_by="loop") as work:
-        learned = learn(read_loop(place / "study.toml"), [measured], Model(), work, "turn_0", simulators, say=print)
+        learned = learn(
+            LoopStudy.read(place / "study.toml"), [measured], Model(), work, "turn_0", simulators, say=print
+        )
         assert not learned["corrector"] and learned["said"][-1].endswith("it is not used")
         assert read_model(place / "work" / "turn_0" / "model.toml").corrector is None
         assert not list((place / "work" / "turn_0").glob("*.safetensors"))
@@ -208,7 +210,9 @@ def test_a_trace_that_other_code_began_is_begun_anew(place: Path, monkeypatch: p
     monkeypatch.setattr("studies.tracing.run.trace_set", traced)
     design = build("cross")
     measured = on_device(Asked(design, (constant_program(HIDDEN),), 1, 1), place / "set")
-    found = _traced(read_loop(place / "study.toml"), measured, Model(), place / "trace", simulators, lambda line: None)
+    found = _traced(
+        LoopStudy.read(place / "study.toml"), measured, Model(), place / "trace", simulators, lambda line: None
+    )
     assert forced == [False, True]
     assert found == (None, None, ["not traced: d: 2 trials"])
 
@@ -268,7 +272,7 @@ def test_bad_studies_are_refused_in_a_line(place: Path, run: Run, old: str, new:
 def test_a_rig_sets_the_pressures_and_the_rise(place: Path) -> None:
     limits = "[rig_limits]\npressure = 250\nrate = 100\n"
     (place / "study.toml").write_text(STUDY.replace("[rig]", f"{limits}[rig]"))
-    study = read_loop(place / "study.toml")
+    study = LoopStudy.read(place / "study.toml")
     assert study.search.limits.pressure == (0.0, 250e3)
     assert study.search.rise == pytest.approx(2.5)
     asked = programs_for(study, build("cross"), np.array([[250e3, 50e3]]), [None], seed=0)

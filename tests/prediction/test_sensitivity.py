@@ -17,7 +17,7 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Covariance, EffectTerm, Model, Parameter, Quantity
 from fabdesign.nouns.model_sampling import Ensemble
-from fabdesign.study_files.sensitivity_file import SensitivityStudy, Varied, read_sensitivity
+from fabdesign.study_files.sensitivity_file import SensitivityStudy, Varied
 from fabdesign.study_files.study_targets import read_shape_output
 from studies.prediction.stability import snaps
 from studies.sensitivity.inputs import Inputs
@@ -369,7 +369,7 @@ def folder(tmp_path: Path) -> Path:
 def test_a_study_is_read_as_written(folder: Path) -> None:
     text = HEAD + 'method = "morris"\nat = [0.5, 1.0]\noutputs = ["tip", "largest_tension"]\n' + TWO
     (folder / "s.toml").write_text(text + '[parameters."bending"]\nlow = 0.8\nhigh = 1.2\n[limits]\nseconds = 60\n')
-    study = read_sensitivity(folder / "s.toml")
+    study = SensitivityStudy.read(folder / "s.toml")
     assert [(v.name, v.kind, v.key) for v in study.varied] == [
         ("pressure.0", "pressure", (0,)),
         ("position.1.u", "position", (1, -1, 0)),

@@ -21,7 +21,7 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import MUSCLE_TYPES, Case, Term
 from fabdesign.nouns.model import Covariance, Model, Parameter, Spread
 from fabdesign.nouns.model_sampling import TWO_SIDED, spread_hash
-from fabdesign.study_files.unseen_file import read_unseen
+from fabdesign.study_files.unseen_file import UnseenStudy
 from studies.check.study import study_findings
 from studies.tracing.experiment import fastest
 from studies.unseen.prediction import Draws, after, in_turn, spread
@@ -143,7 +143,7 @@ def test_shapes_have_intervals_and_the_best_measurement_is_said(folder: Path) ->
     assert arc.asked == asked
     assert json.loads((folder / "out" / "result.json").read_text())["measurement"] == again["measurement"]
     with pytest.raises(InputError, match="seed was 1, now 2"):
-        run_unseen(replace(read_unseen(folder / "s.toml"), seed=2), folder / "out", forward=arc)
+        run_unseen(replace(UnseenStudy.read(folder / "s.toml"), seed=2), folder / "out", forward=arc)
 
 
 def test_a_model_that_is_not_to_be_believed_or_of_another_grid_is_said_to_be(folder: Path) -> None:
@@ -151,7 +151,7 @@ def test_a_model_that_is_not_to_be_believed_or_of_another_grid_is_said_to_be(fol
     parameters = dict(model.parameters) | {"bending": Parameter(1.2, reliable=False)}
     write_model(replace(model, parameters=parameters, points_per_side=61), folder / "n.toml")
     (folder / "s.toml").write_text(STUDY.replace("m.toml", "n.toml") + "samples = 8\n")
-    study = read_unseen(folder / "s.toml")
+    study = UnseenStudy.read(folder / "s.toml")
     assert study.points_per_side == 61
     result = run_unseen(replace(study, points_per_side=21), folder / "out", forward=Arc())
     page, text = (folder / "out" / "report.html").read_text(), as_text(result)
@@ -198,7 +198,7 @@ def test_a_rig_that_is_slow_gets_programs_that_it_can_run(folder: Path) -> None:
 
 def test_another_type_takes_nothing_of_the_models(folder: Path) -> None:
     (folder / "s.toml").write_text(STUDY)
-    study = read_unseen(folder / "s.toml")
+    study = UnseenStudy.read(folder / "s.toml")
     assert study.unsewn is not None
     design = study.unsewn.design
     renamed = {"EM40": replace(design.muscle_types["EM20"], name="EM40")}

@@ -18,7 +18,7 @@ from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.geometry.surface import Surface
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case, Term
-from fabdesign.study_files.follow_file import read_follow
+from fabdesign.study_files.follow_file import FollowStudy
 from sim import Simulator
 from sim.motion import faces
 from sim.resume import at_rest, go_on, with_states
@@ -256,7 +256,7 @@ def test_a_study_goes_on_where_it_was_stopped_and_a_measured_run_corrects_it(tmp
 def test_what_cannot_be_reached_is_answered_by_the_nearest_motion_and_the_reason(tmp_path, quick):
     write_design(DESIGN, tmp_path / "cross.toml")
     moment = {"time": 0.25, "wishes": [{"edge": "bottom", "forward": 0.15}]}
-    study = read_follow(
+    study = FollowStudy.read(
         {"name": "far", "design": DESIGN, "points_per_side": GRID, "scatter": {"copies": 0}, "moments": [moment],
          "rig_limits": {"rate": 300.0}}
     )  # fmt: skip
@@ -286,6 +286,6 @@ def test_what_a_study_may_not_be_is_said_in_a_line(tmp_path, text, said):
     write_design(DESIGN, tmp_path / "cross.toml")
     (tmp_path / "s.toml").write_text(f'format = "fabdesign.study/1"\nkind = "follow"\ndesign = "cross.toml"\n{text}\n')
     with pytest.raises(InputError) as error:
-        read_follow(tmp_path / "s.toml")
+        FollowStudy.read(tmp_path / "s.toml")
     assert said in str(error.value)
     assert "\n" not in str(error.value)

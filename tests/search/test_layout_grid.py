@@ -14,7 +14,7 @@ from fabdesign.files.design_file import write_design
 from fabdesign.files.pressure_file import constant_program
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
-from fabdesign.study_files.layouts_file import read_layouts
+from fabdesign.study_files.layouts_file import LayoutsStudy
 from optimize.search.evaluations import Evaluations
 from optimize.search.search_state import as_rows, of_rows
 from studies.layout_grid.run import run_layouts
@@ -200,7 +200,7 @@ def test_a_cell_without_room_is_told(folder: Path) -> None:
 
 
 def test_a_cell_has_one_type_and_its_share(folder: Path) -> None:
-    study = read_layouts(folder / "s.toml")
+    study = LayoutsStudy.read(folder / "s.toml")
     cells = [*study.cells]
     assert [cell.study.limits.seconds for cell in cells] == [300.0] * 2
     assert {tuple(cell.study.design.muscle_types) for cell in cells} == {("EM20",)}

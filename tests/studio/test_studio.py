@@ -30,17 +30,17 @@ from optimize.search.margins import Limits, constraint_margins
 from studies.check.files import inspect
 from studies.studio import layout as edits
 from studies.studio.drawings import DrawingHistory, DrawnLayout, LiveShape, Result, one_more_buys
-from studies.studio.files import Autosave, Saving
 from studies.studio.layout import Layout, broken_limits, row_distance, rows, snapped
 from studies.studio.measured import ask_of_trial, errors_table
-from studies.studio.model_choice import Band, ModelChoice, models_around
-from studies.studio.opening import Opened, ShownTarget, compare, open_files, search_limits
-from studies.studio.search import Search, SearchResult, study_document
+from studies.studio.model_choice import ModelChoice, half_band, models_around
+from studies.studio.opening import Comparison, Opened, ShownTarget, open_files, search_limits
+from studies.studio.search import Search, study_document
 from studies.studio.session import Session
-from studies.studio.shapes import JumpDetector, Live
+from studies.studio.shapes import JumpDetector
 from studies.studio.solver import Ask, StudioSolver
-from studies.studio.widgets.design_panels import model
-from studies.studio.widgets.flat_view import Places, laced, on_plane, ribbon
+from studies.studio.widgets.declared import on_plane
+from studies.studio.widgets.flat_view import Places, laced, ribbon
+from studies.studio.widgets.panels import model
 from tests.bending import AtOnce, Bending, bow
 from tests.command_line import Run, one_line
 
@@ -167,12 +167,12 @@ def test_a_gesture_is_one_step() -> None:
     document.end()
     dragged = document.layout
     document.do("flip", edits.flip(dragged, 1))
-    assert (document.undo(), document.layout) == ("flip", dragged)
-    assert (document.undo(), document.layout) == ("drag", BASIC)
-    assert document.undo() is None
-    assert (document.redo(), document.layout) == ("drag", dragged)
+    assert (document.move(-1), document.layout) == ("flip", dragged)
+    assert (document.move(-1), document.layout) == ("drag", BASIC)
+    assert document.move(-1) is None
+    assert (document.move(1), document.layout) == ("drag", dragged)
     document.do("another", BASIC)
-    assert document.redo() is None  # what was undone before is gone
+    assert document.move(1) is None  # what was undone before is gone
 
 
 def test_changed_means_other_than_what_was_kept() -> None:
@@ -181,7 +181,7 @@ def test_changed_means_other_than_what_was_kept() -> None:
     assert document.changed
     document.keep()
     assert not document.changed
-    document.undo()
+    document.move(-1)
     assert document.changed
 
 
@@ -245,45 +245,47 @@ def test_limits_agree_with_the_margins_of_a_search() -> None:
 # the shape that follows
 
 
-def test_only_the_newest_layout_is_asked_and_the_exact_one_after_letting_go() -> None:
-    worker, shapes = AtOnce(), []
-    live = Live(worker, shapes.append, pytest.fail)
-    layouts = [edits.move_muscle(BASIC, 0, (0.001 * k, 0.0)) for k in range(6)]
-    for layout in layouts[:5]:  # while the first is out, others come
-        live.want(layout, Model(), moving=True)
-        if layout is layouts[0]:
-            live.turn()
-    live.turn()
-    live.turn()
+def test_only_the_newest_layout_is_asked_and_the_exact_one_after_letting_go(begin: Begin) -> None:
+    session, shown, worker, clock = begin()
+    settle(session, clock)
+    worker.asked.clear()
+    earlier = len(shown.shapes)
+    layouts = [edits.move_muscle(BASIC, 0, (0.001 * k, 0.0)) for k in range(1, 6)]
+    worker.busy = True
+    for layout in layouts:  # while the first is out, others come
+        session.document.drag("drag", layout)
+    worker.busy = False
+    session.shapes.turn()
+    session.shapes.turn()
     assert [ask.design for ask in worker.asked] == [layouts[0].design, layouts[4].design]
     assert {ask.kind for ask in worker.asked} == {"follow"}
-    live.want(layouts[4], Model(), moving=False)
-    live.turn()
-    live.turn()
-    assert live.at_rest
-    assert [(s.exact, s.points_per_side) for s in shapes] == [(False, 21), (False, 21), (True, 41)]
-    assert shapes[-1].layout is layouts[4]
+    session.document.drag("drag", layouts[4], last=True)
+    session.shapes.turn()
+    session.shapes.turn()
+    assert not session.shapes.waiting
+    assert [(s.exact, s.points_per_side) for s in shown.shapes[earlier:]] == [(False, 21), (False, 21), (True, 41)]
+    assert shown.shapes[-1].layout is layouts[4]
 
 
-def test_an_exact_shape_of_a_layout_that_has_changed_is_dropped() -> None:
-    worker, shapes = AtOnce(), []
-    live = Live(worker, shapes.append, pytest.fail)
-    live.want(BASIC, Model(), moving=False)
-    live.turn()
-    live.turn()  # the exact one is out
-    live.want(edits.flip(BASIC, 0), Model(), moving=True)
-    live.turn()
-    live.turn()
-    assert [shape.exact for shape in shapes] == [False, False]
+def test_an_exact_shape_of_a_layout_that_has_changed_is_dropped(begin: Begin) -> None:
+    session, shown, worker, _ = begin()
+    session.shapes.turn()  # the exact one is out
+    worker.busy = True
+    session.document.drag("drag", edits.flip(BASIC, 0))
+    worker.busy = False
+    session.shapes.turn()
+    session.shapes.turn()
+    assert [ask.kind for ask in worker.asked] == ["follow", "exact", "follow"]
+    assert [shape.exact for shape in shown.shapes] == [False, False]
 
 
-def test_what_cannot_be_computed_is_told() -> None:
-    told: list[str] = []
-    live = Live(AtOnce(), lambda _: None, told.append)
-    live.want(BASIC, Model(effects=(EffectTerm("no_such_effect"),)), moving=False)
-    live.turn()
-    live.turn()
-    assert "no_such_effect" in told[0]
+def test_what_cannot_be_computed_is_told(begin: Begin, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = Model(effects=(EffectTerm("no_such_effect"),))
+    monkeypatch.setattr(ModelChoice, "model", model)
+    session, shown, *_ = begin()
+    session.shapes.turn()
+    session.shapes.turn()
+    assert "no_such_effect" in shown.said[0]
 
 
 def test_a_jump_is_told_from_a_motion_that_keeps_pace() -> None:
@@ -357,10 +359,13 @@ def test_an_autosave_on_a_file_that_has_changed_is_a_step_away(begin: Begin, tmp
 
 
 @pytest.mark.parametrize("text", ["", "{}", '{"format": "fabdesign.studio-autosave/1", "muscles": [{}]}', "[1]"])
-def test_a_damaged_autosave_is_none(tmp_path: Path, text: str) -> None:
-    autosave = Autosave(tmp_path / "d.toml")
-    autosave.path.write_text(text)
-    assert autosave.read(BASIC.design) is None
+def test_a_damaged_autosave_is_none(begin: Begin, tmp_path: Path, text: str) -> None:
+    (tmp_path / ".basic.toml.studio").write_text(text)
+    session, shown, *_ = begin()
+    assert session.document.layout == BASIC
+    assert session.document.history.move(-1) is None
+    assert session.document.history.move(1) is None
+    assert shown.said == []
 
 
 def test_a_file_changed_meanwhile_is_taken_or_said(begin: Begin, tmp_path: Path) -> None:
@@ -398,21 +403,21 @@ def test_what_is_saved_passes_check(begin: Begin, tmp_path: Path) -> None:
 
 
 def test_nothing_is_replaced_unasked(begin: Begin, tmp_path: Path) -> None:
-    saving, opened = Saving(), begin()[0].document.opened
-    folder, given = tmp_path / "mine", {"limits": opened.limits, "model": None}
     bare = Layout.of(replace(BASIC.design, muscles=()))  # no templates to draw
-    saving.save(bare, folder, **given)
-    assert saving.replaces(folder) is None
-    saving.save(bare, folder, **given)  # one's own
-    assert "earlier design" in str(Saving().replaces(folder))
-    with pytest.raises(InputError, match="earlier design"):
-        Saving().save(bare, folder, **given)
+    (session, shown, *_), (second, told, *_) = begin(layout=bare), begin(layout=bare)
+    files, folder = session.files, tmp_path / "mine"
+    assert files.save(folder) is not None
+    assert files.replaces(folder) is None
+    assert files.save(folder) is not None  # one's own
+    assert "earlier design" in str(second.files.replaces(folder))
+    assert second.files.save(folder) is None
+    assert "earlier design" in told.said[-1]
     (folder / "design.toml").write_text("# by hand\n")
-    assert "another program" in str(saving.replaces(folder))
+    assert "another program" in str(files.replaces(folder))
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "notes.txt").write_text("mine")
-    with pytest.raises(InputError, match=r"notes\.txt"):
-        saving.save(bare, tmp_path / "other", **given, replace=True)
+    assert files.save(tmp_path / "other", replace=True) is None
+    assert "notes.txt" in shown.said[-1]
 
 
 def test_playing_a_programme_asks_for_a_motion(begin: Begin) -> None:
@@ -475,21 +480,21 @@ def test_a_set_shows_what_was_measured_beside_its_prediction(folder: Path) -> No
 def test_every_trial_has_its_errors_in_a_table(folder: Path) -> None:
     clock = Clock()
     session, *_ = begun(open_files([folder / "set"], None), clock)
-    session.trial_errors.begin()
+    session.playing.all_errors()
     settle(session, clock, 4.0)
-    assert list(session.trial_errors.by_label) == list(session.document.trials)
+    assert list(session.playing.errors) == list(session.document.trials)
     shown = next(iter(session.document.trials))
     ask = ask_of_trial(session.document.trials[shown], session.document.choice.model)
     motion = StudioSolver(Bending).answer(ask).points
     assert motion is not None
     pairs = zip(motion, ask.measured, strict=True)
     expected = np.mean([capped_rms(Surface.of_faces(points).distance(cloud)) for points, cloud in pairs])
-    assert session.trial_errors.by_label[shown][0].surface_rms == pytest.approx(expected)
-    lines = errors_table(session.trial_errors.by_label).splitlines()
+    assert session.playing.errors[shown][0].surface_rms == pytest.approx(expected)
+    lines = errors_table(session.playing.errors).splitlines()
     assert lines[-1].startswith(f"| **mean of {len(session.document.trials)}** |")
     assert f"| {shown} | {1e3 * expected:.2f} |" in lines[4]
     session.document.choose(session.document.choice.switched("frame_tilt", True))
-    assert session.trial_errors.by_label == {}  # they were of another model
+    assert session.playing.errors == {}  # they were of another model
     session.end()
 
 
@@ -522,7 +527,7 @@ def lifted(monkeypatch: pytest.MonkeyPatch) -> StudioSolver:
     monkeypatch.setattr(
         solver,
         "_predictor",
-        lambda simulator, model, sensing=False: Predictor(
+        lambda simulator, model, sensing: Predictor(
             simulator, model, sensing, None if model.corrector is None else Lifting()
         ),
     )
@@ -533,20 +538,20 @@ LIFTED = Model(corrector=Path("weights"), corrector_hash="0")
 
 
 def test_a_corrected_shape_has_the_simulated_one_beside(lifted: StudioSolver) -> None:
-    answer = lifted.answer(Ask.at_rest(0, "exact", BASIC.design, BASIC.pressures, LIFTED))
+    answer = lifted.answer(Ask.at_rest("exact", BASIC.design, BASIC.pressures, LIFTED))
     assert answer.points is not None
     assert answer.correction is not None
     assert answer.correction.trust == Trust(pytest.approx(0.8), 0.85)
     assert answer.correction.moved(answer.points) == pytest.approx(2e-3, abs=1e-7)
-    plain = lifted.answer(Ask.at_rest(0, "exact", BASIC.design, BASIC.pressures, LIFTED.without(["corrector"])))
+    plain = lifted.answer(Ask.at_rest("exact", BASIC.design, BASIC.pressures, LIFTED.without(["corrector"])))
     assert plain.correction is None
     assert np.array_equal(answer.correction.simulated, plain.points)
     far = edits.add_muscle(BASIC)
-    beyond = lifted.answer(Ask.at_rest(0, "exact", far.design, far.pressures, LIFTED))
+    beyond = lifted.answer(Ask.at_rest("exact", far.design, far.pressures, LIFTED))
     assert beyond.correction is not None
     assert not beyond.correction.trust.applies
     assert not beyond.correction.moved(beyond.points).any()
-    followed = lifted.answer(Ask.at_rest(0, "follow", BASIC.design, BASIC.pressures, LIFTED))
+    followed = lifted.answer(Ask.at_rest("follow", BASIC.design, BASIC.pressures, LIFTED))
     assert followed.correction is not None  # how far it is, while it is dragged
     assert np.array_equal(followed.points, followed.correction.simulated)
 
@@ -557,7 +562,7 @@ def test_a_corrected_motion_is_simulated_once(lifted: StudioSolver, monkeypatch:
     monkeypatch.setattr(Bending, "motions", lambda self, c, times: asked.extend(times) or motions(self, c, times))
     times = np.array([0.0, 0.2, 0.25])
     cloud = bow(Case(BASIC.design, constant_program([0.0] * 8))).reshape(-1, 3).astype(float) + [0, 0, 3e-3]
-    ask = Ask(0, "motion", BASIC.design, constant_program([0.0] * 8), LIFTED, times, measured=(cloud,) * 3)
+    ask = Ask("motion", BASIC.design, constant_program([0.0] * 8), LIFTED, times, measured=(cloud,) * 3)
     answer = lifted.answer(ask)
     (once,) = asked
     assert once == pytest.approx([0.0, 0.1, 0.15, 0.2, 0.25])  # with the instants that the corrector looks back to
@@ -587,9 +592,9 @@ def test_the_band_is_the_covariance_at_the_edge() -> None:
         points[:, -1] = np.tensordot([np.log(one.parameters[name].factor) for name in names], slopes, 1)
         return points.reshape(-1, 3)
 
-    band = Band.of([shape(one) for one in models_around(model)])
+    band = half_band([shape(one) for one in models_around(model)])
     expected = 1.6449 * np.sqrt(np.einsum("ikd,ij,jkd->kd", slopes, root @ root.T, slopes))
-    assert band.half == pytest.approx(expected, rel=1e-5)
+    assert band == pytest.approx(expected, rel=1e-5)
     assert not models_around(Model())
 
 
@@ -610,7 +615,7 @@ def test_a_band_comes_with_the_exact_shape_and_goes_with_an_edit(begin: Begin) -
 
 def target_at(layout: Layout, path: Path, *, every: int = 1) -> ShownTarget:
     """The cloth's own shape as a target, every so many points of a row."""
-    ask = Ask.at_rest(0, "exact", layout.design, layout.pressures, Model())
+    ask = Ask.at_rest("exact", layout.design, layout.pressures, Model())
     np.savetxt(path, bow(Case(ask.design, ask.program))[::every, ::every].reshape(-1, 3))
     return ShownTarget.read(TargetFile(path), layout.design)
 
@@ -618,9 +623,9 @@ def target_at(layout: Layout, path: Path, *, every: int = 1) -> ShownTarget:
 def test_the_distance_to_a_target_is_that_of_the_metrics(tmp_path: Path) -> None:
     target = target_at(BASIC, tmp_path / "flat.xyz")
     flat = np.concatenate([target.points + [0, 0, z] for z in (1e-3, -1e-3)]).astype(np.float32)
-    found = compare(target, flat, BASIC.design)
+    found = Comparison.of(target, flat, BASIC.design)
     assert found.errors.surface_rms == pytest.approx(1e-3, rel=1e-4)
-    assert found.of_target == pytest.approx(np.full(41 * 41, 1e-3), rel=1e-4)
+    assert Surface.of_faces(flat).distance(target.points) == pytest.approx(np.full(41 * 41, 1e-3), rel=1e-4)
     assert found.of_cloth == pytest.approx(np.full(2 * 41 * 41, 1e-3), rel=1e-4)
     assert "surface RMS 1.00 mm (noise floor" in found.sentences[1]
 
@@ -676,18 +681,21 @@ time.sleep(60)
     search.close()
 
 
-class Searching:
+class Searching(Result):
     """In the place of a search: the best so far is what a test says."""
 
-    best_so_far: SearchResult | None = None
+    better: Layout | None = None
     running, problem = True, None
 
     def __init__(self, folder: Path, layout: Layout, targets: list[ShownTarget], limits: Limits, **_: object) -> None:
-        self.folder, self.result = folder, folder / "result"
+        super().__init__()
+        self.folder = folder
 
-    def best(self) -> SearchResult | None:
-        best, Searching.best_so_far = Searching.best_so_far, None
-        return best
+    def read(self) -> bool:
+        better, Searching.better = Searching.better, None
+        if better is not None:
+            self.hold((better,), 3e-3)
+        return better is not None
 
     def close(self) -> None: ...
 
@@ -702,7 +710,7 @@ def test_a_result_is_a_drawing_of_its_own(begin: Begin, tmp_path: Path, monkeypa
     own = session.document.layout
     session.search.start("one more muscle", 10)
     better = edits.move_muscle(edits.add_muscle(own.with_pressure(0, 190e3)), 8, (-0.022, 0.0))
-    Searching.best_so_far = SearchResult((better,), 3e-3, 12, "searching")
+    Searching.better = better
     settle(session, clock, 4.0)
     assert session.document.layout == better  # it moves in
     assert session.document.history.layout == own
@@ -769,7 +777,7 @@ def test_poses_have_their_own_target_and_pressures(begin: Begin, tmp_path: Path)
     assert len(open_files([tmp_path / "mine" / "study.toml"], None).targets) == 2
     session.document.open_target(None)  # this pose is no more
     assert (session.document.targets, session.document.pose) == ([targets[0]], 0)
-    assert session.document.pressures == [(200e3, *(0.0,) * 7)]
+    assert [layout.pressures for layout in session.document.layouts] == [(200e3, *(0.0,) * 7)]
 
 
 def test_a_trials_frame_is_compared_with_the_motion_there(begin: Begin, folder: Path) -> None:
@@ -920,21 +928,22 @@ def test_all_is_in_the_first_view_and_bending_shows(size: tuple[float, float], w
 def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("viser")
     from studies.studio.gate import Gate
-    from studies.studio.server import Studio, quiet_viser
+    from studies.studio.server import quiet_viser
+    from studies.studio.widgets.page import Page
 
     monkeypatch.chdir(folder)
     write_design(BASIC.design, folder / "basic.toml")
     target = target_at(BASIC.with_pressure(0, 200e3), folder / "bowed.xyz", every=4)
     with contextlib.closing(Gate("127.0.0.1", None)) as gate, quiet_viser(gate) as server:
-        studio = Studio(server, open_files([Path("basic.toml"), target.file.file], folder / "model.toml"), AtOnce())
-        session, page = studio.session, studio.page
+        page = Page(server, open_files([Path("basic.toml"), target.file.file], folder / "model.toml"), AtOnce())
+        session = page.session
         turns = iter(range(20))
         points, export = "Ends and corners, mm from the upper left", ("Sewing template, 1:1", "Export template")
-        studio.run(lambda: next(turns) == 12)
+        page.run(lambda: next(turns) == 12)
 
         def run() -> None:
             for _ in range(20):
-                studio.turn()
+                page.turn()
                 session.playing.advance(0.02)
 
         assert session.shapes.shown is not None
@@ -945,8 +954,8 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         session.document.edit("add", lambda layout: edits.add_corner(edits.add_muscle(layout, 0), 8))
         session.document.edit("move", lambda layout: edits.move_muscle(layout, 8, (-0.022, 0.0)))
         session.document.choose(session.document.choice.switched("frame_tilt", True))
-        page.widgets.press("Target", "Placed by hand", "Gizmo")
-        studio.turn()
+        page.widgets.find("Target", "Placed by hand", "Gizmo").part.then(True)
+        page.turn()
         assert server.scene.get_handle_by_name("/hung/gizmo") is not None
         session.document.place_target((0.0, 0.0, 5.0), (0.0, 0.001, 0.0))
         run()
@@ -954,18 +963,18 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         assert session.document.target.file.rotation == (0.0, 0.0, 5.0)
         assert server.scene.get_handle_by_name("/flat/corner_8_2") is not None
         session.document.select(8)
-        studio.turn()
-        assert page.widgets.labels("Layout", points) == ["End 0", "Corner 1", "End 2"]
+        page.turn()
+        assert [made.part.name for made in page.widgets.find("Layout", points).inside] == ["End 0", "Corner 1", "End 2"]
         session.document.select(1)
-        studio.turn()
-        assert page.widgets.labels("Layout", points) == ["End 0", "End 1"]
-        assert "muscles 1 and 8" in page.widgets.handle("limits").content
+        page.turn()
+        assert [made.part.name for made in page.widgets.find("Layout", points).inside] == ["End 0", "End 1"]
+        assert "muscles 1 and 8" in page.widgets.find("limits").handle.content
         session.playing.rise()
         run()
         assert session.playing.motion is not None
         assert session.playing.frame > 0
         session.document.edit("remove", lambda layout: edits.remove_muscle(layout, 8))
-        studio.turn()
+        page.turn()
         assert server.scene.get_handle_by_name("/flat/corner_8_2") is None
         run()
         found = Result(
@@ -976,20 +985,20 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         run()
         assert server.scene.get_handle_by_name("/hung/other") is not None  # the own drawing beside it
         assert server.scene.get_handle_by_name("/flat/other") is not None
-        assert "<td>search 1</td><td>8</td>" in page.widgets.handle("Results", "table").content
+        assert "<td>search 1</td><td>8</td>" in page.widgets.find("Results", "table").handle.content
         session.document.set_option("beside", False)
-        studio.turn()
+        page.turn()
         assert server.scene.get_handle_by_name("/hung/other") is None
-        assert "<polyline" in page.widgets.handle("Model", "profile").content
-        page.widgets.press("Files", *export)
+        assert "<polyline" in page.widgets.find("Model", "profile").handle.content
+        page.widgets.find("Files", *export).part.then(True)
         template = folder / "basic_template"
         cut_list = (template / "design_cut_list.csv").read_text()
         export_design(session.document.layout.design, folder / "exported", stem="design", tail_length=0.03)
         assert cut_list == (folder / "exported" / "design_cut_list.csv").read_text()
         assert (template / "design_a4.pdf").is_file()
-        studio.turn()
-        assert "sewing template in basic_template: " in page.widgets.handle("message").content
+        page.turn()
+        assert "sewing template in basic_template: " in page.widgets.find("message").handle.content
         (template / "design_a4.pdf").unlink()
-        page.widgets.press("Files", *export)  # asks first
+        page.widgets.find("Files", *export).part.then(True)  # asks first
         assert not (template / "design_a4.pdf").exists()
         session.end()

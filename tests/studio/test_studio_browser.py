@@ -28,11 +28,12 @@ pytestmark = pytest.mark.skipif(chromium() is None, reason="no chromium: apt ins
 @contextlib.contextmanager
 def studio_at(tmp_path: Path, files: list[str]) -> Iterator[Page]:
     """A tab on a studio that has opened `files`."""
-    from studies.studio.server import Studio, quiet_viser
+    from studies.studio.server import quiet_viser
+    from studies.studio.widgets.page import Page as StudioPage
 
     stopped = threading.Event()
     with contextlib.closing(Gate("127.0.0.1", None, first=18500)) as gate, quiet_viser(gate) as server:
-        studio = Studio(server, open_files([Path(file) for file in files], None), AtOnce())
+        studio = StudioPage(server, open_files([Path(file) for file in files], None), AtOnce())
         runs = threading.Thread(target=studio.run, args=(stopped.is_set,))
         runs.start()
         try:

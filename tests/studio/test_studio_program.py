@@ -167,28 +167,32 @@ def test_the_folder_of_a_result_is_opened(study: Path, tmp_path: Path) -> None:
 def test_the_page_shows_knots_that_are_dragged(study: Path) -> None:
     pytest.importorskip("viser")
     from studies.studio.gate import Gate
-    from studies.studio.server import Studio, quiet_viser
+    from studies.studio.server import quiet_viser
+    from studies.studio.widgets.page import Page
 
     with contextlib.closing(Gate("127.0.0.1", None)) as gate, quiet_viser(gate) as server:
-        studio = Studio(server, open_files([study], None), AtOnce())
+        page = Page(server, open_files([study], None), AtOnce())
         turns = iter(range(20))
-        studio.run(lambda: next(turns) == 12)
-        edit, page = studio.session.program, studio.page
+        page.run(lambda: next(turns) == 12)
+        edit = page.session.program
         assert edit is not None
         assert [server.scene.get_handle_by_name(f"/program/knot_{k}") is not None for k in (9, 10)] == [True, False]
-        assert "<polyline" in page.widgets.handle("Motion", "Program", "error").content
+        assert "<polyline" in page.widgets.find("Motion", "Program", "error").handle.content
         ball = np.array(server.scene.get_handle_by_name("/program/knot_6").position)
         goal = ball + [0.0, 0.02, 0.0]
         camera = SimpleNamespace(position=goal + [0.01, 0.02, 0.5])
         for phase in ("start", "update", "end"):
-            page.program.drag(6, SimpleNamespace(client=SimpleNamespace(camera=camera), end_position=goal, phase=phase))
+            event = SimpleNamespace(client=SimpleNamespace(camera=camera), end_position=goal, phase=phase)
+            page.nodes.drag("/program/knot_6", event)
         for _ in range(12):
-            studio.turn()
+            page.turn()
         assert edit.knot == 6
         moved = np.array(server.scene.get_handle_by_name("/program/knot_6").position)
         assert moved == pytest.approx(goal, abs=3e-4)  # whole tenths of a kPa
-        assert page.widgets.handle("Motion", "Program", "Pressure, kPa").value == pytest.approx(edit.pressure / 1e3)
-        studio.session.end()
+        assert page.widgets.find("Motion", "Program", "Pressure, kPa").handle.value == pytest.approx(
+            edit.pressure / 1e3
+        )
+        page.session.end()
 
 
 def test_a_motion_goes_on_from_the_state_before_what_changed() -> None:

@@ -7,13 +7,16 @@ before goes to the browser. A person's input goes to the session's thread, the p
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from fabdesign.nouns.array import Array
 from fabdesign.units import from_kpa, from_mm, in_kpa, in_mm
 
 Post = Callable[[Callable[[], None]], None]
+LIFT = 0.0015  # m, of the plane on which things of the flat scene are dragged
 
 
 @dataclass(frozen=True)
@@ -37,16 +40,15 @@ MM, KPA = ShownUnit(in_mm, from_mm, 3), ShownUnit(in_kpa, from_kpa, 1)
 @dataclass(frozen=True, eq=False)
 class Widget:
     """An input, a text or what holds others. kind: what follows `add_` in viser. name: its label, or what it is looked
-    up by. value: what an input holds. then: takes what a person has put in. given: viser's other arguments. typed: what
-    is typed stays until `value` is another, for it counts only once a button is pressed."""
+    up by. value: what an input holds. then: takes what a person has put in; without it what is typed stays until
+    `value` is another, for it counts only once a button is pressed. given: viser's other arguments."""
 
     kind: str
     name: str = ""
     value: Any = None
-    then: Callable[[Any], None] = lambda _: None
+    then: Callable[[Any], None] | None = None
     inside: Sequence["Widget"] = ()
     given: Mapping[str, Any] = field(default_factory=dict)
-    typed: bool = False
     unit: ShownUnit | None = None
 
 
@@ -58,12 +60,11 @@ def entry(
     unit: ShownUnit | None = None,
     **given: Any,
 ) -> Widget:
-    """Return an input with a label; without `then` what is typed stays until it is asked for. unit: value and limits
-    are in SI, and what is typed comes in SI."""
+    """Return an input with a label. unit: value and limits are in SI, and what is typed comes in SI."""
     if unit is not None:
         value = unit.show(value)
         given |= {end: unit.show(given[end]) for end in ("min", "max") if end in given}
-    return Widget(kind, label, value, then or (lambda _: None), (), {"label": label, **given}, then is None, unit)
+    return Widget(kind, label, value, then, given={"label": label, **given}, unit=unit)
 
 
 def choice(label: str, options: Sequence[str], value: str, then: Callable[[str], None] | None = None) -> Widget:
@@ -72,14 +73,12 @@ def choice(label: str, options: Sequence[str], value: str, then: Callable[[str],
 
 
 def button(label: str, then: Callable[[], None], *, disabled: bool = False) -> Widget:
-    return Widget("button", label, None, lambda _: then(), (), {"label": label, "disabled": disabled})
+    return entry("button", label, None, lambda _: then(), disabled=disabled)
 
 
 def buttons(label: str, actions: Mapping[str, Callable[[], None]]) -> Widget:
     """Return buttons side by side, each with what it does."""
-    return Widget(
-        "button_group", label, None, lambda name: actions[name](), (), {"label": label, "options": [*actions]}
-    )
+    return entry("button_group", label, None, lambda name: actions[name](), options=[*actions])
 
 
 def folder(label: str, *inside: Widget, closed: bool = False) -> Widget:
@@ -110,8 +109,20 @@ class _Made:
     @property
     def value(self) -> Any:
         """Return what stands in an input, in SI where it has a unit."""
-        value = self.handle.value
-        return value if self.part.unit is None else self.part.unit.take(value)
+        return self.handle.value if self.part.unit is None else self.part.unit.take(self.handle.value)
+
+    def become(self, part: Any) -> bool:
+        """Change viser's arguments. Return whether that was enough, or it must be made anew."""
+        before, self.part = self.part, part
+        for name, value in part.given.items() if before is not part else ():
+            old = before.given[name]
+            arrays = isinstance(old, np.ndarray) or isinstance(value, np.ndarray)
+            if old is value or (np.array_equal(old, value) if arrays else old == value):
+                continue
+            if not hasattr(self.handle, name) or (arrays and np.shape(old) != np.shape(value)):
+                return False
+            setattr(self.handle, name, value)
+        return True
 
 
 class Widgets:
@@ -124,17 +135,18 @@ class Widgets:
     def show(self, widgets: Sequence[Widget]) -> None:
         self._match(self._made, widgets, self._gui)
 
-    def handle(self, *names: str) -> Any:
-        """Return viser's handle of a widget, by its name and those of what it lies in, the outermost first."""
-        return self._find(names).handle
-
-    def labels(self, *names: str) -> list[str]:
-        """Return the names of the widgets inside one."""
-        return [made.part.name for made in self._find(names).inside]
+    def find(self, *names: str) -> _Made:
+        """Return a widget by its name and those of what it lies in, the outermost first."""
+        inside = self._made
+        for name in names:
+            every = [*inside, *(i for made in inside if not made.part.name for i in made.inside)]
+            one = next(made for made in every if made.part.name == name)
+            inside = one.inside
+        return one
 
     def typed(self, *names: str) -> Any:
-        """Return what stands in an input, by its name and those of what it lies in."""
-        return self._find(names).value
+        """Return what stands in an input."""
+        return self.find(*names).value
 
     def unless_lost(self, reason: str | None, write: Callable[..., Any]) -> None:
         """Call `write(replace=...)`, after asking where something would be lost by it."""
@@ -153,19 +165,6 @@ class Widgets:
         yes.on_click(lambda _: self._post(replace))
         no.on_click(lambda _: self._post(dialog.close))
 
-    def press(self, *names: str) -> None:
-        """Press a button, as a person does."""
-        self._find(names).part.then(True)
-
-    def _find(self, names: Sequence[str]) -> _Made:
-        made = self._made
-        for name in names:
-            one = next(
-                m for m in [*made, *(i for m in made if not m.part.name for i in m.inside)] if m.part.name == name
-            )
-            made = one.inside
-        return one
-
     def _match(self, made: list[_Made], widgets: Sequence[Widget], parent: Any) -> None:
         """Widgets keep their places: a list grows and shrinks at its end."""
         while len(made) > len(widgets):
@@ -174,7 +173,10 @@ class Widgets:
             if k == len(made):
                 made.append(self._make(widget, parent))
             else:
-                _change(made[k], widget)
+                old, handle = made[k].part, made[k].handle
+                made[k].become(widget)
+                if widget.value is not None and widget.value != (handle.value if widget.then else old.value):
+                    handle.value = widget.value
             self._match(made[k].inside, widget.inside, made[k].handle)
 
     def _make(self, widget: Widget, parent: Any) -> _Made:
@@ -185,71 +187,75 @@ class Widgets:
             made = _Made(widget, getattr(self._gui, f"add_{widget.kind}")(**widget.given, **value))
 
         def put_in(event: Any) -> None:
-            if event.client is not None:  # else the program set it
+            if event.client is not None and made.part.then is not None:  # else the program set it, or nobody asks yet
                 value = made.value
                 self._post(lambda: made.part.then(value))
 
-        if hasattr(made.handle, "on_click"):
-            made.handle.on_click(put_in)
-        elif hasattr(made.handle, "on_update"):
-            made.handle.on_update(put_in)
+        listen = getattr(made.handle, "on_click", None) or getattr(made.handle, "on_update", None)
+        if listen is not None:
+            listen(put_in)
         return made
-
-
-def _change(made: _Made, widget: Widget) -> None:
-    before, made.part = made.part, widget
-    for name, value in widget.given.items():
-        if value != before.given[name]:
-            setattr(made.handle, name, value)
-    if widget.value is not None and widget.value != (before.value if widget.typed else made.handle.value):
-        made.handle.value = widget.value
 
 
 @dataclass(frozen=True, eq=False)
 class Node:
     """A thing in the scene. given: viser's arguments; one that is no property of a handle makes it anew when it
-    changes. click, drag, moved: take viser's event, on a thread of viser's."""
+    changes. drag: takes where a pointer began and where it is, (3,) m on the plane that lies LIFT above the flat cloth,
+    and whether it was let go. moved: takes turn (w, x, y, z) and place [m] of a gizmo that was let go."""
 
     kind: str
     given: Mapping[str, Any]
-    click: Callable[[Any], None] | None = None
-    drag: Callable[[Any], None] | None = None
-    moved: Callable[[Any], None] | None = None
-
-
-def _fits(made: _Made, node: Node) -> bool:
-    """Change a node. Return whether that was enough, or it must be made anew."""
-    before, made.part = made.part, node
-    for name, value in node.given.items() if before is not node else ():
-        old = before.given[name]
-        if old is value or (not hasattr(value, "vertices") and np.array_equal(old, value)):
-            continue
-        if not hasattr(made.handle, name) or np.shape(old) != np.shape(value):
-            return False
-        setattr(made.handle, name, value)
-    return True
+    click: Callable[[], None] | None = None
+    drag: Callable[[Array, Array, bool], None] | None = None
+    moved: Callable[[tuple[float, ...], tuple[float, ...]], None] | None = None
 
 
 class SceneNodes:
-    """The nodes of a scene by their names."""
+    """The nodes of a scene by their names. post: runs a function on the session's thread."""
 
-    def __init__(self, scene: Any) -> None:
-        self._scene = scene
+    def __init__(self, scene: Any, post: Post) -> None:
+        self._scene, self._post = scene, post
         self._made: dict[str, _Made] = {}
+        self._grabbed = np.zeros(3)
 
     def show(self, nodes: Mapping[str, Node]) -> None:
         for name in [name for name in self._made if name not in nodes]:
             self._made.pop(name).handle.remove()
         for name, node in nodes.items():
-            if name not in self._made or not _fits(self._made[name], node):
+            if name not in self._made or not self._made[name].become(node):
                 self._made[name] = self._make(name, node)
 
     def _make(self, name: str, node: Node) -> _Made:
         made = _Made(node, getattr(self._scene, f"add_{node.kind}")(name, **node.given))
         if node.click is not None:
-            made.handle.on_click(lambda event: made.part.click(event))
+            made.handle.on_click(lambda _: self._post(lambda: made.part.click()))
         if node.drag is not None:
-            made.handle.on_drag("left")(lambda event: made.part.drag(event))
+            made.handle.on_drag("left")(partial(self.drag, name))
         if node.moved is not None:
-            made.handle.on_update(lambda event: made.part.moved(event))
+            made.handle.on_update(partial(self._move, made))
         return made
+
+    def drag(self, name: str, event: Any) -> None:
+        """Hand on a moment of a drag, on a thread of viser's; its begin is a click too."""
+        eye, made = np.asarray(event.client.camera.position, dtype=float), self._made.get(name)
+        at = on_plane(eye, np.asarray(event.end_position, dtype=float), LIFT)
+        if at is None or made is None:  # removed meanwhile, in another tab
+            return
+        if event.phase == "start":
+            self._grabbed = at
+            self._post(made.part.click)
+        begin, last = self._grabbed, event.phase == "end"
+        self._post(lambda: made.part.drag(begin, at, last))
+
+    def _move(self, made: _Made, event: Any) -> None:
+        if event.phase == "end":
+            turn, place = (tuple(map(float, values)) for values in (event.target.wxyz, event.target.position))
+            self._post(lambda: made.part.moved(turn, place))
+
+
+def on_plane(eye: Array, through: Array, z: float) -> Array | None:
+    """Return (3,) m where the ray from `eye` through another point meets the plane z; None where it does not."""
+    direction = through - eye
+    if abs(direction[2]) < 1e-9 or (t := (z - eye[2]) / direction[2]) <= 0:
+        return None
+    return np.asarray(eye + t * direction)

@@ -1,10 +1,8 @@
 """Where the pieces stand in the one scene, from where one looks at first, and the colours; and the flat cloth as on the
 sewing table, front and back: muscles that are clicked and dragged, and lacing rows."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +13,9 @@ from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.muscle import Muscle
 from studies.studio.document import Document
 from studies.studio.layout import Point, rows
-from studies.studio.widgets.declared import Node, Post
+from studies.studio.widgets.declared import LIFT, Node
 
 Colour = tuple[int, int, int]
-LIFT = 0.0015  # m, of muscles above the flat cloth
 # of channels, one after another; distinct also to most who see no red or green
 COLOURS = (
     (0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167),
@@ -98,14 +95,6 @@ class Places:
         return (across if side == "front" else self.width - across), y - float(at[1])
 
 
-def on_plane(eye: Array, through: Array, z: float) -> Array | None:
-    """Return (3,) m where the ray from `eye` through another point meets the plane z; None where it does not."""
-    direction = through - eye
-    if abs(direction[2]) < 1e-9 or (t := (z - eye[2]) / direction[2]) <= 0:
-        return None
-    return np.asarray(eye + t * direction)
-
-
 def colour(channel: int) -> Colour:
     return COLOURS[channel % len(COLOURS)]
 
@@ -133,9 +122,8 @@ def laced(points: NDArray[np.float32], muscle: Muscle, fabric: Fabric) -> Array:
 def heat(values: Array, largest: float) -> NDArray[np.uint8]:
     """Return (n, 3) colours of values from 0 to `largest`: white to dark red."""
     stops = np.array([(247, 247, 247), (253, 219, 146), (239, 101, 72), (127, 0, 0)], dtype=float)
-    share = np.clip(values / max(largest, 1e-12), 0, 1) * (len(stops) - 1)
-    low = np.minimum(share.astype(int), len(stops) - 2)
-    return np.rint(stops[low] + (share - low)[:, None] * (stops[low + 1] - stops[low])).astype(np.uint8)
+    at = np.linspace(0, max(largest, 1e-12), len(stops))
+    return np.rint([np.interp(values, at, stop) for stop in stops.T]).T.astype(np.uint8)
 
 
 def eye_of(places: Places, aspect: float = ASPECT) -> tuple[float, float, float]:
@@ -152,85 +140,59 @@ def eye_of(places: Places, aspect: float = ASPECT) -> tuple[float, float, float]
 _HANDLE = 0.0035  # m, radius of an end or corner
 _LEAST_WIDTH = 0.0035  # m, of a muscle's band: thinner ones are hard to hit
 _PLAIN = {"flat_shading": True, "cast_shadow": False, "receive_shadow": False, "side": "double"}
-_THIN = {"thickness": 1.0, "thickness_units": "screen"}
 _SHEET = np.array([(0, 2, 1), (0, 3, 2)], dtype=np.uint32)
 
 
-class FlatView:
-    """Draws a design flat, twice, and hands on what a hand does to it. post: runs a function on the document's
-    thread."""
+def lines(*paths: Array, shade: Colour, pixels: float = 1.0) -> Node:
+    """Return lines, each through points (n, 3) m."""
+    points = np.concatenate([np.stack([path[:-1], path[1:]], axis=1) for path in paths])
+    given = {"points": points, "colors": shade, "thickness": pixels, "thickness_units": "screen"}
+    return Node("line_segments", given)
 
-    def __init__(self, document: Document, post: Post) -> None:
-        self._document, self._post = document, post
-        self._grabbed: Point = (0.0, 0.0)
 
-    @property
-    def _places(self) -> Places:
-        return Places.of(self._document.layout.design.fabric)
-
-    def nodes(self) -> dict[str, Node]:
-        document, places = self._document, self._places
-        nodes: dict[str, Node] = {}
-        for side, shade, title in (("front", FRONT, "front"), ("back", BACK, "back, seen from behind")):
-            nodes |= _sheet(places, side, shade, title, document.row_distance)
-        broken = {i for line in document.broken() for i in line.muscles}
-        for i, muscle in enumerate(document.layout.design.muscles):
-            diameter = document.layout.design.muscle_types[muscle.type].outer_diameter
-            shade = BROKEN if i in broken else colour(muscle.channel)
-            nodes |= _muscle(self, i, muscle, diameter, shade, i == document.selected, places)
-        other = document.other()
-        legs = [] if other is None else [*_legs(other[0].design.muscles, places)]
-        if legs:
-            style = {"thickness": 2.5, "thickness_units": "screen"}
-            nodes["/flat/other"] = Node("line_segments", {"points": np.array(legs), "colors": (90, 95, 100), **style})
-        return nodes
-
-    def select(self, i: int) -> Any:
-        return lambda _: self._post(lambda: self._document.select(i))
-
-    def drag_corner(self, i: int, k: int, event: Any) -> None:
-        to = self._pointed(i, event)
-        if to is not None:
-            self._post(lambda: self._document.drag_corner(i, k, to, last=event.phase == "end"))
-
-    def drag_band(self, i: int, event: Any) -> None:
-        at = self._pointed(i, event)
-        if at is None:
-            return
-        if event.phase == "start":
-            self._grabbed = at
-        by = (at[0] - self._grabbed[0], at[1] - self._grabbed[1])
-        self._post(lambda: self._document.drag_muscle(i, by, last=event.phase == "end"))
-
-    def _pointed(self, i: int, event: Any) -> Point | None:
-        """Return (u, v) m under the pointer, on the face of a muscle, which is selected where a drag begins."""
-        muscles = self._document.layout.design.muscles
-        eye = np.asarray(event.client.camera.position, dtype=float)
-        at = on_plane(eye, np.asarray(event.end_position, dtype=float), LIFT)
-        if at is None or i >= len(muscles):
-            return None
-        if event.phase == "start":
-            self.select(i)(event)
-        return self._places.fabric_point(at, muscles[i].side)
+def flat_nodes(document: Document) -> dict[str, Node]:
+    """Return a design flat, twice, with what a hand does to it."""
+    design, places = document.layout.design, Places.of(document.layout.design.fabric)
+    nodes: dict[str, Node] = {}
+    for side, shade, title in (("front", FRONT, "front"), ("back", BACK, "back, seen from behind")):
+        nodes |= _sheet(places, side, shade, title, document.row_distance)
+    broken = {i for line in document.broken() for i in line.muscles}
+    for i, muscle in enumerate(design.muscles):
+        shade = BROKEN if i in broken else colour(muscle.channel)
+        diameter = design.muscle_types[muscle.type].outer_diameter
+        nodes |= _muscle(document, i, muscle, diameter, shade, i == document.selected, places)
+    if (other := document.other()) is not None and other[0].design.muscles:
+        paths = [places.flat(np.array(m.path), m.side, lift=0.8 * LIFT) for m in other[0].design.muscles]
+        nodes["/flat/other"] = lines(*paths, shade=(90, 95, 100), pixels=2.5)  # below the muscles shown
+    return nodes
 
 
 @lru_cache(maxsize=64)  # in a drag most muscles stay
 def _muscle(
-    view: FlatView, i: int, muscle: Muscle, diameter: float, shade: Colour, selected: bool, places: Places
+    document: Document, i: int, muscle: Muscle, diameter: float, shade: Colour, selected: bool, places: Places
 ) -> dict[str, Node]:
     """Return a muscle's band with its number, and a ball at each end and corner."""
     path = places.flat(np.array(muscle.path), muscle.side)
     vertices, faces = ribbon(path, max(diameter, _LEAST_WIDTH) * (1.5 if selected else 1.0))
     band = {"vertices": vertices, "faces": faces, "color": shade, **_PLAIN}
     label = {"text": f"{i}", "position": path[0] + [0.0, 0.004, 0.004], "anchor": "bottom-center"}
-    radius, dark = _HANDLE * (1.3 if selected else 1.0), (20, 20, 20) if selected else shade
+    look = {"radius": _HANDLE * (1.3 if selected else 1.0), "color": (20, 20, 20) if selected else shade}
+    select = partial(document.select, i)
+
+    def drag_band(begin: Array, at: Array, last: bool) -> None:
+        (u, v), (u0, v0) = (places.fabric_point(place, muscle.side) for place in (at, begin))
+        document.drag_muscle(i, (u - u0, v - v0), last=last)
+
+    def drag_corner(k: int, _: Array, at: Array, last: bool) -> None:
+        document.drag_corner(i, k, places.fabric_point(at, muscle.side), last=last)
+
     nodes = {
-        f"/flat/muscle_{i}": Node("mesh_simple", band, view.select(i), partial(view.drag_band, i)),
+        f"/flat/muscle_{i}": Node("mesh_simple", band, select, drag_band),
         f"/flat/number_{i}": Node("label", label),
     }
-    for k, at in enumerate(path):
-        ball = {"radius": radius, "color": dark, "position": at + [0.0, 0.0, 0.001], "subdivisions": 2}
-        nodes[f"/flat/corner_{i}_{k}"] = Node("icosphere", ball, view.select(i), partial(view.drag_corner, i, k))
+    for k, place in enumerate(path):
+        ball = {"position": place + [0.0, 0.0, 0.001], "subdivisions": 2, **look}
+        nodes[f"/flat/corner_{i}_{k}"] = Node("icosphere", ball, select, partial(drag_corner, k))
     return nodes
 
 
@@ -245,16 +207,8 @@ def _sheet(places: Places, side: str, shade: Colour, title: str, row_distance: f
         f"/flat/{side}": Node("mesh_simple", sheet),
         f"/flat/{side}_title": Node("label", {"text": title, "position": above, "anchor": "bottom-center"}),
     }
-    ends = [np.array([(0.0, v), (w, v)]) for v in rows(h, row_distance)]
-    ends += [np.array([(u, 0.0), (u, h)]) for u in rows(w, row_distance)]
+    ends = [[(0.0, v), (w, v)] for v in rows(h, row_distance)] + [[(u, 0.0), (u, h)] for u in rows(w, row_distance)]
     if ends:
-        lines = np.array([places.flat(end, side, lift=0.0003) for end in ends])
-        nodes[f"/flat/{side}_rows"] = Node("line_segments", {"points": lines, "colors": (150, 160, 172), **_THIN})
+        threads = [places.flat(np.array(end), side, lift=0.0003) for end in ends]
+        nodes[f"/flat/{side}_rows"] = lines(*threads, shade=(150, 160, 172))
     return nodes
-
-
-def _legs(muscles: Any, places: Places) -> Iterator[Array]:
-    """Yield the ends (2, 3) m of each leg of another drawing's muscles, below the muscles of the one that is shown."""
-    for muscle in muscles:
-        path = places.flat(np.array(muscle.path), muscle.side, lift=0.8 * LIFT)
-        yield from np.stack([path[:-1], path[1:]], axis=1)

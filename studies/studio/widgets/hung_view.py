@@ -12,17 +12,18 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.units import in_kpa
 from studies.studio.drawings import LiveShape
-from studies.studio.measured import TrialMotion
 from studies.studio.opening import Comparison
 from studies.studio.session import Session
-from studies.studio.widgets.declared import Node, Post
-from studies.studio.widgets.flat_view import BACK, FRONT, LIFT, Colour, Places, colour, heat, laced, on_plane
+from studies.studio.widgets.declared import LIFT, Node
+from studies.studio.widgets.flat_view import BACK, FRONT, Colour, Places, colour, heat, laced, lines
 
 LEAST_SCALE = 0.002  # m, the least end of a scale of distances
 _OTHER, _BEFORE = (60, 90, 200), (230, 140, 40)  # of another drawing's shape; of one before a jump or a correction
 _POINT = 0.0011  # m, of a cloud's point as drawn
 _RAISED = 0.25  # of the thickness, that colours lie over a face, below the muscles
 _PLAIN = (70, 90, 110)
+_KNOT = 0.0035  # m, radius
+_DARK, _GREY = (20, 20, 20), (120, 130, 142)
 Shape = NDArray[np.float32]
 
 
@@ -37,11 +38,14 @@ def largest_distance(session: Session) -> float | None:
 def hung_nodes(session: Session) -> dict[str, Node]:
     """Return the shape at rest beside target and other shapes, or a motion's frame beside what was measured."""
     document, motion, shape = session.document, session.playing.motion, session.shapes.shown
-    nodes = _frame(document.layout.design)
+    nodes, frame = _frame(document.layout.design), session.playing.frame
     if motion is not None:
-        points, ghost = motion.points[session.playing.frame], motion.ghost(session.playing.frame)
-        nodes |= _cloth(points, document.layout.design) | _beside("simulated", ghost, _BEFORE)
-        return nodes | _measured(motion, session.playing.frame)
+        nodes |= _cloth(motion.points[frame], document.layout.design)
+        nodes |= _beside("simulated", motion.ghost(frame), _BEFORE)
+        cloud, distances = motion.cloud(frame), motion.distances(frame)
+        if cloud is not None and distances is not None:
+            nodes |= _cloud("measured", cloud, heat(distances, max(LEAST_SCALE, motion.largest or 0.0)))
+        return nodes
     if shape is not None:
         nodes |= _at_rest(shape) | _beside("before", session.shapes.before, _BEFORE)
     other = document.other()
@@ -108,14 +112,6 @@ def _triangles(points: int) -> NDArray[np.uint32]:
     return front_triangles(side, side).astype(np.uint32)
 
 
-def _measured(motion: TrialMotion, frame: int) -> dict[str, Node]:
-    """Return the measured points of a frame, coloured by their distance to the surface that is shown."""
-    cloud, distances = motion.cloud(frame), motion.distances(frame)
-    if cloud is None or distances is None:
-        return {}
-    return _cloud("measured", cloud, heat(distances, max(LEAST_SCALE, motion.largest or 0.0)))
-
-
 def _cloud(name: str, points: Array, colours: NDArray[np.uint8]) -> dict[str, Node]:
     look = {"point_size": _POINT, "point_shape": "circle", "precision": "float32", "point_shading": "flat"}
     return {f"/hung/{name}": Node("point_cloud", {"points": points.astype(np.float32), "colors": colours, **look})}
@@ -136,75 +132,41 @@ def _distances(shape: LiveShape, comparison: Comparison, largest: float) -> Node
     return Node("mesh_trimesh", {"mesh": mesh})
 
 
-Floats = NDArray[np.floating[Any]]
-_KNOT = 0.0035  # m, radius
-_DARK, _GREY = (20, 20, 20), (120, 130, 142)
+def program_nodes(session: Session) -> dict[str, Node]:
+    """Return the plot of the program under edit, with what a hand does to it; nothing where there is none."""
+    edit, playing, document = session.program, session.playing, session.document
+    if edit is None:
+        return {}
+    pressures, cycle, highest = edit.pressures, edit.moving.regulator.cycle, float(edit.moving.regulator.highest.max())
+    end = len(pressures) * cycle
+    (left, below), (width, height) = Places.of(document.layout.design.fabric).plot
 
+    def places(times: Any, values: Any) -> Array:
+        """Return (n, 3) m of times [s] and pressures [Pa]."""
+        x, y = left + width * np.asarray(times) / end, below + height * np.asarray(values) / highest
+        return np.stack([x, y, np.full_like(x, LIFT)], axis=1)
 
-class ProgramView:
-    """Draws the program in the scene, and hands on what a hand does to it. post: runs a function on the session's
-    thread."""
+    def label(text: str, time: float, pressure: float, anchor: str) -> Node:
+        return Node("label", {"text": text, "position": tuple(places([time], [pressure])[0]), "anchor": anchor})
 
-    def __init__(self, session: Session, post: Post) -> None:
-        self._session, self._post = session, post
+    def drag(_begin: Array, at: Array, _last: bool) -> None:
+        edit.put(highest * (float(at[1]) - below) / height)
 
-    def nodes(self) -> dict[str, Node]:
-        """Return the plot; nothing where no program is edited."""
-        edit, playing = self._session.program, self._session.playing
-        if edit is None:
-            return {}
-        rows, cycle = edit.pressures, edit.moving.regulator.cycle
-        most, end = float(edit.moving.regulator.highest.max()), len(rows) * cycle
-
-        def line(times: Floats, pressures: Floats, shade: tuple[int, int, int], thickness: float = 1.0) -> Node:
-            path = self._places(times / end, pressures / most)
-            look = {"colors": shade, "thickness": thickness, "thickness_units": "screen"}
-            return Node("line_segments", {"points": np.stack([path[:-1], path[1:]], axis=1), **look})
-
-        def label(text: str, x: float, y: float, anchor: str) -> Node:
-            at = tuple(self._places(np.array([x]), np.array([y]))[0])
-            return Node("label", {"text": text, "position": at, "anchor": anchor})
-
-        nodes = {
-            "/program/axes": line(np.array([0.0, 0.0, end]), np.array([most, 0.0, 0.0]), _GREY),
-            "/program/most": label(f"{in_kpa(most):.0f} kPa", 0.0, 1.0, "center-right"),
-            "/program/end": label(f"{end:.2f} s", 1.0, 0.0, "top-center"),
-            "/program/title": label(f"program, channel {edit.channel}", 0.5, 1.0, "bottom-center"),
-        }
-        if playing.motion is not None and playing.motion.off is not None:
-            now = np.full(2, playing.motion.times[playing.frame])
-            nodes["/program/now"] = line(now, np.array([0.0, most]), _GREY)
-        held = cycle * np.repeat(np.arange(len(rows) + 1), 2)[1:-1]
-        for channel, steps in enumerate(np.repeat(rows, 2, axis=0).T):
-            thickness = 3.0 if channel == edit.channel else 1.0
-            nodes[f"/program/line_{channel}"] = line(held, steps, colour(channel), thickness)
-        for k, at in enumerate(self._places(cycle * edit.knots / end, rows[edit.knots, edit.channel] / most)):
-            shade, larger = (_DARK, 1.3) if k == edit.knot else (colour(edit.channel), 1.0)
-            ball = {"radius": larger * _KNOT, "color": shade, "position": tuple(at), "subdivisions": 2}
-            nodes[f"/program/knot_{k}"] = Node("icosphere", ball, partial(self._select, k), partial(self.drag, k))
-        return nodes
-
-    def drag(self, knot: int, event: Any) -> None:
-        """Give a knot the pressure under the pointer."""
-        eye = np.asarray(event.client.camera.position, dtype=float)
-        at, edit = on_plane(eye, np.asarray(event.end_position, dtype=float), LIFT), self._session.program
-        if at is None or edit is None:
-            return
-        if event.phase == "start":
-            self._select(knot, event)
-        (_, y), (_, height) = self._box
-        pressure = float(edit.moving.regulator.highest.max()) * (float(at[1]) - y) / height
-        self._post(lambda: edit.put(pressure))
-
-    def _select(self, knot: int, _: Any) -> None:
-        if (edit := self._session.program) is not None:
-            self._post(lambda: edit.select(edit.channel, knot))
-
-    @property
-    def _box(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        return Places.of(self._session.document.layout.design.fabric).plot
-
-    def _places(self, x: Floats, y: Floats) -> Floats:
-        """Return (n, 3) m of shares (n,) of the plot."""
-        origin, size = map(np.array, self._box)
-        return np.concatenate([origin + size * np.stack([x, y], axis=1), np.full((len(x), 1), LIFT)], axis=1)
+    nodes = {
+        "/program/axes": lines(places([0.0, 0.0, end], [highest, 0.0, 0.0]), shade=_GREY),
+        "/program/most": label(f"{in_kpa(highest):.0f} kPa", 0.0, highest, "center-right"),
+        "/program/end": label(f"{end:.2f} s", end, 0.0, "top-center"),
+        "/program/title": label(f"program, channel {edit.channel}", end / 2, highest, "bottom-center"),
+    }
+    if playing.motion is not None and playing.motion.off is not None:
+        now = places(np.full(2, playing.motion.times[playing.frame]), [0.0, highest])
+        nodes["/program/now"] = lines(now, shade=_GREY)
+    steps = cycle * np.repeat(np.arange(len(pressures) + 1), 2)[1:-1]
+    for channel, values in enumerate(np.repeat(pressures, 2, axis=0).T):
+        pixels = 3.0 if channel == edit.channel else 1.0
+        nodes[f"/program/line_{channel}"] = lines(places(steps, values), shade=colour(channel), pixels=pixels)
+    for k, at in enumerate(places(cycle * edit.knots, pressures[edit.knots, edit.channel])):
+        shade, larger = (_DARK, 1.3) if k == edit.knot else (colour(edit.channel), 1.0)
+        ball = {"radius": larger * _KNOT, "color": shade, "position": tuple(at), "subdivisions": 2}
+        nodes[f"/program/knot_{k}"] = Node("icosphere", ball, partial(edit.select, edit.channel, k), drag)
+    return nodes

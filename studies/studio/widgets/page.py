@@ -1,38 +1,89 @@
-"""The page: scene and panel put together on a viser server, drawn anew from the session whenever something changes."""
+"""The page: scene and panel put together on a viser server, drawn anew from the session whenever something changes; and
+the queue through which its threads reach the session's."""
 
+import contextlib
+import queue
+import time
+import traceback
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from fabdesign.errors import InputError
+from studies.studio.opening import Opened
 from studies.studio.session import Session
-from studies.studio.widgets.declared import Node, Post, SceneNodes, Widgets
-from studies.studio.widgets.flat_view import VIEW, FlatView, Places, eye_of
-from studies.studio.widgets.hung_view import ProgramView, hung_nodes
-from studies.studio.widgets.panels import Panel
+from studies.studio.widgets.declared import Node, SceneNodes, Widgets
+from studies.studio.widgets.flat_view import VIEW, Places, eye_of, flat_nodes
+from studies.studio.widgets.hung_view import hung_nodes, program_nodes
+from studies.studio.widgets.panels import panel
+
+_BEAT = 0.02  # s between looks at what is due
+_SHORT = 0.002  # s, while an answer of the simulator is awaited
 
 
 class Page:
-    """Shows a session and lets hands at it. post: runs a function on the session's thread. widgets: what stands beside
-    the scene."""
+    """Shows a session and lets hands at it. nodes: the scene's. widgets: what stands beside it."""
 
-    def __init__(self, server: Any, session: Session, post: Post) -> None:
-        self._server, self._session, self._post = server, session, post
+    def __init__(self, server: Any, opened: Opened, worker: Any) -> None:
+        self._due: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._server, self._worker, self.post = server, worker, self._due.put
+        self.session = Session(opened, worker)
+        self.nodes, self.widgets = SceneNodes(server.scene, self.post), Widgets(server.gui, self.post)
+        self._stale = False  # whether it shows what no longer holds
         self._arrange(server)
-        self._nodes, self._flat = SceneNodes(server.scene), FlatView(session.document, post)
-        self.program = ProgramView(session, post)
-        self.widgets = Widgets(server.gui, post)
-        self._panel = Panel(session, self.widgets)
-        document = session.document
+        document = self.session.document
         for label, key, then in (("Undo", "Z", document.undo), ("Redo", "Y", document.redo)):
             command = server.gui.add_command(label, hotkey=key, modifier="cmd/ctrl")
-            command.on_trigger(lambda _, then=then: post(then))
+            command.on_trigger(lambda _, then=then: self.post(then))
 
-    def show(self) -> None:
+    def begin(self) -> None:
+        def changed() -> None:
+            self._stale = True
+
+        self.session.begin(changed)
+
+    def run(self, until: Callable[[], bool] = lambda: False) -> None:
+        self.begin()
+        last, alive = time.monotonic(), True
+        while not until():
+            self.turn()
+            now = time.monotonic()
+            self.session.playing.advance(now - last)
+            last = now
+            if alive and not self._worker.alive:
+                alive = False
+                self.session.document.tell("The simulator has ended; save, and start the studio again.", bad=True)
+
+    def turn(self) -> None:
+        """Do what hands ask, all that has come, or after a beat nothing; then what is due; draw what changed."""
+        with contextlib.suppress(queue.Empty):
+            ask = self._due.get(timeout=_SHORT if self.session.shapes.waiting else _BEAT)
+            while True:
+                self._do(ask)
+                ask = self._due.get_nowait()
+        self.session.tick()
+        if self._stale:
+            self._do(self._show)
+            self._stale = False  # also where that failed: it would fail again
+
+    def _do(self, ask: Callable[[], None]) -> None:
+        """Do one thing; an error in it must not take the layout along."""
+        tell = self.session.document.tell
+        try:
+            ask()
+        except InputError as error:
+            tell(str(error), bad=True)
+        except Exception as error:
+            traceback.print_exc()
+            tell(f"an error of the program: {type(error).__name__}: {error}", bad=True)
+
+    def _show(self) -> None:
         """Draw all that the session holds."""
         with self._server.atomic():
-            hung = {**hung_nodes(self._session), **self._gizmo_node()}
-            self._nodes.show({**self._flat.nodes(), **hung, **self.program.nodes()})
-            self.widgets.show(self._panel.widgets())
+            hung, program = hung_nodes(self.session), program_nodes(self.session)
+            self.nodes.show(flat_nodes(self.session.document) | hung | self._gizmo_node() | program)
+            self.widgets.show(panel(self.session, self.widgets))
 
     def _arrange(self, server: Any) -> None:
         server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
@@ -47,7 +98,7 @@ class Page:
         server.on_client_connect(self._fit_view)
 
     def _eye(self, *aspect: float) -> tuple[float, float, float]:
-        return eye_of(Places.of(self._session.document.layout.design.fabric), *aspect)
+        return eye_of(Places.of(self.session.document.layout.design.fabric), *aspect)
 
     def _fit_view(self, client: Any) -> None:
         """Keep all in a tab's view, whatever its window, until a hand turns it; *Reset View* begins anew."""
@@ -66,21 +117,15 @@ class Page:
 
     def _gizmo_node(self) -> dict[str, Node]:
         """Return a gizmo that moves the target, at its middle, where one is asked for."""
-        target = self._session.document.target
-        if not self._panel.gizmo or target is None:
+        document = self.session.document
+        if not document.gizmo or document.target is None:
             return {}
-        import viser.transforms as transforms
+        from viser.transforms import SO3
 
-        angles = np.radians(target.file.rotation or (0.0, 0.0, 0.0))
-        turn = tuple(transforms.SO3.from_rpy_radians(*angles).wxyz.tolist())
+        def moved(turn: tuple[float, ...], place: tuple[float, ...]) -> None:
+            document.place_target(tuple(map(float, np.degrees(SO3(np.array(turn)).as_rpy_radians()))), place)
 
-        def moved(event: Any) -> None:
-            if event.phase != "end":
-                return
-            turned = transforms.SO3(np.array(event.target.wxyz)).as_rpy_radians()
-            rotation = tuple(float(np.degrees(angle)) for angle in turned)
-            translation = tuple(map(float, event.target.position))
-            self._post(lambda: self._session.document.place_target(rotation, translation))
-
-        where = {"position": target.file.translation, "wxyz": turn}
-        return {"/hung/gizmo": Node("transform_controls", {"scale": 0.06, **where}, moved=moved)}
+        file = document.target.file
+        turn = SO3.from_rpy_radians(*np.radians(file.rotation or (0.0, 0.0, 0.0))).wxyz
+        given = {"scale": 0.06, "position": file.translation, "wxyz": tuple(turn.tolist())}
+        return {"/hung/gizmo": Node("transform_controls", given, moved=moved)}

@@ -1,220 +1,299 @@
-"""The panel beside the scene, declared: each tab says its fields, and what a person's input does."""
+"""The panel beside the scene, declared: each tab says its fields, and what a person's input does. Name, unit, limits
+and sentence of an effect's parameter are those of its declaration."""
 
-from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
-from html import escape
 from pathlib import Path
 from typing import Any
 
 from fabdesign.clouds.target_file import AsTarget
+from fabdesign.effects.declaration import EffectParameter
+from fabdesign.effects.registry import EFFECTS
 from fabdesign.geometry.placement import UNITS
 from fabdesign.output import read_mark
-from fabdesign.units import in_kpa, in_mm
-from studies.studio.drawings import Row, one_more_buys
+from studies.studio import layout as edits
+from studies.studio.document import Document
+from studies.studio.drawings import one_more_buys
 from studies.studio.measured import errors_table
 from studies.studio.search import VARIES
 from studies.studio.session import Session
-from studies.studio.widgets.declared import MM, Widget, Widgets, button, buttons, choice, entry, folder, html, words
-from studies.studio.widgets.design_panels import NONE, model, muscle, pressures, program
+from studies.studio.widgets import declared as ui
+from studies.studio.widgets.declared import KPA, MM, Widget, Widgets
 from studies.studio.widgets.hung_view import LEAST_SCALE
-from studies.studio.widgets.status import profile, scale_bar, status
+from studies.studio.widgets.status import error_over_time, profile, results_table, scale_bar, status
 
-OWN = "own drawing"
+NONE, SHEET, FILE, OWN = "none", "data sheet", "model file", "own drawing"
 _SHIFT, _TURN, _TEMPLATE = "Shift, mm", "Turn, degrees", "Sewing template, 1:1"
 
 
-class Panel:
-    """The widgets beside the scene. typed(...): what stands in an input. gizmo: whether the target has one."""
-
-    def __init__(self, session: Session, made: Widgets) -> None:
-        self._session, self._document, self._made = session, session.document, made
-        self.gizmo = False
-
-    def widgets(self) -> list[Widget]:
-        tabs = {
-            "Layout": muscle(self._document),
-            "Model": [html("profile", profile(self._session)), *model(self._document)],
-            "Target": self._target(),
-            "Results": self._results(),
-            "Motion": [*program(self._session, self._made), *self._motion()],
-            "Files": self._files(),
-        }
-        pages = [Widget("tab", name, inside=widgets) for name, widgets in tabs.items()]
-        sliders = folder("Pressures", *pressures(self._document))
-        return [*status(self._session), sliders, Widget("tab_group", inside=pages)]
-
-    # Target: opened, placed by fit or by hand, and searched for from here
-
-    def _target(self) -> list[Widget]:
-        document, search, typed = self._document, self._session.search, partial(self._made.typed, "Target")
-        file = None if document.target is None else document.target.file
-        poses = tuple(f"{number}: {target.file.file.name}" for number, target in enumerate(document.targets))
-
-        def open_as(place: Any) -> None:
-            name = typed("File").strip()
-            document.open_target(AsTarget(typed("Unit"), place).target(Path(name)) if name else None)
-
-        def begin() -> None:
-            search.start(*(typed("Search from here", label) for label in ("May change", "Seconds")))
-
-        def show_pose(name: str) -> None:
-            document.show_pose(poses.index(name) if name in poses else -1)
-
-        several = len(document.opened.targets) > 1
-        return [
-            *([choice("Pose", poses or (NONE,), (*poses, NONE)[document.pose], show_pose)] if several else []),
-            entry("text", "File", "" if file is None else str(file.file)),
-            choice("Unit", tuple(UNITS), "m" if file is None else file.unit),
-            buttons("Open", {"as given": partial(open_as, "given"), "fit": partial(open_as, "fit")}),
-            folder("Placed by hand", *self._by_hand(), closed=True),
-            folder(
-                "Search from here",
-                choice("May change", VARIES, VARIES[0]),
-                entry("number", "Seconds", 120.0, min=1.0, max=86400.0, step=10.0),
-                button("Search from here", begin, disabled=search.running),
-                button("Stop, keep the best", search.stop, disabled=not search.running),
-                words("message", search.message),
-            ),
-        ]
-
-    def _by_hand(self) -> list[Widget]:
-        target = self._document.target
-        shift, turn = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        if target is not None:
-            shift, turn = target.file.translation, target.file.rotation or turn
-
-        def place(_: Any) -> None:
-            turned, shifted = (self._made.typed("Target", "Placed by hand", label) for label in (_TURN, _SHIFT))
-            self._document.place_target(turned, shifted)
-
-        hint = "Drag it by arrows and rings in the scene"
-        return [
-            entry("checkbox", "Gizmo", self.gizmo, self._set_gizmo, hint=hint),
-            entry("vector3", _SHIFT, shift, place, MM, step=0.5),
-            entry("vector3", _TURN, turn, place, step=1.0),
-        ]
-
-    def _set_gizmo(self, on: bool) -> None:
-        self.gizmo = on
-        self._document.show()
-
-    # Results of searches, beside the own drawing
-
-    def _results(self) -> list[Widget]:
-        document, rows = self._document, self._document.rows()
-        names = tuple(row.name for row in rows)
-        said = [f"{result.name}: {result.state}" for result in document.results]
-        drawn = rows[0] if len(document.targets) == 1 else None
-        for result in document.results:
-            buys = one_more_buys(result, [other for other in document.results if other is not result], drawn)
-            said += [buys] if buys else []
-        nothing = "Nothing yet: *Search from here* under *Target*. An edit of a result takes it as own drawing."
-
-        def show(name: str) -> None:
-            document.show_result(next((result for result in document.results if result.name == name), None))
-
-        return [
-            choice("Shown", names, OWN if document.shown is None else document.shown.name, show),
-            entry(
-                "checkbox", "The other one beside it", document.beside, partial(document.set_option, "beside"),
-                hint="Its shape, seen through",
-            ),
-            button("Take as own drawing", document.take, disabled=document.shown is None),
-            html("table", _table(rows)),
-            words("message", "\n\n".join(said) or nothing),
-        ]  # fmt: skip
-
-    # Motion: played, scrubbed through, written
-
-    def _motion(self) -> list[Widget]:
-        playing, trials, typed = (
-            self._session.playing,
-            tuple(self._document.trials),
-            partial(self._made.typed, "Motion"),
-        )
-        motion, scale, text = playing.motion, "", ""
-        if motion is not None:
-            beside = "" if motion.ghost(playing.frame) is None else "; orange: without the corrector"
-            text = motion.in_words(playing.frame) + beside
-            if motion.largest is not None:
-                scale = scale_bar(max(LEAST_SCALE, motion.largest), "measured point to the shown surface")
-        of_trials = [
-            choice("Trial", trials, trials[0]),
-            button("Show measured and predicted", lambda: playing.trial(typed("Trial"))),
-            button("Errors of all trials", self._session.trial_errors.begin),
-        ] if trials else []  # fmt: skip
-        given = self._document.opened.program is not None
-        last = max(1, len(motion.times) - 1) if motion else 1
-        return [
-            button("Play the rise to these pressures", playing.rise),
-            *([button("Play the pressures of the command line", playing.opened)] if given else []),
-            entry("text", "Pressures file", ""),
-            button("Play the file", lambda: playing.file(Path(typed("Pressures file").strip()))),
-            *of_trials,
-            button("Play" if motion and not playing.running else "Pause", playing.toggle, disabled=motion is None),
-            entry(
-                "slider",
-                "Frame",
-                playing.frame if motion else 0,
-                playing.scrub,
-                min=0,
-                max=last,
-                step=1,
-                disabled=motion is None,
-            ),
-            words("frame", text),
-            html("scale", scale),
-            folder(
-                "For other programs",
-                entry("text", "File", "motion.glb", hint=".glb, .pvd, .rrd, .csv, .html or .png"),
-                button("Write the motion", lambda: playing.write(Path(typed("For other programs", "File").strip()))),
-                closed=True,
-            ),
-            words("errors", errors_table(self._session.trial_errors.by_label)),
-        ]
-
-    # Files: saved, exported, taken again
-
-    def _files(self) -> list[Widget]:
-        files, history, typed = self._session.files, self._document.history, partial(self._made.typed, "Files")
-        state = "unsaved changes, kept in an autosave" if history.changed else "nothing unsaved"
-        undo = f"; undo: {history.next_undo}" if history.next_undo else ""
-
-        def save() -> None:
-            folder = Path(typed("Folder").strip())
-            self._made.unless_lost(files.saving.replaces(folder), partial(files.save, folder))
-
-        def export() -> None:
-            folder = Path(typed(_TEMPLATE, "Folder").strip())
-            mark = read_mark(folder)
-            reason = None if mark is None else f"{folder} holds what `fabdesign {mark.made_by}` wrote"
-            self._made.unless_lost(reason, partial(files.save_template, folder))
-
-        return [
-            entry("text", "Folder", str(files.folder)),
-            button("Save", save),
-            button("Load from disk", files.load_again),
-            words("state", f"`{self._document.opened.file}`: {state}{undo}"),
-            folder(
-                _TEMPLATE,
-                entry("text", "Folder", str(files.template_folder)),
-                button("Export template", export),
-            ),
-        ]
-
-
-def _table(rows: Sequence[Row]) -> str:
-    """Return the table that compares the own drawing with results."""
-
-    def millimetres(value: float | None) -> str:
-        return "" if value is None else f"{in_mm(value):.2f}"
-
-    head = "<tr><th></th><th>muscles</th><th>Chamfer, mm</th><th>surface RMS, mm</th><th>highest, kPa</th></tr>"
-    lines = [
-        f"<tr style='font-weight:{'bold' if row.shown else 'normal'}'><td>{escape(row.name)}</td>"
-        f"<td>{row.muscles}</td><td>{millimetres(row.chamfer)}</td><td>{millimetres(row.surface_rms)}</td>"
-        f"<td>{in_kpa(row.highest):.0f}</td></tr>"
-        for row in rows
+def panel(session: Session, made: Widgets) -> list[Widget]:
+    """Return all that stands beside the scene. made: has what is typed and counts once a button is pressed."""
+    document = session.document
+    tabs = {
+        "Layout": muscle(document),
+        "Model": [ui.html("profile", profile(session)), *model(document)],
+        "Target": target(session, made),
+        "Results": results(document),
+        "Motion": [*program(session, made), *motion(session, made)],
+        "Files": files(session, made),
+    }
+    pages = [Widget("tab", name, inside=widgets) for name, widgets in tabs.items()]
+    ends = zip(document.layout.pressures, edits.highest(document.layout.design), strict=True)
+    sliders = [
+        _slider(f"Channel {k}, kPa", min(pressure, end), partial(document.press, k), end, step=1.0)
+        for k, (pressure, end) in enumerate(ends)
     ]
-    style = "font-size:0.82em; margin:0.4em 0.9em; text-align:right; border-spacing:0.7em 0.2em"
-    return f'<table id="studio-results" style="{style}">{head}{"".join(lines)}</table>'
+    return [*status(session), ui.folder("Pressures", *sliders), Widget("tab_group", inside=pages)]
+
+
+def _slider(label: str, pressure: float, then: Any, end: float, *, step: float) -> Widget:
+    """Return a slider of a pressure up to `end` Pa. step: kPa."""
+    return ui.entry("slider", label, pressure, then, KPA, min=0.0, max=end, step=step)
+
+
+def muscle(document: Document) -> list[Widget]:
+    """Return the muscle that is selected: type, channel, face, ends and corners; adding, removing, undoing."""
+    design, i, edit = document.layout.design, document.selected, document.edit_muscle
+    one = None if i is None else design.muscles[i]
+    names = tuple(f"{k}: {m.side}, channel {m.channel}" for k, m in enumerate(design.muscles)) or (NONE,)
+    types = tuple(design.muscle_types) or (NONE,)
+    points = []
+    for k, at in enumerate(one.path if one else ()):
+        name, put = edits.point_name(design.muscles[i or 0], k).capitalize(), partial(edit, f"point {k} typed")
+        points.append(ui.entry("vector2", f"{name} {k}", at, partial(put, edits.move_corner, k), MM, step=0.1))
+
+    def select(name: str) -> None:
+        if name != NONE:
+            document.select(names.index(name))
+
+    def add() -> None:
+        document.edit("add a muscle", lambda layout: edits.add_muscle(layout, i))
+        document.select(len(document.layout.design.muscles) - 1)
+
+    def spread(distance: float) -> None:
+        document.set_option("row_distance", max(distance, edits.LEAST_SPACING))
+
+    def put_on(channel: float) -> None:
+        edit("channel", edits.set_channel, int(channel))
+
+    last = max(1, len(one.path) - 2) if one else 0  # of the corners between the ends
+    changes = {"remove": partial(edit, "remove", edits.remove_muscle), "flip": partial(edit, "flip", edits.flip)}
+    corners = {
+        "add corner": partial(edit, "add a corner", edits.add_corner),
+        "remove corner": partial(edit, "remove a corner", edits.remove_corner, last),
+    }
+    spacing = {"min": edits.LEAST_SPACING, "max": 0.1, "step": 0.5}
+    return [
+        ui.buttons("History", {"undo": document.undo, "redo": document.redo}),
+        ui.choice("Muscle", names, names[i or 0], select),
+        ui.buttons("Layout", {"add": add, **changes}),
+        ui.entry("text", "Face", one.side if one else "", disabled=True),
+        ui.choice("Type", types, one.type if one else types[0], partial(edit, "type", edits.set_type)),
+        ui.entry("number", "Channel", one.channel if one else 0, put_on, min=0, step=1),
+        ui.buttons("Corners", corners),
+        ui.folder("Ends and corners, mm from the upper left", *points),
+        ui.folder(
+            "Lacing rows",
+            ui.entry("checkbox", "Snap to rows", document.snap, partial(document.set_option, "snap")),
+            ui.entry("number", "Rows, mm", document.row_distance, spread, MM, **spacing),
+            closed=True,
+        ),
+    ]
+
+
+def model(document: Document) -> list[Widget]:
+    """Return data sheet or model file, and effects on switches with their parameters."""
+    chosen = document.choice
+    widgets = []
+    if document.opened.model is not None:
+        base = FILE if chosen.fitted else SHEET
+        widgets.append(
+            ui.choice("Values", (FILE, SHEET), base, lambda name: document.choose(chosen.sheet(name == FILE)))
+        )
+    if chosen.has_corrector:
+        acts = chosen.model.corrector is not None or not chosen.corrected
+        hint = "Exact shapes and motions" if acts else "Left out: it was trained beside other effects"
+
+        def correct(on: bool) -> None:
+            document.choose(replace(document.choice, corrected=on))
+
+        widgets.append(ui.entry("checkbox", "Corrector", chosen.corrected, correct, hint=hint))
+    for name, effect in EFFECTS.items():
+        if effect.site == "sensing":
+            continue  # of sensors, which see no shape here
+
+        def switch(on: bool, name: str = name) -> None:
+            document.choose(document.choice.switched(name, on))
+
+        on = ui.entry("checkbox", "On", name in chosen.effect_values, switch, hint=effect.what)
+        values = chosen.effect_values.get(name, {})
+        fields = [_parameter(document, name, key, effect.parameters[key]) for key in sorted(values)]
+        widgets.append(ui.folder(name.replace("_", " "), on, *fields, closed=True))
+    return widgets
+
+
+def _parameter(document: Document, effect: str, key: str, declared: EffectParameter) -> Widget:
+    unit = f", {declared.unit}" if declared.unit not in ("", "1") else ""
+    low, high = declared.bounds
+
+    def put(value: float) -> None:
+        if effect in document.choice.effect_values:
+            document.choose(document.choice.with_value(effect, key, float(value)))
+
+    shown = min(max(round(document.choice.effect_values[effect][key], 6), low), high)
+    return ui.entry("number", f"{key.replace('_', ' ')}{unit}", shown, put, min=low, max=high, hint=declared.what)
+
+
+def target(session: Session, made: Widgets) -> list[Widget]:
+    """Return the target: opened, placed by fit or by hand, and searched for from here."""
+    document, search, typed = session.document, session.search, partial(made.typed, "Target")
+    file = None if document.target is None else document.target.file
+    poses = tuple(f"{number}: {target.file.file.name}" for number, target in enumerate(document.targets))
+
+    def open_as(place: Any) -> None:
+        name = typed("File").strip()
+        document.open_target(AsTarget(typed("Unit"), place).target(Path(name)) if name else None)
+
+    def begin() -> None:
+        search.start(*(typed("Search from here", label) for label in ("May change", "Seconds")))
+
+    def show_pose(name: str) -> None:
+        document.show_pose(poses.index(name) if name in poses else -1)
+
+    def place(_: Any) -> None:
+        document.place_target(*(typed("Placed by hand", label) for label in (_TURN, _SHIFT)))
+
+    still = (0.0, 0.0, 0.0)
+    drag = "Drag it by arrows and rings in the scene"
+    several = len(document.opened.targets) > 1
+    return [
+        *([ui.choice("Pose", poses or (NONE,), (*poses, NONE)[document.pose], show_pose)] if several else []),
+        ui.entry("text", "File", str(file.file) if file else ""),
+        ui.choice("Unit", tuple(UNITS), file.unit if file else "m"),
+        ui.buttons("Open", {"as given": partial(open_as, "given"), "fit": partial(open_as, "fit")}),
+        ui.folder(
+            "Placed by hand",
+            ui.entry("checkbox", "Gizmo", document.gizmo, partial(document.set_option, "gizmo"), hint=drag),
+            ui.entry("vector3", _SHIFT, file.translation if file else still, place, MM, step=0.5),
+            ui.entry("vector3", _TURN, (file and file.rotation) or still, place, step=1.0),
+            closed=True,
+        ),
+        ui.folder(
+            "Search from here",
+            ui.choice("May change", VARIES, VARIES[0]),
+            ui.entry("number", "Seconds", 120.0, min=1.0, max=86400.0, step=10.0),
+            ui.button("Search from here", begin, disabled=search.running),
+            ui.button("Stop, keep the best", search.stop, disabled=not search.running),
+            ui.words("message", search.message),
+        ),
+    ]
+
+
+def results(document: Document) -> list[Widget]:
+    """Return the results of searches, beside the own drawing."""
+    rows, by_name = document.rows(), {result.name: result for result in document.results}
+    said = [f"{result.name}: {result.state}" for result in document.results]
+    drawn = rows[0] if len(document.targets) == 1 else None
+    for result in document.results:
+        buys = one_more_buys(result, [other for other in document.results if other is not result], drawn)
+        said += [buys] if buys else []
+    nothing = "Nothing yet: *Search from here* under *Target*. An edit of a result takes it as own drawing."
+    shown, beside = OWN if document.shown is None else document.shown.name, partial(document.set_option, "beside")
+    hint = "Its shape, seen through"
+    return [
+        ui.choice("Shown", (OWN, *by_name), shown, lambda name: document.show_result(by_name.get(name))),
+        ui.entry("checkbox", "The other one beside it", document.beside, beside, hint=hint),
+        ui.button("Take as own drawing", document.take, disabled=document.shown is None),
+        ui.html("table", results_table(rows)),
+        ui.words("message", "\n\n".join(said) or nothing),
+    ]
+
+
+def program(session: Session, made: Widgets) -> list[Widget]:
+    """Return what stands beside the plot; nothing where no program is edited."""
+    if (edit := session.program) is None:
+        return []
+    regulator = edit.moving.regulator
+    channels = tuple(map(str, range(regulator.channels)))
+    knots = tuple(f"{regulator.cycle * cycle:.2f}" for cycle in edit.knots)
+
+    def save() -> None:
+        path = Path(made.typed("Motion", "Program", "File").strip())
+        made.unless_lost(f"{path} is there" if path.exists() else None, partial(edit.save, path))
+
+    inside = [
+        ui.choice("Channel", channels, channels[edit.channel], lambda name: edit.select(int(name), edit.knot)),
+        ui.choice("Knot, s", knots, knots[edit.knot], lambda name: edit.select(edit.channel, knots.index(name))),
+        _slider("Pressure, kPa", edit.pressure, edit.put, float(regulator.highest[edit.channel]), step=0.1),
+        ui.buttons("Play it over the target", {"coarse": edit.play, "exact": partial(edit.play, exact=True)}),
+        ui.html("error", error_over_time(session)),
+        ui.entry("text", "File", f"{edit.moving.study.name}_pressures.csv"),
+        ui.buttons("Program", {"save": save, "as it was opened": partial(edit.take, edit.moving.pressures)}),
+    ]
+    return [ui.folder("Program", *inside)]
+
+
+def motion(session: Session, made: Widgets) -> list[Widget]:
+    """Return the motion: played, scrubbed through, written."""
+    playing, trials, typed = session.playing, tuple(session.document.trials), partial(made.typed, "Motion")
+    shown, given, scale, text, last = playing.motion, session.document.opened.program, "", "", 1
+    if shown is not None:
+        last = max(1, len(shown.times) - 1)
+        beside = "" if shown.ghost(playing.frame) is None else "; orange: without the corrector"
+        text = shown.in_words(playing.frame) + beside
+        if shown.largest is not None:
+            scale = scale_bar(max(LEAST_SCALE, shown.largest), "measured point to the shown surface")
+    of_trials = [
+        ui.choice("Trial", trials, trials[0]),
+        ui.button("Show measured and predicted", lambda: playing.trial(typed("Trial"))),
+        ui.button("Errors of all trials", playing.all_errors),
+    ] if trials else []  # fmt: skip
+    frames: dict[str, Any] = {"min": 0, "max": last, "step": 1, "disabled": shown is None}
+    opened = [ui.button("Play the pressures of the command line", partial(playing.opened, given))] if given else []
+    return [
+        ui.button("Play the rise to these pressures", playing.rise),
+        *opened,
+        ui.entry("text", "Pressures file", ""),
+        ui.button("Play the file", lambda: playing.file(Path(typed("Pressures file").strip()))),
+        *of_trials,
+        ui.button("Play" if shown and not playing.running else "Pause", playing.toggle, disabled=shown is None),
+        ui.entry("slider", "Frame", playing.frame if shown else 0, playing.scrub, **frames),
+        ui.words("frame", text),
+        ui.html("scale", scale),
+        ui.folder(
+            "For other programs",
+            ui.entry("text", "File", "motion.glb", hint=".glb, .pvd, .rrd, .csv, .html or .png"),
+            ui.button("Write the motion", lambda: playing.write(Path(typed("For other programs", "File").strip()))),
+            closed=True,
+        ),
+        ui.words("errors", errors_table(playing.errors)),
+    ]
+
+
+def files(session: Session, made: Widgets) -> list[Widget]:
+    """Return the files: saved, exported, taken again."""
+    document, saving, typed = session.document, session.files, partial(made.typed, "Files")
+    state = "unsaved changes, kept in an autosave" if document.history.changed else "nothing unsaved"
+    undo = f"; undo: {document.history.next_undo}" if document.history.next_undo else ""
+
+    def save() -> None:
+        to = Path(typed("Folder").strip())
+        made.unless_lost(saving.replaces(to), partial(saving.save, to))
+
+    def export() -> None:
+        to = Path(typed(_TEMPLATE, "Folder").strip())
+        mark = read_mark(to)
+        reason = None if mark is None else f"{to} holds what `fabdesign {mark.made_by}` wrote"
+        made.unless_lost(reason, partial(saving.save_template, to))
+
+    return [
+        ui.entry("text", "Folder", str(saving.folder)),
+        ui.button("Save", save),
+        ui.button("Load from disk", saving.load_again),
+        ui.words("state", f"`{document.opened.file}`: {state}{undo}"),
+        ui.folder(
+            _TEMPLATE,
+            ui.entry("text", "Folder", str(saving.template_folder)),
+            ui.button("Export template", export),
+        ),
+    ]
