@@ -123,7 +123,7 @@ def _outcome(rig: RecordedRig, folder: Path, sdk: Path) -> Outcome:
 def _fused_rms(rig: RecordedRig, stamped: StampedFrames) -> float:
     """Return the distance [mm] to the true faces of all views as they are placed, without thinning."""
     times, clouds = [], []
-    for at, views in islice(stamped.frames(), 0, None, 4):
+    for _, at, views in islice(stamped.frames(), 0, None, 4):
         times.append(at)
         clouds.append(np.concatenate([view.placed(stamped.poses[view.camera], 3)[0] for view in views]))
     return 1e3 * rms_to_faces(rig, np.array(times), clouds)

@@ -71,19 +71,17 @@ def read_geometry(path: Path | str, *, frame: int = -1) -> Geometry:
     return replace(geometry, points=sound_cloud(geometry.points, str(path), unit_known=False))
 
 
-def read_cloud(
-    path: Path | str, *, frame: int = -1, points: int = POINTS, seed: int = 0, size: float | None = None
-) -> NDArray[np.float64]:
-    """Return (n, 3) m of a file in metres that `read_geometry` takes; of a mesh `points` even draws with `seed`.
+def read_cloud(path: Path | str, *, size: float | None = None) -> NDArray[np.float64]:
+    """Return (n, 3) m of a file in metres that `read_geometry` takes; of a mesh POINTS even draws.
 
     size: the cloth's longer side [m], for the hint that a cloud is in millimetres. Raises InputError.
     """
-    geometry = read_geometry(path, frame=frame)
-    cloud = geometry.sample(points, np.random.default_rng(seed))
-    if geometry.is_mesh:
-        require_cloud(cloud, str(path), size=size)
-        return cloud
-    return sound_cloud(cloud, str(path), size=size)
+    geometry = read_geometry(path)
+    cloud = geometry.sample(POINTS, np.random.default_rng(0))
+    if not geometry.is_mesh:
+        return sound_cloud(cloud, str(path), size=size)
+    require_cloud(cloud, str(path), size=size)
+    return cloud
 
 
 def _npz(path: Path, frame: int) -> Geometry:
@@ -108,11 +106,16 @@ def _mesh(path: Path, _: int) -> Geometry:
     return Geometry(*read_mesh(path))
 
 
+def _text(path: Path, _: int) -> Geometry:
+    points, unit = read_xyz(path)
+    return Geometry(points, unit=unit)
+
+
 def _mcap(path: Path, frame: int) -> Geometry:
     topics = read_mcap(path)
     if len(topics) > 1:
         raise InputError(f"{path}: has clouds on {', '.join(topics)}; expected one topic, or a recording")
-    (clouds,) = topics.values()
+    ((clouds, _),) = topics.values()
     index = _frame(frame, len(clouds), path)
     return Geometry(clouds[index], frame=index, unit="m")
 
@@ -159,7 +162,7 @@ _READERS: Mapping[str, Callable[[Path, int], Geometry]] = {
     ".npz": _npz,
     ".c3d": _c3d,
     ".mcap": _mcap,
-    **dict.fromkeys((".xyz", ".csv", ".txt", ".tsv", ".asc"), lambda path, _: Geometry(**read_xyz(path)._asdict())),
+    **dict.fromkeys((".xyz", ".csv", ".txt", ".tsv", ".asc"), _text),
     **dict.fromkeys((".stl", ".off", ".glb", ".gltf"), _mesh),
 }
 KINDS = tuple(_READERS)

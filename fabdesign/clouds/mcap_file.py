@@ -10,9 +10,8 @@ import io
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import redirect_stderr
-from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,17 +27,25 @@ _ENCAPSULATION = 4  # bytes before a message in CDR; a cloud's stamp follows: se
 _TYPES = {7: "f4", 8: "f8"}  # of a field, that coordinates may have
 
 
-def read_mcap(path: Path | str) -> Mapping[str, tuple[Array, ...]]:
-    """Return by topic its clouds (n, 3) in m, as ROS has them, in the order in which they were logged.
+class McapTopic(NamedTuple):
+    """The clouds on a topic, in the order in which they were logged."""
+
+    clouds: tuple[Array, ...]  # (n, 3) m, as ROS has them
+    stamps: NDArray[np.int64]  # ns
+
+
+def read_mcap(path: Path) -> Mapping[str, McapTopic]:
+    """Return the clouds by topic. One without a stamp has the instant at which it was logged, less the delay of the
+    topic's others.
 
     Raises InputError for a file that is not there, damaged, cut short, too large, or without such clouds, and where
     the packages are not there.
     """
-    path = Path(path)
     clouds_of: dict[str, list[Array]] = {}
+    stamps_of: dict[str, list[tuple[int, int]]] = {}
     frames: dict[str, str] = {}  # by topic, in which its points stand
     size = 0
-    for topic, _, message, _ in messages_of(path, _SCHEMAS, "clouds"):
+    for topic, record, message, _ in messages_of(path, _SCHEMAS, "clouds"):
         content = message()
         cloud = points_of(content, f"{path}: {topic}")
         frame = getattr(getattr(content, "header", None), "frame_id", "")
@@ -50,23 +57,15 @@ def read_mcap(path: Path | str) -> Mapping[str, tuple[Array, ...]]:
         if size > LARGEST:
             raise InputError(f"{path}: its clouds have over {LARGEST / 1e6:.0f} MB; expected fewer or smaller ones")
         clouds_of.setdefault(topic, []).append(cloud)
-    return {topic: tuple(clouds) for topic, clouds in clouds_of.items()}
-
-
-def read_stamps(path: Path | str) -> Mapping[str, NDArray[np.int64]]:
-    """Return by topic the stamps [ns] of its clouds, in the order of `read_mcap`. A cloud without a stamp has the
-    instant at which it was logged, less the delay of the topic's others. Raises InputError like it."""
-    stamps_of: dict[str, list[tuple[int, int]]] = {}
-    for topic, record, _, _ in messages_of(Path(path), _SCHEMAS, "clouds"):
         seconds, rest = struct.unpack_from("<iI" if record.data[1] & 1 else ">iI", record.data, _ENCAPSULATION)
         stamps_of.setdefault(topic, []).append((seconds * 10**9 + rest, record.log_time))
-    stamps = {}
+    topics = {}
     for topic, listed in stamps_of.items():
         stamp, logged = np.array(listed, dtype=np.int64).T
-        late = logged - stamp
-        known = stamp != 0
-        stamps[topic] = np.where(known, stamp, logged - (int(np.median(late[known])) if known.any() else 0))
-    return stamps
+        late, known = logged - stamp, stamp != 0
+        stamps = np.where(known, stamp, logged - (int(np.median(late[known])) if known.any() else 0))
+        topics[topic] = McapTopic(tuple(clouds_of[topic]), stamps)
+    return topics
 
 
 def messages_of(
@@ -100,7 +99,14 @@ def messages_of(
             if decode is None or len(record.data) < _ENCAPSULATION + 8:
                 raise ValueError(channel.message_encoding)
             count += 1
-            yield channel.topic, record, partial(_decoded, decode, record.data, path), kinds[channel.schema_id]
+
+            def message(decode: Callable[[bytes], Any] = decode, data: bytes = record.data) -> Any:
+                try:
+                    return decode(data)
+                except Exception as error:  # the decoder raises whatever it meets
+                    raise _unreadable(path, error) from None
+
+            yield channel.topic, record, message, kinds[channel.schema_id]
     except (InputError, GeneratorExit):
         raise
     except Exception as error:  # mcap raises whatever its parsers meet
@@ -121,13 +127,6 @@ def _require_bounded(content: bytes, summary: Any, topics: list[str], path: Path
         raise InputError(f"{path}: its clouds unpack to {size / 1e6:.0f} MB; expected at most {LARGEST / 1e6:.0f} MB")
 
 
-def _decoded(decode: Callable[[bytes], Any], data: bytes, path: Path) -> Any:
-    try:
-        return decode(data)
-    except Exception as error:  # the decoder raises whatever it meets
-        raise _unreadable(path, error) from None
-
-
 def _unreadable(path: Path, error: Exception) -> InputError:
     return InputError(f"{path}: cannot be read as an MCAP of ROS 2 ({type(error).__name__})")
 
@@ -135,37 +134,33 @@ def _unreadable(path: Path, error: Exception) -> InputError:
 def points_of(message: Any, what: str) -> Array:
     """Return (n, 3) of a PointCloud2. Raises InputError, `what` it is of in its message."""
     sizes = [getattr(message, name, -1) for name in ("height", "width", "point_step", "row_step")]
-    listed = getattr(message, "fields", None)
-    if (
-        not isinstance(listed, list)
-        or not isinstance(getattr(message, "data", None), bytes)
-        or not all(map(_is_size, sizes))
-        or not hasattr(message, "is_bigendian")
-    ):
+    listed: Any = getattr(message, "fields", None)
+    content: Any = getattr(message, "data", None)
+    of_kind = isinstance(listed, list) and isinstance(content, bytes) and hasattr(message, "is_bigendian")
+    if not of_kind or not all(map(_is_size, sizes)):
         raise InputError(f"{what}: is no cloud as {_SCHEMAS[0]} has it; expected height, width, steps and bytes")
     rows, columns, point_step, row_step = sizes
     if not rows * columns:
         return np.zeros((0, 3))
-    fields = {getattr(field, "name", None): field for field in listed}
-    if not {"x", "y", "z"} <= fields.keys():
-        raise InputError(f"{what}: a cloud has {', '.join(map(str, fields)) or 'no fields'}; expected x, y and z")
     names = [getattr(field, "name", None) for field in listed]
-    if any(names.count(name) > 1 or getattr(fields[name], "count", -1) not in (0, 1) for name in "xyz"):
+    if not {"x", "y", "z"} <= {*names}:
+        shown = ", ".join(map(str, dict.fromkeys(names))) or "no fields"
+        raise InputError(f"{what}: a cloud has {shown}; expected x, y and z")
+    fields = [listed[names.index(name)] for name in "xyz"]
+    if any(names.count(name) > 1 for name in "xyz") or any(getattr(f, "count", -1) not in (0, 1) for f in fields):
         raise InputError(f"{what}: a cloud has x, y or z more than once; expected one number each")
-    offsets = [getattr(fields[name], "offset", -1) for name in "xyz"]
-    kinds = [getattr(fields[name], "datatype", -1) for name in "xyz"]
+    offsets, kinds = ([getattr(field, key, -1) for field in fields] for key in ("offset", "datatype"))
     if not all(map(_is_size, offsets)) or not all(kind in tuple(_TYPES) for kind in kinds):
         raise InputError(f"{what}: coordinates of type {kinds[0]}; expected FLOAT32 (7) or FLOAT64 (8)")
-    order = ">" if message.is_bigendian else "<"
-    formats = [f"{order}{_TYPES[kind]}" for kind in kinds]
-    ends = [offset + np.dtype(kind).itemsize for offset, kind in zip(offsets, formats, strict=True)]
-    data = np.frombuffer(message.data, np.uint8)
-    within = columns * point_step <= row_step and max(ends) <= point_step
+    formats = [np.dtype((">" if message.is_bigendian else "<") + _TYPES[kind]) for kind in kinds]
+    data = np.frombuffer(content, np.uint8)
+    within = columns * point_step <= row_step
+    within &= max(at + kind.itemsize for at, kind in zip(offsets, formats, strict=True)) <= point_step
     if not within or len(data) != rows * row_step:
         raise InputError(
             f"{what}: a cloud of {rows} x {columns} points has {len(data)} bytes; expected {rows} rows of {row_step}"
         )
-    kind = np.dtype({"names": ["x", "y", "z"], "formats": formats, "offsets": offsets, "itemsize": point_step})
+    kind = np.dtype({"names": [*"xyz"], "formats": formats, "offsets": offsets, "itemsize": point_step})
     packed = data.reshape(rows, row_step)[:, : columns * point_step]
     points = np.ascontiguousarray(packed).reshape(-1).view(kind)
     return np.stack([points[name].astype(np.float64) for name in "xyz"], axis=-1)

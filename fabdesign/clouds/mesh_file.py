@@ -171,7 +171,11 @@ def _gltf(content: bytes, path: Path) -> Mesh:
     """Read by trimesh, which skips in silence what it does not know, such as morph targets and skins, and copies a mesh
     for each node that shows it. So its JSON is checked before."""
     try:
-        tree = json.loads(_json_of(content))
+        if content[:4] == b"glTF":  # of a GLB the first chunk
+            size = int.from_bytes(content[12:16], "little")
+            if content[16:20] != b"JSON" or size > len(content) - 20:
+                raise ValueError
+        tree = json.loads(content[20 : 20 + size] if content[:4] == b"glTF" else content)
         counts = [accessor["count"] for accessor in tree["accessors"]]
         if any(type(count) is not int or count < 0 for count in counts):
             raise ValueError
@@ -196,16 +200,6 @@ def _gltf(content: bytes, path: Path) -> Mesh:
     if len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(vertices):
         raise _bad(path, f"a face names vertex {triangles.max()} of {len(vertices)}")
     return vertices, triangles
-
-
-def _json_of(content: bytes) -> bytes:
-    """Return the text of a glTF, or of a GLB's first chunk."""
-    if content[:4] != b"glTF":
-        return content
-    size = int.from_bytes(content[12:16], "little")
-    if content[16:20] != b"JSON" or size > len(content) - 20:
-        raise ValueError
-    return content[20 : 20 + size]
 
 
 def _missed(tree: dict[str, Any]) -> Iterator[str]:

@@ -4,7 +4,7 @@ Format: Point Cloud Library, The PCD file format, versions .5 to .7.
 """
 
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,23 +19,19 @@ _NO_VIEWPOINT = ["0", "0", "0", "1", "0", "0", "0"]  # a translation and a quate
 _LONGEST_HEADER = 65536  # bytes
 
 
-class _Field(NamedTuple):
-    name: str
-    kind: str  # a numpy type
-    values: int  # a point
+_Field = tuple[str, str, int]  # name, numpy's type, values a point
 
 
-def read_pcd(path: Path | str) -> NDArray[np.float64]:
+def read_pcd(path: Path) -> NDArray[np.float64]:
     """Return (n, 3) points in the file's unit, NaN where the sensor saw nothing.
 
     Raises InputError, with one line, for anything that is not exactly a sound file, and for a viewpoint: some programs
     move the points by it, others have moved them before they wrote it.
     """
-    path = Path(path)
     content = read_bytes(path, "a PCD")
     fields, count, data, start = _header(content, path)
     columns = _columns(content[start:], fields, count, data, path)
-    firsts = {field.name: column[:, :1] for field, column in zip(fields, columns, strict=True)}
+    firsts = {name: column[:, :1] for (name, _, _), column in zip(fields, columns, strict=True)}
     require_one_instant(firsts, str(path))
     return np.concatenate([firsts[axis] for axis in "xyz"], axis=1, dtype=np.float64)
 
@@ -88,10 +84,8 @@ def _header(content: bytes, path: Path) -> tuple[list[_Field], int, str, int]:
     if values.get("POINTS") and int(values["POINTS"][0]) != points:
         _refuse(path, f"its header says {values['POINTS'][0]} points, and width times height is {points}")
     require_few(points, path, "points")
-    fields = [
-        _Field(*each) for each in zip(names, (f"<{kind.lower()}" for kind in kinds), map(int, counts), strict=True)
-    ]
-    if sum(field.values * np.dtype(field.kind).itemsize for field in fields) > LARGEST:
+    fields = [*zip(names, (f"<{kind.lower()}" for kind in kinds), map(int, counts), strict=True)]
+    if sum(values * np.dtype(kind).itemsize for _, kind, values in fields) > LARGEST:
         _refuse(path, "its header says that a point is larger than a file may be")
     data = " ".join(values["DATA"])
     if data not in ("ascii", "binary", "binary_compressed"):
@@ -102,8 +96,18 @@ def _header(content: bytes, path: Path) -> tuple[list[_Field], int, str, int]:
 def _columns(body: bytes, fields: list[_Field], points: int, data: str, path: Path) -> list[NDArray[Any]]:
     """Return (points, count) values of each field."""
     if data == "ascii":
-        return _ascii(body, [field.values for field in fields], points, path)
-    row = np.dtype([(str(number), field.kind, (field.values,)) for number, field in enumerate(fields)])
+        lines = [line for line in body.decode("latin-1").splitlines() if line.strip()]
+        if len(lines) != points:
+            _refuse(path, f"has {len(lines)} rows; its header says {points} points")
+        counts = [values for _, _, values in fields]
+        try:
+            table = np.loadtxt(lines, comments=None, ndmin=2) if lines else np.zeros((0, sum(counts)))
+        except ValueError:
+            _refuse(path, "a row is no row of numbers, or not as long as the others")
+        if table.shape[1] != sum(counts):
+            _refuse(path, f"has {table.shape[1]} values a row; its header says {sum(counts)}")
+        return np.split(table, np.cumsum(counts[:-1]), axis=1)
+    row = np.dtype([(str(number), kind, (values,)) for number, (_, kind, values) in enumerate(fields)])
     size = row.itemsize * points
     if data == "binary":
         if len(body) != size:
@@ -118,23 +122,10 @@ def _columns(body: bytes, fields: list[_Field], points: int, data: str, path: Pa
         _refuse(path, "its compressed points are damaged")
     columns: list[NDArray[Any]] = []
     at = 0
-    for field in fields:  # one column after another
-        columns.append(np.frombuffer(content, field.kind, points * field.values, at).reshape(points, field.values))
+    for _, kind, values in fields:  # one column after another
+        columns.append(np.frombuffer(content, kind, points * values, at).reshape(points, values))
         at += columns[-1].nbytes
     return columns
-
-
-def _ascii(body: bytes, counts: list[int], points: int, path: Path) -> list[NDArray[Any]]:
-    lines = [line for line in body.decode("latin-1").splitlines() if line.strip()]
-    if len(lines) != points:
-        _refuse(path, f"has {len(lines)} rows; its header says {points} points")
-    try:
-        table = np.loadtxt(lines, comments=None, ndmin=2) if lines else np.zeros((0, sum(counts)))
-    except ValueError:
-        _refuse(path, "a row is no row of numbers, or not as long as the others")
-    if table.shape[1] != sum(counts):
-        _refuse(path, f"has {table.shape[1]} values a row; its header says {sum(counts)}")
-    return np.split(table, np.cumsum(counts[:-1]), axis=1)
 
 
 def _unpacked(packed: bytes, size: int) -> bytes | None:

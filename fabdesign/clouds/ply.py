@@ -5,8 +5,8 @@ Format: Greg Turk, The PLY Polygon File Format (1994).
 """
 
 import re
-from collections.abc import Sequence
-from itertools import accumulate, chain
+from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -44,14 +44,8 @@ class Property(NamedTuple):
     count_kind: str | None = None
 
 
-class PlyColumn(NamedTuple):
-    """A property of all rows: the values one after another, and how many a row has."""
-
-    values: NDArray[Any]
-    lengths: NDArray[np.intp]
-
-
 Element = tuple[str, int, list[Property]]  # name, rows, properties
+Column = tuple[NDArray[Any], NDArray[np.intp]]  # the values of all rows one after another, and how many each row has
 
 
 def read_ply(path: Path | str) -> Ply:
@@ -59,21 +53,37 @@ def read_ply(path: Path | str) -> Ply:
     path = Path(path)
     content = read_bytes(path, "a PLY")
     order, elements, start = _header(content, path)
-    body = _Body(content[start:], order, path)
-    points, corners = None, PlyColumn(np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp))
-    for name, count, properties in elements:
+    for name, count, _ in elements:
         require_few(count, path, f"{name} rows")
-        columns = body.read(name, count, properties)
+    body, ends = content[start:], None
+    if not order:
+        body, ends, unread = _packed(body, elements, path)
+        elements = [
+            (n, count, [Property(p.name, "f8", p.count_kind and "f8") for p in ps]) for n, count, ps in elements
+        ]
+    at = row = 0
+    points, corners, lengths = None, np.zeros(0, np.intp), np.zeros(0, np.intp)
+    for name, count, properties in elements:
+        starts = _starts(properties, count, body, order or "<", at)
+        if ends is not None:
+            _require_widths(starts, ends[row : row + count + 1], name, path)
+        if len(starts) <= count:
+            _refuse(path, f"ends after {len(starts) - 1} of {count} {name} rows")
+        columns = _columns(properties, body, order or "<", starts[:-1])
         if name == "vertex":
             points = _points(columns, properties, path)
         elif name == "face" and count:
-            corners = next(columns[corner] for corner in _CORNERS if corner in columns)
-    body.finish()
+            corners, lengths = next(columns[corner] for corner in _CORNERS if corner in columns)
+        at, row = int(starts[-1]), row + count
+    if order:
+        unread = len(body) - at
+    if unread:
+        _refuse(path, f"has {unread} {'bytes' if order else 'rows'} more than its header says")
     if points is None:
         _refuse(path, "it has no vertices")
-    if not np.all((np.abs(corners.values) < 2**31) & (corners.values == np.rint(corners.values))):
+    if not np.all((np.abs(corners) < 2**31) & (corners == np.rint(corners))):
         _refuse(path, "its faces are no lists of whole numbers")
-    return Ply(points, fans_of(points, corners.values, corners.lengths, path))
+    return Ply(points, fans_of(points, corners, lengths, path))
 
 
 def write_ply(path: Path | str, points: NDArray[np.floating], triangles: NDArray[np.integer] | None = None) -> None:
@@ -138,67 +148,44 @@ def _header(content: bytes, path: Path) -> tuple[str, list[Element], int]:
     return order, elements, end.end()
 
 
-def _points(columns: dict[str, PlyColumn], properties: Sequence[Property], path: Path) -> NDArray[np.float64]:
+def _points(columns: Mapping[str, Column], properties: Sequence[Property], path: Path) -> NDArray[np.float64]:
     if not {"x", "y", "z"} <= columns.keys():
         _refuse(path, "its vertices have no x, y, z")
-    scalars = {p.name: columns[p.name].values for p in properties if p.count_kind is None}
+    scalars = {p.name: columns[p.name][0] for p in properties if p.count_kind is None}
     if not {"x", "y", "z"} <= scalars.keys():
         _refuse(path, "its vertices have lists for x, y, z")
     require_one_instant(scalars, str(path))
     return np.stack([scalars[axis].astype(np.float64) for axis in "xyz"], axis=1)
 
 
-class _Body:
-    """The rows below the header. order: of bytes, "<" or ">"; "" for ascii."""
+def _packed(body: bytes, elements: Sequence[Element], path: Path) -> tuple[bytes, NDArray[np.intp], int]:
+    """Return the rows of an ascii body as float64, where each begins, with the end of the last, and how many lines
+    follow them."""
+    require_few(body.count(b"\n"), path, "lines")
+    text = body.decode("latin-1").replace("_", "?")  # Python takes 1_000 for a number
+    lines = [line for line in text.splitlines() if line.strip()]
+    names = [(name, count) for name, count, _ in elements]
+    total = min(sum(count for _, count in names), len(lines))
+    packed, widths = bytearray(), [0]
+    for first in range(0, total, _TOGETHER):
+        rows = [line.split() for line in lines[first : min(first + _TOGETHER, total)]]
+        widths += map(len, rows)
+        try:
+            packed += np.array([*map(float, chain.from_iterable(rows))], dtype="<f8").tobytes()
+        except ValueError:
+            row = first + next(i for i, row in enumerate(rows) if not all(map(is_number, row)))
+            while row >= names[0][1]:
+                row -= names.pop(0)[1]
+            _refuse(path, f"{names[0][0]} row {row} is no row of numbers")
+    return bytes(packed), 8 * np.cumsum(widths), len(lines) - total
 
-    def __init__(self, body: bytes, order: str, path: Path) -> None:
-        self._body, self._order, self._path = body, order, path
-        self._at = 0  # byte or, of an ascii body, line
-        self._lines: list[str] = []
-        if not order:
-            require_few(body.count(b"\n"), path, "lines")
-            text = body.decode("latin-1").replace("_", "?")  # Python takes 1_000 for a number
-            self._lines = [line for line in text.splitlines() if line.strip()]
 
-    def read(self, name: str, count: int, properties: Sequence[Property]) -> dict[str, PlyColumn]:
-        """Return the columns of the next element by their names. Raises InputError."""
-        if self._order:
-            starts = _starts(properties, count, self._body, self._order, self._at)
-            if len(starts) <= count:
-                _refuse(self._path, f"ends after {len(starts) - 1} of {count} {name} rows")
-            self._at = int(starts[-1])
-            return _columns(properties, self._body, self._order, starts[:-1])
-        body, widths = self._numbers(name, count)
-        properties = [Property(p.name, "f8", p.count_kind and "f8") for p in properties]
-        starts, lines = _starts(properties, count, body, "<", 0), 8 * np.array([0, *accumulate(widths)])
-        if not np.array_equal(starts, lines):
-            same = starts == lines[: len(starts)]
-            row = int(np.argmin(same)) - 1 if not same.all() else len(starts) - 1
-            _refuse(self._path, f"{name} row {row} has {widths[row]} values; the header says others")
-        return _columns(properties, body, "<", starts[:-1])
-
-    def _numbers(self, name: str, count: int) -> tuple[bytes, list[int]]:
-        """Return the next lines as float64, and how many each has."""
-        lines = self._lines[self._at : self._at + count]
-        if len(lines) < count:
-            _refuse(self._path, f"ends after {len(lines)} of {count} {name} rows")
-        self._at += count
-        parts, widths = bytearray(), list[int]()
-        for first in range(0, len(lines), _TOGETHER):
-            rows = [line.split() for line in lines[first : first + _TOGETHER]]
-            widths += map(len, rows)
-            try:
-                parts += np.array([*map(float, chain.from_iterable(rows))], dtype="<f8").tobytes()
-            except ValueError:
-                row = next(i for i, row in enumerate(rows) if not all(map(is_number, row)))
-                _refuse(self._path, f"{name} row {first + row} is no row of numbers")
-        return bytes(parts), widths
-
-    def finish(self) -> None:
-        """Raise InputError where something is left."""
-        unread = (len(self._body) if self._order else len(self._lines)) - self._at
-        if unread:
-            _refuse(self._path, f"has {unread} {'bytes' if self._order else 'rows'} more than its header says")
+def _require_widths(starts: NDArray[np.intp], lines: NDArray[np.intp], name: str, path: Path) -> None:
+    """Raise InputError where the rows of an ascii element, as the header has them, are not those of the lines."""
+    n = min(len(starts), len(lines))
+    row = int(np.append(np.flatnonzero(starts[:n] != lines[:n]), n)[0]) - 1
+    if row + 1 < len(lines):
+        _refuse(path, f"{name} row {row} has {(lines[row + 1] - lines[row]) // 8} values; the header says others")
 
 
 def _at_every_byte(body: bytes, kind: str) -> NDArray[Any]:
@@ -233,7 +220,7 @@ def _starts(properties: Sequence[Property], count: int, body: bytes, order: str,
     return np.array(starts)
 
 
-def _columns(properties: Sequence[Property], body: bytes, order: str, at: NDArray[np.intp]) -> dict[str, PlyColumn]:
+def _columns(properties: Sequence[Property], body: bytes, order: str, at: NDArray[np.intp]) -> dict[str, Column]:
     columns = {}
     for p in properties:
         size, lengths, places = np.dtype(p.kind).itemsize, np.ones(len(at), dtype=np.intp), at
@@ -242,6 +229,6 @@ def _columns(properties: Sequence[Property], body: bytes, order: str, at: NDArra
             at = at + np.dtype(p.count_kind).itemsize
             places = np.repeat(at - size * (np.cumsum(lengths) - lengths), lengths)
             places = places + size * np.arange(len(places))
-        columns[p.name] = PlyColumn(_at_every_byte(body, order + p.kind)[places], lengths)
+        columns[p.name] = _at_every_byte(body, order + p.kind)[places], lengths
         at = at + size * lengths
     return columns

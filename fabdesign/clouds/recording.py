@@ -2,8 +2,7 @@
 
 import filecmp
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,13 +11,11 @@ import tomlkit
 from numpy.typing import NDArray
 
 from fabdesign.clouds.cloud_file import read_cloud
-from fabdesign.clouds.frame_pairs import left_out_line, pair_frames
-from fabdesign.clouds.mcap_file import read_mcap, read_stamps
+from fabdesign.clouds.mcap_file import read_mcap
 from fabdesign.clouds.measured_points import sound_cloud
 from fabdesign.clouds.ply import write_ply
-from fabdesign.depth.cut import NO_CUT, Cut
-from fabdesign.depth.sensor import SeenTarget, Sensor, depth_stream
-from fabdesign.depth.stream import DepthStream, paired_as_stamped
+from fabdesign.depth.sensor import NO_CUT, Cut, SeenTarget, Sensor, depth_stream
+from fabdesign.depth.stream import DepthStream, left_out_line, pair_frames, paired_as_stamped
 from fabdesign.errors import InputError, note
 from fabdesign.files.design_file import read_design, write_design
 from fabdesign.files.pressure_file import NO_LOG, PressureLog, read_pressure_log, write_pressures
@@ -35,7 +32,6 @@ Array = NDArray[np.float64]
 Convention = Literal["forward", "backward"]  # z forward and y down; or (x, -y, -z), as RealSense SDKs export
 
 FORMAT = "fabdesign.recording/1"
-_ORTHONORMAL = 1e-3
 _FRAMES = 9999  # NNNN has four digits
 _OTHER_RATE = 1.5  # times the declared interval: the stamps are of another recording
 _SIZE = 4.0  # m; a cloud ten times as far from its camera is in another unit
@@ -53,35 +49,22 @@ class Recording:
     program: PressureProgram
     convention: Convention = "forward"
     mcap: Path | None = None  # a file of ROS 2 with the clouds of all sensors, in the place of `frames`
-    chosen: NDArray[np.intp] | None = None  # (T, sensors) the number of each frame's cloud on its topic; None: k of k
-    left_out: str = ""  # a line on frames that are not among `times`, since a sensor lost them
+    clouds: Mapping[str, Sequence[Array]] = field(default_factory=dict)  # of each sensor in it, one a time
     depth: tuple[DepthStream, ...] = ()  # of each sensor, where they have depth images in place of clouds
+    chosen: NDArray[np.intp] = field(default_factory=lambda: np.zeros((0, 0), np.intp))  # (T, sensors) of images
+    left_out: str = ""  # a line on frames that are not among `times`, since a sensor lost them
     cut: Cut = NO_CUT
     log: PressureLog = NO_LOG
     target: SeenTarget | None = None
-
-    @cached_property
-    def topics(self) -> Mapping[str, tuple[Array, ...]]:
-        """Return the clouds of the MCAP: one of each topic for each of `times`. Raises InputError."""
-        assert self.mcap is not None
-        by_topic = dict(read_mcap(self.mcap))
-        for column, topic in enumerate(str(sensor.topic) for sensor in self.sensors):
-            if topic not in by_topic:
-                raise InputError(f"{self.mcap}: no clouds on {topic}; expected one of {', '.join(by_topic)}")
-            if self.chosen is not None:
-                by_topic[topic] = tuple(by_topic[topic][k] for k in self.chosen[:, column])
-            if (count := len(by_topic[topic])) != len(self.times):
-                raise InputError(f"{self.mcap}: {count} clouds on {topic}; expected {len(self.times)}, one a time")
-        return by_topic
 
     def frame(self, sensor: Sensor, index: int) -> Array:
         """Return (n, 3) m, in the camera's own frame, z forward and y down. Raises InputError."""
         if self.depth:
             column = self.sensors.index(sensor)
-            return self.depth[column].cloud(index if self.chosen is None else int(self.chosen[index, column]))
-        if self.mcap is not None and sensor.topic is not None:
+            return self.depth[column].cloud(int(self.chosen[index, column]))
+        if self.mcap is not None:
             what = f"{self.mcap}: {sensor.topic}, frame {index}"
-            return self._ahead(sound_cloud(self.topics[sensor.topic][index], what, size=_SIZE), what)
+            return self._ahead(sound_cloud(self.clouds[sensor.name][index], what, size=_SIZE), what)
         file = _cloud_file(self._stems(index, sensor), f"frame {index}", sensor)
         before = self.sensors[: self.sensors.index(sensor)] if sensor in self.sensors else ()
         for other, k in ([(sensor, index - 1)] if index else []) + [(other, index) for other in before]:
@@ -180,25 +163,24 @@ def read_recording(path: Path | str, *, convention: Convention = "forward") -> R
     keys, folder, where = decode(RecordingKeys, load_toml(path, FORMAT)), path.parent, str(path)
     mcap = folder / file_name(keys.mcap, where) if keys.mcap else None
     streams = tuple(filter(None, (depth_stream(sensor, folder, mcap) for sensor in keys.sensors)))
-    depth: dict[str, Any] = {}
-    chosen, left_out = None, ""
+    content: dict[str, Any] = {}
     if streams:
         if len(streams) != len(keys.sensors):
             raise InputError(f"{where}: some sensors have depth images, others clouds; expected one kind")
-        paired, chosen = paired_as_stamped(streams, keys.frame_rate, where)
-        times = paired[0].stamps[chosen[:, 0]] - paired[0].stamps.min()
-        require_seconds(times, where)
-        depth = {"depth": paired, "cut": keys.cut, "log": keys.pressure, "target": keys.target}
+        content["depth"], content["chosen"] = paired_as_stamped(streams, keys.frame_rate, where)
+        stamps = content["depth"][0].stamps
+        times = stamps[content["chosen"][:, 0]] - stamps.min()
     elif mcap is not None:
-        times, chosen, left_out = _stamped(keys, mcap)
+        content["mcap"] = mcap
+        times, content["clouds"], content["left_out"] = _of_mcap(keys, mcap)
     else:
         times = _times(keys, folder)
+    require_seconds(times, where if streams or mcap is None else str(mcap))
     program = read_pressure_log(keys.pressure, folder, keys.design)
     if not streams and times[-1] > program.duration + 1.5 * float(np.diff(times, prepend=0.0).max()):
         note(f"{folder / keys.pressure.file}: ends at {program.duration:.3g} s, the frames at {times[-1]:.3g} s")
-    clouds = None if streams else mcap
-    parts = (folder, keys.name, keys.design, times, keys.sensors, program, convention, clouds, chosen, left_out)
-    return Recording(*parts, **depth)
+    content |= {"cut": keys.cut, "log": keys.pressure, "target": keys.target}
+    return Recording(folder, keys.name, keys.design, times, keys.sensors, program, convention, **content)
 
 
 def write_recording(
@@ -227,52 +209,51 @@ def write_recording(
     file.write_text(tomlkit.dumps(document), encoding="utf-8", newline="\n")
 
 
-def _stamped(keys: RecordingKeys, mcap: Path) -> tuple[Array, NDArray[np.intp] | None, str]:
-    """Return the times of an MCAP's frames, their clouds, and a line on frames that are left out: by the stamps, where
-    these say something, else in the order of the first sensor's clouds, from one interval after rest on. Raises
-    InputError."""
-    given, stamps = None if keys.times is None else np.array(keys.times), read_stamps(mcap)
+def _of_mcap(keys: RecordingKeys, mcap: Path) -> tuple[Array, dict[str, list[Array]], str]:
+    """Return the times of an MCAP's frames, each sensor's clouds, and a line on frames that are left out: by the
+    stamps, where these say something, else in the order of the first sensor's clouds, from one interval after rest on.
+    Raises InputError."""
+    given, by_topic = None if keys.times is None else np.array(keys.times), read_mcap(mcap)
     rate = keys.frame_rate if given is None else None
     topics = [str(sensor.topic) for sensor in keys.sensors]
     for topic in topics:
-        if topic not in stamps:
-            raise InputError(f"{mcap}: no clouds on {topic}; expected one of {', '.join(stamps)}")
-    pairs = pair_frames([stamps[topic] for topic in topics])
-    if pairs is None:
+        if topic not in by_topic:
+            raise InputError(f"{mcap}: no clouds on {topic}; expected one of {', '.join(by_topic)}")
+    stamps = [by_topic[topic].stamps for topic in topics]
+    if (pairs := pair_frames(stamps)) is None:
         if len(topics) > 1:
             note(f"{mcap}: its stamps do not say which clouds are of one frame; they are paired in their order")
-        times = given if given is not None else np.arange(1, len(stamps[topics[0]]) + 1) / (rate or 1.0)
-        require_seconds(times, str(mcap))
-        return times, None, ""
-    whole = pairs.whole
-    if rate is not None and not 1 / _OTHER_RATE < rate * pairs.interval < _OTHER_RATE:
-        raise InputError(f"{mcap}: a cloud every {pairs.interval:.4g} s by their stamps; expected {1 / rate:.4g} s")
-    if given is not None and len(given) != len(whole):
-        raise InputError(f"{mcap}: {len(whole)} frames by their stamps; expected {len(given)}, one a time")
-    times = given if given is not None else np.round(1 / (rate or 1.0) + pairs.time, 6)
-    require_seconds(times, str(mcap))
-    left_out = left_out_line(pairs, topics, times, str(mcap))
-    if left_out:
-        note(left_out)
-    return times[whole], pairs.clouds[whole], left_out
+        times = given if given is not None else np.arange(1, len(stamps[0]) + 1) / (rate or 1.0)
+        for topic, its in zip(topics, stamps, strict=True):
+            if len(its) != len(times):
+                raise InputError(f"{mcap}: {len(its)} clouds on {topic}; expected {len(times)}, one a time")
+        kept, left_out = np.tile(np.arange(len(times))[:, None], len(topics)), ""
+    else:
+        if rate is not None and not 1 / _OTHER_RATE < rate * pairs.interval < _OTHER_RATE:
+            raise InputError(f"{mcap}: a cloud every {pairs.interval:.4g} s by their stamps; expected {1 / rate:.4g} s")
+        if given is not None and len(given) != len(pairs.whole):
+            raise InputError(f"{mcap}: {len(pairs.whole)} frames by their stamps; expected {len(given)}, one a time")
+        times = given if given is not None else np.round(1 / (rate or 1.0) + pairs.time, 6)
+        if left_out := left_out_line(pairs, topics, times, str(mcap)):
+            note(left_out)
+        times, kept = times[pairs.whole], pairs.clouds[pairs.whole]
+    columns = zip(keys.sensors, topics, kept.T, strict=True)
+    return times, {s.name: [by_topic[topic].clouds[k] for k in numbers] for s, topic, numbers in columns}, left_out
 
 
 def _times(keys: RecordingKeys, folder: Path) -> Array:
     """Return the frames' times; with a `frame_rate` as many as there are frame folders, or files of the first sensor.
     Where there are more than times it says which are left out."""
-    given = None if keys.times is None else np.array(keys.times)
     frames = folder / "frames"
     by_sensor = frames / keys.sensors[0].name
     stems = [p.stem for p in (by_sensor if by_sensor.is_dir() else frames).glob("[0-9]*")]
-    numbers = [int(stem) for stem in stems if stem.isdecimal()]
-    if given is not None:
-        if (last := max(numbers, default=0)) >= len(given):
-            note(f"{frames}: has frames to {last}, and {len(given)} times; those from {len(given)} are left out")
-        return given
-    if not numbers:
+    last = max((int(stem) for stem in stems if stem.isdecimal()), default=-1)
+    if keys.times is not None:
+        if last >= (count := len(keys.times)):
+            note(f"{frames}: has frames to {last}, and {count} times; those from {count} are left out")
+        return np.array(keys.times)
+    if last < 0:
         raise InputError(f"{frames}: no frames; expected NNNN/SENSOR.ply or SENSOR/NNNN.ply")
-    if max(numbers) > _FRAMES:
-        raise InputError(f"{frames}: frame {max(numbers)}; expected numbers from 0 to {_FRAMES}")
-    times = np.arange(1, max(numbers) + 2) / (keys.frame_rate or 1.0)
-    require_seconds(times, f"{folder / 'recording.toml'}")
-    return times
+    if last > _FRAMES:
+        raise InputError(f"{frames}: frame {last}; expected numbers from 0 to {_FRAMES}")
+    return np.arange(1, last + 2) / (keys.frame_rate or 1.0)

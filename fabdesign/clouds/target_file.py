@@ -56,7 +56,10 @@ def read_target(target: TargetFile, fabric: Fabric, *, seed: int = 0) -> PlacedT
         raise InputError(f"{target.file}: frame = {target.frame} of a file that has no frames; expected none")
     target = _in_unit_of(geometry, target)
     factor, turned_over = UNITS[target.unit] * target.scale, None
-    geometry = _without_far(geometry, factor, fabric, target)
+    if not geometry.is_mesh:  # without what lies too far from the rest to be of this cloth, but for one in another unit
+        where, size = f"{target.file}" + f" frame {geometry.frame}" * geometry.trial, max(fabric.width, fabric.height)
+        sound = sound_cloud(geometry.points, where, size=size / factor, unit_known=geometry.trial)
+        geometry = replace(geometry, points=sound)
     raw = geometry.sample(POINTS, rng)
     if len(raw) < FEWEST:
         raise InputError(f"{target.file}: has {len(raw)} points; expected at least {FEWEST}")
@@ -127,16 +130,6 @@ def keys_as_options() -> Iterator[None]:
         message = re.sub(r'\b(unit|place) = "(\w+)"', r"--\1 \2", str(error))
         turn = re.compile(r"\[(-?[\d.e+-]+), (-?[\d.e+-]+), (-?[\d.e+-]+)\](?=.* as rotation)")
         raise InputError(turn.sub(r"\1,\2,\3", message).replace("as rotation", "as --rotation")) from None
-
-
-def _without_far(geometry: Geometry, factor: float, fabric: Fabric, target: TargetFile) -> Geometry:
-    """Return a cloud without what lies too far from the rest to be of this cloth; in another unit it is left as it
-    is."""
-    if geometry.is_mesh:
-        return geometry
-    size = max(fabric.width, fabric.height)
-    where = f"{target.file} frame {geometry.frame}" if geometry.trial else f"{target.file}"
-    return replace(geometry, points=sound_cloud(geometry.points, where, size=size / factor, unit_known=geometry.trial))
 
 
 def _fit(geometry: Geometry, raw: Array, fabric: Fabric, factor: float, target: TargetFile) -> PlacementFit:

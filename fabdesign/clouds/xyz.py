@@ -1,8 +1,9 @@
 """Clouds as text, a point a line: XYZ (blanks), CSV (commas, with or without a header) and PTS (with a count)."""
 
 import io
+from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple, NoReturn, get_args
+from typing import NoReturn, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,46 +15,37 @@ from fabdesign.formats.lab_table import parse_heading, parse_units_row
 from fabdesign.formats.toml_file import LARGEST, decode_any, read_bytes, require_few
 from fabdesign.geometry.placement import Unit
 
-_AXES = ["x", "y", "z"]
 _COMMENTS = ("#", "//")
 _PTS_WIDTHS = (3, 4, 6, 7)  # x y z, then an intensity, a colour, or both
 Lines = list[tuple[int, str]]  # with their numbers in the file
+Points = NDArray[np.float64]
 
 
-class TextCloud(NamedTuple):
-    points: NDArray[np.float64]  # (n, 3) in the file's unit; NaN where a cell is empty; n may be 0
-    unit: Unit | None = None  # that the header names
-
-
-def read_xyz(path: Path | str) -> TextCloud:
-    """Points of a text file.
+def read_xyz(path: Path) -> tuple[Points, Unit | None]:
+    """Return the points (n, 3) of a text file, NaN where a cell is empty, and the unit that its header names.
 
     Lines that are empty or start with # or // are skipped, but for one that names the columns; numbers are parted by
     semicolons, tabs, commas or blanks, and may have decimal commas where no commas part them. A header names the
     columns x, y and z, with their unit or above a row of units; without one they are the first three, and a CSV has no
     others. Raises InputError.
     """
-    path = Path(path)
     lines = _with_header(_lines(path), path)
     if not lines:
-        return TextCloud(np.zeros((0, 3)))
+        return np.zeros((0, 3)), None
     mark = _mark(lines[0][1])
     head = _split(lines[0][1], mark)
     columns, unit = [0, 1, 2], None
-    if is_number(head[0].replace(",", ".")):
-        if len(head) < 3 or (mark and len(head) > 3):
-            _refuse(path, lines[0], "has no header" if mark and len(head) > 3 else "is no point")
-    else:
+    if not _are_numbers(head[:1]):
         columns, unit, lines = _named(path, lines, mark)
-    if not lines:
-        return TextCloud(np.zeros((0, 3)))
-    cloud = TextCloud(_numbers(path, lines, mark, len(head), columns), unit)
+    elif len(head) < 3 or (mark and len(head) > 3):
+        _refuse(path, lines[0], "has no header" if mark and len(head) > 3 else "is no point")
+    points = _numbers(path, lines, mark, len(head), columns)
     if columns == [0, 1, 2]:
-        _require_no_numbering(cloud.points, len(head), path)
-    commas = mark != "," and any("," in line for _, line in lines)
+        _require_no_numbering(points, len(head), path)
+    commas = _decimal_commas(lines, mark)
     if mark == ";" or commas:
         note(f"{path}: written with {' and '.join(['semicolons'] * (mark == ';') + ['decimal commas'] * commas)}")
-    return cloud
+    return points, unit
 
 
 def is_text_cloud(path: Path) -> bool:
@@ -62,25 +54,20 @@ def is_text_cloud(path: Path) -> bool:
         return False  # a table has fewer bytes still
     lines = _with_header(_lines(path), path)
     head = _split(lines[0][1], _mark(lines[0][1])) if lines else [""]
-    return set(_AXES) <= {parse_heading(cell).name for cell in head} or all(
-        is_number(cell.replace(",", ".")) for cell in head
-    )
+    return _names_axes(head) or _are_numbers(head)
 
 
-def read_pts(path: Path | str) -> NDArray[np.float64]:
+def read_pts(path: Path) -> Points:
     """Return (n, 3) points of a PTS: their count, then as many lines of x y z, with an intensity, a colour or both.
 
     Raises InputError."""
-    path = Path(path)
     lines = [line for line in _lines(path) if not line[1].startswith("#")]
     if not lines or not (lines[0][1].isascii() and lines[0][1].isdecimal()):
         raise InputError(f"{path}: its first line is no count of points; expected a sound PTS")
     count, rows = int(lines[0][1][:18]), lines[1:]
     if count != len(rows):
         raise InputError(f"{path}: has {len(rows)} points; its first line says {count}; expected a sound PTS")
-    if not rows:
-        return np.zeros((0, 3))
-    width = len(rows[0][1].split())
+    width = len(rows[0][1].split()) if rows else 3
     if width not in _PTS_WIDTHS:
         _refuse(path, rows[0], "is no point")
     points = _numbers(path, rows, None, width, [0, 1, 2])
@@ -88,7 +75,20 @@ def read_pts(path: Path | str) -> NDArray[np.float64]:
     return points
 
 
-def _require_no_numbering(points: NDArray[np.float64], width: int, path: Path) -> None:
+def _names_axes(cells: list[str]) -> bool:
+    return {"x", "y", "z"} <= {parse_heading(cell).name for cell in cells}
+
+
+def _are_numbers(cells: list[str]) -> bool:
+    return all(is_number(cell.replace(",", ".")) for cell in cells)
+
+
+def _decimal_commas(lines: Lines, mark: str | None) -> bool:
+    """Return whether commas stand in numbers; else they part the cells."""
+    return mark != "," and any("," in line for _, line in lines)
+
+
+def _require_no_numbering(points: Points, width: int, path: Path) -> None:
     """Raise InputError where the first of more than three columns counts the points: it is no x."""
     if width > 3 and len(points) > 2 and (np.diff(points[:, 0]) == 1).all():
         raise InputError(f"{path}: its first column counts the points; expected x, y, z, or a header that names them")
@@ -114,15 +114,14 @@ def _with_header(lines: Lines, path: Path) -> Lines:
         if not line.startswith(_COMMENTS):
             break
         cells, unit = _commented(line)
-        if set(_AXES) <= {parse_heading(cell).name for cell in cells}:
+        if _names_axes(cells):
             if rest and rest[0][1].isdecimal():
                 if int(rest[0][1][:18]) != len(rest) - 1:
                     _refuse(path, rest[0], f"is the count of points, of which there are {len(rest) - 1}")
                 rest = rest[1:]
             mark = _mark(rest[0][1]) if rest else None
             row = _split(rest[0][1], mark) if rest else []
-            numbers = all(is_number(cell.replace(",", ".")) for cell in row[:3])
-            if line.startswith("//") or (rest and len(row) == len(cells) and numbers):
+            if line.startswith("//") or (rest and len(row) == len(cells) and _are_numbers(row[:3])):
                 return [(number, (mark or " ").join(cell.replace(" ", "") + unit for cell in cells)), *rest]
     return rest
 
@@ -150,9 +149,9 @@ def _named(path: Path, lines: Lines, mark: str | None) -> tuple[list[int], Unit 
     """Return the places of x, y and z, their unit, and the lines below the header and its units."""
     headings = [parse_heading(cell) for cell in _split(lines[0][1], mark)]
     names = [heading.name for heading in headings]
-    if len(set(names)) < len(names) or not set(_AXES) <= set(names):
+    if len(set(names)) < len(names) or not {"x", "y", "z"} <= set(names):
         _refuse(path, lines[0], "is neither a point nor a header with x, y and z")
-    columns = [names.index(axis) for axis in _AXES]
+    columns = [names.index(axis) for axis in "xyz"]
     symbols = [headings[i].symbol for i in columns]
     rest = lines[1:]
     if rest and (row := parse_units_row(_split(rest[0][1], mark))) is not None and len(row) == len(names):
@@ -163,34 +162,25 @@ def _named(path: Path, lines: Lines, mark: str | None) -> tuple[list[int], Unit 
     for i in (i for i, name in enumerate(names) if names_instants(name)):
         cells = np.array([",".join(_split(line, mark)[i : i + 1]) for _, line in rest])
         require_one_instant({headings[i].text: cells}, str(path))
-    return columns, _unit(path, lines[0], symbols), rest
-
-
-def _unit(path: Path, header: tuple[int, str], symbols: list[str | None]) -> Unit | None:
-    if not any(symbols):
-        return None
     unit = next((unit for unit in get_args(Unit) if unit == symbols[0]), None)
-    if unit is None or len(set(symbols)) > 1:
-        _refuse(path, header, f"names the units {', '.join(map(str, symbols))}, not one of {', '.join(get_args(Unit))}")
-    return unit
+    if any(symbols) and (unit is None or len(set(symbols)) > 1):
+        units = f"{', '.join(map(str, symbols))}, not one of {', '.join(get_args(Unit))}"
+        _refuse(path, lines[0], f"names the units {units}")
+    return columns, unit, rest
 
 
-def _numbers(path: Path, lines: Lines, mark: str | None, width: int, columns: list[int]) -> NDArray[np.float64]:
-    commas = mark != "," and any("," in line for _, line in lines)  # else they part the cells
+def _numbers(path: Path, lines: Lines, mark: str | None, width: int, columns: list[int]) -> Points:
+    """Return (n, 3). An empty cell is a point that was not seen, anything else that is no number is refused."""
+    if not lines:
+        return np.zeros((0, 3))
+    commas = _decimal_commas(lines, mark)
     require_decimals(path, ((number, _split(line, mark)) for number, line in lines), mark, commas=commas)
     if commas:
         lines = [(number, line.replace(",", ".")) for number, line in lines]
-    if any(len(line.split(mark)) != width for _, line in lines):
-        return _slowly(path, lines, mark, width, columns)
-    text = io.StringIO("\n".join(line for _, line in lines))
-    try:
-        return np.loadtxt(text, delimiter=mark, comments=None, ndmin=2, usecols=columns)  # others may be no numbers
-    except ValueError:
-        return _slowly(path, lines, mark, width, columns)
-
-
-def _slowly(path: Path, lines: Lines, mark: str | None, width: int, columns: list[int]) -> NDArray[np.float64]:
-    """Row by row: an empty cell is a point that was not seen, anything else that is no number is refused."""
+    if all(len(line.split(mark)) == width for _, line in lines):
+        text = io.StringIO("\n".join(line for _, line in lines))
+        with suppress(ValueError):
+            return np.loadtxt(text, delimiter=mark, comments=None, ndmin=2, usecols=columns)  # others may be no numbers
     points = []
     for line in lines:
         cells = _split(line[1], mark)

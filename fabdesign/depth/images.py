@@ -1,6 +1,8 @@
-"""Depth streams of 16-bit images: a folder of PNG or TIFF with a JSON of intrinsics (Open3D's, Azure Kinect's, or the
-RealSense SDK's names), or an npz stack."""
+"""Depth and colour images: from PNG and TIFF bytes, whose size is checked before a pixel is unpacked; and streams of
+them: a folder of 16-bit images with a JSON of intrinsics (Open3D's, Azure Kinect's, or the RealSense SDK's names), or
+an npz stack."""
 
+import io
 import json
 import re
 from pathlib import Path
@@ -9,18 +11,68 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.depth.intrinsics import Intrinsics, intrinsics_of, intrinsics_of_json
-from fabdesign.depth.png import colour_image, depth_image
+from fabdesign.depth.intrinsics import MOST_PIXELS, Intrinsics, intrinsics_of, intrinsics_of_json
 from fabdesign.depth.stream import MOST_FRAMES, DepthStream
 from fabdesign.errors import InputError
 from fabdesign.formats.npz_file import open_npz
 from fabdesign.formats.toml_file import read_bytes, read_text
 
+_DEPTH_MODES = ("I;16", "I;16B", "I;16L", "I;16N", "I")
+_COLOUR_MODES = ("RGB", "L", "RGBA", "P")
 _ENDINGS = (".png", ".tif", ".tiff")
-_COLOUR_ENDINGS = (*_ENDINGS, ".jpg", ".jpeg")
 _NUMBER = re.compile(r"\d+")
+Triple = tuple[float, float, float]
 _MM = 1e-3  # m of a depth unit where nothing else is said: Open3D, Azure Kinect, ROS
-_NPZ = "depth (n, rows, columns), and stamps, unit, intrinsics"
+
+
+def depth_image(content: bytes, where: str) -> NDArray[np.uint16]:
+    """Return (rows, columns) of a 16-bit PNG or TIFF. Raises InputError."""
+    values = _pixels(content, where, _DEPTH_MODES, "16 bits, one channel (is it colour?)", None)
+    if values.dtype != np.uint16 and values.size and not 0 <= values.min() <= values.max() < 2**16:
+        raise InputError(f"{where}: depths from {values.min()} to {values.max()}; expected 16 bits")
+    return np.asarray(values.astype(np.uint16))
+
+
+def colour_image(content: bytes, where: str) -> NDArray[np.uint8]:
+    """Return (rows, columns, 3) of a PNG, TIFF or JPEG with 8 bits a channel. Raises InputError."""
+    return _pixels(content, where, _COLOUR_MODES, "red, green and blue of 8 bits", "RGB")
+
+
+def _pixels(content: bytes, where: str, modes: tuple[str, ...], expected: str, mode: str | None) -> NDArray[Any]:
+    """Return an image's pixels, converted to a mode of PIL. Raises InputError."""
+    from PIL import Image
+
+    try:
+        opened: Any = Image.open(io.BytesIO(content), formats=("PNG", "TIFF", "JPEG"))
+        with opened as image:
+            width, height = image.size
+            if width * height > MOST_PIXELS:
+                most = f"{MOST_PIXELS / 1e6:.1f} million"
+                raise InputError(f"{where}: {width} x {height} pixels; expected at most {most}")
+            if getattr(image, "n_frames", 1) != 1:
+                raise InputError(f"{where}: holds {image.n_frames} images; expected one")
+            if image.mode not in modes:
+                raise InputError(f"{where}: an image of kind {image.mode}; expected {expected}")
+            return np.asarray(image if mode is None else image.convert(mode))
+    except InputError:
+        raise
+    except Exception as error:  # PIL raises whatever its parsers meet
+        line = f"{where}: cannot be read as an image ({type(error).__name__}); expected a whole PNG or TIFF"
+        raise InputError(line) from None
+
+
+def of_colour(image: NDArray[np.uint8], colour: tuple[Triple, Triple]) -> NDArray[np.bool_]:
+    """Return (rows, columns) whether a pixel (.., 3) of red, green and blue lies in the range."""
+    rgb = image.astype(np.float64) / 255.0
+    value, least = rgb.max(axis=-1), rgb.min(axis=-1)
+    spread = value - least
+    safe = np.where(spread > 0, spread, 1.0)
+    r, g, b = np.moveaxis(rgb, -1, 0)
+    hue = np.select([value == r, value == g], [((g - b) / safe) % 6, (b - r) / safe + 2], (r - g) / safe + 4) * 60
+    saturation = spread / np.where(value > 0, value, 1.0)
+    (h0, s0, v0), (h1, s1, v1) = colour
+    in_hue = ((hue >= h0) & (hue <= h1)) | ((hue + 360 >= h0) & (hue + 360 <= h1))
+    return np.asarray(in_hue & (saturation >= s0) & (saturation <= s1) & (value >= v0) & (value <= v1))
 
 
 def read_image_folder(
@@ -34,11 +86,8 @@ def read_image_folder(
     files = _numbered(folder, _ENDINGS)
     if not files:
         raise InputError(f"{folder}: no images; expected 16-bit PNG or TIFF with numbers in their names")
-    first = depth_image(read_bytes(files[0], "a depth image"), str(files[0]))
-    camera = read_intrinsics(intrinsics, (first.shape[1], first.shape[0]))
-    times = _stamps(stamps, len(files)) if stamps is not None else np.arange(len(files), dtype=np.float64)
     beside = next((folder.parent / name for name in ("color", "colour") if (folder.parent / name).is_dir()), None)
-    colours = _numbered(beside, _COLOUR_ENDINGS) if beside is not None else []
+    colours = [] if beside is None else _numbered(beside, (*_ENDINGS, ".jpg", ".jpeg"))
 
     def read(index: int) -> NDArray[np.uint16]:
         return depth_image(read_bytes(files[index], "a depth image"), str(files[index]))
@@ -46,20 +95,16 @@ def read_image_folder(
     def colour(index: int) -> NDArray[np.uint8]:
         return colour_image(read_bytes(colours[index], "an image"), str(colours[index]))
 
-    return DepthStream(
-        str(folder),
-        camera,
-        unit or _MM,
-        times,
-        read,
-        "device" if stamps is not None else "none",
-        numbers=_numbers(files),
-        colour=colour if len(colours) == len(files) else None,
-        colour_camera=camera if len(colours) == len(files) else None,
-    )
+    camera = read_intrinsics(intrinsics, read(0).shape[::-1])
+    times = np.arange(len(files), dtype=np.float64) if stamps is None else _stamps(stamps, len(files))
+    clock, coloured = "none" if stamps is None else "device", len(colours) == len(files)
+    last = np.array([int(_NUMBER.findall(file.stem)[-1][:18]) for file in files], dtype=np.int64)
+    numbers = last if (np.diff(last) > 0).all() else None  # one that is missing among them was lost
+    shown = (colour, camera) if coloured else (None, None)
+    return DepthStream(str(folder), camera, unit or _MM, times, read, clock, numbers, *shown)
 
 
-def read_intrinsics(path: Path, size: tuple[int, int] | None = None) -> Intrinsics:
+def read_intrinsics(path: Path, size: tuple[int, ...]) -> Intrinsics:
     """Return the intrinsics of a JSON for images of a size (width, height). Raises InputError."""
     text = read_text(path, "a JSON of intrinsics", largest=1_000_000)
     try:
@@ -72,7 +117,7 @@ def read_intrinsics(path: Path, size: tuple[int, int] | None = None) -> Intrinsi
 def read_depth_npz(path: Path, *, unit: float | None = None, intrinsics: Path | None = None) -> DepthStream:
     """Return the stream of an npz: `depth` (n, rows, columns) of 16 bits, and, where they are there, `stamps` (n,) s,
     `unit` m, `intrinsics` (3, 3). Raises InputError."""
-    with open_npz(path, _NPZ) as arrays:
+    with open_npz(path, "depth (n, rows, columns), and stamps, unit, intrinsics") as arrays:
         shape = arrays.shape("depth")
         if len(shape) != 3 or not all(shape):
             raise InputError(f"{path}: depth is {shape}; expected (n, rows, columns)")
@@ -80,23 +125,19 @@ def read_depth_npz(path: Path, *, unit: float | None = None, intrinsics: Path | 
         others = {name: arrays.get(name) for name in ("stamps", "unit", "intrinsics") if name in arrays}
     if depth.dtype != np.uint16:
         raise InputError(f"{path}: depth is {depth.dtype}; expected uint16")
-    if others.get("stamps", np.zeros(shape[0])).shape != (shape[0],):
-        raise InputError(f"{path}: stamps are {others['stamps'].shape}; expected ({shape[0]},), one an image")
-    size = shape[2], shape[1]
+    times = others.get("stamps", np.arange(shape[0], dtype=np.float64))
+    if times.shape != (shape[0],):
+        raise InputError(f"{path}: stamps are {times.shape}; expected ({shape[0]},), one an image")
+    size, matrix = (shape[2], shape[1]), others.get("intrinsics")
     if intrinsics is not None:
         camera = read_intrinsics(intrinsics, size)
-    else:
-        camera = _camera_of(others.get("intrinsics"), size, path)
-    default = float(others["unit"]) if "unit" in others and others["unit"].size == 1 else _MM
-    times = others["stamps"].astype(np.float64) if "stamps" in others else np.arange(shape[0], dtype=np.float64)
-    clock = "device" if "stamps" in others else "none"
-    return DepthStream(str(path), camera, unit or default, times, depth.__getitem__, clock)
-
-
-def _camera_of(matrix: Any, size: tuple[int, int], path: Path) -> Intrinsics:
-    if matrix is None or matrix.shape != (3, 3) or matrix.dtype.kind not in "fiu":
+    elif matrix is None or matrix.shape != (3, 3) or matrix.dtype.kind not in "fiu":
         raise InputError(f"{path}: no intrinsics; expected an array intrinsics (3, 3), or a JSON of the sensor")
-    return intrinsics_of(size, (matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]), "none", (), str(path))
+    else:
+        camera = intrinsics_of(size, (matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]), "none", (), str(path))
+    default = float(others["unit"]) if "unit" in others and others["unit"].size == 1 else _MM
+    clock = "device" if "stamps" in others else "none"
+    return DepthStream(str(path), camera, unit or default, times.astype(np.float64), depth.__getitem__, clock)
 
 
 def _numbered(folder: Path, endings: tuple[str, ...]) -> list[Path]:
@@ -108,12 +149,6 @@ def _numbered(folder: Path, endings: tuple[str, ...]) -> list[Path]:
     if len(files) > MOST_FRAMES:
         raise InputError(f"{folder}: {len(files)} images; expected at most {MOST_FRAMES}")
     return sorted(files, key=lambda file: ([int(n[:18]) for n in _NUMBER.findall(file.stem)], file.name))
-
-
-def _numbers(files: list[Path]) -> NDArray[np.int64] | None:
-    """Return the last number of each name where these rise: a frame that is missing among them was lost."""
-    numbers = [int(_NUMBER.findall(file.stem)[-1][:18]) for file in files]
-    return np.array(numbers, dtype=np.int64) if (np.diff(numbers) > 0).all() else None
 
 
 def _stamps(path: Path, count: int) -> NDArray[np.float64]:

@@ -24,11 +24,8 @@ _ROUNDS = 60  # of the fixed point; the SDK takes 10, which agrees to 1e-6 for t
 _MOST_SLOPE = 20.0  # of a ray; beyond, it is no pixel of a camera
 _ROS_MODELS: Mapping[str, Model] = {
     "": "none",
-    "plumb_bob": "brown_conrady",
-    "rational_polynomial": "brown_conrady",
-    "equidistant": "kannala_brandt4",
-    "none": "none",
-    "fisheye": "kannala_brandt4",
+    **dict.fromkeys(("plumb_bob", "rational_polynomial"), "brown_conrady"),
+    **dict.fromkeys(("equidistant", "fisheye"), "kannala_brandt4"),
 }
 
 
@@ -58,12 +55,12 @@ class Intrinsics:
         distorted = (pixels - np.array(self.centre)) / np.array(self.focal)
         if self.model == "none" or not any(self.coefficients):
             return np.asarray(distorted)
-        return _UNDISTORT[self.model](distorted, np.array(self.coefficients))
+        return _LENSES[self.model][1](distorted, np.array(self.coefficients))
 
     def pixels_of(self, slopes: Array) -> Array:
         """Return (..., 2) pixels of slopes (..., 2)."""
         if self.model != "none" and any(self.coefficients):
-            slopes = _DISTORT[self.model](slopes, np.array(self.coefficients))
+            slopes = _LENSES[self.model][0](slopes, np.array(self.coefficients))
         return np.asarray(slopes * np.array(self.focal) + np.array(self.centre))
 
     def __post_init__(self) -> None:
@@ -79,7 +76,7 @@ class Intrinsics:
 
 
 def intrinsics_of(
-    size: tuple[int, int], matrix: Sequence[float], name: str, coefficients: Sequence[float], where: str
+    size: tuple[int, ...], matrix: Sequence[float], name: str, coefficients: Sequence[float], where: str
 ) -> Intrinsics:
     """Return intrinsics from a size (width, height), fx, fy, cx, cy, and the name of a model as the SDK or ROS has it.
     Raises InputError, `where` in its message."""
@@ -101,7 +98,7 @@ def intrinsics_of(
         raise InputError(f"{where}: intrinsics are no numbers; expected width, height, focal length, centre") from None
 
 
-def intrinsics_of_json(content: Any, size: tuple[int, int] | None, where: str) -> Intrinsics:
+def intrinsics_of_json(content: Any, size: tuple[int, ...] | None, where: str) -> Intrinsics:
     """Return the depth camera of a JSON for images of a size (width, height). Raises InputError.
 
     It is Open3D's pinhole camera or its Azure Kinect's `intrinsic_matrix`, the Azure Kinect SDK's raw calibration, or
@@ -114,11 +111,11 @@ def intrinsics_of_json(content: Any, size: tuple[int, int] | None, where: str) -
             m = [float(x) for x in content["intrinsic_matrix"]]
             matrix: tuple[float, ...] = (m[0], m[4], m[6], m[7])
             return intrinsics_of((content["width"], content["height"]), matrix, "none", (), where)
-        matrix = tuple(content[k] if k in content else content[other] for k, other in _KEYS)
+        keys = (("fx", "fx"), ("fy", "fy"), ("ppx", "cx"), ("ppy", "cy"))
+        matrix = tuple(content[k] if k in content else content[other] for k, other in keys)
         coefficients = content.get("coeffs", content.get("distortion", ()))
-        return intrinsics_of(
-            (content["width"], content["height"]), matrix, str(content.get("model", "none")), coefficients, where
-        )
+        shape, model = (content["width"], content["height"]), str(content.get("model", "none"))
+        return intrinsics_of(shape, matrix, model, coefficients, where)
     except InputError:
         raise
     except Exception:  # a JSON of another form may hold anything
@@ -127,12 +124,11 @@ def intrinsics_of_json(content: Any, size: tuple[int, int] | None, where: str) -
         ) from None
 
 
-_KEYS = (("fx", "fx"), ("fy", "fy"), ("ppx", "cx"), ("ppy", "cy"))
 # modes of Azure Kinect by their image's size: the binned sensor's size, and where the image begins in it
 _MODES = {(640, 576): (1024, 192, 180), (320, 288): (512, 96, 90), (512, 512): (512, 0, 0), (1024, 1024): (1024, 0, 0)}
 
 
-def _azure_kinect(cameras: Any, size: tuple[int, int] | None, where: str) -> Intrinsics:
+def _azure_kinect(cameras: Any, size: tuple[int, ...] | None, where: str) -> Intrinsics:
     """Return the depth camera of a raw calibration for images of a size, by default those of the narrow field of view,
     unbinned. Format: Azure Kinect Sensor SDK, calibration.json."""
     depth = next(each for each in cameras if "depth" in str(each["Purpose"]).lower())
@@ -206,19 +202,12 @@ def _un_ftheta(distorted: Array, c: Array) -> Array:
     return np.asarray(distorted * np.tan(np.clip(c[0] * r, -1.55, 1.55)) / (2 * np.tan(c[0] / 2) or 1.0) / r)
 
 
-_plain, _modified = partial(_brown, tangential_on_radial=False), partial(_brown, tangential_on_radial=True)
 _Lens = Callable[[Array, Array], Array]
-_DISTORT: Mapping[str, _Lens] = {
-    "brown_conrady": _plain,
-    "inverse_brown_conrady": _modified,
-    "modified_brown_conrady": _modified,
-    "kannala_brandt4": _kannala_brandt,
-    "ftheta": _ftheta,
-}
-_UNDISTORT: Mapping[str, _Lens] = {
-    "brown_conrady": _inverse(_plain),
-    "inverse_brown_conrady": _inverse(_modified),
-    "modified_brown_conrady": _inverse(_modified),
-    "kannala_brandt4": _un_kannala_brandt,
-    "ftheta": _un_ftheta,
+_plain, _modified = partial(_brown, tangential_on_radial=False), partial(_brown, tangential_on_radial=True)
+_LENSES: Mapping[str, tuple[_Lens, _Lens]] = {  # from slopes to distorted ones, and back
+    "brown_conrady": (_plain, _inverse(_plain)),
+    "inverse_brown_conrady": (_modified, _inverse(_modified)),
+    "modified_brown_conrady": (_modified, _inverse(_modified)),
+    "kannala_brandt4": (_kannala_brandt, _un_kannala_brandt),
+    "ftheta": (_ftheta, _un_ftheta),
 }

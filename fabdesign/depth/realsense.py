@@ -6,9 +6,10 @@ raw images, whose stamp is the frame's, and metadata as key and value; a `.db3` 
 metadata as "key=value;...". In both the messages of a frame have one log time.
 """
 
+import bz2
 import re
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -16,23 +17,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.depth.png import colour_image
-from fabdesign.depth.realsense_info import (
-    BagStream,
-    camera_of,
-    depth_to_colour,
-    depth_unit,
-    gravity_of,
-    metadata_of,
-    serial_of,
-)
-from fabdesign.depth.ros_image import COLOUR, bound_chunks, cdr_stamp, depth_of, plain_image, ros1_image, ros1_stamp
+from fabdesign.depth.images import colour_image
+from fabdesign.depth.realsense_info import BagStream, depth_to_colour, depth_unit, gravity_of, serial_of
+from fabdesign.depth.ros_image import COLOUR, cdr_stamp, depth_of, plain_image, ros1_image
 from fabdesign.depth.stream import MOST_FRAMES, DepthStream
 from fabdesign.errors import InputError
 
 LARGEST = 64_000_000_000  # bytes of a file, of which one chunk at a time is read
+_CHUNK = 256_000_000  # bytes of a chunk, unpacked
 _TOPIC = re.compile(r"/device_(\d+)/sensor_(\d+)/(Depth|Color)_(\d+)/(.*)")
-_GLOBAL = ("global time", "system time")
+_IMAGES = ("image/data", "image/data/compressedDepth", "image/data/compressed")
+_GLOBAL = {"global time", "system time"}
 
 
 def read_realsense(path: Path | str, *, serial: str = "") -> DepthStream:
@@ -44,18 +39,19 @@ def read_realsense(path: Path | str, *, serial: str = "") -> DepthStream:
     path = Path(path)
     reader = _opened(path)
     try:
-        streams = _streams(reader.connections)
-        depths = {key: stream for key, stream in streams.items() if key[1] == "Depth"}
-        devices = {key: serial_of(reader, key[0]) for key in depths}
-        chosen = [key for key in depths if not serial or devices[key] == serial]
+        streams = _streams(reader)
+        depths = [stream for (_, kind, _), stream in streams.items() if kind == "Depth"]
+        serials = [serial_of(stream) for stream in depths]
+        chosen = [stream for stream, its in zip(depths, serials, strict=True) if not serial or its == serial]
         if len(chosen) != 1:
-            held = ", ".join(devices[key] or f"device {key[0]}" for key in depths) or "none"
+            named = [its or f"device {stream.device}" for stream, its in zip(depths, serials, strict=True)]
             raise InputError(
-                f"{path}: depth streams of {held}; expected "
+                f"{path}: depth streams of {', '.join(named) or 'none'}; expected "
                 + (f"one of the camera {serial[:40]!r}" if serial else "one, or a serial that chooses")
             )
-        colour = next((stream for key, stream in streams.items() if key[:2] == (chosen[0][0], "Color")), None)
-        return _stream(reader, path, depths[chosen[0]], colour, devices[chosen[0]])
+        (depth,) = chosen
+        beside = (each for key, each in streams.items() if key[:2] == (depth.device, "Color"))
+        return _stream(depth, next(beside, None), path, serials[depths.index(depth)])
     except InputError:
         raise
     except Exception as error:  # rosbags raises whatever its parsers meet
@@ -86,77 +82,86 @@ def _opened(path: Path) -> Any:
             ) from None
         raise _unreadable(path, error) from None
     if path.suffix.lower() == ".bag":
-        bound_chunks(reader.readers[0], path)
+        _bound_chunks(reader.readers[0], path, min(size, _CHUNK))
     return reader
 
 
-def _streams(connections: Sequence[Any]) -> dict[tuple[int, str, int], BagStream]:
-    streams: dict[tuple[int, str, int], dict[str, Any]] = {}
-    for connection in connections:
+def _bound_chunks(reader: Any, path: Path, most: int) -> None:
+    """Make every chunk unpack to a limit at most, and refuse chunks of over `most` bytes."""
+    from lz4.frame import LZ4FrameDecompressor
+    from rosbags.rosbag1 import reader as rosbag1
+
+    def bounded(make: Callable[[], Any]) -> Callable[[bytes], bytes]:
+        def unpack(content: bytes) -> bytes:
+            machine = make()
+            unpacked = machine.decompress(content, max_length=_CHUNK)
+            if not machine.eof:
+                raise InputError(f"{path}: a chunk unpacks to over {_CHUNK / 1e6:.0f} MB, or is cut short")
+            return bytes(unpacked)
+
+        return unpack
+
+    kinds = {"bz2": bounded(bz2.BZ2Decompressor), "lz4": bounded(LZ4FrameDecompressor)}
+    names = {function: name for name, function in rosbag1.decompressors.items()}
+    for place, chunk in reader.chunks.items():
+        if chunk.datasize > most:
+            raise InputError(f"{path}: a chunk of {chunk.datasize / 1e6:.0f} MB; expected at most {_CHUNK / 1e6:.0f}")
+        name = names.get(chunk.decompressor, "none")
+        reader.chunks[place] = chunk._replace(decompressor=kinds.get(name, chunk.decompressor))
+
+
+def _streams(reader: Any) -> dict[tuple[int, str, int], BagStream]:
+    """Return the streams that have images by device, kind and number."""
+    streams: dict[tuple[int, str, int], BagStream] = {}
+    for connection in reader.connections:
         if matched := _TOPIC.fullmatch(connection.topic):
             key = int(matched[1][:9]), matched[3], int(matched[4][:9])
-            streams.setdefault(key, {})[matched[5]] = connection
-    return {key: BagStream(key[0], parts) for key, parts in streams.items() if _image_part(parts) is not None}
+            streams.setdefault(key, BagStream(reader, key[0])).parts[matched[5]] = connection
+    return {key: stream for key, stream in streams.items() if not stream.parts.keys().isdisjoint(_IMAGES)}
 
 
-def _image_part(parts: Mapping[str, Any]) -> str | None:
-    """Return which connection of a stream has its images."""
-    return next((p for p in ("image/data", "image/data/compressedDepth", "image/data/compressed") if p in parts), None)
+def _images(stream: BagStream) -> Any:
+    return next(stream.parts[part] for part in _IMAGES if part in stream.parts)
 
 
-def _stream(reader: Any, path: Path, depth: BagStream, colour: BagStream | None, serial: str) -> DepthStream:
-    where = f"{path}: depth"
-    camera = camera_of(reader, depth, where)
-    images = depth.parts[str(_image_part(depth.parts))]
+def _stream(depth: BagStream, colour: BagStream | None, path: Path, serial: str) -> DepthStream:
+    where, of_colour = f"{path}: depth", f"{path}: colour"
+    camera, images = depth.camera(where), _images(depth)
     if images.msgcount > MOST_FRAMES:
         raise InputError(f"{where}: {images.msgcount} images; expected at most {MOST_FRAMES}")
-    metadata = metadata_of(reader, depth)
-    times, stamps, numbers = _counted(reader, images, metadata)
-    domains = {each["timestamp_domain"].strip().lower() for each in metadata.values() if "timestamp_domain" in each}
-    clock = "global" if domains and domains <= set(_GLOBAL) else "device"
-    units = [float(each["depth_units"]) for each in metadata.values() if "depth_units" in each]
-    unit = units[0] if units else depth_unit(reader, depth)
-    read = _reader(reader, images, times, where)
-    shown = None
-    if colour is not None:
-        shown = _colours(reader, colour.parts[str(_image_part(colour.parts))], times, f"{path}: colour")
-    return DepthStream(
-        where,
-        camera,
-        unit,
-        stamps,
-        read,
-        clock,
-        numbers,
-        shown,
-        None if colour is None else camera_of(reader, colour, f"{path}: colour"),
-        None if colour is None else depth_to_colour(reader, depth, colour),
-        serial,
-        gravity_of(reader, depth),
-    )
-
-
-def _counted(
-    reader: Any, images: Any, metadata: Mapping[int, Mapping[str, str]]
-) -> tuple[list[int], NDArray[np.float64], NDArray[np.int64] | None]:
-    """Return of every image the log time [ns], and the frame's own stamp [s] and number; None where nothing says it. Of
-    a `.db3` they stand in the metadata, of a `.bag` the message begins with them."""
-    times, stamps, counters = [], [], []
-    for _, time, raw in reader.messages(connections=[images]):
+    times, stamps, counters = [], list[float](), list[int | None]()
+    for _, time, raw in depth.reader.messages(connections=[images]):
         if len(raw) < 16:
-            raise InputError(f"{reader.paths[0]}: an image of {len(raw)} bytes; expected a header")
+            raise InputError(f"{path}: an image of {len(raw)} bytes; expected a header")
+        number, seconds, nanoseconds = struct.unpack_from("<III", raw)
         times.append(time)
-        stamps.append(cdr_stamp(raw) if reader.is2 else ros1_stamp(raw))
-        counters.append(None if reader.is2 else str(struct.unpack_from("<I", raw)[0]))
+        stamps.append(cdr_stamp(raw) if depth.reader.is2 else float(seconds + 1e-9 * nanoseconds))
+        counters.append(None if depth.reader.is2 else number)
+    metadata = depth.metadata()
 
     def said(key: str) -> list[str | None]:
         return [metadata.get(time, {}).get(key) for time in times]
 
-    milliseconds, numbers = said("timestamp"), said("Frame number")
-    if None not in milliseconds:
+    if None not in (milliseconds := said("timestamp")):
         stamps = [1e-3 * float(str(each)) for each in milliseconds]
-    numbers = counters if None in numbers else numbers
-    return times, np.array(stamps), None if None in numbers else np.array([int(str(n)) for n in numbers], np.int64)
+    if None not in (numbers := said("Frame number")):
+        counters = [int(str(number)) for number in numbers]
+    domains = {each["timestamp_domain"].strip().lower() for each in metadata.values() if "timestamp_domain" in each}
+    units = [float(each["depth_units"]) for each in metadata.values() if "depth_units" in each]
+    return DepthStream(
+        where,
+        camera,
+        units[0] if units else depth_unit(depth),
+        np.array(stamps),
+        _depths(depth, images, times, where),
+        "global" if domains and domains <= _GLOBAL else "device",
+        None if None in counters else np.array(counters, np.int64),
+        None if colour is None else _colours(colour, times, of_colour),
+        None if colour is None else colour.camera(of_colour),
+        None if colour is None else depth_to_colour(depth, colour),
+        serial,
+        gravity_of(depth),
+    )
 
 
 def _message(reader: Any, images: Any, time: int, repeat: int, where: str) -> Any:
@@ -172,19 +177,18 @@ def _message(reader: Any, images: Any, time: int, repeat: int, where: str) -> An
     raise InputError(f"{where}: an image is gone; has the file changed?")
 
 
-def _reader(reader: Any, images: Any, times: Sequence[int], where: str) -> Callable[[int], NDArray[np.uint16]]:
-    places = [(time, sum(1 for t in times[max(0, k - 8) : k] if t == time)) for k, time in enumerate(times)]
-
+def _depths(depth: BagStream, images: Any, times: Sequence[int], where: str) -> Callable[[int], NDArray[np.uint16]]:
     @lru_cache(maxsize=2)
     def read(index: int) -> NDArray[np.uint16]:
-        what = f"{where}, image {index}"
-        return depth_of(_message(reader, images, *places[index], what), what)
+        what, repeat = f"{where}, image {index}", times[max(0, index - 8) : index].count(times[index])
+        return depth_of(_message(depth.reader, images, times[index], repeat, what), what)
 
     return read
 
 
-def _colours(reader: Any, images: Any, times: Sequence[int], where: str) -> Callable[[int], NDArray[np.uint8]]:
+def _colours(colour: BagStream, times: Sequence[int], where: str) -> Callable[[int], NDArray[np.uint8]]:
     """Return what reads the colour image that was logged nearest to a depth image."""
+    reader, images = colour.reader, _images(colour)
     logged = np.array([time for _, time, _ in reader.messages(connections=[images])], dtype=np.int64)
 
     def read(index: int) -> NDArray[np.uint8]:

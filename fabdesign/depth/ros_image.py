@@ -1,9 +1,9 @@
 """Images in messages of ROS: sensor_msgs/Image of ROS 1 as the RealSense SDK writes it, sensor_msgs/msg/Image of ROS 2;
-and the chunks of a ROS 1 bag, which unpack to a limit."""
+and depth streams of an MCAP: images of 16 bits (or 32FC1, m), or CompressedImage as `compressedDepth`, with the
+CameraInfo whose topic is nearest."""
 
-import bz2
 import struct
-from collections.abc import Callable
+from itertools import takewhile
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,46 +11,57 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.clouds.mcap_file import messages_of
+from fabdesign.depth.images import depth_image
 from fabdesign.depth.intrinsics import Intrinsics, intrinsics_of
-from fabdesign.depth.png import depth_image
+from fabdesign.depth.stream import DepthStream
 from fabdesign.errors import InputError
 
+IMAGES = tuple(f"sensor_msgs/{part}{name}" for name in ("Image", "CompressedImage") for part in ("msg/", ""))
+_INFO = ("sensor_msgs/msg/CameraInfo", "sensor_msgs/CameraInfo")
+_MM, _FINE = 1e-3, 1e-4  # m of a depth unit: of ROS, and of what stands in m
 _COMPRESSED_DEPTH = 12  # bytes before the PNG of a compressedDepth message
 _ENCODINGS = {"16UC1": ("u2", 1), "mono16": ("u2", 1), "32FC1": ("f4", 1), "rgb8": ("u1", 3), "bgr8": ("u1", 3)}
-DEPTH, COLOUR, METRES = ("16UC1", "mono16"), ("rgb8", "bgr8"), ("32FC1",)
-_CHUNK = 256_000_000  # bytes of a chunk, unpacked
+COLOUR, _DEPTH, _METRES = ("rgb8", "bgr8"), ("16UC1", "mono16"), ("32FC1",)
 
 
-def bound_chunks(reader: Any, path: Path) -> None:
-    """Make every chunk unpack to a limit at most, and refuse chunks that are larger than the file."""
-    from lz4.frame import LZ4FrameDecompressor
+def read_mcap_depth(path: Path, topic: str, *, unit: float | None = None) -> DepthStream:
+    """Return the depth stream on a topic. Raises InputError for none there, and what `messages_of` does."""
+    stamps, images, infos = [], [], dict[str, Any]()
+    for name, record, message, schema in messages_of(path, (*IMAGES, *_INFO), "depth images"):
+        if schema in _INFO:
+            infos.setdefault(name, message)
+        elif name == topic:
+            stamps.append(cdr_stamp(record.data))
+            images.append(message)
+    if not images:
+        raise InputError(f"{path}: no depth images on {topic}; expected sensor_msgs/msg/Image or CompressedImage")
+    where, parts = f"{path}: {topic}", topic.split("/")
+    if not infos:
+        raise InputError(f"{where}: no CameraInfo; expected one beside the images")
 
-    def bounded(make: Callable[[], Any]) -> Callable[[bytes], bytes]:
-        def unpack(content: bytes) -> bytes:
-            machine = make()
-            unpacked = machine.decompress(content, max_length=_CHUNK)
-            if not machine.eof:
-                raise InputError(f"{path}: a chunk unpacks to over {_CHUNK / 1e6:.0f} MB, or is cut short")
-            return bytes(unpacked)
+    def shared(name: str) -> int:
+        """Return how many parts a topic has in common with the images' one from their beginning."""
+        return len([*takewhile(lambda pair: pair[0] == pair[1], zip(name.split("/"), parts, strict=False))])
 
-        return unpack
+    nearest = max(infos, key=shared)
+    camera = camera_of_info(infos[nearest](), where, f"CameraInfo of {nearest}")
+    fine = str(getattr(images[0](), "encoding", "")) in _METRES
 
-    kinds = {"bz2": bounded(bz2.BZ2Decompressor), "lz4": bounded(LZ4FrameDecompressor)}
-    from rosbags.rosbag1 import reader as rosbag1
+    def read(index: int) -> NDArray[np.uint16]:
+        message, what = images[index](), f"{where}, image {index}"
+        if getattr(message, "encoding", "") not in _METRES:
+            return depth_of(message, what)
+        steps = np.nan_to_num(plain_image(message, _METRES, what) / _FINE, nan=0.0, posinf=0.0, neginf=0.0)
+        return np.asarray(np.where((steps < 0) | (steps >= 2**16), 0, steps).round().astype(np.uint16))
 
-    names = {function: name for name, function in rosbag1.decompressors.items()}
-    size = path.stat().st_size
-    for place, chunk in reader.chunks.items():
-        if chunk.datasize > min(size, _CHUNK):
-            raise InputError(f"{path}: a chunk of {chunk.datasize / 1e6:.0f} MB; expected at most {_CHUNK / 1e6:.0f}")
-        name = names.get(chunk.decompressor, "none")
-        reader.chunks[place] = chunk._replace(decompressor=kinds.get(name, chunk.decompressor))
+    clock = "global" if any(stamps) else "none"
+    return DepthStream(where, camera, _FINE if fine else unit or _MM, np.array(stamps), read, clock)
 
 
-def ros1_stamp(raw: bytes) -> float:
-    """Return the stamp [s] of a message of ROS 1 that begins with a header."""
-    seconds, nanoseconds = struct.unpack_from("<II", raw, 4)
-    return float(seconds + 1e-9 * nanoseconds)
+def has_depth(path: Path, topic: str) -> bool:
+    """Return whether a topic holds images rather than clouds. Raises InputError."""
+    return any(name == topic for name, *_ in messages_of(path, IMAGES, "", required=False))
 
 
 def cdr_stamp(raw: bytes) -> float:
@@ -80,7 +91,7 @@ def depth_of(message: Any, where: str) -> NDArray[np.uint16]:
     """Return (rows, columns) of a sensor_msgs/msg/Image of 16 bits, or of a CompressedImage, bare or as
     `compressedDepth`. Raises InputError."""
     if not hasattr(message, "format"):
-        return plain_image(message, DEPTH, where)
+        return plain_image(message, _DEPTH, where)
     skip = _COMPRESSED_DEPTH if "compresseddepth" in str(message.format).lower() else 0
     return depth_image(bytes(message.data)[skip:], where)
 

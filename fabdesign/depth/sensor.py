@@ -1,4 +1,5 @@
-"""The sensors of a recording, the file that each one's depth images lie in, and the target that they all saw."""
+"""The sensors of a recording, the file that each one's depth images lie in, what of them is the cloth, and the target
+that they all saw."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,17 +8,18 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.depth.images import read_depth_npz, read_image_folder
-from fabdesign.depth.mcap_images import has_depth, read_mcap_depth
+from fabdesign.depth.images import Triple, read_depth_npz, read_image_folder
 from fabdesign.depth.realsense import read_realsense
+from fabdesign.depth.ros_image import has_depth, read_mcap_depth
 from fabdesign.depth.stream import DepthStream
 from fabdesign.errors import InputError
 from fabdesign.formats.schema import ABOVE_0, FileUnit, Key, Metre, Within
 from fabdesign.formats.table import Table
+from fabdesign.nouns.fabric import Fabric
 
 Array = NDArray[np.float64]
 _ORTHONORMAL = 1e-3
-_BAGS = (".bag", ".db3")
+_BESIDE, _ABOVE, _AHEAD = 0.05, 0.02, 0.75  # m, m, and of the cloth's longer side: as far as a cloth reaches
 
 
 def _pose(value: Any, table: Table) -> Array:
@@ -69,9 +71,44 @@ class Sensor:
         for key, source in (("serial", "bag"), ("intrinsics", "images"), ("stamps", "images")):
             if getattr(self, key) is not None and getattr(self, source) is None:
                 raise table.bad(key, f"{source} beside it")
-        if self.bag is not None and Path(self.bag).suffix.lower() not in _BAGS:
+        if self.bag is not None and Path(self.bag).suffix.lower() not in (".bag", ".db3"):
             raise table.bad("bag", "a file .bag or .db3")
         return self
+
+
+@dataclass(frozen=True)
+class Cut:
+    """The cloth's place and colour; what is absent cuts nothing, but for the box."""
+
+    box: Annotated[tuple[Triple, Triple] | None, "two corners, m in the world; absent: as far as the cloth reaches"] = (
+        None
+    )
+    planes: Annotated[tuple[tuple[float, float, float, float], ...], "a, b, c, d: kept is a x + b y + c z >= d, m"] = ()
+    colour: Annotated[
+        tuple[Triple, Triple] | None, "hue [degrees], saturation, value: from, to; a hue may go on over 360"
+    ] = None
+    predicted: Annotated[Metre | None, ABOVE_0, "kept is what lies so near to the cloth as it is simulated"] = None
+
+    def resolved(self, table: Table) -> "Cut":
+        """Raise InputError for a box without inside and colours out of range."""
+        if self.box is not None and not all(a < b for a, b in zip(*self.box, strict=True)):
+            raise table.bad("box", "the lower corner, then the upper one")
+        if self.colour is not None:
+            (h0, *low), (h1, *high) = self.colour
+            if not (0 <= h0 < h1 <= 720 and all(0 <= a <= b <= 1 for a, b in zip(low, high, strict=True))):
+                raise table.bad("colour", "[hue 0 to 360, saturation 0 to 1, value 0 to 1], from and to")
+        return self
+
+    def corners(self, fabric: Fabric) -> Array:
+        """Return (2, 3) m, the box's corners."""
+        if self.box is not None:
+            return np.array(self.box)
+        ahead = _AHEAD * max(fabric.width, fabric.height)
+        half = fabric.width / 2 + _BESIDE
+        return np.array([[-half, -fabric.height - _BESIDE, -ahead], [half, _ABOVE, ahead]])
+
+
+NO_CUT = Cut()
 
 
 @dataclass(frozen=True)

@@ -8,20 +8,13 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 Indices = NDArray[np.intp]
 
+
+# cells and what lies in them, as the search takes it: their least corner (3,) and edge [m], how far items reach from
+# their centres, cells each way (3,), the first place of each cell's items in their order, that order, and `bodies_of`
+# and `boxes_of` in it. A plain tuple: numba's cache could not be read once a class of its own was renamed
+CellGrid = tuple[Array, float, float, Ints, Ints, Indices, Array, Array]
 ROUNDED_UP = 1 + 1e-12  # distances that must not be too short
 _SLIM = 1e-9  # of its longest edge: a triangle less high is one in length only
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def corner_and_edges(vertices: Array, triangles: Indices) -> Array:
-    items = np.empty((len(triangles), 9))
-    for k in range(len(triangles)):
-        for a in range(3):
-            corner = vertices[triangles[k, 0], a]
-            items[k, a] = corner
-            items[k, a + 3] = vertices[triangles[k, 1], a] - corner
-            items[k, a + 6] = vertices[triangles[k, 2], a] - corner
-    return items
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

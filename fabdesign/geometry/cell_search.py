@@ -4,7 +4,7 @@ numba: a compiled function of another file must not be called here, for numba wo
 import numpy as np
 from numba import njit
 
-from fabdesign.geometry.cell_items import ROUNDED_UP, Array, Indices, Ints
+from fabdesign.geometry.cell_items import ROUNDED_UP, Array, CellGrid, Indices, Ints
 from fabdesign.runtime.working_time import watch_numba
 
 watch_numba()
@@ -18,27 +18,14 @@ _WIDE = 3.5  # cells' edges, the farthest way
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def search_cells(
-    points: Array,
-    first: Ints,
-    asked: Indices,
-    low: Array,
-    edge: float,
-    widest: float,
-    shape: Ints,
-    start: Ints,
-    order: Indices,
-    bodies: Array,
-    boxes: Array,
-    squared: Array,
-    item: Indices,
-) -> Indices:
+def search_cells(points: Array, first: Ints, asked: Indices, grid: CellGrid, squared: Array, item: Indices) -> Indices:
     """Return the nearest items of the points `asked`, in the order that `sorted_into_cells` gave them; those remain
     that have nothing near and may have something far off.
 
     Points near each other are asked together about the items around their box: first those that come within a short way
     of it, then, as long as one may be nearer to any of them than what it has, those within twice the way.
     """
+    low, edge, widest, shape, start, order, bodies, _ = grid
     unfinished, unsure, several = np.empty_like(asked), 0, len(start) > 2
     farthest = _WIDE * edge if several else np.inf
     at, best, nearest = np.empty((3, _GROUP)), np.empty(_GROUP), np.empty(_GROUP, dtype=np.int64)
@@ -67,8 +54,8 @@ def search_cells(
             done, way = -1.0, _SHORT * edge if several else np.inf
             while _most(best) > done and way <= farthest:
                 reach = min(way, _most(best))
-                count = _around(boxes, low, edge, widest, shape, start, lower, upper, done, reach, apart, which)
-                _ask(bodies, which, count, lanes, at[0], at[1], at[2], best, nearest)
+                count = _around(grid, lower, upper, done, reach, apart, which)
+                _ask(bodies, which, count, lanes, at, best, nearest)
                 done, way = reach, 2 * way
             for j in range(len(members)):
                 if nearest[j] >= 0:
@@ -96,22 +83,10 @@ def _most(best: Array) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _around(
-    boxes: Array,
-    low: Array,
-    edge: float,
-    widest: float,
-    shape: Ints,
-    start: Ints,
-    lower: Array,
-    upper: Array,
-    done: float,
-    reach: float,
-    apart: Array,
-    which: Indices,
-) -> int:
+def _around(grid: CellGrid, lower: Array, upper: Array, done: float, reach: float, apart: Array, which: Indices) -> int:
     """Put into `which` the items whose boxes lie farther from the box from `lower` to `upper` than `done`, and within
     `reach`, m; how many there are. apart: (m,) room. Its loop has no branches, for the vector units."""
+    low, edge, widest, shape, start, _, _, boxes = grid
     begin, end, count = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64), 0
     for a in range(3):
         least, most = lower[a] - low[a] - reach - widest, upper[a] - low[a] + reach + widest
@@ -135,22 +110,13 @@ def _around(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _ask(
-    bodies: Array,
-    which: Indices,
-    count: int,
-    lanes: Place,
-    x: Array,
-    y: Array,
-    z: Array,
-    best: Array,
-    nearest: Indices,
-) -> None:
-    """Note for points (lanes,) in x, y, z which of the items `which` (count,) is nearer than the best so far, m^2.
+def _ask(bodies: Array, which: Indices, count: int, lanes: Place, at: Array, best: Array, nearest: Indices) -> None:
+    """Note for points `at` (3, lanes) which of the items `which` (count,) is nearer than the best so far, m^2.
 
     To a triangle in its own frame (u, v, height): the height, and beside it, outside, the way to the nearest edge. The
     inner loops have no branches, for the vector units.
     """
+    x, y, z = at[0], at[1], at[2]
     if bodies.shape[1] == 3:
         for i in range(count):
             k = which[i]
@@ -189,44 +155,3 @@ def _ask(
             nearer = q < best[j]
             best[j] = q if nearer else best[j]
             nearest[j] = k if nearer else nearest[j]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def edge_weights(points: Array, item: Indices, items: Array) -> Array:
-    weights = np.empty((len(points), 2))
-    for i in range(len(points)):
-        weights[i, 0], weights[i, 1] = _to_triangle(points[i, 0], points[i, 1], points[i, 2], items, item[i])
-    return weights
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _to_triangle(p0: float, p1: float, p2: float, items: Array, k: int) -> tuple[float, float]:
-    """Return weights of a triangle's edges (b and c from a corner) at its place nearest to a point.
-
-    |corner + v b + w c - p|^2 is convex: the least is at the plane's foot if that is inside, else on an edge.
-    """
-    p0, p1, p2 = p0 - items[k, 0], p1 - items[k, 1], p2 - items[k, 2]
-    b0, b1, b2 = items[k, 3], items[k, 4], items[k, 5]
-    c0, c1, c2 = items[k, 6], items[k, 7], items[k, 8]
-    bb, cc, bc = _squared(b0, b1, b2), _squared(c0, c1, c2), b0 * c0 + b1 * c1 + b2 * c2
-    pb, pc = p0 * b0 + p1 * b1 + p2 * b2, p0 * c0 + p1 * c1 + p2 * c2
-    determinant = bb * cc - bc * bc
-    v, w = cc * pb - bc * pc, bb * pc - bc * pb
-    if determinant > 0 and v >= 0 and w >= 0 and v + w <= determinant:
-        return v / determinant, w / determinant
-    v = min(max(pb / bb, 0.0), 1.0) if bb > 0 else 0.0
-    least, best_v, best_w = _squared(p0 - v * b0, p1 - v * b1, p2 - v * b2), v, 0.0
-    w = min(max(pc / cc, 0.0), 1.0) if cc > 0 else 0.0
-    q = _squared(p0 - w * c0, p1 - w * c1, p2 - w * c2)
-    if q < least:
-        least, best_v, best_w = q, 0.0, w
-    across = bb + cc - 2 * bc
-    w = min(max((bb - bc - pb + pc) / across, 0.0), 1.0) if across > 0 else 0.0
-    v = 1.0 - w
-    q = _squared(p0 - v * b0 - w * c0, p1 - v * b1 - w * c1, p2 - v * b2 - w * c2)
-    return (v, w) if q < least else (best_v, best_w)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _squared(x: float, y: float, z: float) -> float:
-    return x * x + y * y + z * z

@@ -2,7 +2,7 @@
 triangles sorted into cubes; a search looks into those near by.
 
 Chamfer here is always: mean nearest distance from each cloud to the other, both ways, *summed*. Two samples of one
-surface are not at distance zero (`metrics.chamfer_floor`), and the measure is nearly blind in the plane.
+surface are not at distance zero (its floor, in `metrics`), and the measure is nearly blind in the plane.
 
 Compiled; the kernels do not hold the interpreter's lock, so that threads search on all cores. Their first use on a
 machine compiles for some seconds. SciPy's k-d trees in their place made an evaluation of clouds 1.2 times as dear for
@@ -15,17 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.geometry.cell_items import (
-    Array,
-    Indices,
-    Ints,
-    bodies_of,
-    boxes_of,
-    centres_of,
-    corner_and_edges,
-    sorted_into_cells,
-)
-from fabdesign.geometry.cell_search import edge_weights, search_cells
+from fabdesign.geometry import cell_items
+from fabdesign.geometry.cell_items import Array, CellGrid, Indices
+from fabdesign.geometry.cell_search import search_cells
 
 _PER_CELL = 12.0  # items in an occupied cell, were they all on one flat sheet
 _CELLS = 8  # at most, for each item
@@ -64,27 +56,44 @@ class Cells:
         squared, item = np.full(len(at), within**2), np.full(len(at), -1, dtype=np.intp)
         pending, cells = np.arange(len(at)), self
         while len(pending):
-            first, asked = cells._asked(at, pending)
-            pending = search_cells(at, first, asked, *cells._grid, squared, item)
+            grid = cells._grid
+            low, edge, widest, shape, *_ = grid
+            long = edge * _TOGETHER if widest > 0 else edge  # those of one cell are asked together
+            wide = (shape * edge / long).astype(np.int32) + np.int32(1)
+            first, asked = cell_items.sorted_into_cells(at, pending, low, long, wide)
+            pending = search_cells(at, first, asked, grid, squared, item)
             cells = cells._next
         squared[item < 0] = np.inf
         return NearestItem(squared, item)
 
     def weights(self, points: NDArray[Any], item: Indices) -> Array:
-        """Return (n, 2) of the two edges of each point's triangle at its place nearest to the point (n, 3) m."""
-        return edge_weights(np.ascontiguousarray(points, dtype=np.float64), item, self.items)
+        """Return (n, 2) of the two edges of each point's triangle at its place nearest to the point (n, 3) m.
+
+        |corner + v b + w c - p|^2 is convex: the least is at the plane's foot if that is inside, else on an edge.
+        """
+        corner, b, c = self.items[item].reshape(-1, 3, 3).transpose(1, 2, 0)
+        p = np.asarray(points, dtype=np.float64).T - corner
+        bb, cc, bc, pb, pc = _dot(b, b), _dot(c, c), _dot(b, c), _dot(p, b), _dot(p, c)
+        determinant, v, w = bb * cc - bc * bc, cc * pb - bc * pc, bb * pc - bc * pb
+        inside = (determinant > 0) & (v >= 0) & (w >= 0) & (v + w <= determinant)
+        ways = (pb, bb), (pc, cc), (bb - bc - pb + pc, bb + cc - 2 * bc)  # along each edge, and its length, squared
+        with np.errstate(divide="ignore", invalid="ignore"):
+            foot = np.stack([v, w]) / determinant
+            at_b, at_c, across = (np.where(size > 0, np.clip(way / size, 0.0, 1.0), 0.0) for way, size in ways)
+        edges = np.array([[at_b, 0 * at_b], [0 * at_c, at_c], [1.0 - across, across]])  # (edge, weight, n)
+        off = p[:, None] - edges[:, 0] * b[:, None] - edges[:, 1] * c[:, None]
+        nearest = np.take_along_axis(edges, _dot(off, off).argmin(axis=0)[None, None], axis=0)[0]
+        return np.where(inside, foot, nearest).T
 
     @staticmethod
     def of_triangles(vertices: Array, triangles: Indices) -> "Cells":
         """Return the cells of a mesh: vertices (m, 3) m, and the corners of each triangle (t, 3)."""
-        return Cells(corner_and_edges(vertices, triangles))
+        a, b, c = vertices[triangles.T]
+        return Cells(np.concatenate([a, b - a, c - a], axis=1))
 
     @cached_property
-    def _grid(self) -> tuple[Array, float, float, Ints, Ints, Indices, Array, Array]:
-        """Return what `search_cells` takes: least corner, cells' edge, how far items reach from their centres, how many
-        cells each way, first place of each cell's items in their order, that order, and `bodies_of` and `boxes_of` in
-        it."""
-        centres, low, size, widest = centres_of(self.items)
+    def _grid(self) -> CellGrid:
+        centres, low, size, widest = cell_items.centres_of(self.items)
         long = np.sort(size)[::-1]
         suits = np.sqrt(_PER_CELL * long[0] * max(long[1], 1e-3 * long[0]) / len(centres))
         edge = max(float(suits), widest) or 1.0
@@ -92,21 +101,18 @@ class Cells:
             edge *= 1.25
         edge *= self.coarser
         shape = (np.floor(size / edge) + 1).astype(np.int32)
-        start, order = sorted_into_cells(centres, np.arange(len(centres)), low, edge, shape)
-        bodies, boxes = bodies_of(self.items, order), boxes_of(self.items, order)
+        start, order = cell_items.sorted_into_cells(centres, np.arange(len(centres)), low, edge, shape)
+        bodies, boxes = cell_items.bodies_of(self.items, order), cell_items.boxes_of(self.items, order)
         return low, edge, widest, shape, start, order, bodies, boxes
-
-    def _asked(self, points: Array, pending: Indices) -> tuple[Ints, Indices]:
-        """Return the pending points in cells of their own: those of one cell are asked together."""
-        low, edge, widest, shape, *_ = self._grid
-        long = edge * _TOGETHER if widest > 0 else edge
-        wide = (shape * edge / long).astype(np.int32) + np.int32(1)
-        first, asked = sorted_into_cells(points, pending, low, long, wide)
-        return first, asked
 
     @cached_property
     def _next(self) -> "Cells":
         return Cells(self.items, self.coarser * _COARSER)
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Return the products of vectors (3, ...), in the order of their axes."""
+    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
 Floats = NDArray[np.floating[Any]]
@@ -137,8 +143,3 @@ class ChamferTo:
             return float(to_cloud.mean() + to_points.mean())
         one, other = self._weights[nearest.item], self._weights
         return float(one @ to_cloud / one.sum() + other @ to_points / other.sum())
-
-
-def chamfer_squared(a: Floats, b: Floats) -> float:
-    """Return the Chamfer distance [m^2] of squared nearest distances, each way the mean, both ways summed."""
-    return float(np.square(nearest_distances(a, b)).mean() + np.square(nearest_distances(b, a)).mean())

@@ -146,19 +146,24 @@ def require_on_cloth(frames: Sequence[Array], time: Array, fabric: Fabric, where
     fault = _fault(points, middle, hung, fabric, leaning)
     if fault is None:
         return
+
+    def likely(points: Array, middle: Array) -> bool:
+        """Return whether points are what such a cloth gives most often: a likely reading, not just a possible one."""
+        below = float(np.linalg.norm(middle - hung.mean(axis=0))) >= _MIDDLE * min(fabric.width, fabric.height)
+        return below and _fault(points, middle, hung, fabric, _ALONG) is None
+
     for cause, undone in _CAUSES.items():
-        if _hangs_well(undone(points), undone(middle[None])[0], hung, fabric):
+        if likely(undone(points), undone(middle[None])[0]):
             raise InputError(f"{where}: {fault} ({cause})")
     moved = at_rest(fabric, 5, 5).mean(axis=0) - middle
-    if _hangs_well(points + moved, middle + moved, hung, fabric):
-        raise InputError(f"{where}: {fault} (does its frame start elsewhere? the middle is {_mm(moved)} mm off)")
+    if likely(points + moved, middle + moved):
+        off = in_mm(float(np.linalg.norm(moved)))
+        raise InputError(f"{where}: {fault} (does its frame start elsewhere? the middle is {off:.0f} mm off)")
     raise InputError(f"{where}: {fault}")
 
 
 def _fault(points: Array, middle: Array, hung: Array, fabric: Fabric, leaning: float) -> str | None:
     """Return what points (n, 3) m with the given middle cannot be, and what was expected; None where all is well."""
-    from scipy.spatial import cKDTree
-
     flat, short = at_rest(fabric, 5, 5), min(fabric.width, fabric.height)
     spans = np.ptp(np.quantile(points, [0.02, 0.98], axis=0), axis=0)
     span, across, diagonal = float(spans.max()), float(np.linalg.norm(spans)), np.hypot(fabric.width, fabric.height)
@@ -190,14 +195,3 @@ def _fault(points: Array, middle: Array, hung: Array, fabric: Fabric, leaning: f
     if np.mean(height > _ABOVE * short) > _FEW:
         return f"{100 * np.mean(height > 0):.0f} % of the points lie above where the cloth is held; expected it to hang"
     return None
-
-
-def _hangs_well(points: Array, middle: Array, hung: Array, fabric: Fabric) -> bool:
-    """Return whether points are what a cloth hung as `fabric` gives most often: a likely reading, not just a possible
-    one."""
-    below = float(np.linalg.norm(middle - hung.mean(axis=0))) >= _MIDDLE * min(fabric.width, fabric.height)
-    return below and _fault(points, middle, hung, fabric, _ALONG) is None
-
-
-def _mm(vector: Array) -> str:
-    return f"{in_mm(float(np.linalg.norm(vector))):.0f}"

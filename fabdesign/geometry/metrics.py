@@ -4,7 +4,7 @@ With `measured.splits`, the only place where these are computed. Chamfer: unsqua
 summed. Everything in m; people are shown mm.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, astuple, dataclass, fields
 from functools import partial
 from itertools import islice
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.formats.schema import Key, Millimetre
-from fabdesign.geometry.distances import ChamferTo, chamfer
+from fabdesign.geometry.distances import ChamferTo
 from fabdesign.geometry.regions import Weighting
 from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.geometry.shape import Face
@@ -114,22 +114,6 @@ def shares_at(surface: Surface, near: Nearest, weighting: Weighting | None) -> N
     return np.asarray(weights / weights.sum())
 
 
-def chamfer_floor(model: Floats, count: int, noise: SensorNoise, *, seed: int = 0) -> float:
-    """Chamfer [m] of `count` noisy points drawn on the model's surface against the model's points, mean of 20 draws."""
-    return float(np.mean([chamfer(points, model) for points in _draws(model, count, noise, seed)]))
-
-
-def surface_floor(model: Floats, count: int, noise: SensorNoise, *, seed: int = 0) -> float:
-    """Surface RMS [m] of `count` noisy points drawn on the model's surface, mean of 20 draws."""
-    surface = Surface.of_faces(model)
-    return float(np.mean([capped_rms(surface.distance(p, within=CAP)) for p in _draws(model, count, noise, seed)]))
-
-
-def _draws(model: Floats, count: int, noise: SensorNoise, seed: int) -> Iterator[NDArray[np.float64]]:
-    surface, rng = Surface.of_faces(model), np.random.default_rng(seed)
-    return (noise.draw(surface, count, rng, offsets) for offsets in noise.stray_offsets([count] * DRAWS, rng))
-
-
 def landmark_errors(landmarks: Landmarks, model: Floats) -> Errors:
     """Return the errors of one frame (2 rows cols, 3) m beside wishes: their mean distance in place of Chamfer, root
     mean square in place of surface RMS. Nothing is sampled and nothing measured: the floors are 0, and no distance is
@@ -172,11 +156,9 @@ def trial_errors(
     return Errors(float(c), float(c_floor), float(s), float(s_floor), float(beyond))
 
 
-def frame_errors(
-    measured: Sequence[Floats], predicted: Floats, noise: SensorNoise, *, seed: int = 0, draws: int = DRAWS
-) -> list[Errors]:
+def frame_errors(measured: Sequence[Floats], predicted: Floats, noise: SensorNoise) -> list[Errors]:
     """Return of every frame what `trial_errors` takes the means of; all with the floors of the whole trial."""
-    distances, floors = _by_frame(measured, predicted, noise, BOTH_FACES, seed, draws)
+    distances, floors = _by_frame(measured, predicted, noise, BOTH_FACES, 0, DRAWS)
     c_floor, s_floor = np.mean(floors, axis=0).tolist()
     return [Errors(c, c_floor, s, s_floor, beyond) for c, s, beyond in distances]
 
@@ -230,10 +212,8 @@ class Statistics:
 def statistics(trials: Sequence[Errors]) -> dict[str, Statistics]:
     """Return each error's statistics over trials; those that diverged are left out. At least one must be left."""
     table = np.array([astuple(errors) for errors in trials])
-    table = table[np.isfinite(table).all(axis=1)]
-    names = [field.name for field in fields(Errors)]
-    columns = zip(names, table.T, strict=True)
-    return {name: Statistics.of(x) for name, x in columns}
+    columns = table[np.isfinite(table).all(axis=1)].T
+    return {field.name: Statistics.of(column) for field, column in zip(fields(Errors), columns, strict=True)}
 
 
 @dataclass(frozen=True)
@@ -242,11 +222,6 @@ class Closed:
 
     surface: float | None  # of the excess of the surface RMS: the one figure by which models are compared
     chamfer: float | None  # beside it
-
-    @property
-    def value(self) -> float | None:
-        """The one figure."""
-        return self.surface
 
 
 def closed(before: Errors, after: Errors) -> Closed:

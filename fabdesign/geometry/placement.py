@@ -1,10 +1,11 @@
 """How a target's file lies in the world: unit, turn and shift, given or found on the hanging cloth. A few markers need
-not show the edge, so that for them one-way distances decide."""
+not show the edge, so that for them one-way distances decide. And the rigid motion between clouds, for a target that may
+stand anywhere."""
 
 import warnings
 from dataclasses import dataclass
 from itertools import permutations, product
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from fabdesign.geometry.hung_cloth import misplaced
 from fabdesign.nouns.fabric import Fabric
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
 Unit = Literal["m", "cm", "mm", "in"]
 
 UNITS: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}  # m
@@ -33,6 +35,9 @@ OVER = Rotation.from_euler("y", 180, degrees=True)  # changes front and back
 SAME = np.radians(20)  # turns that differ by less find the same edge
 MARKERS = 200  # points; a cloud of fewer is markers: what lies between them is not measured
 _OWN = 0.25  # of the markers' spacing, that another origin must gain over the file's own
+_POINTS = 400  # of either cloud: the motion of a sheet is known from few
+_TURNS = 60
+_STILL = 1e-7  # m, RMS, by which a further round moves less is the last
 _UPPER = 0.25  # of the markers, that show how deep the edge lies
 
 
@@ -98,19 +103,18 @@ def fit_placement(
     candidates = [(gap, other, placement_of(factor, other, s)) for gap, other, s in fits if gap < least + CLEAR]
     over = [p for gap, other, p in candidates if gap < least + 3 * TIE and differ(other, OVER * turn) < SAME]
     at = placement.apply(points)
+
+    def opposite(other: Rotation) -> bool:  # of the cloth's edges is laid on the hung one
+        return bool(abs((other * turn.inv()).as_matrix()[0, 0]) > np.cos(SAME))
+
     rivals = [
         p
         for _, other, p in candidates
         if min(differ(other, turn), differ(other, OVER * turn)) >= SAME
-        and not (_opposite(other, turn) and _same_shape(p.apply(points), at))
+        and not (opposite(other) and _same_shape(p.apply(points), at))
     ]
     kept = turn is fits[0][1]
     return PlacementFit(placement, over[0] if over else None, rivals[0] if rivals and not kept else None)
-
-
-def _opposite(one: Rotation, other: Rotation) -> bool:
-    """Return whether two turns lay opposite edges of a cloth on the hung edge."""
-    return bool(abs((one * other.inv()).as_matrix()[0, 0]) > np.cos(SAME))
 
 
 def _same_shape(one: Array, other: Array) -> bool:
@@ -186,13 +190,18 @@ def _strip_gap(points: Array, fabric: Fabric) -> float:
     half, deep = fabric.width / 2, _STRIP * fabric.height
     x, y = np.meshgrid(np.linspace(-half, half, 41), np.linspace(0, -deep, 9))
     strip = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
-    away = np.linalg.norm(points - np.stack([points[:, 0].clip(-half, half), *np.zeros((2, len(points)))], 1), axis=1)
-    edge = points[away <= deep]
+    edge = points[_off_cloth(points, fabric, 0.0) <= deep]
     if not len(edge):
         return np.inf
-    nearest = np.stack([edge[:, 0].clip(-half, half), edge[:, 1].clip(-deep, 0), 0 * edge[:, 2]], axis=1)
-    to_strip = np.linalg.norm(edge - nearest, axis=1).mean()
-    return float(cKDTree(points).query(strip)[0].mean() + to_strip)
+    return float(cKDTree(points).query(strip)[0].mean() + _off_cloth(edge, fabric, deep).mean())
+
+
+def _off_cloth(points: Array, fabric: Fabric, deep: float) -> Array:
+    """Return (n,) m from points to so much [m] of the cloth, from its hung edge down, as it hangs without pressure,
+    flat."""
+    half = fabric.width / 2
+    x, y = points[:, 0].clip(-half, half), points[:, 1].clip(-deep, 0)
+    return np.asarray(np.linalg.norm(points - np.stack([x, y, 0 * x], axis=1), axis=1))
 
 
 def fit_markers(
@@ -209,9 +218,13 @@ def fit_markers(
         turned = turn.apply(metres)
         tie = TIE * float(turn.magnitude()) / (np.pi / 2)
         if misplaced(turned, fabric) is None:
-            sizes.append((_gap(turned, fabric) + tie, turn * given, np.zeros(3)))
-        shift = _below_the_edge(turned, fabric)
-        laid.append((_gap(turned + shift, fabric) + tie, turn * given, shift))
+            sizes.append((float(_off_cloth(turned, fabric, fabric.height).mean()) + tie, turn * given, np.zeros(3)))
+        # the markers' middle below the edge's, the uppermost as far below it as spread evenly
+        upper = turned[turned[:, 1] >= np.quantile(turned[:, 1], 1 - _UPPER)]
+        across = (turned[:, 0].min() + turned[:, 0].max()) / 2
+        top = turned[:, 1].max() + fabric.height / (len(turned) + 1)
+        shift = -np.array([across, top, np.median(upper[:, 2])])
+        laid.append((float(_off_cloth(turned + shift, fabric, fabric.height).mean()) + tie, turn * given, shift))
     spacing = float(np.sqrt(fabric.width * fabric.height / len(points)))
     best = min(gap for gap, _, _ in laid)
     sound = [candidate for candidate in sizes if candidate[0] <= best + _OWN * spacing] or laid
@@ -222,16 +235,52 @@ def fit_markers(
     return PlacementFit(placement_of(factor, turn, shift), over[0] if over else None, rivals[0] if rivals else None)
 
 
-def _below_the_edge(points: Array, fabric: Fabric) -> Array:
-    """Return the shift that lays the markers' middle below the edge's, the uppermost as far below it as spread
-    evenly."""
-    upper = points[points[:, 1] >= np.quantile(points[:, 1], 1 - _UPPER)]
-    across = (points[:, 0].min() + points[:, 0].max()) / 2
-    return -np.array([across, points[:, 1].max() + fabric.height / (len(points) + 1), np.median(upper[:, 2])])
+@dataclass(frozen=True, eq=False)
+class RigidMotion:
+    """x -> turn x + shift."""
+
+    turn: Array  # (3, 3)
+    shift: Array  # (3,) m
+
+    def of(self, points: Floats) -> Array:
+        """Return (n, 3) m of (n, 3) m."""
+        return np.asarray(points @ self.turn.T + self.shift)
+
+    def back(self, points: Floats) -> Array:
+        """Return (n, 3) m that `of` brings to (n, 3) m."""
+        return np.asarray((points - self.shift) @ self.turn)
 
 
-def _gap(points: Array, fabric: Fabric) -> float:
-    """Return the mean distance [m] from the markers to the cloth as it hangs without pressure, flat."""
-    half = fabric.width / 2
-    x, y = points[:, 0].clip(-half, half), points[:, 1].clip(-fabric.height, 0)
-    return float(np.linalg.norm(points - np.stack([x, y, 0 * x], axis=1), axis=1).mean())
+def onto(shape: Floats, target: Floats, *, one_way: bool = False) -> RigidMotion:
+    """Return the motion that brings a shape (n, 3) m onto a target (k, 3) m. one_way: the target shows a part; its
+    points alone are matched.
+
+    Iterated closest points (Besl and McKay, A method for registration of 3-D shapes, IEEE PAMI 14, 1992), each point
+    matched with the nearest of the other cloud. It begins where the target was placed, with both centres on each other,
+    so that a shape has one answer; a turn of more than some 60 degrees from there it may not find.
+    """
+    model = np.asarray(shape[:: max(1, len(shape) // _POINTS)], float)
+    measured = np.asarray(target[:: max(1, len(target) // _POINTS)], float)
+    tree = cKDTree(measured)
+    motion = RigidMotion(np.eye(3), np.zeros(3) if one_way else measured.mean(axis=0) - model.mean(axis=0))
+    at = motion.of(model)
+    for _ in range(_TURNS):
+        mine = cKDTree(at).query(measured)[1]
+        sources, goals = [model[mine]], [measured]
+        if not one_way:
+            sources.append(model)
+            goals.append(measured[tree.query(at)[1]])
+        motion = between(np.concatenate(sources), np.concatenate(goals))
+        before, at = at, motion.of(model)
+        if np.sqrt(np.square(at - before).sum(axis=1).mean()) < _STILL:
+            break
+    return motion
+
+
+def between(points: Array, goals: Array) -> RigidMotion:
+    """Return the least-squares motion between pairs (n, 3) m, by singular values (Kabsch 1976)."""
+    middle, goal = points.mean(axis=0), goals.mean(axis=0)
+    left, _, right = np.linalg.svd((points - middle).T @ (goals - goal))
+    proper = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+    turn = (left @ proper @ right).T
+    return RigidMotion(turn, goal - turn @ middle)

@@ -73,7 +73,13 @@ class Weighting:
     @property
     def said(self) -> str:
         """Return the regions in words."""
-        return ", ".join(f"{region.weight:g} times in {_where(region)}" for region in self.regions)
+        words = []
+        for region in self.regions:
+            (left, upper), (right, lower) = in_mm(np.array([np.min(region.corners, 0), np.max(region.corners, 0)]))
+            kind = "the box" if len(region.corners) == 4 else "a polygon within"
+            at = f"u {left:.0f} to {right:.0f}, v {upper:.0f} to {lower:.0f} mm"
+            words.append(f"{region.weight:g} times in {kind} {at}")
+        return ", ".join(words)
 
 
 @lru_cache(maxsize=32)
@@ -97,9 +103,3 @@ def _inside(places: Array, corners: Array) -> NDArray[np.bool_]:
     t = np.clip((to * along).sum(axis=2) / np.maximum((along**2).sum(axis=1), 1e-18), 0, 1)
     on_edge = np.linalg.norm(to - t[:, :, None] * along, axis=2).min(axis=1) <= ON_EDGE
     return np.asarray((crossed.sum(axis=1) % 2 == 1) | on_edge)
-
-
-def _where(region: Region) -> str:
-    (left, upper), (right, lower) = np.min(region.corners, axis=0), np.max(region.corners, axis=0)
-    kind = "the box" if len(region.corners) == 4 else "a polygon within"
-    return f"{kind} u {in_mm(left):.0f} to {in_mm(right):.0f}, v {in_mm(upper):.0f} to {in_mm(lower):.0f} mm"

@@ -162,13 +162,6 @@ class _Sheets:
         squared = np.square(residual) - 2 * self.half * self.face * residual + self.half**2
         return np.asarray(self.weight * squared)
 
-    def extrapolated(self) -> Array:
-        """Return (n,) standard deviation of a middle point that does not count off its face, over sigma: more at a
-        hem."""
-        at = self.basis[:, 0, :, None]
-        variance = at.transpose(0, 2, 1) @ np.linalg.solve(_normal(self.basis, self.weight * self.counted)[1], at)
-        return np.asarray(np.sqrt(1 + variance[:, 0, 0]))
-
     def off(self) -> Array:
         """Return (n,) m from the middle point of a patch to its quadric."""
         return np.abs(self.z[:, 0] - self.fitted[:, 0])
@@ -184,8 +177,12 @@ def _near_strays(around: _Neighbours, half: float, sigma: float, strays: float) 
     suspects = _Sheets.of(every[suspicious], half, middle=False)
     for _ in range(_SUSPECT_ROUNDS):
         suspects.expect(sigma, strays)
+    # a middle point that does not count is known less well off its face, most of all at a hem
+    at = suspects.basis[:, 0, :, None]
+    _, matrix = _normal(suspects.basis, suspects.weight * suspects.counted)
+    extrapolated = np.sqrt(1 + (at.transpose(0, 2, 1) @ np.linalg.solve(matrix, at))[:, 0, 0])
     off = np.abs(suspects.off() - half)
-    return off[(suspects.weight[:, 0] < 0.5) & (off > _HIDDEN * sigma * suspects.extrapolated())]
+    return off[(suspects.weight[:, 0] < 0.5) & (off > _HIDDEN * sigma * extrapolated)]
 
 
 def _fitted(basis: Array, z: Array, weight: Array) -> Array:

@@ -70,14 +70,12 @@ class Surface:
     triangles: Indices  # (t, 3)
 
     @staticmethod
-    def of_faces(points: Floats, rows: int | None = None, face: Face = "both") -> "Surface":
-        """Return both faces of one frame of a motion, (2 rows cols, 3) m as `ForwardModel` gives it, or one of them;
-        square without `rows`."""
-        per_face = len(points) // 2
-        rows = rows or isqrt(per_face)
-        if rows * (per_face // rows) * 2 != len(points):
-            raise ValueError(f"{len(points)} points are not two faces of {rows} rows")
-        triangles = face_triangles(rows, per_face // rows)
+    def of_faces(points: Floats, face: Face = "both") -> "Surface":
+        """Return both faces of one frame of a motion, (2 n n, 3) m as `ForwardModel` gives it, or one of them."""
+        side = isqrt(len(points) // 2)
+        if 2 * side * side != len(points):
+            raise ValueError(f"{len(points)} points are not two faces of {side} rows")
+        triangles = face_triangles(side, side)
         return Surface(np.asarray(points, dtype=np.float64), half_of(triangles, face))
 
     def _corners(self, triangle: Indices | slice = slice(None)) -> tuple[Array, Array, Array]:
@@ -170,10 +168,9 @@ def front_triangles(rows: int, cols: int) -> Indices:
 CAP = 0.010  # m, of a distance to a surface: strays beyond it do not decide
 
 
-def capped_rms(distance: Array, cap: float = CAP, *, shares: Array | None = None) -> float:
-    """Return the root mean square [m] of distances capped at `cap` [m], so that strays cannot decide it. shares: of
-    each in the mean, by default all alike."""
-    return float(np.sqrt(np.average(np.square(np.minimum(np.abs(distance), cap)), weights=shares)))
+def capped_rms(distance: Array, *, shares: Array | None = None) -> float:
+    """Return the root mean square [m] of capped distances. shares: of each in the mean, by default all alike."""
+    return float(np.sqrt(np.average(np.square(np.minimum(np.abs(distance), CAP)), weights=shares)))
 
 
 NEIGHBOURS = 3  # cells along the cloth within which an edge and a triangle belong to one layer
@@ -188,7 +185,9 @@ def pierced(points: NDArray[np.floating[Any]]) -> Array | None:
     shape = Shape.of(points)
     n, middle = shape.side, shape.middle.reshape(-1, 3)
     corners = front_triangles(n, n)
-    ends = _edges(n)
+    nodes = np.arange(n * n).reshape(n, n)
+    pairs = (nodes[:, :-1], nodes[:, 1:]), (nodes[:-1], nodes[1:])
+    ends = np.concatenate([np.stack(pair, axis=-1).reshape(-1, 2) for pair in pairs])  # of the grid's edges
     triangles, segments = middle[corners], middle[ends]
     centres, middles = triangles.mean(axis=1), segments.mean(axis=1)
     # a triangle or half an edge reaches no farther from its middle than this
@@ -204,13 +203,6 @@ def pierced(points: NDArray[np.floating[Any]]) -> Array | None:
     if not through.any():
         return None
     return np.asarray(places[ends[np.unique(edge[through])]].mean(axis=(0, 1)) / (n - 1))
-
-
-def _edges(n: int) -> NDArray[np.intp]:
-    """Return (m, 2) nodes of the grid's edges."""
-    nodes = np.arange(n * n).reshape(n, n)
-    pairs = ((nodes[:, :-1], nodes[:, 1:]), (nodes[:-1], nodes[1:]))
-    return np.concatenate([np.stack(pair, axis=-1).reshape(-1, 2) for pair in pairs])
 
 
 def _pierces(segments: Array, triangles: Array) -> NDArray[np.bool_]:

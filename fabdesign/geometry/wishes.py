@@ -67,27 +67,30 @@ class WishKeys:
         """Return the wish on the cloth of the study. Raises InputError for one that the cloth cannot grant."""
         fabric = table.find("design").fabric
         if isinstance(self.place, str):
-            where, places = f"{self.place} edge", _of_edge(self.place, fabric)
+            share = np.linspace(0, 1, ALONG)
+            u = {"left": 0 * share, "right": 0 * share + 1}.get(self.place, share) * fabric.width
+            v = {"top": 0 * share, "bottom": 0 * share + 1}.get(self.place, share) * fabric.height
+            where, places = f"{self.place} edge", np.stack([u, v], axis=1)
         else:
-            u, v = self.place
-            if not (0 <= u <= fabric.width + 1e-9 and 0 <= v <= fabric.height + 1e-9):
+            places = np.array([self.place])
+            if not ((places >= 0) & (places <= np.array([fabric.width, fabric.height]) + 1e-9)).all():
                 raise table.bad("at", f"a place on the cloth, {fabric.width:g} by {fabric.height:g} m")
-            where, places = f"({u:g}, {v:g})", np.array([self.place])
-        flat = on_flat_cloth(places, fabric)
-        goals, given, said = flat.copy(), [False] * 3, []
+            where = f"({self.place[0]:g}, {self.place[1]:g})"
+        goals, given, said = on_flat_cloth(places, fabric), [False] * 3, []
         for axis, (world, beside) in enumerate(zip(WORLD, FROM_FLAT, strict=True)):
             absolute, relative = getattr(self, world), getattr(self, beside)
             if absolute is not None and relative is not None:
                 raise table.error(f"{world} and {beside} say the same; expected one of them")
+            given[axis] = absolute is not None or relative is not None
             if absolute is not None:
-                goals[:, axis], given[axis] = absolute, True
+                goals[:, axis] = absolute
                 said.append(f"{world} = {in_mm(absolute):g} mm")
             elif relative is not None:
-                goals[:, axis], given[axis] = flat[:, axis] + relative, True
+                goals[:, axis] += relative
                 said.append(f"{in_mm(relative):g} mm {beside}")
         if not any(given):
             raise table.error(f"no goal; expected some of {', '.join((*WORLD, *FROM_FLAT))}, in m")
-        axes = (given[0], given[1], given[2])
+        axes: Any = tuple(given)
         wish = Wish(f"{where}: {', '.join(said)}", _tuples(places), _tuples(goals), axes, self.weight)
         _require_reachable(wish, fabric, table.where)
         return wish
@@ -116,14 +119,6 @@ class TubeKeys:
         turned = np.degrees(fabric.height / self.radius)
         said = f"a tube of radius {in_mm(self.radius):g} mm, {turned:.0f} degrees of it, towards the {self.towards}"
         return Wish(said, _tuples(places), _tuples(goals.reshape(-1, 3)), (True, True, True))
-
-
-def _of_edge(edge: str, fabric: Fabric) -> Array:
-    """Return (ALONG, 2) m along an edge."""
-    share = np.linspace(0, 1, ALONG)
-    u = {"left": 0 * share, "right": 0 * share + 1}.get(edge, share) * fabric.width
-    v = {"top": 0 * share, "bottom": 0 * share + 1}.get(edge, share) * fabric.height
-    return np.stack([u, v], axis=1)
 
 
 def _tuples(rows: Array) -> Any:

@@ -11,8 +11,8 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial import KDTree
 
 from fabdesign.geometry.metrics import chamfer_to, distance_to_faces, shares_at, surface_rms
+from fabdesign.geometry.placement import RigidMotion, onto
 from fabdesign.geometry.regions import Weighting
-from fabdesign.geometry.rigid_placement import RigidMotion, onto
 from fabdesign.geometry.shape import Face, Shape
 from fabdesign.geometry.surface import CAP, Surface, capped_rms, half_of
 from fabdesign.geometry.wishes import Landmarks

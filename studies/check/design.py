@@ -1,18 +1,35 @@
-"""Can a design be made, and are its values those of cloth and muscles?"""
+"""Can a design be made, and are its values those of cloth and muscles? And studies and benches, as their commands will
+check them: targets opened, start against limits, columns needed."""
 
 from collections.abc import Iterator, Mapping
+from functools import partial
 from itertools import combinations, pairwise
+from pathlib import Path
 
 import numpy as np
 
+from fabdesign.files.bench_file import read_bench
 from fabdesign.files.design_file import DesignPart
+from fabdesign.formats.table import nearest
+from fabdesign.formats.toml_file import parse_toml
 from fabdesign.geometry.hung_cloth import at_rest, held_places
+from fabdesign.nouns.bench import Bench
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.muscle import WIDEST, BenchTable, MuscleType, diameter_slip
+from fabdesign.study_files.follow_file import FollowStudy
+from fabdesign.study_files.layouts_file import LayoutsStudy
+from fabdesign.study_files.loop_file import LoopStudy
+from fabdesign.study_files.sensitivity_file import SensitivityStudy
+from fabdesign.study_files.study_file import read_head, read_study
+from fabdesign.study_files.unseen_file import FREE, UnseenStudy
 from fabdesign.units import in_kpa, in_mm
+from optimize.fit.free_parameters import fit_vector
 from optimize.search.margins import bend_radius, clearance
-from studies.check.findings import BLOCKED, FABRIC, FREE_CONTRACTION, GRAVITY, MUSCLE_TYPE, Findings, beyond
+from studies.benches.records import SIZES, require_columns, require_sizes
+from studies.check.findings import BLOCKED, FABRIC, FREE_CONTRACTION, GRAVITY, MUSCLE_TYPE, Findings, beyond, failures
+from studies.follow.target import wanted_of
+from studies.layout_search.target import load_target
 
 SPACING = 0.006  # m, that `optimize` keeps between muscles on one face where a study says nothing
 _ROUNDING = 1e-6  # m
@@ -57,8 +74,7 @@ def design_findings(design: Design, where: str) -> Findings:
     too_close, close = ([], []) if too_wide else spacing(design, SPACING)
     problems += too_close
     warnings += close
-    prefixed = [tuple(f"{where}: {line}" for line in lines) for lines in (problems, warnings)]
-    return Findings(prefixed[0], prefixed[1])
+    return Findings(tuple(f"{where}: {line}" for line in problems)) + Findings.warned(where, warnings)
 
 
 def part_findings(part: DesignPart, where: str) -> Findings:
@@ -66,7 +82,7 @@ def part_findings(part: DesignPart, where: str) -> Findings:
     known = {key: expected for key, expected in FABRIC.items() if key in part.keys}
     lines = [*(_fabric(part.fabric, known) if part.fabric else ()), *_types(part.types)]
     wide = tuple(f"{where}: {line}" for line in _too_wide(part.types, np.inf))
-    return Findings(wide, tuple(f"{where}: {line}" for line in lines))
+    return Findings(wide) + Findings.warned(where, lines)
 
 
 def _too_wide(types: Mapping[str, MuscleType], side: float) -> list[str]:
@@ -162,3 +178,54 @@ def _scene(design: Design) -> Iterator[str]:
                 f"muscle_types.{name}: axis_offset = {kind.axis_offset:g} m; expected at most half the thickness and "
                 f"the muscle's diameter, {reach:g} m"
             )
+
+
+def study_findings(path: Path) -> Findings:
+    """Return the findings of a study, its design and all its targets. Raises InputError for what reading refuses."""
+    kind = read_head(path).kind
+    if kind == "sensitivity":
+        sweep = SensitivityStudy.read(path)
+        findings = design_findings(sweep.design, f"{path}: design")
+        targets = [sweep.target] if sweep.target else []
+        return findings + failures(partial(load_target, target, sweep.design, seed=sweep.seed) for target in targets)
+    if kind == "unseen":
+        unseen = UnseenStudy.read(path)
+        findings = failures([partial(fit_vector, unseen.free, where=f"{path}: {FREE}")])
+        return findings + design_findings(unseen.unsewn.design, f"{path}: design") if unseen.unsewn else findings
+    if kind == "loop":
+        from studies.loop.run import open_study  # here: its report needs what a page is drawn with
+
+        loop = LoopStudy.read(path)
+        return design_findings(loop.search.design, f"{path}: design") + failures([partial(open_study, loop)])
+    if kind == "follow":
+        follow = FollowStudy.read(path)
+        return design_findings(follow.design, f"{path}: design") + failures([partial(wanted_of, follow)])
+    study = LayoutsStudy.read(path).search if kind == "layouts" else read_study(path)
+    findings = design_findings(study.design, f"{path}: design")
+    findings += failures(partial(load_target, target, study.design, seed=study.seed) for target in study.targets)
+    _, close = spacing(study.design, study.limits.spacing)
+    outside = study.muscles is None and study.positions
+    return findings + Findings.warned(
+        path, (f"{line}: the search starts outside its limits" for line in close if outside)
+    )
+
+
+_TEXTS = ("format", "name", "specimen", "output", "description", "source")
+_CONSTANTS = {"muscle": SIZES, "strip": ("width", "direction")}  # that a law's file takes; others are labels
+
+
+def bench_findings(path: Path) -> Findings:
+    """Return the findings on a bench and all its records. Raises InputError for what reading refuses."""
+    bench = read_bench(path)
+    findings = failures([partial(require_columns, bench, bench.records), partial(require_sizes, bench)])
+    return findings + Findings.warned(path, _unread(path, bench))
+
+
+def _unread(path: Path, bench: Bench) -> Iterator[str]:
+    for key, value in parse_toml(path).items():
+        if isinstance(value, str) and key not in _TEXTS:
+            yield f"{key} is a text that nothing reads{nearest(key, _TEXTS)}"
+    wanted = [name for name in _CONSTANTS.get(bench.specimen, ()) if name not in bench.constants]
+    for name in bench.constants:
+        if meant := nearest(name, wanted):
+            yield f"{name} is a constant that nothing reads{meant}"

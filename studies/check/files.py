@@ -3,6 +3,7 @@
 import hashlib
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -31,9 +32,8 @@ from fabdesign.formats.toml_file import parse_toml
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.model_sampling import joint_root
 from fabdesign.nouns.pressure import PressureProgram
-from studies.check.design import bench_table_lines, design_findings, part_findings
+from studies.check.design import bench_findings, bench_table_lines, design_findings, part_findings, study_findings
 from studies.check.findings import FACTOR, PRESSURE, Findings, beyond, failures
-from studies.check.study import bench_findings, study_findings
 
 _STUDY = "fabdesign.study/1"  # whose file may leave the line out
 _DESIGN = "fabdesign.design/1"  # as may a file that designs include
@@ -117,14 +117,13 @@ def _set(path: Path) -> Findings:
             interval = float(np.median(np.diff(trial.times))) if len(trial.times) > 1 else 0.0
         except InputError:
             continue  # `load` has said so
+        lines = []
         if measured.frame_rate and interval and not 1 / _OTHER < interval * measured.frame_rate < _OTHER:
-            line = (
-                f"{trial.file}: a frame every {interval:.3g} s; set.toml says frame_rate = {measured.frame_rate:g} Hz"
-            )
-            findings += Findings(warnings=(line,))
+            lines.append(f"a frame every {interval:.3g} s; set.toml says frame_rate = {measured.frame_rate:g} Hz")
         if interval and trial.times[0] > _LATE * interval:
-            line = f"{trial.file}: its first frame is {trial.times[0]:.3g} s after rest, the next {interval:.3g} s on"
-            findings += Findings(warnings=(f"{line} (does time begin at rest?)",))
+            first = f"its first frame is {trial.times[0]:.3g} s after rest, the next {interval:.3g} s on"
+            lines.append(f"{first} (does time begin at rest?)")
+        findings += Findings.warned(trial.file, lines)
     return findings
 
 
@@ -133,10 +132,10 @@ def _repeats(frames: Sequence[NDArray[np.float64]], file: Path, seen: dict[bytes
     lines = []
     hashes = [hashlib.sha256(frame.tobytes()).digest() for frame in frames]
     if count := sum(a == b for a, b in pairwise(hashes)):
-        lines.append(f"{file}: {count} of {len(frames)} frames repeat the one before (did the sensor stop?)")
+        lines.append(f"{count} of {len(frames)} frames repeat the one before (did the sensor stop?)")
     if (same := seen.setdefault(b"".join(hashes), file)) != file:
-        lines.append(f"{file}: has the frames of {same}; a trial counts once, and on one side of a split")
-    return Findings(warnings=tuple(lines))
+        lines.append(f"has the frames of {same}; a trial counts once, and on one side of a split")
+    return Findings.warned(file, lines)
 
 
 def _recording(path: Path) -> Findings:
@@ -160,7 +159,7 @@ def _model(path: Path) -> Findings:
             lines.append(f"{name}: factor = {parameter.factor:g} lies outside its interval90, {low:g} to {high:g}")
     sound = failures([partial(joint_root, model)]) if model.covariance is not None else Findings()
     lines += sound.problems
-    return Findings(warnings=tuple(f"{path}: {line}" for line in lines))
+    return Findings.warned(path, lines)
 
 
 def _key(path: Path) -> Findings:
@@ -168,7 +167,7 @@ def _key(path: Path) -> Findings:
 
     truth = read_ground_truth(path)
     lines = [line for name, factor in truth.parameters.items() for line in beyond(name, factor, FACTOR)]
-    return Findings(warnings=tuple(f"{path}: parameters: {line}" for line in lines))
+    return Findings.warned(f"{path}: parameters", lines)
 
 
 def _npz(path: Path, how: AsTarget) -> Findings:
@@ -177,7 +176,7 @@ def _npz(path: Path, how: AsTarget) -> Findings:
     if trial:
         return _programs(read_trial(path).program, str(path))
     if dimensions == 3:
-        return Findings(warnings=tuple(_slow(read_motion(path).time, f"{path}: frames")))
+        return Findings.warned(path, _slow(read_motion(path).time, "frames"))
     return _cloud(path, how)
 
 
@@ -194,17 +193,13 @@ def _cloud(path: Path, how: AsTarget) -> Findings:
 
 def fabric_of(files: Sequence[Path]) -> Fabric | None:
     """Return the cloth of the one design among files; None where there is none. Raises InputError for several."""
-    designs = [file for file in files if file.suffix.lower() == ".toml" and file.is_file() and _is_design(file)]
+    designs = []
+    for file in (file for file in files if file.suffix.lower() == ".toml" and file.is_file()):
+        with suppress(InputError):  # said where it is checked
+            designs += [file] if _format(file) == _DESIGN and not is_part(file) else []
     if len(designs) > 1:
         raise InputError(f"{designs[1]}: a second design beside {designs[0]}; expected one, which targets lie on")
     return read_design(designs[0]).fabric if designs else None
-
-
-def _is_design(file: Path) -> bool:
-    try:
-        return _format(file) == _DESIGN and not is_part(file)
-    except InputError:
-        return False  # said where it is checked
 
 
 def _table(path: Path, how: AsTarget) -> Findings:
@@ -222,8 +217,7 @@ def _table(path: Path, how: AsTarget) -> Findings:
     symbols = parse_units_row(raw.rows[0][1]) or [heading.symbol or "" for heading in headings]
     measured |= {unit.dimension for symbol in symbols if (unit := unit_of(symbol)) is not None}
     if {"pressure", "contraction", "force"} <= measured and "time" not in measured:
-        lines = bench_table_lines(law_tables.read_bench_table(path))
-        return Findings(warnings=tuple(f"{path}: {line}" for line in lines))
+        return Findings.warned(path, bench_table_lines(law_tables.read_bench_table(path)))
     if {"strain", "tension"} <= measured:
         law_tables.read_membrane_curve(path)
         return Findings()
@@ -245,7 +239,7 @@ def _programs(program: PressureProgram, where: str, *, measured_at: object = Non
     lines = [*beyond("largest pressure", largest, PRESSURE)] if largest > 0 else []
     if measured_at is None:
         lines += _slow(program.time, "rows")
-    return Findings(warnings=tuple(f"{where}: {line}" for line in lines))
+    return Findings.warned(where, lines)
 
 
 def _slow(time: NDArray[np.float64], what: str) -> list[str]:

@@ -24,6 +24,11 @@ class Findings:
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
+    @staticmethod
+    def warned(where: object, lines: Iterable[str]) -> "Findings":
+        """Return warnings on a file, or a part of one."""
+        return Findings(warnings=tuple(f"{where}: {line}" for line in lines))
+
     def __add__(self, other: "Findings") -> "Findings":
         """Return both, a line that both have once."""
         return Findings(
@@ -57,17 +62,18 @@ class Range:
     shown: float = 1.0  # files' units in one of the code's
 
 
-_MILLI = ((1e-3, "mm"),)
+_MILLI, _STIFF, _BEND = ((1e-3, "mm"),), ((1e3, "N/mm"), (1e-3, "mN/m")), ((1e-3, "N mm"), (1e-6, "uN m"))
+_KILOPASCAL = ((1e3, "MPa"), (100.0, "bar"), (1e-3, "Pa"))
 FABRIC: Mapping[str, Range] = {
     "width": Range(0.02, 2.0, "m", "cloth", _MILLI),
     "height": Range(0.02, 2.0, "m", "cloth", _MILLI),
     "thickness": Range(5e-5, 0.01, "m", "cloth", _MILLI),
     "areal_density": Range(0.02, 5.0, "kg/m^2", "cloth", ((1e-3, "g/m^2"),)),
-    "membrane_stiffness": Range(10.0, 1e5, "N/m", "cloth", ((1e3, "N/mm"), (1e-3, "mN/m"))),
-    "shear_stiffness": Range(1.0, 5e4, "N/m", "cloth", ((1e3, "N/mm"), (1e-3, "mN/m"))),
+    "membrane_stiffness": Range(10.0, 1e5, "N/m", "cloth", _STIFF),
+    "shear_stiffness": Range(1.0, 5e4, "N/m", "cloth", _STIFF),
     "poisson": Range(-0.5, 1.0, "", "cloth"),
-    "bending_stiffness": Range(1e-6, 0.1, "N m", "cloth", ((1e-3, "N mm"), (1e-6, "uN m"))),
-    "twist_stiffness": Range(0.0, 0.1, "N m", "cloth", ((1e-3, "N mm"), (1e-6, "uN m"))),
+    "bending_stiffness": Range(1e-6, 0.1, "N m", "cloth", _BEND),
+    "twist_stiffness": Range(0.0, 0.1, "N m", "cloth", _BEND),
     "viscosity": Range(0.0, 200.0, "N s/m", "cloth"),
     "air_damping": Range(0.0, 20.0, "N s/m^3", "air"),
 }
@@ -76,14 +82,14 @@ MUSCLE_TYPE: Mapping[str, Range] = {
     "mass_per_length": Range(2e-4, 0.2, "kg/m", "thin muscles", ((1e-3, "g/m"),)),
     "axis_offset": Range(1e-5, 0.02, "m", "laced muscles", _MILLI),
     "viscosity": Range(0.0, 500.0, "N s", "thin muscles"),
-    "max_pressure": Range(30.0, 1000.0, "kPa", "thin muscles", ((1e3, "MPa"), (100.0, "bar"), (1e-3, "Pa")), 1e-3),
+    "max_pressure": Range(30.0, 1000.0, "kPa", "thin muscles", _KILOPASCAL, 1e-3),
     "stock_length": Range(0.02, 100.0, "m", "muscles", _MILLI),
     "min_bend_radius": Range(0.0, 0.2, "m", "thin muscles", _MILLI),
     "tail_length": Range(0.0, 0.5, "m", "muscles", _MILLI),
 }
 GRAVITY = Range(9.7, 9.9, "m/s^2", "the earth")
 FREE_CONTRACTION = Range(0.02, 0.42, "", "thin muscles at their highest pressure", ((1e-2, "%"),))
-PRESSURE = Range(10.0, 1000.0, "kPa", "thin muscles", ((1e3, "MPa"), (100.0, "bar"), (1e-3, "Pa")), 1e-3)
+PRESSURE = Range(10.0, 1000.0, "kPa", "thin muscles", _KILOPASCAL, 1e-3)
 FACTOR = Range(0.2, 5.0, "", "a factor on a data sheet")
 # blocked force over pressure times cross-section: 27 at 15 degrees, and as much as half of it from the tube
 BLOCKED = Range(0.3, 40.0, "", "braids of 15 degrees or more")

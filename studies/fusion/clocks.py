@@ -17,7 +17,6 @@ SIMILAR = 0.6  # least correlation that says where a view lies
 FAST = 0.05  # m/s, which no noise gives
 MOVES = 4.0  # times the speed that noise gives
 LOST, LATE = 1.5, 0.25  # of the interval: a gap beyond, an image off its place
-MOST_DRIFT = 1e-3
 
 
 @dataclass(frozen=True)
@@ -47,12 +46,15 @@ class Losses:
     late: tuple[int, ...]  # numbers of images off their place by over LATE intervals
 
 
+NOTHING_LOST = Losses(0.0, (), (), ())
+
+
 def losses(stamps: Array, counters: NDArray[np.int64] | None, same: Sequence[bool]) -> Losses:
     """Return what is odd. counters: of the camera, where it counts. same: whether an image equals the one before it."""
     gaps = np.diff(stamps)
     interval = float(np.median(gaps[gaps > 0])) if (gaps > 0).any() else 0.0
-    repeated = [k + 1 for k, gap in enumerate(gaps) if same[k + 1] or gap < 0.5 * interval]
-    soon = [k + 1 for k, gap in enumerate(gaps) if gap < 0.5 * interval]
+    soon = 1 + np.flatnonzero(gaps < 0.5 * interval)
+    repeated = np.union1d(soon, 1 + np.flatnonzero(same[1:]))
     kept = np.setdiff1d(np.arange(len(stamps)), soon)
     lost: list[float] = []
     for a, b in pairwise(kept):
@@ -61,14 +63,16 @@ def losses(stamps: Array, counters: NDArray[np.int64] | None, same: Sequence[boo
         if counters is not None and 0 < counters[b] - counters[a] < 10_000:
             missing = max(missing, int(counters[b] - counters[a]) - 1)
         lost += [float(stamps[a] + gap * (k + 1) / (missing + 1)) for k in range(min(missing, 10_000))]
-    late: list[int] = []
+    late = kept[:0]
     if len(kept) > 3 and interval:
-        place = np.cumsum(np.concatenate([[0], np.maximum(np.round(np.diff(stamps[kept]) / interval), 1)]))
-        fit = np.polyfit(place, stamps[kept], 1)
-        late = [
-            int(k) for k, off in zip(kept, stamps[kept] - np.polyval(fit, place), strict=True) if off > LATE * interval
-        ]
-    return Losses(interval, tuple(lost), tuple(repeated), tuple(late))
+        place = places(stamps[kept], interval)
+        late = kept[stamps[kept] - np.polyval(np.polyfit(place, stamps[kept], 1), place) > LATE * interval]
+    return Losses(interval, tuple(lost), tuple(repeated.tolist()), tuple(late.tolist()))
+
+
+def places(stamps: Array, interval: float) -> Array:
+    """Return how many intervals [s] each of a camera's stamps is after the first one, at least one after another."""
+    return np.asarray(np.cumsum(np.concatenate([[0], np.maximum(np.round(np.diff(stamps) / interval), 1)])))
 
 
 def coarse_clocks(views: Sequence[Sequence[StampedView]], shared: bool) -> tuple[list[Clock], list[float]]:

@@ -3,20 +3,20 @@ images; and its view of the cloth at rest, from those before it moves."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import pairwise, product
 from zlib import crc32
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from fabdesign.depth.cut import Cut, of_colour
-from fabdesign.depth.sensor import Sensor
-from fabdesign.depth.stream import DepthStream
+from fabdesign.depth.images import of_colour
+from fabdesign.depth.sensor import Cut
+from fabdesign.depth.stream import DepthStream, cloud_of
 from fabdesign.errors import InputError, note
 from fabdesign.nouns.fabric import Fabric
-from studies.fusion.cleaning import FILTERS, Cleaned, ImageFilter, clean_image
-from studies.fusion.clocks import Losses, begins_to_move, losses
+from studies.fusion.cleaning import Cleaned, clean_image
+from studies.fusion.clocks import NOTHING_LOST, Losses, begins_to_move, losses
 from studies.fusion.input import REST
 from studies.fusion.joint import SensorView
 from studies.fusion.moving import StampedView, with_speeds
@@ -31,37 +31,35 @@ REST_IMAGES, LEAST_REST = 12, 3
 
 @dataclass(eq=False)
 class Cutter:
-    """Cuts the images of one sensor by its pose, and counts the pixels that each rule took."""
+    """Reads the images of one sensor, cuts them by its pose, and counts the pixels that each rule took."""
 
     stream: DepthStream
     pose: Array  # camera_to_world (4, 4) m
     cut: Cut
     fabric: Fabric
+    name: str = ""  # of the sensor
     predicted: Callable[[int], cKDTree] | None = None  # the simulated cloth's points in the world at an image's time
-    filters: ImageFilter = FILTERS
     ripple: Ripple | None = None  # that is taken off
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(("box", "planes", "colour", "predicted"), 0))
     kept: int = 0
+    views: list[StampedView] = field(default_factory=list)  # of its images, once they are read
+    odd: Losses = NOTHING_LOST
 
     def __post_init__(self) -> None:
         camera = self.stream.camera
         low, high = self.cut.corners(self.fabric)
         self._low, self._high = low, high
-        corners = np.array([[(low, high)[k >> a & 1][a] for a in range(3)] for k in range(8)])
-        seen = (corners - self.pose[:3, 3]) @ self.pose[:3, :3]
-        region = (0, camera.height), (0, camera.width)
+        seen = (np.array([*product(*zip(low, high, strict=True))]) - self.pose[:3, 3]) @ self.pose[:3, :3]
+        first, last = np.zeros(2, dtype=int), np.array([camera.width, camera.height])
         if (seen[:, 2] > 0.05).all():
             pixels = camera.pixels_of(seen[:, :2] / seen[:, 2:])
             beyond = MARGIN / float(seen[:, 2].min()) * max(camera.focal)
-            first, last = pixels.min(axis=0) - beyond, pixels.max(axis=0) + beyond
-            region = tuple(  # type: ignore[assignment]
-                (int(np.clip(first[k], 0, size)), int(np.clip(np.ceil(last[k]), 0, size)))
-                for k, size in ((1, camera.height), (0, camera.width))
-            )
-        self.part = slice(*region[0]), slice(*region[1])
+            first = np.clip(pixels.min(axis=0) - beyond, 0, last).astype(int)
+            last = np.clip(np.ceil(pixels.max(axis=0) + beyond), 0, last).astype(int)
+        self.part = slice(int(first[1]), int(last[1])), slice(int(first[0]), int(last[0]))
         self._slopes = np.ascontiguousarray(camera.slopes[self.part])
         rays = np.concatenate([self._slopes, np.ones((*self._slopes.shape[:2], 1))], axis=2)
-        self._rays = np.ascontiguousarray(rays @ self.pose[:3, :3].T)
+        self._rays = rays @ self.pose[:3, :3].T
         middle = np.array([0.0, -self.fabric.height / 2, 0.0])
         self.pixel = float(np.linalg.norm(self.pose[:3, 3] - middle)) / camera.focal[0]  # m on the cloth
 
@@ -69,21 +67,18 @@ class Cutter:
         """Return the part of an image (rows, columns) m that may be the cloth, 0 elsewhere. Raises InputError."""
         image = self.stream.depth(number)
         every = int(np.count_nonzero(image))
-        part = np.ascontiguousarray(image[self.part])
-        depth = _in_box(part, self.stream.unit, self._rays, self.pose[:3, 3].copy(), self._low, self._high)
-        inside = depth > 0
+        depth: Array = np.asarray(image[self.part] * self.stream.unit, np.float64)
+        world = self._rays * depth[..., None] + self.pose[:3, 3]
+        inside = (depth > 0) & ((world > self._low) & (world < self._high)).all(axis=2)
         self.counts["box"] += every - int(inside.sum())
         for a, b, c, d in self.cut.planes:
-            world = self._rays * depth[..., None] + self.pose[:3, 3]
             inside = self._without("planes", inside, world @ np.array([a, b, c]) >= d)
         if self.cut.colour is not None:
             inside = self._without("colour", inside, self._coloured(number, np.where(inside, depth, 0.0)))
         if self.predicted is not None and self.cut.predicted is not None:
-            rows, columns = np.nonzero(inside)
-            world = self._rays[rows, columns] * depth[rows, columns, None] + self.pose[:3, 3]
-            far, _ = self.predicted(number).query(world, distance_upper_bound=self.cut.predicted)
+            far, _ = self.predicted(number).query(world[inside], distance_upper_bound=self.cut.predicted)
             near = np.zeros_like(inside)
-            near[rows, columns] = np.isfinite(far)
+            near[inside] = np.isfinite(far)
             inside = self._without("predicted", inside, near)
         self.kept += int(inside.sum())
         depth = np.where(inside, depth, 0.0)
@@ -114,13 +109,11 @@ class Cutter:
         """Return the cleaned points of such a part of an image. Raises InputError for next to none."""
         if (depth > 0).sum() < LEAST_PIXELS:
             raise InputError(f"{where}: {int((depth > 0).sum())} pixels of the cloth; expected it in view")
-        return clean_image(depth, self._slopes, self.pixel, (self.part[0].start, self.part[1].start), self.filters)
+        return clean_image(depth, self._slopes, self.pixel, (self.part[0].start, self.part[1].start))
 
     def cloud(self, depth: Array) -> Array:
         """Return the points (n, 3) m of such a part, as they were measured."""
-        rows, columns = np.nonzero(depth)
-        z = depth[rows, columns]
-        return np.concatenate([self._slopes[rows, columns] * z[:, None], z[:, None]], axis=1)
+        return cloud_of(depth, self._slopes)
 
     @property
     def shares(self) -> dict[str, float]:
@@ -128,79 +121,40 @@ class Cutter:
         every = self.kept + sum(self.counts.values())
         return {rule: count / max(every, 1) for rule, count in self.counts.items() if count or rule == "box"}
 
+    def read(self, tolerance: Tolerance) -> None:
+        """Read and clean all images, in the order of their stamps; those that repeat the one before go. Raises
+        InputError."""
+        stream = self.stream
+        order = [int(k) for k in np.argsort(stream.stamps, kind="stable")]
+        some = [order[k] for k in np.unique(np.linspace(0, len(order) - 1, RIPPLE_IMAGES).round().astype(int))]
+        self.ripple = ripple_of([self.depth(k) for k in some], max(stream.camera.focal), self.pixel)
+        clouds, checks = {}, []
+        for number in order:
+            depth = self.depth(number)
+            checks.append(crc32(depth.tobytes()))
+            with tolerance.forgiving():
+                clouds[number] = self.clean(depth, f"{stream.where}, image {number}")
+        counters = None if stream.numbers is None else stream.numbers[order]
+        same = [False, *(a == b for a, b in pairwise(checks))]
+        self.odd = losses(stream.stamps[order], counters, same)
+        left_out = {order[k] for k in self.odd.repeated}
+        numbers = [number for number in order if number in clouds and number not in left_out]
+        if len(numbers) < 2:
+            raise InputError(f"sensor {self.name}: {len(numbers)} sound images; expected at least 2")
+        stamps = [float(stream.stamps[number]) for number in numbers]
+        self.views = with_speeds([clouds[number] for number in numbers], stamps, numbers)
 
-@njit(cache=True)
-def _in_box(
-    image: NDArray[np.uint16], unit: float, rays: Array, position: Array, low: Array, high: Array
-) -> Array:  # pragma: no cover - compiled
-    """Return the depths (rows, columns) m of pixels that lie in the box, 0 elsewhere."""
-    rows, columns = image.shape
-    depth = np.zeros((rows, columns))
-    for r in range(rows):
-        for c in range(columns):
-            if image[r, c]:
-                z = image[r, c] * unit
-                inside = True
-                for k in range(3):
-                    at = rays[r, c, k] * z + position[k]
-                    inside = inside and low[k] < at < high[k]
-                if inside:
-                    depth[r, c] = z
-    return depth
-
-
-@dataclass(frozen=True, eq=False)
-class SensorImages:
-    """One sensor's images as they were read."""
-
-    sensor: Sensor
-    cutter: Cutter
-    views: list[StampedView]
-    odd: Losses
-
-
-def read_images(cutter: Cutter, sensor: Sensor, tolerance: Tolerance) -> SensorImages:
-    """Read and clean all images of one sensor, in the order of their stamps; those that repeat the one before go."""
-    stream = cutter.stream
-    order = [int(k) for k in np.argsort(stream.stamps, kind="stable")]
-    some = [order[k] for k in np.unique(np.linspace(0, len(order) - 1, RIPPLE_IMAGES).round().astype(int))]
-    cutter.ripple = ripple_of([cutter.depth(k) for k in some], max(stream.camera.focal), cutter.pixel)
-    clouds, same, last = {}, [], None
-    for number in order:
-        depth = cutter.depth(number)
-        check = crc32(depth.tobytes())
-        same.append(check == last)
-        last = check
-        with tolerance.forgiving():
-            clouds[number] = cutter.clean(depth, f"{stream.where}, image {number}")
-    counters = None if stream.numbers is None else stream.numbers[order]
-    odd = losses(stream.stamps[order], counters, same)
-    left_out = {order[k] for k in odd.repeated}
-    numbers = [number for number in order if number in clouds and number not in left_out]
-    if len(numbers) < 2:
-        raise InputError(f"sensor {sensor.name}: {len(numbers)} sound images; expected at least 2")
-    stamps = [float(stream.stamps[number]) for number in numbers]
-    return SensorImages(sensor, cutter, with_speeds([clouds[number] for number in numbers], stamps, numbers), odd)
-
-
-def view_at_rest(camera: SensorImages) -> tuple[Array, SensorView] | None:
-    """Return a sensor's cloud of the cloth at rest and its view: the median of the images before the cloth moves; None
-    where there are too few."""
-    name, cutter = camera.sensor.name, camera.cutter
-    before = begins_to_move(camera.views) - camera.odd.interval
-    still = [view.number for view in camera.views if view.stamp < before]
-    if len(still) < LEAST_REST:
-        note(f"sensor {name}: {len(still)} images before the cloth moves; its pose stays near the nominal one")
-        return None
-    taken = [still[k] for k in np.unique(np.linspace(0, len(still) - 1, REST_IMAGES).round().astype(int))]
-    depth = _median(np.array([cutter.depth(number) for number in taken]))
-    return cutter.cloud(depth), SensorView(REST, 0, cutter.clean(depth, f"sensor {name} at rest"))
-
-
-def _median(stack: Array) -> Array:
-    """Return the median depth of pixels that have one in over half of the images; 0 elsewhere."""
-    ordered = np.sort(stack, axis=0)  # zeros first
-    there = (stack > 0).sum(axis=0)
-    middle = len(stack) - there + there // 2
-    depth = np.take_along_axis(ordered, np.minimum(middle, len(stack) - 1)[None], axis=0)[0]
-    return np.asarray(np.where(2 * there > len(stack), depth, 0.0))
+    def at_rest(self) -> tuple[Array, SensorView] | None:
+        """Return the cloud of the cloth at rest and its view: the median of the images before the cloth moves, of
+        pixels that have a depth in over half of them; None where there are too few."""
+        before = begins_to_move(self.views) - self.odd.interval
+        still = [view.number for view in self.views if view.stamp < before]
+        if len(still) < LEAST_REST:
+            note(f"sensor {self.name}: {len(still)} images before the cloth moves; its pose stays near the nominal one")
+            return None
+        taken = [still[k] for k in np.unique(np.linspace(0, len(still) - 1, REST_IMAGES).round().astype(int))]
+        ordered = np.sort([self.depth(number) for number in taken], axis=0)  # zeros first
+        there = (ordered > 0).sum(axis=0)
+        middle = np.minimum(len(taken) - there + there // 2, len(taken) - 1)
+        depth = np.where(2 * there > len(taken), np.take_along_axis(ordered, middle[None], axis=0)[0], 0.0)
+        return self.cloud(depth), SensorView(REST, 0, self.clean(depth, f"sensor {self.name} at rest"))

@@ -7,10 +7,9 @@ thinned on a grid, face by face, and sampled. docs/lab/fuse.md has the figures.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from importlib import import_module
+from itertools import count
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from fabdesign.clouds.recording import Convention, Recording, read_recording
 from fabdesign.errors import InputError
@@ -21,6 +20,9 @@ from fabdesign.output import new_folder
 from fabdesign.runtime import working_time
 from studies.fusion.frames import Fusion, FusionReport
 from studies.measured.splits import Tolerance
+
+if TYPE_CHECKING:
+    from studies.fusion.input import AlignedFrames
 
 POINTS = 3362  # a frame, as many as 41 x 41 points on two faces
 
@@ -54,7 +56,11 @@ def fuse_all(
         raise InputError(f"points = {points}; expected at least 2")
     _require_open3d()
     given = [r if isinstance(r, Recording) else read_recording(r, convention=convention) for r in recordings]
-    _require_different(given)
+    if not given:
+        raise InputError("fuse: no recordings; expected at least one")
+    folders = [recording.folder.resolve() for recording in given]
+    if (twice := next((folder for folder in folders if folders.count(folder) > 1), None)) is not None:
+        raise InputError(f"{given[folders.index(twice)].folder}: is given twice; expected every recording once")
     keys, designs = _designs(given)
     reports: dict[int, FusionReport] = {}
     skipped: list[str] = []  # of recordings that are left out whole
@@ -77,14 +83,8 @@ def fuse_all(
             raise InputError(f"{given[0].folder}: no recording is left; {skipped[0]}")
 
     with new_folder(out, made_by="fuse", force=force, inputs=[r.folder for r in given]) as unfinished:
-        names = f"recording{'s' * (len(given) > 1)} {', '.join(r.name for r in given)}"
-        write_set(
-            unfinished,
-            designs,
-            trials(unfinished),
-            name=Path(out).resolve().name,
-            description=f"fused from the {names}",
-        )
+        names = f"fused from the recording{'s' * (len(given) > 1)} {', '.join(r.name for r in given)}"
+        write_set(unfinished, designs, trials(unfinished), name=Path(out).resolve().name, description=names)
         first = min(reports)
         reports[first] = replace(reports[first], skipped=(*skipped, *reports[first].skipped))
         done = tuple(reports.values())
@@ -97,26 +97,12 @@ def as_json(reports: Sequence[FusionReport], given: int) -> dict[str, Any]:
     return dict(plain(reports[0] if given == 1 else {"trials": reports}))
 
 
-def _require_different(recordings: Sequence[Recording]) -> None:
-    if not recordings:
-        raise InputError("fuse: no recordings; expected at least one")
-    folders = [recording.folder.resolve() for recording in recordings]
-    for i, folder in enumerate(folders):
-        if folder in folders[:i]:
-            raise InputError(f"{recordings[i].folder}: is given twice; expected every recording once")
-
-
 def _designs(recordings: Sequence[Recording]) -> tuple[list[str], dict[str, Design]]:
     """Return each recording's key in the set's designs, and these: equal ones once, another of one name as NAME_2."""
-    keys: list[str] = []
-    designs: dict[str, Design] = {}
-    for recording in recordings:
-        design, number = recording.design, 1
-        key = design.name
-        while designs.setdefault(key, design) != design:
-            number += 1
-            key = f"{design.name}_{number}"
-        keys.append(key)
+    keys, designs = [], dict[str, Design]()
+    for design in (recording.design for recording in recordings):
+        names = (f"{design.name}_{number}" if number > 1 else design.name for number in count(1))
+        keys.append(next(name for name in names if designs.setdefault(name, design) == design))
     return keys, designs
 
 
@@ -130,29 +116,22 @@ def _fused(
 ) -> tuple[Fusion, FusionReport]:
     """Raises InputError."""
     started = working_time.seconds()
-    stamped, target = None, dict[str, float]()
+    target = dict[str, float]()
     if recording.depth:
         from studies.fusion.stamped import stamped_frames
         from studies.fusion.targets import upright, with_target_poses
 
         recording, target = with_target_poses(recording)
-        recording = upright(recording)
-        stamped = stamped_frames(recording, tolerance)
-        anchored, poses, frames, count = stamped.anchored, stamped.poses, stamped.frames(), len(stamped.times)
+        aligned: AlignedFrames = stamped_frames(upright(recording), tolerance)
     else:
-        from studies.fusion import input as fuse_input
+        from studies.fusion.input import plain_frames
 
-        anchored = fuse_input.anchor_sensors(recording, tolerance)
-        views = fuse_input.read_views(recording, anchored, tolerance)
-        views, poses = fuse_input.consistent(recording, anchored, views, tolerance)
-        indices = sorted({v.frame for v in views})
-        frames = ((float(recording.times[k]), [v for v in views if v.frame == k]) for k in indices)
-        count = len(indices)
-    fusion = Fusion(recording, anchored, poses, points, per_frame, np.random.default_rng(seed), stamped)
-    for done, (time, mine) in enumerate(frames):
+        aligned = plain_frames(recording, tolerance)
+    fusion = Fusion(aligned, points, per_frame, seed)
+    for done, (index, time, views) in enumerate(aligned.frames(), start=1):
         with tolerance.forgiving():
-            fusion.add(done if stamped else mine[0].frame, time, mine)
-        progress(done + 1, count)
+            fusion.add(index, time, views)
+        progress(done, len(aligned.times))
     if not fusion.frames:
         raise InputError(f"recording {recording.name}: no sound frame is left")
     skipped = tuple(filter(None, (recording.left_out, *tolerance.skipped)))

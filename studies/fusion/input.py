@@ -1,8 +1,11 @@
-"""This module makes cleaned views and anchored poses from a recording; unsound parts are refused, or left out."""
+"""This module makes cleaned views and anchored poses from a recording; unsound parts are refused, or left out: swapped
+sensors, clocks that differ, cameras that were moved are seen in the clouds themselves."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,15 +13,23 @@ from numpy.typing import NDArray
 from fabdesign.clouds.recording import Recording
 from fabdesign.depth.sensor import Sensor
 from fabdesign.errors import InputError
-from studies.fusion.checks import DISAGREE, disagreement, shifted_sensor, swapped_pair
+from fabdesign.nouns.trial import RecordingTiming
 from studies.fusion.cleaning import clean, clean_image, raster
-from studies.fusion.joint import SensorView, align
+from studies.fusion.joint import DISAGREE, Arrangement, SensorView, align
 from studies.fusion.reference import Pose, off, register_to_rest
 from studies.fusion.ripple import RIPPLE_IMAGES, ripple_of
 from studies.measured.splits import Tolerance
 
+if TYPE_CHECKING:
+    from studies.fusion.cutting import Cutter
+
 Array = NDArray[np.float64]
 REST = -1  # the frame number of the reference
+BETTER = 0.5  # what a swap or another frame must leave of the distances
+LAGS = (-2, -1, 0, 1, 2)  # frames
+CHANGE = 0.001  # m: what a change of the lag by one must save in distances, summed over frames
+UNKNOWN = 0.0005  # m: a frame without partners
+MOVED = 0.0025  # m: a camera so far from every other one was moved
 NOMINAL_ERROR = (np.radians(1.0), 0.005)  # rad and m that poses are taken to be off, where there is no reference
 
 
@@ -29,17 +40,45 @@ class Anchored:
     sensors: tuple[Sensor, ...]
     anchors: tuple[Pose, ...]
     rest: tuple[SensorView, ...]  # of the reference
+    thickness: float  # m, of the cloth
 
     @property
     def sides(self) -> list[str]:
         return [s.side for s in self.sensors]
+
+    def arranged(self, poses: Sequence[Array] = ()) -> Arrangement:
+        """Return the cameras as they stand by poses (4, 4); without them, by their anchors."""
+        return Arrangement(poses or [anchor.matrix for anchor in self.anchors], self.sides, self.thickness)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AlignedFrames:
+    """A recording as it is fused: poses that all frames share, and the views of each frame."""
+
+    recording: Recording
+    anchored: Anchored
+    poses: Sequence[Array]  # (4, 4)
+    times: Array  # (T,) s after the pressure's 0
+    views: Sequence[Sequence[SensorView]] = ()  # of each frame; of stamped images they are made when asked for
+    timing: RecordingTiming | None = None  # of cameras that stamp their images
+    cutters: Sequence["Cutter"] = ()  # of depth images
+
+    def frames(self) -> Iterator[tuple[int, float, Sequence[SensorView]]]:
+        """Yield the number, the time [s] and the views of each frame."""
+        for time, views in zip(self.times, self.views, strict=True):
+            yield views[0].frame, float(time), views
+
+    def measured(self, camera: int, time: float) -> Array:
+        """Return the cloud (n, 3) m of a camera at a frame's time [s], as it was measured."""
+        index = int(np.searchsorted(self.recording.times, time))
+        return self.recording.frame(self.anchored.sensors[camera], index)
 
 
 def anchor_sensors(
     recording: Recording,
     tolerance: Tolerance,
     among: Sequence[Sensor] | None = None,
-    at_rest: Callable[[Sensor], tuple[Array, SensorView] | None] | None = None,
+    at_rest: Callable[[Sensor], tuple[Array, SensorView] | None] = lambda sensor: None,
 ) -> Anchored:
     """Register every sensor to the reference; without one, the nominal pose is the anchor. Raises InputError.
 
@@ -48,6 +87,7 @@ def anchor_sensors(
     sensors: list[Sensor] = []
     anchors: list[Pose] = []
     rest: list[SensorView] = []
+    fabric = recording.design.fabric
     for sensor in recording.sensors if among is None else among:
         with tolerance.forgiving():
             view = None
@@ -55,48 +95,66 @@ def anchor_sensors(
                 cloud = recording.reference(sensor)
                 anchors.append(_registered(recording, sensor, cloud))
                 view = SensorView(REST, len(sensors), clean(cloud))
-            elif at_rest is not None and (seen := at_rest(sensor)) is not None:
-                anchors.append(register_to_rest(sensor, seen[0], recording.design.fabric, seen[1].cloud))
+            elif (seen := at_rest(sensor)) is not None:
+                anchors.append(register_to_rest(sensor, seen[0], fabric, seen[1].cloud))
                 view = replace(seen[1], camera=len(sensors))
             else:
-                turn, shift = NOMINAL_ERROR
-                information = np.diag(np.repeat([turn**-2, shift**-2], 3))
-                anchors.append(Pose(sensor.camera_to_world, information))
+                anchors.append(Pose.within(sensor.camera_to_world, *NOMINAL_ERROR))
             sensors.append(sensor)
             rest += [view] if view is not None else []
     if {s.side for s in sensors} != {"front", "back"}:
         names = ", ".join(s.name for s in sensors) or "no sensor"
         raise InputError(f"recording {recording.name}: {names} left; expected sensors in front and at the back")
-    return Anchored(tuple(sensors), tuple(anchors), tuple(rest))
+    return Anchored(tuple(sensors), tuple(anchors), tuple(rest), fabric.thickness)
 
 
 def _registered(recording: Recording, sensor: Sensor, cloud: Array) -> Pose:
-    fabric = recording.design.fabric
     try:
-        return register_to_rest(sensor, cloud, fabric)
+        return register_to_rest(sensor, cloud, recording.design.fabric)
     except InputError:
         # seen through a flat sheet, the poses to the left in front and to the right behind look the same: whose own
         # cloud does not fit either is the other one
-        fits: dict[str, tuple[bool, float]] = {}
-        for other in recording.sensors:
-            with suppress(InputError):
-                distance = off(register_to_rest(other, cloud, fabric).matrix, other.camera_to_world)[1]
-                fits[other.name] = _fits(recording, other), distance
+        turns = {
+            other.name: (_turn(recording, other, other), _turn(recording, other, sensor)) for other in recording.sensors
+        }
+        fits = {name: (np.isfinite(of_itself), turn) for name, (of_itself, turn) in turns.items() if np.isfinite(turn)}
         if not fits:
             raise
-        nearest = min(fits, key=lambda name: fits[name])
+        nearest = min(fits, key=fits.__getitem__)
         raise InputError(
             f"reference: the cloud of {sensor.name} fits the pose of {nearest}; are the two swapped?"
         ) from None
 
 
-def _fits(recording: Recording, sensor: Sensor) -> bool:
-    """Return whether a sensor's own cloud at rest fits its pose."""
-    try:
-        register_to_rest(sensor, recording.reference(sensor), recording.design.fabric)
-    except InputError:
-        return False
-    return True
+def _turn(recording: Recording, sensor: Sensor, seen_by: Sensor) -> float:
+    """Return by how many degrees the cloud at rest of a sensor turns the pose of one; infinite where it does not
+    fit."""
+    with suppress(InputError):
+        pose = register_to_rest(sensor, recording.reference(seen_by), recording.design.fabric)
+        return off(pose.matrix, sensor.camera_to_world)[1]
+    return np.inf
+
+
+def plain_frames(recording: Recording, tolerance: Tolerance) -> AlignedFrames:
+    """Return the sound frames of clouds, with the poses that all of them share. Raises InputError."""
+    anchored = anchor_sensors(recording, tolerance)
+    views = read_views(recording, anchored, tolerance)
+    if anchored.rest:
+        views = _without_late(anchored, _without_swapped(anchored, views, tolerance), tolerance)
+    sound = []
+    for frame, mine in _by_frame(views).items():
+        with tolerance.forgiving():
+            if {anchored.sides[v.camera] for v in mine} != {"front", "back"}:
+                raise InputError(
+                    f"frame {frame}: no sensor left on one side; expected one in front and one at the back"
+                )
+            sound += mine
+    if not sound:
+        raise InputError(f"recording {recording.name}: no sound frame is left")
+    frames = _by_frame(sound)
+    poses = align([*anchored.rest, *sound], anchored.anchors, anchored.arranged())
+    times = recording.times[[*frames]]
+    return AlignedFrames(recording=recording, anchored=anchored, poses=poses, times=times, views=[*frames.values()])
 
 
 def read_views(recording: Recording, anchored: Anchored, tolerance: Tolerance) -> list[SensorView]:
@@ -107,8 +165,7 @@ def read_views(recording: Recording, anchored: Anchored, tolerance: Tolerance) -
         for frame in range(len(recording.times)):
             with tolerance.forgiving():
                 rasters[frame] = raster(recording.frame(sensor, frame))
-        frames = [*rasters]
-        some = [rasters[k] for k in frames[:: max(len(frames) // RIPPLE_IMAGES, 1)]]
+        some = [*rasters.values()][:: max(len(rasters) // RIPPLE_IMAGES, 1)]
         ripple = ripple_of([each[0] for each in some], some[0][3], some[0][2]) if some else None
         for frame, (depth, slopes, pixel, _) in rasters.items():
             flat = depth if ripple is None else ripple.without(depth)
@@ -116,66 +173,124 @@ def read_views(recording: Recording, anchored: Anchored, tolerance: Tolerance) -
     return sorted(views, key=lambda view: (view.frame, view.camera))
 
 
-def consistent(
-    recording: Recording, anchored: Anchored, views: Sequence[SensorView], tolerance: Tolerance
-) -> tuple[list[SensorView], list[Array]]:
-    """Return the views of sound frames and the poses (4, 4) that all of them share. Raises InputError."""
-    thickness, sides = recording.design.fabric.thickness, anchored.sides
-    poses = [anchor.matrix for anchor in anchored.anchors]
-    kept = list(views)
-    if anchored.rest:
-        kept = _without_swapped(recording, anchored, kept, poses, tolerance)
-        kept = _without_late(anchored, kept, poses, thickness, tolerance)
-    sound = []
-    for frame in sorted({v.frame for v in kept}):
-        mine = [v for v in kept if v.frame == frame]
-        with tolerance.forgiving():
-            if {sides[v.camera] for v in mine} != {"front", "back"}:
-                raise InputError(
-                    f"frame {frame}: no sensor left on one side; expected one in front and one at the back"
-                )
-            sound += mine
-    if not sound:
-        raise InputError(f"recording {recording.name}: no sound frame is left")
-    return sound, align([*anchored.rest, *sound], anchored.anchors, sides, thickness)
+def _by_frame(views: Iterable[SensorView]) -> dict[int, list[SensorView]]:
+    frames: dict[int, list[SensorView]] = {}
+    for view in sorted(views, key=lambda view: view.frame):
+        frames.setdefault(view.frame, []).append(view)
+    return frames
 
 
-def _without_swapped(
-    recording: Recording, anchored: Anchored, views: list[SensorView], poses: list[Array], tolerance: Tolerance
-) -> list[SensorView]:
-    thickness, sides = recording.design.fabric.thickness, anchored.sides
-    kept = []
-    for frame in sorted({v.frame for v in views}):
-        mine = [v for v in views if v.frame == frame]
+def _without_swapped(anchored: Anchored, views: Sequence[SensorView], tolerance: Tolerance) -> list[SensorView]:
+    kept, arranged = [], anchored.arranged()
+    for frame, mine in _by_frame(views).items():
         with tolerance.forgiving():
-            if disagreement(mine, poses, sides, thickness) > DISAGREE:
-                pair = swapped_pair(mine, poses, sides, thickness)
-                if pair is not None:
-                    a, b = (anchored.sensors[c].name for c in pair)
-                    raise InputError(f"frame {frame}: the clouds of {a} and {b} look swapped")
+            if disagreement(mine, arranged) > DISAGREE and (pair := swapped_pair(mine, arranged)) is not None:
+                a, b = (anchored.sensors[c].name for c in pair)
+                raise InputError(f"frame {frame}: the clouds of {a} and {b} look swapped")
             kept += mine
     return kept
 
 
-def _without_late(
-    anchored: Anchored, views: list[SensorView], poses: list[Array], thickness: float, tolerance: Tolerance
-) -> list[SensorView]:
-    frames = sorted({v.frame for v in views})
-    worst = [disagreement([v for v in views if v.frame == f], poses, anchored.sides, thickness) for f in frames]
-    shifted = (
-        shifted_sensor(views, poses, anchored.sides, thickness) if max(worst, default=0.0) > DISAGREE / 2 else None
-    )
+def _without_late(anchored: Anchored, views: list[SensorView], tolerance: Tolerance) -> list[SensorView]:
+    arranged = anchored.arranged()
+    worst = max((disagreement(mine, arranged) for mine in _by_frame(views).values()), default=0.0)
+    shifted = shifted_sensor(views, arranged) if worst > DISAGREE / 2 else None
     if shifted is None:
         return views
     camera, lags = shifted
     first = next(frame for frame, lag in lags.items() if lag)
     lag, name = lags[first], anchored.sensors[camera].name
-    when = "later" if lag > 0 else "earlier"
-    line = f"sensor {name}: its frames fit the others' {abs(lag)} frames {when}"
+    line = f"sensor {name}: its frames fit the others' {abs(lag)} frames {'later' if lag > 0 else 'earlier'}"
     same = len({lag for frame, lag in lags.items() if frame >= min(lags) + abs(lag)}) == 1
-    tolerance.note(
-        InputError(f"{line}; its clock differs" if same else f"{line} from frame {first} on; was one lost or repeated?")
-    )
+    why = "; its clock differs" if same else f" from frame {first} on; was one lost or repeated?"
+    tolerance.note(InputError(line + why))
     moved = [replace(v, frame=v.frame + lags[v.frame]) if v.camera == camera else v for v in views]
     latest = {(v.frame, v.camera): v for v in moved if v.frame in lags}  # of two on one frame the later counts
     return list(latest.values())
+
+
+def disagreement(views: Sequence[SensorView], arranged: Arrangement) -> float:
+    """Return the median distance [m] between the sensors of one frame; points without a partner count as far."""
+    gaps = [arranged.gap(a, b) for a, b in combinations(views, 2)]
+    return float(np.median(gaps)) if gaps else 0.0
+
+
+def swapped_pair(views: Sequence[SensorView], arranged: Arrangement) -> tuple[int, int] | None:
+    """Return the front and back cameras whose clouds must be exchanged for the frame to agree, if that is wrong."""
+    remaining = {}
+    for a, b in combinations([v.camera for v in views], 2):
+        if arranged.sides[a] != arranged.sides[b]:
+            exchanged = [replace(v, camera={a: b, b: a}.get(v.camera, v.camera)) for v in views]
+            remaining[a, b] = disagreement(exchanged, arranged)
+    best = min(remaining, key=remaining.__getitem__, default=None)
+    return best if best and remaining[best] < BETTER * disagreement(views, arranged) else None
+
+
+def shifted_sensor(views: Sequence[SensorView], arranged: Arrangement) -> tuple[int, dict[int, int]] | None:
+    """Return the camera whose frames fit the others' some frames later (or earlier), by frame how many, if one does.
+
+    Where no stamps are there, the motion itself tells of a cloud that was lost or stands twice: from then on a camera's
+    frames fit others. The path of lags with the least distances is taken; a change of the lag costs CHANGE.
+    """
+    cameras = sorted({v.camera for v in views})
+    by_place = {(v.frame, v.camera): v for v in views if v.frame >= 0}
+    frames = sorted({frame for frame, _ in by_place})
+    best: tuple[float, tuple[int, dict[int, int]]] | None = None
+    for camera in cameras:
+        cost = np.full((len(frames), len(LAGS)), UNKNOWN)
+        for i, frame in enumerate(frames):
+            view = by_place.get((frame, camera))
+            for j, lag in enumerate(LAGS):
+                others = [by_place.get((frame + lag, other)) for other in cameras if other != camera]
+                gaps = [arranged.gap(view, other) for other in others if view and other]
+                cost[i, j] = float(np.mean(gaps)) if gaps else UNKNOWN
+        path = _cheapest(cost)
+        before = float(cost[:, LAGS.index(0)].mean())
+        gain = float(np.mean([cost[i, j] for i, j in enumerate(path)])) / before if before > 0 else 1.0
+        lags = {frame: LAGS[j] for frame, j in zip(frames, path, strict=True)}
+        if any(lags.values()) and gain < BETTER and (best is None or gain < best[0]):
+            best = gain, (camera, lags)
+    return None if best is None else best[1]
+
+
+def _cheapest(cost: Array) -> list[int]:
+    """Return the column of each row with the least sum, where each change of the column costs CHANGE (Viterbi)."""
+    total, came = cost[0].copy(), []
+    change = CHANGE * np.abs(np.subtract.outer(np.arange(cost.shape[1]), np.arange(cost.shape[1])))
+    for row in cost[1:]:
+        through = total[:, None] + change
+        came.append(through.argmin(axis=0))
+        total = through.min(axis=0) + row
+    path = [int(total.argmin())]
+    for back in reversed(came):
+        path.append(int(back[path[-1]]))
+    return path[::-1]
+
+
+def moved_camera(
+    views_at: Callable[[int], Sequence[SensorView]], frames: int, arranged: Arrangement
+) -> tuple[int, int] | None:
+    """Return the camera whose views leave those of all others from a frame on, to the end, and that frame."""
+    cameras = range(len(arranged.poses))
+    last = next((k for k in range(frames - 1, max(frames - 6, -1), -1) if len(views_at(k)) == len(cameras)), None)
+    if last is None or len(cameras) < 3:
+        return None
+
+    def alone(frame: int) -> dict[int, float]:
+        """Return by camera the least of its distances to the others."""
+        least = dict.fromkeys(cameras, np.inf)
+        for a, b in combinations(views_at(frame), 2):
+            gap = arranged.gap(a, b)
+            for view in (a, b):
+                least[view.camera] = min(least[view.camera], gap)
+        return least
+
+    at_end = alone(last)
+    far = [camera for camera, gap in at_end.items() if MOVED < gap < np.inf]
+    if len(far) != 1 or max(gap for camera, gap in at_end.items() if camera != far[0]) > MOVED:
+        return None
+    sound, moved = -1, last
+    while moved - sound > 1:
+        middle = (sound + moved) // 2
+        sound, moved = (sound, middle) if alone(middle)[far[0]] > MOVED else (middle, moved)
+    return far[0], moved

@@ -24,6 +24,8 @@ ROUNDS = 3
 KNOCKED = (np.radians(0.2), 0.001)  # rad and m that a pose may change from frame to frame
 FACING = 0.7  # least cosine between corresponding normals
 SAMPLE = 900  # points of a cloud that are compared
+LEAST_OVERLAP = 60  # points
+DISAGREE = 0.003  # m, median distance between sensors that is no noise
 EACH = 8  # unknowns of a camera: turn, shift, offset of its clock, drift
 HELD = 1e18  # information of what does not change
 DRIFT = 1e-4  # standard deviation of a clock's drift
@@ -46,43 +48,43 @@ class SensorView:
 
 
 @dataclass(frozen=True, eq=False)
-class Gaps:
-    """Signed distances (n,) m of one view's points from another view's planes, less what they should be."""
+class Arrangement:
+    """Where cameras stand, which face each looks at, and how far [m] the faces lie apart."""
 
-    distance: Array
-    at: Array  # (n, 3) m, the points
-    normal: Array  # (n, 3) of the planes
-    speeds: Array  # (2, n) m/s along the normal, of the points and of the planes
+    poses: Sequence[Array]  # (4, 4) camera_to_world
+    sides: Sequence[str]
+    thickness: float
 
+    def gaps(self, one: SensorView, other: SensorView) -> tuple[Array, Array, Array, Array]:
+        """Return signed distances (n,) m of one view's points from another view's planes, less what they should be; the
+        points (n, 3) m, the planes' normals (n, 3), and speeds (2, n) m/s of points and planes along these."""
+        step = max(1, len(one.cloud.points) // SAMPLE)
+        points, normals = one.placed(self.poses[one.camera], step)
+        same = self.sides[one.camera] == self.sides[other.camera]
+        expected = 0.0 if same else -self.thickness  # the other face lies behind the planes
+        to_world = self.poses[other.camera]
+        seen = (points - to_world[:3, 3]) @ to_world[:3, :3]
+        distance, nearest = other.cloud.tree.query(seen, distance_upper_bound=REACH + abs(expected))
+        near = np.isfinite(distance)
+        points, nearest, taken = points[near], nearest[near], np.arange(len(one.cloud.points))[::step][near]
+        planes = other.cloud.points[nearest] @ to_world[:3, :3].T + to_world[:3, 3]
+        normal = other.cloud.normals[nearest] @ to_world[:3, :3].T
+        agree = np.einsum("ni,ni->n", normals[near], normal) * (1.0 if same else -1.0) > FACING
+        between = points - planes
+        along = np.einsum("ni,ni->n", between, normal)
+        aside = np.linalg.norm(between - along[:, None] * normal, axis=1)
+        keep = agree & (aside < REACH / 2)
+        normal, speeds = normal[keep], np.zeros((2, int(keep.sum())))
+        for k, (view, which) in enumerate(((one, taken[keep]), (other, nearest[keep]))):
+            if view.velocity is not None:
+                velocity = view.velocity[which] @ self.poses[view.camera][:3, :3].T
+                speeds[k] = np.einsum("ni,ni->n", velocity, normal)
+        return along[keep] - expected, points[keep], normal, speeds
 
-def gaps(one: SensorView, other: SensorView, poses: Sequence[Array], sides: Sequence[str], thickness: float) -> Gaps:
-    """Distances of `one` from the planes of `other`, placed by `poses` (4, 4)."""
-    step = max(1, len(one.cloud.points) // SAMPLE)
-    points, normals = one.placed(poses[one.camera], step)
-    same = sides[one.camera] == sides[other.camera]
-    expected = 0.0 if same else -thickness  # the other face lies behind the planes
-    to_world = poses[other.camera]
-    seen = (points - to_world[:3, 3]) @ to_world[:3, :3]
-    distance, nearest = other.cloud.tree.query(seen, distance_upper_bound=REACH + abs(expected))
-    near = np.isfinite(distance)
-    points, nearest, taken = points[near], nearest[near], np.arange(len(one.cloud.points))[::step][near]
-    planes = other.cloud.points[nearest] @ to_world[:3, :3].T + to_world[:3, 3]
-    normal = other.cloud.normals[nearest] @ to_world[:3, :3].T
-    agree = np.einsum("ni,ni->n", normals[near], normal) * (1.0 if same else -1.0) > FACING
-    between = points - planes
-    along = np.einsum("ni,ni->n", between, normal)
-    aside = np.linalg.norm(between - along[:, None] * normal, axis=1)
-    keep = agree & (aside < REACH / 2)
-    speeds = np.stack(
-        [_speed(one, taken[keep], poses, normal[keep]), _speed(other, nearest[keep], poses, normal[keep])]
-    )
-    return Gaps(along[keep] - expected, points[keep], normal[keep], speeds)
-
-
-def _speed(view: SensorView, points: NDArray[np.intp], poses: Sequence[Array], normal: Array) -> Array:
-    if view.velocity is None:
-        return np.zeros(len(points))
-    return np.asarray(np.einsum("ni,ni->n", view.velocity[points] @ poses[view.camera][:3, :3].T, normal))
+    def gap(self, one: SensorView, other: SensorView) -> float:
+        """Return the median distance [m] between two views; where they hardly overlap, one that is no noise."""
+        distance = self.gaps(one, other)[0]
+        return float(np.median(np.abs(distance))) if len(distance) >= LEAST_OVERLAP else 2 * DISAGREE
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,11 +95,15 @@ class TimedViews:
     clocks: Sequence[Clock]
     known: Sequence[float]  # s, how well each clock is known
 
+    def times(self, camera: int) -> Array:
+        """Return the instants (images,) s of a camera's views."""
+        return self.clocks[camera].times(np.array([view.stamp for view in self.views[camera]]))
+
     def at(self, instants: Array, within: float = np.inf, steps: Sequence[float] = ()) -> list[SensorView]:
         """Return every camera's view at each instant [s] where it has an image so near [s]. steps: as of `view_at`."""
         taken = []
         for camera, (views, clock) in enumerate(zip(self.views, self.clocks, strict=True)):
-            times = clock.times(np.array([view.stamp for view in views]))
+            times = self.times(camera)
             for frame, instant in enumerate(instants):
                 k = int(np.abs(times - instant).argmin())
                 if abs(times[k] - instant) <= within:
@@ -111,37 +117,31 @@ class TimedViews:
         return replace(self, clocks=clocks)
 
 
-def align(views: Sequence[SensorView], anchors: Sequence[Pose], sides: Sequence[str], thickness: float) -> list[Array]:
+def align(views: Sequence[SensorView], anchors: Sequence[Pose], start: Arrangement) -> list[Array]:
     """Return the poses (4, 4) that agree best with one another over all views, and with their anchors."""
-    return _aligned(lambda _: views, np.full((len(anchors), 2), HELD), anchors, sides, thickness)[0]
+    return _aligned(lambda _: views, np.full((len(anchors), 2), HELD), anchors, start)[0]
 
 
 def align_timed(
-    timed: TimedViews,
-    instants: Array,
-    rest: Sequence[SensorView],
-    anchors: Sequence[Pose],
-    sides: Sequence[str],
-    thickness: float,
+    timed: TimedViews, instants: Array, rest: Sequence[SensorView], anchors: Sequence[Pose], start: Arrangement
 ) -> tuple[list[Array], TimedViews, Array]:
     """Return the poses and clocks that agree best over views at instants [s] and at rest, and how well the offsets are
     known (cameras,) [s] by the distances' noise."""
     certain = np.array([[max(s, 1e-12) ** -2, DRIFT**-2] for s in timed.known])
     certain[0] = HELD
-    poses, small, spread = _aligned(
-        lambda change: [*rest, *timed.moved(change).at(instants)], certain, anchors, sides, thickness
-    )
+    poses, small, spread = _aligned(lambda change: [*rest, *timed.moved(change).at(instants)], certain, anchors, start)
     return poses, timed.moved(small), spread
 
 
+def align_frame(views: Sequence[SensorView], shared: Arrangement) -> list[Array]:
+    """Return poses for one frame on its own, close to the shared ones: cameras that were knocked in between."""
+    return align(views, [Pose.within(pose, *KNOCKED) for pose in shared.poses], shared)
+
+
 def _aligned(
-    views_of: Callable[[Array], Sequence[SensorView]],
-    certain: Array,
-    anchors: Sequence[Pose],
-    sides: Sequence[str],
-    thickness: float,
+    views_of: Callable[[Array], Sequence[SensorView]], certain: Array, anchors: Sequence[Pose], start: Arrangement
 ) -> tuple[list[Array], Array, Array]:
-    """Poses, changes of clocks (cameras, 2), and the standard deviation of offsets.
+    """Return poses, changes of clocks (cameras, 2), and the standard deviation of offsets.
 
     certain: (cameras, 2) information of what is known of clocks.
     """
@@ -159,37 +159,25 @@ def _aligned(
             right[block] -= information @ small[k]
         if turn:
             views = views_of(small[:, 6:])
-        for one, other in _pairs(views):
-            g = gaps(one, other, poses, sides, thickness)
-            if not len(g.distance):
+        arranged = replace(start, poses=poses)
+        for one, other in ((a, b) for a in views for b in views if a.frame == b.frame and a.camera != b.camera):
+            distance, points, planes, speeds = arranged.gaps(one, other)
+            if not len(distance):
                 continue
-            spread = max(PAIR_NOISE, 1.48 * float(np.median(np.abs(g.distance))))
-            weight = 1.0 / (1.0 + (g.distance / (2.0 * spread)) ** 2) / (spread**2 * INDEPENDENT)
-            rows = np.empty((len(g.distance), 2 * EACH))
+            spread = max(PAIR_NOISE, 1.48 * float(np.median(np.abs(distance))))
+            weight = 1.0 / (1.0 + (distance / (2.0 * spread)) ** 2) / (spread**2 * INDEPENDENT)
+            rows = np.empty((len(distance), 2 * EACH))
             for k, (view, sign) in enumerate(((one, 1.0), (other, -1.0))):
                 at = EACH * k
-                rows[:, at : at + 3] = sign * np.cross(g.at - poses[view.camera][:3, 3], g.normal)
-                rows[:, at + 3 : at + 6] = sign * g.normal
-                rows[:, at + 6] = -sign * g.speeds[k]  # of a later clock the view is moved less far
-                rows[:, at + 7] = -sign * g.speeds[k] * view.stamp
+                rows[:, at : at + 3] = sign * np.cross(points - poses[view.camera][:3, 3], planes)
+                rows[:, at + 3 : at + 6] = sign * planes
+                rows[:, at + 6] = -sign * speeds[k]  # of a later clock the view is moved less far
+                rows[:, at + 7] = -sign * speeds[k] * view.stamp
             both = np.concatenate([EACH * view.camera + np.arange(EACH) for view in (one, other)])
             weighted = (weight[:, None] * rows).T
             normal[np.ix_(both, both)] += weighted @ rows
-            right[both] -= weighted @ g.distance
+            right[both] -= weighted @ distance
         small += np.linalg.solve(normal, right).reshape(-1, EACH)
         poses = [moved(anchor.matrix, s[:6]) for anchor, s in zip(anchors, small, strict=True)]
     deviation = np.sqrt(np.diag(np.linalg.inv(normal))).reshape(-1, EACH)[:, 6]
     return poses, small[:, 6:], deviation
-
-
-def align_frame(
-    views: Sequence[SensorView], poses: Sequence[Array], sides: Sequence[str], thickness: float
-) -> list[Array]:
-    """Poses for one frame on its own, close to the shared ones: cameras that were knocked in between."""
-    turn, shift = KNOCKED
-    information = np.diag(np.repeat([turn**-2, shift**-2], 3))
-    return align(views, [Pose(pose, information) for pose in poses], sides, thickness)
-
-
-def _pairs(views: Sequence[SensorView]) -> list[tuple[SensorView, SensorView]]:
-    return [(a, b) for a in views for b in views if a.frame == b.frame and a.camera != b.camera]

@@ -15,10 +15,10 @@ from scipy.spatial.transform import Rotation
 
 from fabdesign.depth.sensor import Sensor
 from fabdesign.errors import InputError
+from fabdesign.geometry.hung_cloth import at_rest
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.units import in_mm
 from studies.fusion.cleaning import Cleaned, clean
-from studies.fusion.surface import point_cloud
 
 Array = NDArray[np.float64]
 OUTLINE_NOISE = (1e-3, 3e-4, 1e-4)  # m, softness of the cloth's border, round by round
@@ -36,6 +36,11 @@ class Pose:
     matrix: Array
     information: Array
 
+    @staticmethod
+    def within(matrix: Array, turn: float, shift: float) -> "Pose":
+        """Return a pose that is known to a turn [rad] and a shift [m] about each axis."""
+        return Pose(matrix, np.diag(np.repeat([turn**-2, shift**-2], 3)))
+
 
 def moved(matrix: Array, small: Array) -> Array:
     """Return a pose after a turn small[:3] rad about the world's axes through its position, and a shift small[3:] m."""
@@ -49,6 +54,11 @@ def off(a: Array, b: Array) -> tuple[float, float]:
     """Distance [m] and angle [degrees] between two poses."""
     turn = Rotation.from_matrix(a[:3, :3] @ b[:3, :3].T).magnitude()
     return float(np.linalg.norm(a[:3, 3] - b[:3, 3])), float(np.degrees(turn))
+
+
+def point_cloud(points: Array) -> o3d.geometry.PointCloud:
+    """Return points (n, 3) as Open3D has them."""
+    return o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.ascontiguousarray(points)))
 
 
 def register_to_rest(sensor: Sensor, cloud: Array, fabric: Fabric, cleaned: Cleaned | None = None) -> Pose:
@@ -84,8 +94,7 @@ def register_to_rest(sensor: Sensor, cloud: Array, fabric: Fabric, cleaned: Clea
 
 def _coarse(sensor: Sensor, cleaned: Array, fabric: Fabric, z: float) -> Array:
     """Return the pose by point-to-plane and then point-to-point ICP onto an even sample of the face."""
-    u, v = np.meshgrid(np.linspace(0, fabric.width, 81), np.linspace(0, fabric.height, 81))
-    face = np.stack([u.ravel() - fabric.width / 2, -v.ravel(), np.full(u.size, z)], axis=1)
+    face = at_rest(fabric, 81, 81) + [0.0, 0.0, z]
     target = point_cloud(face)
     target.normals = o3d.utility.Vector3dVector(np.tile([0.0, 0.0, 1.0], (len(face), 1)))
     source = point_cloud(cleaned)

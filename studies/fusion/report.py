@@ -18,14 +18,13 @@ if TYPE_CHECKING:
     from studies.fusion.stamped import StampedFrames
 
 Array = NDArray[np.float64]
-SLICES = 3
 AROUND = 60  # pixels
 SLICE = 0.008  # m, half the width of a slice in the picture
 
 
-def write_report(path: Path, report: "FusionReport", last: Mapping[str, Array], stamped: "StampedFrames") -> None:
-    """Write the page. last: the last frame's clouds in the world, by sensor."""
-    path.write_text(html_of(f"Fused: {report.recording}", _blocks(report, last, stamped)), encoding="utf-8")
+def page_of(report: "FusionReport", last: Mapping[str, Array], stamped: "StampedFrames") -> str:
+    """Return the page. last: the last frame's clouds in the world, by sensor."""
+    return html_of(f"Fused: {report.recording}", _blocks(report, last, stamped))
 
 
 def _blocks(report: "FusionReport", last: Mapping[str, Array], stamped: "StampedFrames") -> Iterator[Block]:
@@ -104,13 +103,8 @@ def _views(stamped: "StampedFrames") -> Figure:
 def _slices(last: Mapping[str, Array]) -> Figure:
     figure = Figure(figsize=(12, 3.6), layout="constrained")
     heights = np.quantile(np.concatenate([cloud[:, 1] for cloud in last.values()]), [0.85, 0.5, 0.15])
-    for column, height in enumerate(heights[:SLICES]):
-        axes = figure.add_subplot(1, SLICES, column + 1)
-        for name, cloud in last.items():
-            near = np.abs(cloud[:, 1] - height) < 0.003
-            axes.plot(in_mm(cloud[near, 0]), in_mm(cloud[near, 2]), ".", markersize=3, label=name)
-        axes.set_title(f"y = {in_mm(float(height)):.0f} mm", fontsize="small")
-        axes.set_xlabel("x [mm]")
+    for axes, height in zip(figure.subplots(1, len(heights)), heights, strict=True):
+        _scatter(axes, _sliced(last, height, 0.003), (0, 2), title=f"y = {in_mm(float(height)):.0f} mm")
         axes.set_aspect("equal")
     axes.legend(fontsize="x-small")
     return figure
@@ -119,11 +113,11 @@ def _slices(last: Mapping[str, Array]) -> Figure:
 def _timeline(stamped: "StampedFrames") -> Figure:
     figure = Figure(figsize=(12, 4.5), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
-    for k, (views, clock) in enumerate(zip(stamped.timed.views, stamped.timed.clocks, strict=True)):
-        times = clock.times(np.array([view.stamp for view in views])) - stamped.offset
+    for k, views in enumerate(stamped.timed.views):
+        times = stamped.timed.times(k) - stamped.offset
         above.plot(times, in_mm(np.array([view.mean_speed for view in views])), label=stamped.anchored.sensors[k].name)
         below.plot(times, np.full(len(times), k), "|", color=f"C{k}")
-        lost: Any = clock.times(np.array(stamped.odd[k].lost)) - stamped.offset
+        lost: Any = stamped.timed.clocks[k].times(np.array(stamped.cutters[k].odd.lost)) - stamped.offset
         below.plot(lost, np.full(len(lost), k), "x", color="red")
     for time in stamped.recording.program.time[:50]:
         above.axvline(float(time), color="grey", linewidth=0.6)
@@ -138,11 +132,11 @@ def draw(before: Mapping[str, Array], after: Mapping[str, Array], path: Path, *,
     """Clouds (n, 3) m by sensor name, placed by the nominal and by the registered poses, as a PNG."""
     figure = Figure(figsize=(12, 9), layout="constrained")
     axes = figure.subplots(2, 2)
-    middle = in_mm(float(np.median(np.concatenate(list(after.values()))[:, 1])))
+    middle = float(np.median(np.concatenate(list(after.values()))[:, 1]))
     for column, (name, clouds) in enumerate((("before: nominal poses", before), ("after: registered, cleaned", after))):
         _scatter(axes[0, column], clouds, (0, 1), title=f"{name}, from the front")
-        slices = {k: c[np.abs(in_mm(c[:, 1]) - middle) < in_mm(SLICE)] for k, c in clouds.items()}
-        _scatter(axes[1, column], slices, (0, 2), title=f"{name}, slice at y = {middle:.0f} mm")
+        slice_at = f"slice at y = {in_mm(middle):.0f} mm"
+        _scatter(axes[1, column], _sliced(clouds, middle, SLICE), (0, 2), title=f"{name}, {slice_at}")
     limits = [in_mm(np.concatenate(list(before.values()))[:, k]) for k in range(3)]
     for column in range(2):
         for row, k in ((0, 1), (1, 2)):
@@ -151,6 +145,10 @@ def draw(before: Mapping[str, Array], after: Mapping[str, Array], path: Path, *,
     axes[0, 0].legend(markerscale=5, fontsize="small")
     figure.suptitle(title)
     figure.savefig(path, dpi=110, format="png")
+
+
+def _sliced(clouds: Mapping[str, Array], height: float, half: float) -> dict[str, Array]:
+    return {name: cloud[np.abs(cloud[:, 1] - height) < half] for name, cloud in clouds.items()}
 
 
 def _scatter(axes: Axes, clouds: Mapping[str, Array], axis: tuple[int, int], *, title: str) -> None:

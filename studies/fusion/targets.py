@@ -1,8 +1,10 @@
 """Poses of cameras to each other from a target that they all see: the middle of a sphere, or the corners of a ChArUco
 board (the package cv2, extra `board`). The world's frame stays that of the nominal poses as a whole."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,7 @@ from fabdesign.clouds.recording import Recording
 from fabdesign.depth.sensor import SeenTarget, depth_stream
 from fabdesign.depth.stream import DepthStream, paired_as_stamped
 from fabdesign.errors import InputError
+from fabdesign.geometry.placement import between
 
 Array = NDArray[np.float64]
 Seen = Mapping[tuple[int, int], Array]  # (frame, corner) -> (3,) m in the camera's frame
@@ -39,7 +42,8 @@ def with_target_poses(recording: Recording) -> tuple[Recording, dict[str, float]
         raise InputError(f"{place}: a target is seen in depth images; expected bag or images of each sensor")
     paired, chosen = paired_as_stamped(streams, 30.0, str(place))
     chosen = chosen[np.unique(np.linspace(0, len(chosen) - 1, MOST_IMAGES).round().astype(int))]
-    seen = [_still(_points(stream, [int(k) for k in chosen[:, c]], target)) for c, stream in enumerate(paired)]
+    points = [_points(stream, [int(k) for k in chosen[:, c]], target) for c, stream in enumerate(paired)]
+    seen = [{key: point for key, point in each.items() if not _moves(each, *key)} for each in points]
     nominal = [sensor.camera_to_world for sensor in recording.sensors]
     poses, residuals = solve(seen, nominal, [sensor.name for sensor in recording.sensors])
     sensors = tuple(replace(s, camera_to_world=pose) for s, pose in zip(recording.sensors, poses, strict=True))
@@ -69,13 +73,10 @@ def solve(seen: Sequence[Seen], nominal: Sequence[Array], names: Sequence[str]) 
 
     Raises InputError for a camera with too few points in common, or along a line.
     """
-    counts: dict[tuple[int, int], int] = {}
-    for marks in seen:
-        for key in marks:
-            counts[key] = counts.get(key, 0) + 1
-    common = [[key for key in marks if counts[key] > 1] for marks in seen]
-    for name, keys, marks in zip(names, common, seen, strict=True):
-        points = np.array([marks[key] for key in keys]).reshape(-1, 3)
+    counts = Counter(chain.from_iterable(seen))
+    common = [[key for key in places if counts[key] > 1] for places in seen]
+    for name, keys, places in zip(names, common, seen, strict=True):
+        points = np.array([places[key] for key in keys]).reshape(-1, 3)
         several = len(keys) >= LEAST_COMMON
         if not several or np.linalg.svd(points - points.mean(axis=0))[1][1] < OFF_LINE * len(keys) ** 0.5:
             raise InputError(
@@ -85,34 +86,30 @@ def solve(seen: Sequence[Seen], nominal: Sequence[Array], names: Sequence[str]) 
     poses = [pose.copy() for pose in nominal]
     for _ in range(ROUNDS):
         placed: dict[tuple[int, int], list[Array]] = {}
-        for pose, keys, marks in zip(poses, common, seen, strict=True):
+        for pose, keys, places in zip(poses, common, seen, strict=True):
             for key in keys:
-                placed.setdefault(key, []).append(pose[:3, :3] @ marks[key] + pose[:3, 3])
+                placed.setdefault(key, []).append(pose[:3, :3] @ places[key] + pose[:3, 3])
         middle = {key: np.mean(points, axis=0) for key, points in placed.items()}
         poses = [
-            _rigid(np.array([marks[key] for key in keys]), np.array([middle[key] for key in keys]))
-            for keys, marks in zip(common, seen, strict=True)
+            _rigid(np.array([places[key] for key in keys]), np.array([middle[key] for key in keys]))
+            for keys, places in zip(common, seen, strict=True)
         ]
-    back = _rigid(_marks(poses), _marks(nominal))
+    marks = [  # points [m] that go with the cameras: their places and 0.6 m along their axes
+        np.concatenate([[p[:3, 3], *(p[:3, 3] + 0.6 * p[:3, k] for k in range(3))] for p in each])
+        for each in (poses, nominal)
+    ]
+    back = _rigid(*marks)
     residuals = [
-        float(np.sqrt(np.mean([((pose[:3, :3] @ marks[k] + pose[:3, 3] - middle[k]) ** 2).sum() for k in keys])))
-        for pose, keys, marks in zip(poses, common, seen, strict=True)
+        float(np.sqrt(np.mean([((pose[:3, :3] @ places[k] + pose[:3, 3] - middle[k]) ** 2).sum() for k in keys])))
+        for pose, keys, places in zip(poses, common, seen, strict=True)
     ]
     return [back @ pose for pose in poses], residuals
 
 
-def _marks(poses: Sequence[Array]) -> Array:
-    """Return points [m] that go with the cameras: their places and 0.6 m along their axes."""
-    return np.concatenate([[p[:3, 3], *(p[:3, 3] + 0.6 * p[:3, k] for k in range(3))] for p in poses])
-
-
 def _rigid(points: Array, onto: Array) -> Array:
-    """Return the turn and shift (4, 4) that lays points (n, 3) on others best (Kabsch 1976)."""
-    a, b = points.mean(axis=0), onto.mean(axis=0)
-    u, _, vt = np.linalg.svd((points - a).T @ (onto - b))
-    turn = vt.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))]) @ u.T
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = turn, b - turn @ a
+    """Return the turn and shift (4, 4) that lays points (n, 3) on others best."""
+    motion, pose = between(points, onto), np.eye(4)
+    pose[:3, :3], pose[:3, 3] = motion.turn, motion.shift
     return pose
 
 
@@ -129,14 +126,10 @@ def _points(stream: DepthStream, numbers: Sequence[int], target: SeenTarget) -> 
     return seen
 
 
-def _still(seen: Mapping[tuple[int, int], Array]) -> dict[tuple[int, int], Array]:
-    """Return the points of frames in which the target does not move."""
-
-    def moves(frame: int, corner: int, point: Array) -> bool:
-        beside = [seen.get((frame + step, corner)) for step in (-1, 1)]
-        return any(other is not None and np.linalg.norm(other - point) > STILL for other in beside)
-
-    return {key: point for key, point in seen.items() if not moves(*key, point)}
+def _moves(seen: Seen, frame: int, corner: int) -> bool:
+    """Return whether a point of the target is elsewhere in the frame before or after."""
+    beside = [seen.get((frame + step, corner)) for step in (-1, 1)]
+    return any(other is not None and np.linalg.norm(other - seen[frame, corner]) > STILL for other in beside)
 
 
 def sphere_middle(cloud: Array, radius: float, pixel: float, rng: np.random.Generator) -> Array | None:

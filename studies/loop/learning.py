@@ -196,7 +196,7 @@ def _trained(
         except InputError as error:  # trials that nothing can be learned from
             shutil.rmtree(files / name)
             return f"no network: {error}", False
-        shares = [of.closed.value for of in result.held_out.values() if of.closed.value is not None]
+        shares = [of.closed.surface for of in result.held_out.values() if of.closed.surface is not None]
         used = bool(shares) and min(shares) > 0
         if not used:
             shutil.rmtree(files / name)

@@ -115,7 +115,7 @@ def _as_json(design: DesignResult) -> dict[str, Any]:
     return {
         "before": millimetres(design.before),
         "after": millimetres(design.after),
-        "closed": asdict(design.closed) | {"value": design.closed.value},
+        "closed": asdict(design.closed) | {"value": design.closed.surface},
         "noise": {"sigma_mm": in_mm(design.noise.sigma), "strays": design.noise.strays},
         "histogram": {error: histogram(design, error) for error in ("chamfer", "surface_rms")},
         "source": design.source,

@@ -42,32 +42,19 @@ class Cables:
 
 def lace(design: Design, patch: Patch, offset_factor: float) -> Cables:
     """Return the fixed points of all muscles on the patch."""
-    width, height = design.fabric.width, design.fabric.height
-    uv: list[Array] = []
-    offset, first, rest, muscle, along = [], [], [], [], []
-    for m, mus in enumerate(design.muscles):
-        points = mus.fixed_points()
-        d = design.muscle_types[mus.type].axis_offset * offset_factor * (1 if mus.side == "front" else -1)
-        length = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        start = sum(map(len, uv))
-        uv.append(points)
-        offset.append(np.full(len(points), d))
-        first.append(start + np.arange(len(length)))
-        rest.append(length)
-        muscle.append(np.full(len(length), m))
-        along.append((np.cumsum(length) - length / 2) / length.sum())
-    points = np.concatenate(uv) if uv else np.zeros((0, 2))
-    nodes, basis = _loops(points, patch, width, height)
-    return Cables(
-        nodes,
-        basis,
-        np.concatenate(offset) if uv else np.zeros(0),
-        np.concatenate(first).astype(np.int64) if uv else np.zeros(0, np.int64),
-        np.concatenate(rest) if uv else np.zeros(0),
-        np.concatenate(muscle).astype(np.int64) if uv else np.zeros(0, np.int64),
-        np.concatenate(along) if uv else np.zeros(0),
-        points,
-    )
+    each = [muscle.fixed_points() for muscle in design.muscles]
+    counts, types = [len(points) for points in each], [design.muscle_types[muscle.type] for muscle in design.muscles]
+    uv = np.concatenate([np.zeros((0, 2)), *each])
+    first = np.delete(np.arange(len(uv)), np.cumsum(counts, dtype=np.int64) - 1)
+    rest = np.linalg.norm(uv[first + 1] - uv[first], axis=1)
+    muscle = np.repeat(np.arange(len(each)), np.array(counts, dtype=np.int64) - 1)
+    lengths = [rest[muscle == m] for m in range(len(each))]
+    along = [(np.cumsum(length) - length / 2) / length.sum() for length in lengths]
+    signs = [1 if each.side == "front" else -1 for each in design.muscles]
+    offsets = [kind.axis_offset * offset_factor * sign for kind, sign in zip(types, signs, strict=True)]
+    nodes, basis = _loops(uv, patch, design.fabric.width, design.fabric.height)
+    offset = np.repeat(np.array(offsets, dtype=np.float64), counts)
+    return Cables(nodes, basis, offset, first, rest, muscle, np.concatenate([np.zeros(0), *along]), uv)
 
 
 def _loops(points: Array, patch: Patch, width: float, height: float) -> tuple[Ints, Array]:

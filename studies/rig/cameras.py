@@ -7,7 +7,6 @@ Okutomi 2001, "Precise sub-pixel estimation on area-based matching"); pixels tha
 0.6 m one pixel of disparity is 2.8 % of the depth: the ripple's period.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -84,7 +83,7 @@ def record(task: TrialTask, folder: Path, truth_file: Path) -> None:
     camera = StereoCamera(optics, unit=2e-5, noise=NOISE, shared=0.0, ripple=task.truth.sensing.ripple)
 
     def view(x: Array, sensor: Sensor) -> Array:
-        return cloud_of(camera.image(scene, x, sensor.camera_to_world, rng), camera.unit, optics)
+        return cloud_of(camera.image(scene, x, sensor.camera_to_world, rng) * camera.unit, optics.slopes)
 
     frames = [{s.name: view(x, s) for s in truth} for x in shapes]
     reference = {s.name: view(rest, s) for s in truth}
@@ -181,21 +180,12 @@ class StereoCamera:
     ripple: float = 0.05  # pixels of disparity, amplitude: 0.85 mm at 0.6 m
     holes: float = 0.03
     flying: float = 0.35  # of those at an edge
-    frame_rate: float = 30.0  # Hz
 
-    def image(
-        self, scene: Scene, x: Array, pose: Array, rng: np.random.Generator, beside: Sequence[tuple[Array, Ints]] = ()
-    ) -> NDArray[np.uint16]:
-        """Return the depth image (height, width) of the cloth with control points x, and of meshes beside it.
-
-        pose: camera_to_world (4, 4) m.
-        """
+    def image(self, scene: Scene, x: Array, pose: Array, rng: np.random.Generator) -> NDArray[np.uint16]:
+        """Return the depth image (height, width) of the cloth with control points x. pose: camera_to_world (4, 4) m."""
         vertices, triangles = mesh(scene, x)
         for distort in scene.sensed:
             vertices = distort(vertices)
-        for points, faces in beside:
-            triangles = np.concatenate([triangles, faces + len(vertices)])
-            vertices = np.concatenate([vertices, points])
         (fx, fy), (cx, cy) = self.optics.focal, self.optics.centre
         shape = self.optics.height, self.optics.width
         seen = (vertices - pose[:3, 3]) @ pose[:3, :3]
@@ -222,10 +212,3 @@ class StereoCamera:
         kept = seen & (rng.random(depth.shape) >= self.holes) & np.isfinite(z)
         image[part] = np.where(kept, np.clip(np.nan_to_num(z) / self.unit, 0, 65535), 0).round().astype(np.uint16)
         return image
-
-
-def bar(low: Sequence[float], high: Sequence[float]) -> tuple[Array, Ints]:
-    """Return a box between two corners [m] as vertices and triangles: a bar of the frame, or a wall."""
-    corners = np.array([[(low, high)[(k >> axis) & 1][axis] for axis in range(3)] for k in range(8)], dtype=np.float64)
-    quads = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
-    return corners, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])

@@ -35,9 +35,15 @@ class RigSolver:
     """One scene's moving state, its residual and its factored stiffness."""
 
     def __init__(self, scene: Scene) -> None:
-        self.scene = scene
-        s = scene
-        self.band_width = _half_band(s)
+        self.scene = s = scene
+        widest = int((s.nodes.max(axis=1) - s.nodes.min(axis=1)).max())
+        for j in s.cables.first:
+            pair = s.cables.nodes[j : j + 2]
+            widest = max(widest, int(pair.max() - pair.min()))
+        for matrix in (s.mass, s.drag):
+            coo = matrix.tocoo()
+            widest = max(widest, int(np.abs(coo.row - coo.col).max(initial=0)))
+        self.band_width = 3 * widest + 2  # half of it
         self.strain = np.zeros((len(s.uv), 6))
         self.memory = np.zeros((len(s.uv), 6))
         self.y = np.zeros((len(s.cables.uv), 3))
@@ -48,14 +54,16 @@ class RigSolver:
         self._mass_band = _to_band(s.mass, self.band_width)
         self._drag_band = _to_band(s.drag, self.band_width)
 
+    @property
+    def _cloth(self) -> shell.Cloth:
+        s = self.scene
+        return s.nodes, s.basis, s.weight, s.stiffness, s.rest_strain, s.viscosity, s.prony, self.memory
+
     def internal(self, x: Array, pressure: Array, rate_gain: float, rate_history: Array, cable_history: Array) -> Array:
         """Return the internal force (n, 3) N at x. Rates are rate_gain * value + history."""
         s = self.scene
         out = np.zeros_like(x)
-        shell.forces(
-            x, s.nodes, s.basis, s.weight, s.stiffness, s.rest_strain, s.viscosity, s.prony, self.memory,
-            rate_gain, rate_history, self.strain, out,
-        )  # fmt: skip
+        shell.forces(x, self._cloth, rate_gain, rate_history, self.strain, out)
         c = s.cables
         if len(c.rest):
             cable_kernels.positions(x, c.nodes, c.basis, c.offset, self.y, self.jac)
@@ -80,10 +88,7 @@ class RigSolver:
         """
         s, c = self.scene, self.scene.cables
         band = mass_gain * self._mass_band + drag_gain * self._drag_band
-        shell.stiffness(
-            x, s.nodes, s.basis, s.weight, s.stiffness, s.rest_strain, s.viscosity, s.prony, self.memory,
-            rate_gain, rate_history, GAUSS**2, exact, band,
-        )  # fmt: skip
+        shell.stiffness(x, self._cloth, rate_gain, rate_history, GAUSS**2, exact, band)
         if len(c.rest):
             cable_kernels.stiffness(
                 self.y, self.jac, c.nodes, c.first, self.tension, np.maximum(self.axial, 0.0), exact, band
@@ -133,17 +138,6 @@ class RigSolver:
         residual = np.where(self.scene.held, 0.0, residual)
         dx, _ = dpbtrs(self.factor, residual.reshape(-1, 1), lower=1)
         return np.asarray(-dx.reshape(residual.shape))
-
-
-def _half_band(scene: Scene) -> int:
-    widest = int((scene.nodes.max(axis=1) - scene.nodes.min(axis=1)).max())
-    for j in scene.cables.first:
-        pair = scene.cables.nodes[j : j + 2]
-        widest = max(widest, int(pair.max() - pair.min()))
-    for matrix in (scene.mass, scene.drag):
-        coo = matrix.tocoo()
-        widest = max(widest, int(np.abs(coo.row - coo.col).max(initial=0)))
-    return 3 * widest + 2
 
 
 def _to_band(matrix: sp.spmatrix, half: int) -> Array:

@@ -25,7 +25,7 @@ from fabdesign.output import new_file, new_folder
 from fabdesign.runtime.cluster import current
 from fabdesign.runtime.effort import LONGEST, MEMORY, in_words, on_cores, rig_seconds
 from fabdesign.runtime.supervisor import uninterrupted
-from studies.rig.cameras import measure
+from studies.rig.cameras import measure, record
 from studies.rig.ground_truth import GroundTruth, read_ground_truth, with_effects_of
 from studies.rig.scene import DEFAULT, Resolution, control_counts
 from studies.rig.specimen import TrialTask, control_points, prepare
@@ -71,11 +71,13 @@ def run_rig(
         k1, k2 = linear_membrane(given).fabric.membrane_stiffness
         name, to = given.name, f"up to {WORKING_STRAIN:.0%} of strain"
         note(f"design {name}: the rig's cloth is linear; it takes {k1:.4g} N/m across and {k2:.4g} N/m down, {to}")
-    designs = _by_name([design for design, _ in read])
-    roles: list[Role] = []
-    for _, programs in read:
-        last = len(programs) - test_trials
-        roles += ["test" if k >= last else "fit" for k in range(len(programs))]
+    designs = {design.name: design for design, _ in read}
+    if len(designs) < len(read):
+        twice = next(name for name in designs if sum(design.name == name for design, _ in read) > 1)
+        raise InputError(f"design {twice}: two of this name; expected one of its own for each in a session")
+    roles: list[Role] = [
+        "test" if k >= len(programs) - test_trials else "fit" for _, programs in read for k in range(len(programs))
+    ]
     pairs = [(design, program) for design, programs in read for program in programs]
     tasks = [_task(*pair, order, truth, resolution) for order, pair in enumerate(pairs)]
     workers = min(workers or os.cpu_count() or 1, require_room(tasks, resolution))
@@ -85,7 +87,10 @@ def run_rig(
         say(in_words(seconds / workers, f"{len(tasks)} trials", on_cores()))
         with closing(_shapes(tasks, workers)) as motions:
             for task, role, shapes in zip(tasks, roles, motions, strict=True):
-                yield NewTrial(f"{task.order:03d}", task.design.name, task.order, role, _sense(task, shapes))
+                scene, rng = prepare(task), np.random.default_rng([task.truth.seed, task.order, 1])
+                clouds = tuple(measure(scene, x, task.truth.sensing, rng) for x in shapes)
+                data = TrialData(task.times, task.program.at(task.times - 1e-6), clouds)
+                yield NewTrial(f"{task.order:03d}", task.design.name, task.order, role, data)
                 progress(task.order + 1, len(tasks))
 
     name, rate = out.resolve().name, truth.sensing.frame_rate
@@ -97,8 +102,6 @@ def run_rig(
         description = "virtual rig; synthetic"
         write_set(unfinished, designs, measured, name=name, description=description, frame_rate=rate)
         if recorded is not None:
-            from studies.rig.cameras import record
-
             record(tasks[0], *recorded)
 
 
@@ -109,16 +112,6 @@ def _read(given: Given, pressures: Sequence[Program], test_trials: int) -> tuple
     if not 0 <= test_trials <= len(pressures):
         raise InputError(f"test_trials = {test_trials}; expected 0 to {len(pressures)}, the number of programs")
     return design, [p if isinstance(p, PressureProgram) else read_pressures(p, design) for p in pressures]
-
-
-def _by_name(designs: Sequence[Design]) -> dict[str, Design]:
-    """Return each design under its name. Raises InputError where two have the same."""
-    named: dict[str, Design] = {}
-    for design in designs:
-        if design.name in named:
-            raise InputError(f"design {design.name}: two of this name; expected one of its own for each in a session")
-        named[design.name] = design
-    return named
 
 
 @contextmanager
@@ -166,13 +159,6 @@ def linear_membrane(design: Design) -> Design:
         for strain, tension, declared in zip(curve.strain, curve.tension, design.fabric.membrane_stiffness, strict=True)
     )
     return replace(design, fabric=replace(design.fabric, membrane_curve=None, membrane_stiffness=(k1, k2)))
-
-
-def _sense(task: TrialTask, shapes: Array) -> TrialData:
-    scene = prepare(task)
-    rng = np.random.default_rng([task.truth.seed, task.order, 1])
-    clouds = tuple(measure(scene, x, task.truth.sensing, rng) for x in shapes)
-    return TrialData(task.times, task.program.at(task.times - 1e-6), clouds)
 
 
 def _shapes(tasks: Sequence[TrialTask], workers: int) -> Generator[Array, None, None]:
@@ -231,20 +217,14 @@ _CONTROL = 360  # bytes of a control point and another in reach: the matrix, its
 _FRAME, _POINT = 48, 120  # bytes of a frame: of each control point, and of each measured one
 
 
-def trial_bytes(task: TrialTask, resolution: Resolution) -> float:
-    """Return the bytes at the peak of a trial."""
-    controls, pairs = control_counts(task.design, resolution)
-    frames = len(task.times)
-    steps = float(task.times[-1]) / resolution.step
-    kept = frames * (_FRAME * controls + _POINT * task.truth.sensing.points)
-    return steps * controls * _STEP + pairs * _CONTROL + kept
-
-
 def require_room(tasks: Sequence[TrialTask], resolution: Resolution) -> int:
     """Return how many of the trials fit into memory at once. Raises InputError where one alone does not."""
     most = 0.0
     for task in tasks:
-        needed = trial_bytes(task, resolution)
+        controls, pairs = control_counts(task.design, resolution)
+        kept = len(task.times) * (_FRAME * controls + _POINT * task.truth.sensing.points)
+        steps = float(task.times[-1]) / resolution.step
+        needed = steps * controls * _STEP + pairs * _CONTROL + kept  # bytes at the peak of the trial
         if needed > MEMORY:
             cloth = task.design.fabric
             raise InputError(

@@ -6,12 +6,14 @@ is the declared design times the parameter factors.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import wraps
 from itertools import pairwise
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from fabdesign.geometry.hung_cloth import on_flat_cloth
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import PARAMETERS
@@ -98,6 +100,7 @@ class StepReport:
 
 
 Apply = Callable[[Scene, int, Mapping[str, float]], None]
+Change = Callable[[Array, float, Mapping[str, float]], Array]
 
 
 @dataclass(frozen=True)
@@ -122,6 +125,19 @@ def effect(site: str, **parameters: tuple[float, str]) -> Callable[[Apply], Appl
     return declared
 
 
+def pressure_effect(**parameters: tuple[float, str]) -> Callable[[Change], Apply]:
+    """Declare a function as the effect of its name on the channels' pressures (steps, channels) Pa."""
+
+    def declared(change: Change) -> Apply:
+        @wraps(change)
+        def apply(scene: Scene, order: int, values: Mapping[str, float]) -> None:
+            scene.pressure_hooks.append(lambda pressure, step: change(pressure, step, values))
+
+        return effect("pneumatics", **parameters)(apply)
+
+    return declared
+
+
 def build_scene(
     design: Design, factors: Mapping[str, float], resolution: Resolution, *, max_pressure: float, seed: int = 0
 ) -> Scene:
@@ -129,7 +145,12 @@ def build_scene(
     tables."""
     f = {name: factors.get(name, 1.0) for name in PARAMETERS}
     cloth = design.fabric
-    patch = _patch(design, resolution)
+    axes = [
+        Axis(np.linspace(0.0, length, _elements(length, resolution) + 1), resolution.degree)
+        for length in (cloth.width, cloth.height)
+    ]
+    across, down = _reach(design)
+    patch = Patch(axes[0], axes[1], u_slow=bool(across <= down))  # muscles stay within a block: a narrow band
     uv, weight = patch.quadrature()
     nodes, basis = patch.local(uv, DERIVATIVES)
     n = len(uv)
@@ -139,6 +160,9 @@ def build_scene(
     intervals = len(cables.rest)
     types = [design.muscle_types[m.type] for m in design.muscles]
     viscosity = np.array([types[m].viscosity * f["damping"] for m in cables.muscle])
+    threads = sp.csr_matrix((patch.count, patch.count))
+    for muscle, kind in zip(design.muscles, types, strict=True):
+        threads = threads + line_mass(patch, np.array(muscle.path), kind.mass_per_length)
     held, hung_uv = _support(design, patch)
     rest = np.zeros((n, 6))
     rest[:, 3:] = _imperfection(uv, cloth.width, cloth.height, seed)
@@ -155,7 +179,7 @@ def build_scene(
         stiffness=np.tile(_moduli(design, f["membrane"], f["shear"], f["bending"]), (n, 1)),
         rest_strain=rest,
         viscosity=np.full(n, cloth.viscosity * f["damping"]),
-        mass=(cloth.areal_density * f["areal_density"] * area + _muscle_mass(design, patch)).tocsr(),
+        mass=(cloth.areal_density * f["areal_density"] * area + threads).tocsr(),
         drag=(cloth.air_damping * f["damping"] * area).tocsr(),
         gravity=np.array(cloth.gravity, dtype=float),
         cables=cables,
@@ -172,7 +196,7 @@ def build_scene(
         held=held,
         ties=patch.matrix(hung_uv),
         tie_stiffness=np.full(len(hung_uv), PIN_STIFFNESS),
-        tied_to=np.stack([hung_uv[:, 0] - cloth.width / 2, -hung_uv[:, 1], np.zeros(len(hung_uv))], axis=1),
+        tied_to=on_flat_cloth(hung_uv, cloth),
     )
 
 
@@ -183,15 +207,6 @@ def control_counts(design: Design, resolution: Resolution) -> tuple[int, int]:
     blocks, within = (_elements(length, resolution) + resolution.degree for length in sizes)
     reached = min(blocks, int(min(reach) / resolution.element) + resolution.degree + 1)
     return blocks * within, blocks * within**2 * reached
-
-
-def _patch(design: Design, resolution: Resolution) -> Patch:
-    axes = [
-        Axis(np.linspace(0.0, length, _elements(length, resolution) + 1), resolution.degree)
-        for length in (design.fabric.width, design.fabric.height)
-    ]
-    reach_u, reach_v = _reach(design)
-    return Patch(axes[0], axes[1], u_slow=bool(reach_u <= reach_v))  # muscles stay within a block: a narrow band
 
 
 def _elements(length: float, resolution: Resolution) -> int:
@@ -215,18 +230,8 @@ def _moduli(design: Design, membrane: float, shear: float, bending: float) -> Ar
     twist = cloth.twist_stiffness
     twist = (b1 * b2) ** 0.5 / (1.0 + nu2**0.5) if twist is None else twist * bending
     nu = np.sign(cloth.poisson) * nu2**0.5
-    return np.array(
-        [
-            k1 / q,
-            nu * (k1 * k2) ** 0.5 / q,
-            k2 / q,
-            shear * cloth.shear_stiffness,
-            b1 / q,
-            nu * (b1 * b2) ** 0.5 / q,
-            b2 / q,
-            twist,
-        ]
-    )
+    membrane_moduli = k1 / q, nu * (k1 * k2) ** 0.5 / q, k2 / q, shear * cloth.shear_stiffness
+    return np.array([*membrane_moduli, b1 / q, nu * (b1 * b2) ** 0.5 / q, b2 / q, twist])
 
 
 def line_mass(patch: Patch, path: Array, per_length: float) -> sp.csr_matrix:
@@ -241,13 +246,6 @@ def line_mass(patch: Patch, path: Array, per_length: float) -> sp.csr_matrix:
         weight = np.tile(w / 2 / pieces, pieces) * np.linalg.norm(b - a) * per_length
         total = total + basis.T @ sp.diags(weight) @ basis
     return total.tocsr()
-
-
-def _muscle_mass(design: Design, patch: Patch) -> sp.csr_matrix:
-    total = sp.csr_matrix((patch.count, patch.count))
-    for m in design.muscles:
-        total = total + line_mass(patch, np.array(m.path), design.muscle_types[m.type].mass_per_length)
-    return total
 
 
 def _support(design: Design, patch: Patch) -> tuple[NDArray[np.bool_], Array]:

@@ -15,6 +15,11 @@ from fabdesign.nouns.array import Array
 
 Ints = NDArray[np.int64]
 DERIVATIVES = ((1, 0), (0, 1), (2, 0), (0, 2), (1, 1))  # of a basis function, in the kernels' order
+# the quadrature points of a cloth, as the kernels take them: control points (points, m) that count there, the
+# DERIVATIVES (points, 5, m) of their functions, weight [m^2], stiffness (points, 8), rest strain (points, 6), viscosity
+# [N s/m], the share of the stress that relaxes, and the strain (points, 6) that has. A plain tuple: numba's cache could
+# not be read once a class of its own was renamed
+Cloth = tuple[Ints, Array, Array, Array, Array, Array, float, Array]
 
 
 @njit(cache=True, fastmath=True)
@@ -86,25 +91,12 @@ def _stress(
 
 
 @njit(cache=True, fastmath=True)
-def forces(
-    x: Array,
-    nodes: Ints,
-    basis: Array,
-    weight: Array,
-    c: Array,
-    e_rest: Array,
-    eta: Array,
-    prony: float,
-    memory: Array,
-    rate_gain: float,
-    rate_history: Array,
-    strain: Array,
-    out: Array,
-) -> None:
+def forces(x: Array, cloth: Cloth, rate_gain: float, rate_history: Array, strain: Array, out: Array) -> None:
     """Adds the internal force [N] of the cloth to out (n, 3) and stores the strains (points, 6).
 
     The strain rate is rate_gain * strain + rate_history (points, 3): the time scheme's difference formula.
     """
+    nodes, basis, weight, c, e_rest, eta, prony, memory = cloth
     a, e, g = np.empty((5, 3)), np.empty(6), np.empty((6, 5, 3))
     stress, rate, f = np.empty(6), np.empty(3), np.empty((5, 3))
     for q in range(basis.shape[0]):
@@ -189,22 +181,10 @@ def _hessian(
 
 @njit(cache=True, fastmath=True)
 def stiffness(
-    x: Array,
-    nodes: Ints,
-    basis: Array,
-    weight: Array,
-    c: Array,
-    e_rest: Array,
-    eta: Array,
-    prony: float,
-    memory: Array,
-    rate_gain: float,
-    rate_history: Array,
-    points_per_element: int,
-    exact: bool,
-    band: Array,
+    x: Array, cloth: Cloth, rate_gain: float, rate_history: Array, points_per_element: int, exact: bool, band: Array
 ) -> None:
     """Adds the cloth's stiffness to `band` (lower banded, 3 degrees of freedom a control point)."""
+    nodes, basis, weight, c, e_rest, eta, prony, memory = cloth
     nb = nodes.shape[1]
     a, e, g, stress, rate = np.empty((5, 3)), np.empty(6), np.empty((6, 5, 3)), np.empty(6), np.empty(3)
     h, product = np.empty((15, 15)), np.empty((3, 15))

@@ -33,12 +33,12 @@ class TrialTask:
     resolution: Resolution = DEFAULT
 
 
-def prepare(task: TrialTask, resolution: Resolution | None = None) -> Scene:
+def prepare(task: TrialTask) -> Scene:
     """Return the scene with the ground truth's factors and effects in it."""
     scene = build_scene(
         task.design,
         task.truth.parameters,
-        resolution or task.resolution,
+        task.resolution,
         max_pressure=float(task.program.pressure.max(initial=0.0)),
         seed=1000 * task.truth.seed + task.order,
     )

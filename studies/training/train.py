@@ -89,7 +89,7 @@ class TrainingResult(Tabled):
                     **({} if of.sheet is None else {"sheet": millimetres(of.sheet)}),
                     "before": millimetres(of.before),
                     "after": millimetres(of.after),
-                    "closed": asdict(of.closed) | {"value": of.closed.value},
+                    "closed": asdict(of.closed) | {"value": of.closed.surface},
                 }
                 for name, of in self.held_out.items()
             },

@@ -15,12 +15,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fabdesign.depth.cut import of_colour
-from fabdesign.depth.images import read_depth_npz, read_image_folder
+from fabdesign.depth.images import depth_image, of_colour, read_depth_npz, read_image_folder
 from fabdesign.depth.intrinsics import Intrinsics, intrinsics_of, intrinsics_of_json
-from fabdesign.depth.mcap_images import read_mcap_depth
-from fabdesign.depth.png import depth_image
 from fabdesign.depth.realsense import read_realsense
+from fabdesign.depth.ros_image import read_mcap_depth
 from fabdesign.errors import InputError
 from tests.conftest import ROOT
 
@@ -138,7 +136,7 @@ def test_hostile_recordings_are_one_line(ending: str, tmp_path: Path) -> None:
 
 def test_a_bag_whose_chunk_unpacks_to_gigabytes_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("rosbags", reason="the extra realsense is not installed")
-    monkeypatch.setattr("fabdesign.depth.ros_image._CHUNK", 500)
+    monkeypatch.setattr("fabdesign.depth.realsense._CHUNK", 500)
     with pytest.raises(InputError, match=r"chunk (unpacks to|of)"):
         read_realsense(SAMPLES / "sample.bag").depth(0)
 

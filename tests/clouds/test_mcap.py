@@ -78,7 +78,7 @@ POINTS = np.random.default_rng(2).uniform(-0.1, 0.3, (3, 5, 4, 3))  # three clou
 @pytest.mark.parametrize("kind", ["<f4", ">f4", "<f8"])
 def test_clouds_read_back(kind: str, tmp_path: Path) -> None:
     path = write(tmp_path / "a.mcap", [("/left", message(cloud, kind=kind)) for cloud in POINTS])
-    (found,) = read_mcap(path).values()
+    ((found, _),) = read_mcap(path).values()
     np.testing.assert_allclose(found, POINTS.reshape(3, 20, 3), atol=1e-7)
     target = read_geometry(path, frame=1)
     assert (target.frame, target.unit) == (1, "m")

@@ -14,19 +14,19 @@ from scipy.spatial.transform import Rotation
 pytest.importorskip("open3d", exc_type=Exception)
 
 from fabdesign.clouds.recording import read_recording
-from fabdesign.depth.cut import Cut
 from fabdesign.depth.intrinsics import Intrinsics
+from fabdesign.depth.sensor import Cut
 from fabdesign.depth.stream import DepthStream
 from fabdesign.errors import InputError
 from fabdesign.files.measurement_set import read_set
 from fabdesign.geometry.surface import Surface
 from studies.check.files import inspect
-from studies.fusion.checks import shifted_sensor
 from studies.fusion.cleaning import Cleaned, clean, clean_image
 from studies.fusion.clocks import losses
 from studies.fusion.cutting import Cutter
 from studies.fusion.fuse import fuse
-from studies.fusion.joint import SensorView
+from studies.fusion.input import shifted_sensor
+from studies.fusion.joint import Arrangement, SensorView
 from studies.fusion.moving import view_at, with_speeds
 from studies.fusion.reference import off
 from studies.fusion.ripple import ripple_of
@@ -207,13 +207,14 @@ def test_a_shift_without_stamps_is_found_by_the_motion() -> None:
             cloud = clean_image(image * CAMERA.unit, camera.slopes, 0.003)
             views.append(SensorView(frame, k, cloud))
     poses = [cameras()[name].pose for name in NAMES]
-    shifted = shifted_sensor(views, poses, ["front", "front", "back", "back"], 0.002)
+    arranged = Arrangement(poses, ["front", "front", "back", "back"], 0.002)
+    shifted = shifted_sensor(views, arranged)
     assert shifted is not None
     sensor, lags = shifted
     assert sensor == 1
     assert [lags[frame] for frame in range(7)] == [0, 0, 1, 1, 1, 1, 1]
     straight = [view for view in views if view.camera != 1]
-    assert shifted_sensor(straight, poses, ["front", "front", "back", "back"], 0.002) is None
+    assert shifted_sensor(straight, arranged) is None
 
 
 def test_a_hand_beside_the_predicted_cloth_is_cut() -> None:
@@ -238,7 +239,7 @@ def test_a_hand_beside_the_predicted_cloth_is_cut() -> None:
         ("predicted", Cut(predicted=0.03), lambda number: cloth),
         ("colour", blue, None),
     ):
-        cutter = Cutter(stream, camera.pose, cut, DESIGN.fabric, predicted)
+        cutter = Cutter(stream, camera.pose, cut, DESIGN.fabric, "front_left", predicted)
         depth = np.zeros(SIZE)
         depth[cutter.part] = cutter.depth(0)
         kept[name] = (depth > 0) & hand

@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 from fabdesign.clouds.cloud_file import read_geometry
-from fabdesign.clouds.frame_pairs import pair_frames
 from fabdesign.clouds.ply import read_ply
 from fabdesign.clouds.recording import read_recording
+from fabdesign.depth.stream import pair_frames
 from fabdesign.errors import InputError
 from fabdesign.files.pressure_file import read_csv
 from fabdesign.files.trial_file import read_trial

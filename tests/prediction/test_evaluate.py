@@ -77,7 +77,7 @@ def test_data_sheet_against_parameters_on_test_trials_only(measured):
     assert design.after["chamfer"].mean == pytest.approx(design.after["chamfer_floor"].mean, rel=0.02)
     assert design.after["surface_rms"].mean == pytest.approx(design.after["surface_floor"].mean, rel=0.1)
     assert design.before["chamfer"].min > 2 * design.after["chamfer"].max
-    assert design.closed.value == pytest.approx(1, abs=0.05)
+    assert design.closed.surface == pytest.approx(1, abs=0.05)
     assert design.noise.sigma == pytest.approx(0.0006, rel=0.1)
     printed = json.loads(json.dumps(evaluation.as_json()))
     assert printed["unit"] == "mm"
@@ -108,7 +108,7 @@ def test_effects_are_what_after_adds(measured):
     design = evaluate_sets(model, [measured], Curler()).designs["cross"]
     # before: the parameters alone are short of a sixth of the pressure; after: nothing is missing
     assert design.after["surface_rms"].mean == pytest.approx(design.after["surface_floor"].mean, rel=0.1)
-    assert design.closed.value == pytest.approx(1, abs=0.05)
+    assert design.closed.surface == pytest.approx(1, abs=0.05)
     assert design.before["surface_rms"].mean > 3 * design.after["surface_rms"].mean
 
 

@@ -25,7 +25,7 @@ from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.output import work_folder
 from fabdesign.runtime.fingerprint import OtherContent
 from fabdesign.study_files.loop_file import LoopStudy, StopRule
-from studies.check.study import study_findings
+from studies.check.design import study_findings
 from studies.loop.learning import _traced, learn
 from studies.loop.measuring import Asked, programs_for, within_rate
 from studies.loop.record import stop_reason

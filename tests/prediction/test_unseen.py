@@ -22,7 +22,7 @@ from fabdesign.nouns.forward import MUSCLE_TYPES, Case, Term
 from fabdesign.nouns.model import Covariance, Model, Parameter, Spread
 from fabdesign.nouns.model_sampling import TWO_SIDED, spread_hash
 from fabdesign.study_files.unseen_file import UnseenStudy
-from studies.check.study import study_findings
+from studies.check.design import study_findings
 from studies.tracing.experiment import fastest
 from studies.unseen.prediction import Draws, after, in_turn, spread
 from studies.unseen.report import as_text

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from fabdesign.clouds.target_file import read_target
 from fabdesign.errors import InputError
 from fabdesign.files.pressure_file import constant_program
-from fabdesign.geometry.rigid_placement import onto
+from fabdesign.geometry.placement import onto
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.study_files.study_file import Study, StudyLimits

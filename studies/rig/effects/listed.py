@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from fabdesign.errors import InputError
 from fabdesign.nouns.array import Array
 from fabdesign.units import from_kpa
-from studies.rig.scene import Scene, StepReport, effect
+from studies.rig.scene import Scene, StepReport, effect, pressure_effect
 
 OPEN = 5e3  # Pa, above which a channel draws from the supply
 PATCH_EDGE = 0.004  # m, over which a stiff patch fades out
@@ -67,44 +67,32 @@ def odd_muscle(scene: Scene, order: int, values: Mapping[str, float]) -> None:
     scene.muscle_state.gain[scene.channel == channel] *= values["factor"]
 
 
-@effect("pneumatics", fill=(0.08, "s"), empty=(0.16, "s"))
-def filling_lag(scene: Scene, order: int, values: Mapping[str, float]) -> None:
-    """dp/dt = (set point - p) / tau, with a time constant each for filling and emptying."""
-
-    def lag(pressure: Array, step: float) -> Array:
-        fill, empty = (-np.expm1(-step / values[k]) for k in ("fill", "empty"))
-        out = pressure.copy()
-        out[0] = 0.0
-        for k in range(1, len(out)):
-            gap = pressure[k] - out[k - 1]
-            out[k] = out[k - 1] + gap * np.where(gap > 0, fill, empty)
-        return out
-
-    scene.pressure_hooks.append(lag)
+@pressure_effect(fill=(0.08, "s"), empty=(0.16, "s"))
+def filling_lag(pressure: Array, step: float, values: Mapping[str, float]) -> Array:
+    """Return p with dp/dt = (set point - p) / tau, a time constant each for filling and emptying."""
+    fill, empty = (-np.expm1(-step / values[k]) for k in ("fill", "empty"))
+    out = pressure.copy()
+    out[0] = 0.0
+    for k in range(1, len(out)):
+        gap = pressure[k] - out[k - 1]
+        out[k] = out[k - 1] + gap * np.where(gap > 0, fill, empty)
+    return out
 
 
-@effect("pneumatics", delay=(0.04, "s"))
-def dead_time(scene: Scene, order: int, values: Mapping[str, float]) -> None:
-    """p(t - delay); zero before."""
-
-    def delay(pressure: Array, step: float) -> Array:
-        time = np.arange(len(pressure)) * step
-        ends = np.searchsorted(time, time - values["delay"] - 1e-9)  # the step in which the earlier instant lies
-        return np.asarray(np.where((time > values["delay"] + 1e-9)[:, None], pressure[ends], 0.0))
-
-    scene.pressure_hooks.append(delay)
+@pressure_effect(delay=(0.04, "s"))
+def dead_time(pressure: Array, step: float, values: Mapping[str, float]) -> Array:
+    """Return p(t - delay); zero before."""
+    time = np.arange(len(pressure)) * step
+    ends = np.searchsorted(time, time - values["delay"] - 1e-9)  # the step in which the earlier instant lies
+    return np.asarray(np.where((time > values["delay"] + 1e-9)[:, None], pressure[ends], 0.0))
 
 
-@effect("pneumatics", share=(0.05, "1"))
-def supply_droop(scene: Scene, order: int, values: Mapping[str, float]) -> None:
+@pressure_effect(share=(0.05, "1"))
+def supply_droop(pressure: Array, step: float, values: Mapping[str, float]) -> Array:
     """Other open channels take a share of a channel's pressure."""
-
-    def droop(pressure: Array, step: float) -> Array:
-        is_open = pressure > OPEN
-        others = is_open.sum(axis=1, keepdims=True) - is_open
-        return np.asarray(pressure * np.maximum(1.0 - values["share"] * others, 0.0))
-
-    scene.pressure_hooks.append(droop)
+    is_open = pressure > OPEN
+    others = is_open.sum(axis=1, keepdims=True) - is_open
+    return np.asarray(pressure * np.maximum(1.0 - values["share"] * others, 0.0))
 
 
 @effect("pneumatics", share=(0.3, "1"))

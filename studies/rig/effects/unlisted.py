@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from fabdesign.nouns.array import Array
 from fabdesign.units import from_kpa
 from studies.rig.effects.listed import normals
-from studies.rig.scene import Scene, StepReport, effect
+from studies.rig.scene import Scene, StepReport, effect, pressure_effect
 
 FULL_PRESSURE = 4e5  # Pa, at which a muscle warms at its full rate, and a channel draws its whole share
 # name -> the listed effect whose cause is the same
@@ -100,29 +100,21 @@ def sinking_supply(scene: Scene, order: int, values: Mapping[str, float]) -> Non
     scene.pressure_hooks.append(lambda pressure, step: np.minimum(pressure, supply))
 
 
-@effect("pneumatics", share=(0.15, "1"))
-def crosstalk(scene: Scene, order: int, values: Mapping[str, float]) -> None:
-    """A leaking valve: every channel also gets `share` of its neighbour's pressure (the one before it)."""
-
-    def leak(pressure: Array, step: float) -> Array:
-        return np.asarray(pressure + values["share"] * np.roll(pressure, 1, axis=1))
-
-    scene.pressure_hooks.append(leak)
+@pressure_effect(share=(0.15, "1"))
+def crosstalk(pressure: Array, step: float, values: Mapping[str, float]) -> Array:
+    """Return pressures of leaking valves: every channel also gets `share` of that of the one before it."""
+    return np.asarray(pressure + values["share"] * np.roll(pressure, 1, axis=1))
 
 
-@effect("pneumatics", line=(0.06, "s"), muscle=(0.06, "s"))
-def lag_of_two_volumes(scene: Scene, order: int, values: Mapping[str, float]) -> None:
+@pressure_effect(line=(0.06, "s"), muscle=(0.06, "s"))
+def lag_of_two_volumes(pressure: Array, step: float, values: Mapping[str, float]) -> Array:
     """Two first-order lags in a row, line and muscle: a filling lag of the second order."""
-
-    def lag(pressure: Array, step: float) -> Array:
-        out = pressure
-        for time in (values["line"], values["muscle"]):
-            wanted, out = out, np.zeros_like(out)
-            for k in range(1, len(out)):
-                out[k] = out[k - 1] - np.expm1(-step / time) * (wanted[k] - out[k - 1])
-        return out
-
-    scene.pressure_hooks.append(lag)
+    out = pressure
+    for time in (values["line"], values["muscle"]):
+        wanted, out = out, np.zeros_like(out)
+        for k in range(1, len(out)):
+            out[k] = out[k - 1] - np.expm1(-step / time) * (wanted[k] - out[k - 1])
+    return out
 
 
 @effect("muscle", share=(0.3, "1"), quick=(0.2, "s"), slow=(1.5, "s"))
@@ -147,12 +139,8 @@ def orthotropy_of_bending(scene: Scene, order: int, values: Mapping[str, float])
     scene.stiffness[:, 6] /= root
 
 
-@effect("pneumatics", share=(0.15, "1"))
-def droop_by_flow(scene: Scene, order: int, values: Mapping[str, float]) -> None:
+@pressure_effect(share=(0.15, "1"))
+def droop_by_flow(pressure: Array, step: float, values: Mapping[str, float]) -> Array:
     """Other channels take of a channel's pressure by its own pressure, `share` at 400 kPa."""
-
-    def droop(pressure: Array, step: float) -> Array:
-        others = (pressure.sum(axis=1, keepdims=True) - pressure) / FULL_PRESSURE
-        return np.asarray(pressure * np.maximum(1.0 - values["share"] * others, 0.0))
-
-    scene.pressure_hooks.append(droop)
+    others = (pressure.sum(axis=1, keepdims=True) - pressure) / FULL_PRESSURE
+    return np.asarray(pressure * np.maximum(1.0 - values["share"] * others, 0.0))
