@@ -190,10 +190,10 @@ def predict(
 
 
 def _traced(result: Any, given: Mapping[str, Any]) -> Shown:
-    from studies.benches import trace_report as bench_report
+    from studies.benches import trace_report as of_bench
     from studies.tracing import report as of_set
 
-    as_text = of_set.as_text if hasattr(result, "model") else bench_report.as_text
+    as_text = of_set.as_text if hasattr(result, "model") else of_bench.as_text
     return Shown(result.to_json(), f"{given['out']}: {as_text(result)}")
 
 

@@ -110,9 +110,9 @@ class LeftOut:
         unknowns, and its covariance (k, k). Its prior is that of `part`."""
         hessian, gradient = self._parts
         once, twice = (np.einsum("s,sij->ij", place**power, hessian) for power in (1, 2))
-        own = 0.5 * (twice + twice.T)[np.ix_(part, part)] + np.diag(1 / self.prior[part] ** 2)
+        within = 0.5 * (twice + twice.T)[np.ix_(part, part)] + np.diag(1 / self.prior[part] ** 2)
         across = 0.5 * (once + once.T)[:, part]
-        covariance = np.linalg.inv(np.block([[self.information, across], [across.T, own]]))
+        covariance = np.linalg.inv(np.block([[self.information, across], [across.T, within]]))
         step = -covariance @ np.concatenate([self.gradient, place @ gradient[:, part]])
         return step[-len(part) :], covariance[-len(part) :, -len(part) :]
 

@@ -82,6 +82,22 @@ def heating(scene: Scene, order: int, values: Mapping[str, float]) -> None:
     scene.after_step.append(warm)
 
 
+@effect("interface", channel=(0.0, "1"), give=(0.3, "1"), trials=(3.0, "1"))
+def loosening(scene: Scene, order: int, values: Mapping[str, float]) -> None:
+    """The loops of one channel's muscles give from trial to trial: their axes lie farther off the cloth, by the share
+    `give` in the end."""
+    cables, share = scene.cables, values["give"] * -np.expm1(-order / values["trials"])
+    upper = cables.first[scene.channel == int(values["channel"])]
+    cables.offset[np.union1d(upper, upper + 1)] *= 1.0 + share
+
+
+@effect("pneumatics", full=(350.0, "kPa"), sink=(50.0, "kPa"))
+def sinking_supply(scene: Scene, order: int, values: Mapping[str, float]) -> None:
+    """No channel gets more than the supply has: `full`, less `sink` for each trial before."""
+    supply = max(from_kpa(values["full"] - order * values["sink"]), 0.0)
+    scene.pressure_hooks.append(lambda pressure, step: np.minimum(pressure, supply))
+
+
 @pressure_effect(share=(0.15, "1"))
 def crosstalk(pressure: Array, step: float, values: Mapping[str, float]) -> Array:
     """Return pressures of leaking valves: every channel also gets `share` of that of the one before it."""
