@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from fabdesign.nouns.array import Array
+from fabdesign.units import from_kpa
 from studies.rig.effects.listed import normals
 from studies.rig.scene import Scene, StepReport, effect, pressure_effect
 
@@ -69,11 +70,12 @@ def _within(s: Array, low: float, high: float) -> Array:
     return np.asarray(share[np.searchsorted(middle, s)])
 
 
-@effect("muscle", loss=(0.3, "1"), time=(1.0, "s"))
+@effect("muscle", loss=(0.3, "1"), time=(1.0, "s"), each_trial=(0.0, "s"))
 def heating(scene: Scene, order: int, values: Mapping[str, float]) -> None:
-    """Muscles lose `loss` of their gain with use: full pressure warms them with the time constant `time`."""
+    """Muscles lose `loss` of their gain with use: full pressure warms them with the time constant `time`. Each trial
+    before counts as `each_trial` of it."""
     cold = scene.muscle_state.gain.copy()
-    use = np.zeros(len(cold))
+    use = np.full(len(cold), order * values["each_trial"])
 
     def warm(scene: Scene, report: StepReport) -> None:
         use[:] += report.step * report.pressure / FULL_PRESSURE
