@@ -232,6 +232,8 @@ def test_a_page_explains_what_ran_and_its_legends_leave_the_bars_free(
         method == "sobol",
         method == "morris",
     )
+    long = tuple(f"covariance: muscle_types.EM20.{name}" for name in result.inputs.names)
+    result.inputs.__dict__["names"] = long  # beside which an axis is short, and its title wide
     figure = bars_figure(result, 2)
     figure.savefig(tmp_path / "bars.png")
     for axes in figure.axes:
