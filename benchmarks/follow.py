@@ -42,7 +42,7 @@ from studies.calibration.calibrate import CalibrationOptions, calibrate
 from studies.follow.programs import regulator_of
 from studies.follow.result import FollowResult
 from studies.follow.run import QUICK, run_follow
-from studies.follow.target import wanted_of
+from studies.follow.wanted import wanted_of
 
 Array = NDArray[np.float64]
 PAGE = ROOT / "docs" / "lab" / "follow.md"

@@ -42,26 +42,21 @@ def study_verb(module: str, interval: float = _INTERVAL) -> Callable[[Function],
     return verb(shown, "STUDY", interval=interval)
 
 
-def followed(run: Run) -> Callable[[Evaluations], None]:
-    """Return what says how a search stands, and once what it came to meanwhile."""
+def followed(run: Run) -> Callable[..., None]:
+    """Return what says how a search stands, by its name where there are several, and once what it came to."""
     message = ""
 
-    def show(at: Evaluations) -> None:
+    def show(at: Evaluations, search: str = "") -> None:
         nonlocal message
-        if at.message != message:
-            message = at.message
-            run.progress(message, None)
+        name = f"{search}: " if search else ""
+        if at.message and at.message != message:
+            run.progress(name + at.message, None)
+        message = at.message
         done = f"{at.history.evaluations} evaluations, {at.elapsed:.0f} s"
         rest = f"{max(0.0, at.seconds - at.elapsed):.0f} s left at most"
-        run.progress(f"{at.stage}: {_best(at)}, {done}, {rest}", at.share)
+        run.progress(f"{name}{at.stage}: {at.best_in_words}, {done}, {rest}", at.share)
 
     return show
-
-
-def _best(at: Evaluations) -> str:
-    from fabdesign.units import in_mm
-
-    return "best none yet" if at.best is None else f"best {in_mm(at.best.value):.3f} mm"
 
 
 def _optimized(result: StudyResult, given: Mapping[str, Any]) -> Shown:
@@ -193,7 +188,7 @@ def layouts(
     def cell(cell: Any, number: int, of: int, at: Evaluations) -> None:
         nonlocal total
         total = of
-        line = f"{cell.name}, {number} of {of}: {_best(at)}, {at.elapsed:.0f} s in this search"
+        line = f"{cell.name}, {number} of {of}: {at.best_in_words}, {at.elapsed:.0f} s in this search"
         show(line, min(1.0, (number - 1 + at.share) / of))
 
     return run.study(run_layouts, study, out, seconds, progress=cell)
@@ -266,7 +261,7 @@ def demo(out: Folder = "demo", **given: Unpack[Working]) -> Demo:
     run = Run(**given)
     show = followed(run)
     return run_demo(
-        Path(out), force=run.force, progress=lambda _, at: show(at), say=lambda line: run.progress(line, None)
+        Path(out), force=run.force, progress=lambda name, at: show(at, name), say=lambda line: run.progress(line, None)
     )
 
 

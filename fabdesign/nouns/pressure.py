@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from fabdesign.nouns.design import Design
 
 RISE_STEPS, RESOLUTION = 60, 100.0  # rows; Pa
+LEAST_HOLD = 0.7  # s, after which a cloth stands: shapes at rest cost a fit a hundredth of what a motion costs
 LARGEST = 1e6  # Pa, for a muscle type that states no maximum
 WINDOW = 0.1  # s, over which a set point's rate is taken: the shorter of the lags that are learned
 _SLIGHT = 1e-3  # of a number, that does not count as beyond it
@@ -53,6 +54,11 @@ class PressureProgram:
         row = np.clip(np.searchsorted(self.time, t, side="right") - 1, 0, None)
         integral = until[row] + self.pressure[row] * (t - self.time[row])[:, None]
         return np.asarray(np.diff(integral, axis=0) / np.diff(edges)[:, None])
+
+
+def regulated(pressures: NDArray[np.float64], resolution: float = RESOLUTION) -> NDArray[np.float64]:
+    """Return pressures as a regulator takes them, whole `resolution` Pa; never above, since a limit may lie there."""
+    return np.asarray(resolution * np.floor(pressures / resolution + 1e-6))
 
 
 def rising_program(last: NDArray[np.float64], rise: float, duration: float) -> PressureProgram:

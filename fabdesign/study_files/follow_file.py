@@ -77,7 +77,9 @@ _TARGET = Key(
     expected=_EITHER,
     one_of={
         "motion": Annotated[MovingTarget, "the motion that is wanted"],
-        "moments": Annotated[tuple[Moment, ...], "shapes and their times; between them the pressures are smooth"],
+        "moments": Annotated[
+            tuple[Moment, ...], "poses: shapes and their times; between them the cloth goes by shapes at rest"
+        ],
     },
 )
 _GRID = Key(absent=lambda table: (table.decoded["model"] or Model()).points_per_side)

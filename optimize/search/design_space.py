@@ -10,13 +10,13 @@ from functools import cached_property
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
 from optimize.search.margins import Limits, Margins, free_air, largest_contraction
 
-Vector = NDArray[np.float64]
+Vector = Array
 
 PRESSURE_STEP = 0.04  # of the pressure range: 16 kPa of 400, above the simulator's rounding, below the S-curve's width
 POSITION_STEP = 0.01  # of the cloth: 2 mm of 200, a fraction of a mesh width
@@ -34,7 +34,7 @@ class DesignSpace:
 
     design: Design
     limits: Limits
-    start_pressures: NDArray[np.float64]
+    start_pressures: Array
     vary_pressures: bool = True
     vary_positions: bool = False
 
@@ -78,7 +78,7 @@ class DesignSpace:
         pressures = self.dimension - self.position_count
         return np.array([position] * self.position_count + [pressure] * pressures)
 
-    def encode(self, design: Design, pressures: NDArray[np.float64]) -> Vector:
+    def encode(self, design: Design, pressures: Array) -> Vector:
         """Return (n,) the vector of a layout with this space's muscles and of (poses, channels) pressures [Pa].
 
         All pressures of a pose come down alike where they take more air than there is.
@@ -93,11 +93,14 @@ class DesignSpace:
             parts.append((self._airs(design, shares) * shares).ravel())
         return np.clip(np.concatenate([*parts, np.empty(0)]), 0.0, 1.0)
 
-    def decode(self, x: Vector) -> tuple[Design, NDArray[np.float64]]:
+    def decode(self, x: Vector) -> tuple[Design, Array]:
         """Return the design and its (poses, channels) pressures [Pa]."""
         design = self.design
         if self.vary_positions:
-            design = replace(design, muscles=_with_corners(design.muscles, self._corners(x)))
+            ends = np.cumsum([len(muscle.path) for muscle in design.muscles])[:-1]
+            paths = np.split(self._corners(x), ends)
+            muscles = tuple(muscle.along(path) for muscle, path in zip(design.muscles, paths, strict=True))
+            design = replace(design, muscles=muscles)
         return design, self._pressures(x)
 
     def _position_range(self) -> tuple[Vector, Vector]:
@@ -151,7 +154,7 @@ class DesignSpace:
     def feasible(self, x: Vector) -> bool:
         return bool(np.all(self.margins(x) >= -1e-7))
 
-    def keeps(self, x: Vector, shape: NDArray[np.float64]) -> bool:
+    def keeps(self, x: Vector, shape: Array) -> bool:
         """Return whether it is feasible with the shape (poses, 2 n n, 3) m that it has."""
         most = self.limits.contraction
         if not self.feasible(x):
@@ -159,17 +162,7 @@ class DesignSpace:
         return most is None or largest_contraction(self.decode(x)[0], shape) <= most + CONTRACTION_ROUNDING
 
 
-def _with_corners(muscles: tuple[Muscle, ...], corners: NDArray[np.float64]) -> tuple[Muscle, ...]:
-    moved, used = [], 0
-    for muscle in muscles:
-        path = corners[used : used + len(muscle.path)]
-        moved.append(muscle.along(path))
-        used += len(muscle.path)
-    return tuple(moved)
-
-
-Pressures = NDArray[np.float64]
-Layout = tuple[Sequence[Muscle], Pressures]  # and (poses, muscles) Pa
+Layout = tuple[Sequence[Muscle], Array]  # and (poses, muscles) Pa
 Groups = list[list[int]]  # muscles, from 0, that share a channel
 
 SHARED = 0.05  # of the pressure range, within which two muscles may share a channel in every pose
@@ -205,7 +198,7 @@ def with_shared_channels(start: tuple[DesignSpace, Vector]) -> tuple[DesignSpace
     return _on_channels((muscles, levels), space, groups) if len(groups) < space.channels else None
 
 
-def _nearest_groups(pressures: Pressures, most: int | None) -> Groups:
+def _nearest_groups(pressures: Array, most: int | None) -> Groups:
     """Return at most so many groups: the two whose mean pressures are nearest become one until they are that few."""
     groups: Groups = [[k] for k in range(pressures.shape[1])]
     while most is not None and len(groups) > most:

@@ -10,6 +10,7 @@ import numpy as np
 from fabdesign.nouns.column import Jacobians
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.runtime import working_time
+from fabdesign.units import in_mm
 from optimize.search.design_space import DesignSpace, Vector
 from optimize.search.history import Entry, History
 from optimize.search.objective import Objective, Poses
@@ -110,6 +111,14 @@ class Evaluations:
         return working_time.seconds() - self._began
 
     @property
+    def best_in_words(self) -> str:
+        """Return the best so far for people; on the coarse model it may look better than it is."""
+        if self.best is None:
+            return "best none yet"
+        where = "" if self.stages[self.best.stage].values_as(self.stages[-1]) else " on the coarse model"
+        return f"best {in_mm(self.best.value):.3f} mm{where}"
+
+    @property
     def share(self) -> float:
         """Return the share spent of the limit that is nearer: 0 to 1."""
         return min(1.0, max(self.elapsed / self.seconds, self.history.evaluations / self._most))
@@ -122,10 +131,9 @@ class Evaluations:
 
     def finalists(self, most: int = FINALISTS) -> list[tuple[DesignSpace, Vector]]:
         """Return the best, and what other starts came to that is as near: another layout or other pressures."""
-        best = self.best
+        best, points = self.best, [self.best_point()]
         if best is None or not self.stages[best.stage].values_as(self.stages[-1]):
-            return [self.best_point()]
-        points = [self.best_point()]
+            return points
         for rival in sorted(self.rivals.values(), key=lambda rival: rival.value):
             point = self.space(rival.start, rival.stage), rival.x
             if rival.start != best.start and len(points) < most and not any(_same(point, other) for other in points):
@@ -147,8 +155,7 @@ class Evaluations:
         """Return value [m] and shape of every point on the model of the stage of this number, or on `cheap`; each is
         recorded, and becomes `best` where it is, unless on `cheap`. Raises Stop."""
         results: list[tuple[float, Poses]] = []
-        while len(results) < len(points):
-            batch = points[len(results) : len(results) + self._room()]
+        for batch in self._batches(points):
             self.require_time(self._expected(number, len(batch), cheap is None))
             begin = self.elapsed
             results += self._evaluate_batch(number, batch, cheap)
@@ -160,14 +167,12 @@ class Evaluations:
         """Return the seconds that a batch of a size is expected to take: as the smallest that was no smaller, else as
         the largest that was smaller; 0 before any."""
         known = {n: seconds for (stage, n, cheap), seconds in self._pace.items() if (stage, cheap) == (number, exact)}
-        above = [known[n] for n in sorted(known) if n >= size]
-        below = [known[n] for n in sorted(known) if n < size]
-        return (above or below[-1:] or [0.0])[0]
+        nearest = min(known, key=lambda n: (n < size, abs(n - size)), default=None)
+        return 0.0 if nearest is None else known[nearest]
 
     def jacobians(self, number: int) -> Jacobians | None:
         """Return what derivatives a search of the stage of this number may ask for; None: it takes differences."""
-        stage = self.stages[number]
-        return jacobians_for(stage.slopes or stage.forward, self.objective_of(number))
+        return jacobians_for(self.stages[number].slopes or self.stages[number].forward, self.objective_of(number))
 
     def objective_of(self, number: int) -> Objective:
         """Return what the stage of this number is valued by."""
@@ -179,23 +184,25 @@ class Evaluations:
         jacobians = self.jacobians(number)
         assert jacobians is not None
         slopes: list[Slopes] = []
-        while len(slopes) < len(points):
-            batch = points[len(slopes) : len(slopes) + self._room()]
+        objective = self.objective_of(number)
+        for batch in self._batches(points):
             self.require_time()
-            spaces = [self.space(start, number) for start, _ in batch]
-            objective = self.objective_of(number)
-            new = slopes_of(jacobians, objective, [(s, x) for s, (_, x) in zip(spaces, batch, strict=True)])
+            new = slopes_of(jacobians, objective, [(self.space(start, number), x) for start, x in batch])
             self._record(self.stages[number].name + SLOPES, batch, [objective.value(one.shape) for one in new])
             slopes += new
             self._on_progress(self)
         return slopes
 
-    def _room(self) -> int:
-        """Return evaluations that the next batch may have. Raises Stop where none are left."""
-        remaining = self._most - self.history.evaluations
-        if remaining <= 0:
-            raise Stop(f"the limit of {self._most} evaluations is reached")
-        return min(BATCH, remaining)
+    def _batches(self, points: Sequence[Point]) -> Iterator[Sequence[Point]]:
+        """Yield points in batches, as many as there are evaluations left. Raises Stop where none are."""
+        begin = 0
+        while begin < len(points):
+            remaining = self._most - self.history.evaluations
+            if remaining <= 0:
+                raise Stop(f"the limit of {self._most} evaluations is reached")
+            batch = points[begin : begin + min(BATCH, remaining)]
+            begin += len(batch)
+            yield batch
 
     @contextmanager
     def aside(self) -> Iterator[None]:
@@ -209,7 +216,10 @@ class Evaluations:
     def require_time(self, needed: float = 0.0) -> None:
         """Raises Stop where less than `needed` s are left."""
         if self.elapsed + needed > self.seconds:
-            raise Stop(f"time used: the limit of {self.limit:g} s is reached")
+            part = f"the search's part, {self.seconds:g} of {self.limit:g} s,"
+            what = part if self.seconds < self.limit else f"the limit of {self.limit:g} s"
+            ends = "is reached" if self.elapsed >= self.seconds else "would be passed by the next step"
+            raise Stop(f"time used: {what} {ends}")
 
     def set_down(self, reason: str = "") -> None:
         """Keep the best, and what was spent, at an end within a round. reason: of an end by a limit."""
@@ -232,8 +242,7 @@ class Evaluations:
     ) -> list[tuple[float, Poses]]:
         stage = self.stages[number]
         self.stage = stage.name
-        spaces = [self.space(start, number) for start, _ in batch]
-        points = [(space, x) for space, (_, x) in zip(spaces, batch, strict=True)]
+        points = [(self.space(start, number), x) for start, x in batch]
         objective = self.objective_of(number)
         shapes = objective.shapes(cheap or stage.forward, points)
         label = stage.name if cheap is None else stage.name + SLOPES
@@ -260,10 +269,13 @@ class Evaluations:
         return values
 
     def _note(self, rival: Best, shape: Poses) -> None:
-        """Keep it as the best, and among those that are as near."""
-        if self._better(rival.stage, rival.value):
+        """Keep it as the best, and among those that are as near. Of different forward models a later stage's knows
+        better, whatever it says."""
+        stage, best = self.stages[rival.stage], self.best
+        alike = best is not None and self.stages[best.stage].values_as(stage)
+        if best is None or (rival.value < best.value if alike else rival.stage > best.stage):
             self.best, self.best_shape = rival, shape
-        if self.stages[rival.stage].values_as(self.stages[-1]):
+        if stage.values_as(self.stages[-1]):
             known = self.rivals.get(rival.start)
             if known is None or rival.value < known.value:
                 self.rivals[rival.start] = rival
@@ -280,15 +292,6 @@ class Evaluations:
             if not front or value < front[-1][1]:
                 front.append((count, value))
         return front
-
-    def _better(self, number: int, value: float) -> bool:
-        """Return whether it is better than the best so far; of different forward models a later stage's knows better,
-        whatever it says."""
-        if self.best is None:
-            return True
-        if self.stages[self.best.stage].values_as(self.stages[number]):
-            return value < self.best.value
-        return number > self.best.stage
 
 
 def _same(one: tuple[DesignSpace, Vector], other: tuple[DesignSpace, Vector]) -> bool:

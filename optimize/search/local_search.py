@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from optimize.search.design_space import DesignSpace, Vector
 from optimize.search.objective import Objective, Poses
 from optimize.search.slopes import Slopes
@@ -72,7 +72,7 @@ class LocalSearch:
         assert self.shape is not None and around is not None
         self.model = LinearShape(self.x, self.shape, self._slopes(place, around, shapes))
 
-    def _slopes(self, x: Vector, shape: Poses, ahead: list[Poses]) -> NDArray[np.float64]:
+    def _slopes(self, x: Vector, shape: Poses, ahead: list[Poses]) -> Array:
         """Return slopes by the shapes ahead of x. A diverged one says nothing: its variable stays for a round."""
         slopes = np.array([(other - shape) / h for other, h in zip(ahead, self._steps(x), strict=True)])
         slopes[~np.isfinite(slopes).all(axis=(1, 2, 3))] = 0.0

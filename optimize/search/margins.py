@@ -8,21 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.shape import Shape, at_places
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.study_files.study_file import StudyLimits
 
-Path = NDArray[np.float64]  # (corners, 2) m
-Points = NDArray[np.float64]  # (..., 2) m
 
-
-def clearance(a: Path, b: Path) -> float:
+def clearance(a: Array, b: Array) -> float:
     """Return the least distance [m] between two polylines; where they cross, minus the least shift of an end that parts
     them."""
     i, j = np.array(list(product(range(len(a) - 1), range(len(b) - 1)))).T
     return float(segment_clearance(a[i], a[i + 1], b[j], b[j + 1]).min())
 
 
-def segment_clearance(p: Points, q: Points, r: Points, s: Points) -> NDArray[np.float64]:
+def segment_clearance(p: Array, q: Array, r: Array, s: Array) -> Array:
     """Return (...,) m: the clearance of the segments from p to q and from r to s."""
     ends = np.minimum(
         np.minimum(_to_segment(p, r, s), _to_segment(q, r, s)), np.minimum(_to_segment(r, p, q), _to_segment(s, p, q))
@@ -31,7 +29,7 @@ def segment_clearance(p: Points, q: Points, r: Points, s: Points) -> NDArray[np.
     return np.where(crossing, -ends, ends)
 
 
-def bend_radius(path: Points) -> NDArray[np.float64]:
+def bend_radius(path: Array) -> Array:
     """Return (...,) m, of paths (..., corners, 2): the largest radius that rounds every corner, tangent to both its
     legs; neighbours share a leg half and half."""
     legs = np.diff(path, axis=-2)
@@ -47,23 +45,20 @@ def bend_radius(path: Points) -> NDArray[np.float64]:
     return np.asarray(radii.min(axis=-1))
 
 
-def _to_segment(point: Points, a: Points, b: Points) -> NDArray[np.float64]:
+def _to_segment(point: Array, a: Array, b: Array) -> Array:
     along, to = b - a, point - a
     t = np.clip(_dot(to, along) / np.maximum(_dot(along, along), 1e-18), 0.0, 1.0)[..., None]
     off = to - t * along
     return np.sqrt(_dot(off, off))
 
 
-def _dot(a: Points, b: Points) -> NDArray[np.float64]:
+def _dot(a: Array, b: Array) -> Array:
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
 
 
-def _turn(a: Points, b: Points, c: Points) -> NDArray[np.float64]:
+def _turn(a: Array, b: Array, c: Array) -> Array:
     ab, ac = b - a, c - a
     return ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0]
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

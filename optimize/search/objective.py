@@ -16,6 +16,7 @@ from fabdesign.geometry.regions import Weighting
 from fabdesign.geometry.shape import Face, Shape
 from fabdesign.geometry.surface import CAP, Surface, capped_rms, half_of
 from fabdesign.geometry.wishes import Landmarks
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import SIDE, Case, ForwardModel
 from fabdesign.nouns.predictor import Predictor
@@ -23,9 +24,9 @@ from fabdesign.nouns.pressure import PressureProgram
 from optimize.search.design_space import DesignSpace, Vector
 
 Measure = Literal["chamfer", "surface_rms"]
-Poses = NDArray[np.float64]  # (poses, 2 n, 3) m: one design under each pose's pressures
+Poses = Array  # (poses, 2 n, 3) m: one design under each pose's pressures
 # m, of distances and their shares; and its slope by each
-Norm = Callable[[NDArray[np.float64], NDArray[np.float64]], tuple[float, NDArray[np.float64]]]
+Norm = Callable[[Array, Array], tuple[float, Array]]
 LATE = 1.0  # s after rest, from which on a motion's frame is taken to be near the shape at rest
 THIN = 2  # a step is chosen on every second point of target and model: cheaper, the same step
 SURFACE_THIN = 6  # the same for surface RMS, of the target alone: triangles cost more, and blur less, than points
@@ -35,7 +36,7 @@ SURFACE_THIN = 6  # the same for surface RMS, of the target alone: triangles cos
 class Target:
     """A cloud to come close to: the motion at `time` [s] under constant pressures, or the equilibrium (None)."""
 
-    points: NDArray[np.float64]  # (n, 3) m
+    points: Array  # (n, 3) m
     time: float | None = None
     markers: bool = False  # few points, or a part: in place of Chamfer, their mean distance to the cloth's faces
     face: Face = "both"  # that the points lie on
@@ -43,7 +44,7 @@ class Target:
     free: bool = False  # it may stand anywhere: distances are of the shape moved onto it
     weighting: Weighting | None = None  # how much each place of the cloth counts
 
-    def motion(self, pose: NDArray[np.float64]) -> RigidMotion:
+    def motion(self, pose: Array) -> RigidMotion:
         """That brings a shape (2 n, 3) m onto it where it is free."""
         return onto(half_of(pose, self.face), self.points, one_way=self.markers)
 
@@ -68,7 +69,7 @@ class Objective:
         return replace(self, targets=late)
 
     @property
-    def shares(self) -> NDArray[np.float64]:
+    def shares(self) -> Array:
         """(poses,) of the targets in the mean; they sum to 1."""
         weights = np.array(self.weights or [1.0] * len(self.targets))
         return np.asarray(weights / weights.sum())
@@ -106,7 +107,7 @@ class Objective:
             return float("nan")
         return float(self.shares @ [self._distance(t, pose) for t, pose in zip(self.targets, shape, strict=True)])
 
-    def _distance(self, target: Target, pose: NDArray[np.float64]) -> float:
+    def _distance(self, target: Target, pose: Array) -> float:
         if target.landmarks is not None:
             return target.landmarks.mean(pose)
         if target.free:
@@ -129,7 +130,7 @@ class Objective:
         slopes = np.array([slope for _, slope in gradients])
         return float(self.shares @ [value for value, _ in gradients]), self.shares[:, None, None] * slopes
 
-    def _gradient(self, target: Target, pose: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    def _gradient(self, target: Target, pose: Array) -> tuple[float, Array]:
         if target.landmarks is not None:
             return target.landmarks.gradient(pose)
         if target.free:  # at its minimum the motion itself has no slope
@@ -138,7 +139,7 @@ class Objective:
             return value, slope @ motion.turn
         return self._gradient_there(target, pose)
 
-    def _gradient_there(self, target: Target, pose: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    def _gradient_there(self, target: Target, pose: Array) -> tuple[float, Array]:
         if self.measure == "surface_rms":
             return _faces_gradient(target.points[::SURFACE_THIN], pose, target, _capped_rms)
         if target.markers:
@@ -151,9 +152,7 @@ def _tree(target: Target) -> KDTree:
     return KDTree(target.points[::THIN])
 
 
-def _chamfer_gradient(
-    target: KDTree, every: NDArray[np.float64], face: Face, weighting: Weighting | None
-) -> tuple[float, NDArray[np.float64]]:
+def _chamfer_gradient(target: KDTree, every: Array, face: Face, weighting: Weighting | None) -> tuple[float, Array]:
     measured, model = np.asarray(target.data), half_of(every, face)
     weights = np.ones(len(model)) if weighting is None else half_of(weighting.of_points(len(every)), face)
     to_target, nearest_target = target.query(model)
@@ -168,9 +167,7 @@ def _chamfer_gradient(
     return float(shares @ to_target + at_nearest @ to_model), slopes
 
 
-def _faces_gradient(
-    measured: NDArray[np.float64], model: NDArray[np.float64], target: Target, norm: Norm
-) -> tuple[float, NDArray[np.float64]]:
+def _faces_gradient(measured: Array, model: Array, target: Target, norm: Norm) -> tuple[float, Array]:
     """Return value and slopes of a norm of the distances of measured points to the faces."""
     surface = Surface.of_faces(model, face=target.face)
     near = surface.nearest(measured)
@@ -181,26 +178,24 @@ def _faces_gradient(
     return value, _on_corners(corners, near.weights, pull, len(model))
 
 
-def _capped_rms(distance: NDArray[np.float64], shares: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+def _capped_rms(distance: Array, shares: Array) -> tuple[float, Array]:
     value = capped_rms(distance, shares=shares)
     within = np.where(distance < CAP, distance, 0.0)  # strays beyond it have no slope
     return value, shares * within / max(value, 1e-12)
 
 
-def _mean(distance: NDArray[np.float64], shares: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+def _mean(distance: Array, shares: Array) -> tuple[float, Array]:
     return float(shares @ distance), shares
 
 
-def _on_corners(
-    corners: NDArray[np.intp], weights: NDArray[np.float64], pull: NDArray[np.float64], count: int
-) -> NDArray[np.float64]:
+def _on_corners(corners: NDArray[np.intp], weights: Array, pull: Array, count: int) -> Array:
     """Return (count, 3): pulls (n, 3) at places in triangles, shared out to their corners (n, 3) by weights (n, 3)."""
     shares = (weights[:, :, None] * pull[:, None, :]).reshape(-1, 3)
     columns = [np.bincount(corners.ravel(), shares[:, axis], count) for axis in range(3)]
     return np.stack(columns, axis=1)
 
 
-def refined(cloud: NDArray[np.float64]) -> NDArray[np.float64]:
+def refined(cloud: Array) -> Array:
     """Return (2 SIDE^2, 3) m, of both faces' points on a coarser grid too."""
     shape = Shape.of(cloud)
     if shape.side >= SIDE:
@@ -211,7 +206,7 @@ def refined(cloud: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @lru_cache(maxsize=8)
-def _spline_weights(side: int) -> NDArray[np.float64]:
+def _spline_weights(side: int) -> Array:
     """Return (SIDE, side) cubic interpolation from `side` even nodes."""
     nodes, dense = np.linspace(0, 1, side), np.linspace(0, 1, SIDE)
     return np.asarray(make_interp_spline(nodes, np.eye(side), k=3)(dense))

@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.nouns import column
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import Column, Jacobians
 from fabdesign.nouns.forward import Case, ForwardModel
 from optimize.search.design_space import PRESSURE_STEP, DesignSpace, Vector
@@ -32,8 +32,8 @@ class Slopes(NamedTuple):
     """The slopes at one point of a space."""
 
     shape: Poses  # (poses, 2 n, 3) m, at rest
-    by_variable: NDArray[np.float64]  # (n, poses, 2 n, 3) m; 0 where a derivative is not there
-    by_further: NDArray[np.float64]  # (columns, poses, 2 n, 3) m per unit of further columns; NaN where that diverged
+    by_variable: Array  # (n, poses, 2 n, 3) m; 0 where a derivative is not there
+    by_further: Array  # (columns, poses, 2 n, 3) m per unit of further columns; NaN where that diverged
 
 
 def jacobians_for(forward: ForwardModel, objective: Objective) -> Jacobians | None:
@@ -90,7 +90,7 @@ class ByColumns(NamedTuple):
     """The slopes of one design, a case a pose. exact: whether every column is a definite tangent's in every pose."""
 
     shape: Poses  # (poses, 2 n, 3) m, at rest
-    changes: NDArray[np.float64]  # (columns, poses, 2 n, 3) m per unit; NaN where that diverged
+    changes: Array  # (columns, poses, 2 n, 3) m per unit; NaN where that diverged
     exact: bool
 
 

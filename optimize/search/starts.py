@@ -6,10 +6,10 @@ from typing import Literal
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from fabdesign.errors import InputError
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.catalogue import LAYOUTS, build
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
@@ -18,7 +18,6 @@ from optimize.search.margins import Limits
 
 Side = Literal["front", "back"]
 Start = tuple[DesignSpace, Vector]
-Array = NDArray[np.float64]
 
 TRIES = 60  # draws of a layout before a muscle count counts as too many for the cloth
 ONE_WAY = 0.6  # of the drawn layouts have all muscles on one face, and as many one pressure for all

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import nlopt
 import numpy as np
-from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from optimize.search.design_space import DesignSpace, Vector
 from optimize.search.margins import LinearContraction
 from optimize.search.objective import Objective, Poses
@@ -27,7 +27,7 @@ class LinearShape:
 
     centre: Vector  # (n,)
     shape: Poses  # (poses, 2 n, 3) m
-    slopes: NDArray[np.float64]  # (n, poses, 2 n, 3) m
+    slopes: Array  # (n, poses, 2 n, 3) m
 
     def at(self, x: Vector) -> Poses:
         return self.shape + np.tensordot(x - self.centre, self.slopes, axes=1)
@@ -62,7 +62,7 @@ def best_step(model: LinearShape, objective: Objective, space: DesignSpace, radi
             best_x, best_value = x.copy(), reached
         return reached
 
-    def violations(result: Vector, x: Vector, gradient: NDArray[np.float64]) -> None:
+    def violations(result: Vector, x: Vector, gradient: Array) -> None:
         margins = space.margins(x)
         result[: len(margins)] = -margins
         if gradient.size:

@@ -143,8 +143,9 @@ def first_call(costly: str, sizes: tuple[int, ...]) -> Iterator[None]:
 
 def _in_words(sizes: tuple[int, ...]) -> str:
     """Return for which designs kernels of these sizes serve: of others they are compiled apart."""
-    nodes, points, *_ = sizes
-    return f"grids up to {isqrt(nodes) - 2} points a side, designs up to {points} fixed points"
+    nodes, points, *_, lanes = sizes
+    alone = "" if lanes == 8 else f", {lanes} at once"
+    return f"grids up to {isqrt(nodes) - 2} points a side, designs up to {points} fixed points{alone}"
 
 
 def _mark(costly: str, sizes: tuple[int, ...]) -> Path:

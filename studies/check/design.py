@@ -28,7 +28,7 @@ from optimize.fit.free_parameters import fit_vector
 from optimize.search.margins import bend_radius, clearance
 from studies.benches.records import SIZES, require_columns, require_sizes
 from studies.check.findings import BLOCKED, FABRIC, FREE_CONTRACTION, GRAVITY, MUSCLE_TYPE, Findings, beyond, failures
-from studies.follow.target import wanted_of
+from studies.follow.wanted import wanted_of
 from studies.layout_search.target import load_target
 
 SPACING = 0.006  # m, that `optimize` keeps between muscles on one face where a study says nothing

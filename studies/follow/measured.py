@@ -14,10 +14,10 @@ from fabdesign.files.measurement_set import read_set
 from fabdesign.files.trial_file import TrialData, read_trial
 from fabdesign.geometry.shape import Face, normals
 from fabdesign.geometry.surface import Surface
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import require_pressures
 
-Array = NDArray[np.float64]
 Floats = NDArray[np.floating[Any]]
 SMOOTH = 0.05  # of the cloth's side, over which measured heights are averaged
 APART = 0.5  # of a frame's interval: a wanted instant farther from all frames has no measured shape

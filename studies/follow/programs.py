@@ -3,29 +3,31 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case, Term
-from fabdesign.nouns.pressure import PressureProgram, limits
+from fabdesign.nouns.pressure import PressureProgram, limits, regulated
 from fabdesign.study_files.follow_file import FollowStudy
 
-Array = NDArray[np.float64]
 UNIT = 1e5  # Pa, that changes are computed in
 ROUGH = 0.5  # of UNIT: prior standard deviation of the second difference of set points from cycle to cycle
+SMOOTH = 24.0  # UNIT/s^2: the same of the second derivative between poses, where little else holds it
 TURN = 2.0  # of UNIT: that of the first
 TINY = 1e-9
 
 
 @dataclass(frozen=True)
 class Regulator:
-    """The limits that the pressures keep. lowest, highest (channels,) Pa; rate Pa/s, inf where steps are possible."""
+    """The limits that the pressures keep. lowest, highest (channels,) Pa; rate Pa/s, inf where steps are possible.
+    rough: of UNIT, the prior standard deviation of their second difference."""
 
     cycle: float  # s
     resolution: float  # Pa
     lowest: Array
     highest: Array
     rate: float
+    rough: float = ROUGH
 
     @property
     def channels(self) -> int:
@@ -65,8 +67,9 @@ class Regulator:
 def regulator_of(study: FollowStudy) -> Regulator:
     """Return what the study's pressures keep."""
     rig = study.rig
-    most = np.minimum(limits(study.design), min(rig.pressure, rig.supply or np.inf))
-    return Regulator(rig.cycle, rig.resolution, np.zeros(study.design.channels), most, rig.rate)
+    most = regulated(np.minimum(limits(study.design), min(rig.pressure, rig.supply or np.inf)), rig.resolution)
+    rough = min(ROUGH, SMOOTH * rig.cycle**2) if isinstance(study.target, tuple) else ROUGH
+    return Regulator(rig.cycle, rig.resolution, np.zeros(study.design.channels), most, rig.rate, rough)
 
 
 def case_of(study: FollowStudy, program: PressureProgram) -> Case:
@@ -84,12 +87,12 @@ class Roughness:
     hessian: Array  # (n, n)
 
     @staticmethod
-    def of(before: Array, pressures: Array) -> "Roughness":
+    def of(before: Array, pressures: Array, rough: float = ROUGH) -> "Roughness":
         """Return it by the rows `before` (2, channels) Pa that precede `pressures` (count, channels) Pa."""
         count, channels = pressures.shape
         rows = np.concatenate([before, pressures]) / UNIT
         first = np.diff(np.eye(count + 2), axis=0)[1:] / TURN
-        second = np.diff(np.eye(count + 2), 2, axis=0) / ROUGH
+        second = np.diff(np.eye(count + 2), 2, axis=0) / rough
         weights = first.T @ first + second.T @ second
         bent = weights @ rows
         value = float((rows * bent).sum())

@@ -1,33 +1,50 @@
-"""The result of a study of a moving target."""
+"""The result of a study of a moving target, and how certain its motion is: with other pressures and models, and where
+small changes lead to another stable shape."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.geometry.metrics import Errors
-from fabdesign.nouns.pressure import PressureProgram
-from fabdesign.study_files.follow_file import FollowStudy
+from fabdesign.nouns.array import Array
+from fabdesign.nouns.forward import Case, ForwardModel
+from fabdesign.nouns.model import Model
+from fabdesign.nouns.model_sampling import Ensemble
+from fabdesign.nouns.pressure import PressureProgram, limits
+from fabdesign.study_files.follow_file import FollowStudy, MotionScatter
 from fabdesign.units import in_kpa, in_mm
 from studies.follow.programs import Regulator
-from studies.follow.scatter import MotionCopies
 from studies.follow.wanted import Wanted
+from studies.prediction.forward_model import forward_model
+from studies.prediction.stability import instants_elsewhere, rms_of_each, to_either_side
 
-Array = NDArray[np.float64]
 AT_LIMIT = 0.5  # of a resolution: so near a limit is at it
 OUT_OF_REACH = 2.0  # times the floor, from which on a reason is sought
 FLOORLESS = 0.5e-3  # m, the same of a target without noise
 
 
+@dataclass(frozen=True, eq=False)
+class MotionCopies:
+    """Motions beside the one that is meant. band (K,) m: half of the 90 % interval of the copies, RMS over the cloth.
+    expected: m, the mean of their distances from what is wanted. snap: s, from when on small changes of the pressures
+    lead to another stable shape; None where they do not."""
+
+    number: int
+    band: Array
+    expected: float
+    snap: float | None
+
+
 @dataclass(frozen=True)
 class Limitation:
-    """Why the motion lacks something between two instants [s]: by "pressure", "rate" or "reach"."""
+    """Why the motion lacks something between two instants [s]."""
 
     begin: float
     end: float
-    by: str
+    by: Literal["highest", "lowest", "rate", "reach"]  # the first two are limits of pressure
     channels: tuple[int, ...] = ()
 
     @property
@@ -36,9 +53,10 @@ class Limitation:
         when = f"from {self.begin:.2f} to {self.end:.2f} s"
         if self.by == "reach":
             return f"{when} the layout does not reach the shape, or not so fast: no limit of the regulator is met"
-        numbers = ", ".join(map(str, self.channels))
-        what = {"pressure": "at the end of what pressure may be", "rate": "as fast as the regulator changes"}[self.by]
-        return f"{when} channel {numbers} is {what}"
+        several = len(self.channels) > 1
+        which = f"channel{'s' * several} {', '.join(map(str, self.channels))} {'are' if several else 'is'}"
+        what = {"highest": "at the highest pressure", "lowest": "at the lowest pressure, after falling to it"}
+        return f"{when} {which} {what.get(self.by, 'as fast as the regulator changes')}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,15 +107,19 @@ class FollowResult:
                 spans.append(Limitation(before, float(times[k]), by, channels))
         return spans
 
-    def _met(self, time: float) -> tuple[str, tuple[int, ...]]:
-        """Return which limit a set point meets in the cycles before an instant."""
+    def _met(self, time: float) -> tuple[Literal["highest", "lowest", "rate", "reach"], tuple[int, ...]]:
+        """Return which limit a set point meets in the cycles before an instant. A channel that was idle all the time
+        holds nothing back, unless all are."""
         regulator, last = self.regulator, int(np.ceil(time / self.regulator.cycle - 1e-9))
         rows = self.pressures[max(0, last - 4) : last]
         room = AT_LIMIT * regulator.resolution
-        ends = (rows <= regulator.lowest + room) | (rows >= regulator.highest - room)
+        low, high = rows <= regulator.lowest + room, rows >= regulator.highest - room
+        fallen = low[-1:] & (~low[:1] | low.all())
         steps = np.abs(np.diff(np.concatenate([np.zeros((1, regulator.channels)), self.pressures]), axis=0))
         fast = steps[max(0, last - 4) : last] >= regulator.change - regulator.resolution - room
-        for by, met in (("rate", fast), ("pressure", ends)):
+        limits: dict[Literal["highest", "lowest", "rate"], NDArray[np.bool_]] = {}
+        limits |= {"rate": fast, "highest": high, "lowest": fallen}
+        for by, met in limits.items():
             if (channels := np.flatnonzero(met.any(axis=0))).size:
                 return by, tuple(channels.tolist())
         return "reach", ()
@@ -132,7 +154,12 @@ class FollowResult:
                 "band_mm": None if copies is None else in_mm(copies.band).tolist(),
             },
             "limited": [
-                {"from_s": one.begin, "to_s": one.end, "by": one.by, "channels": list(one.channels)}
+                {
+                    "from_s": one.begin,
+                    "to_s": one.end,
+                    "by": one.by if one.by in ("rate", "reach") else "pressure",
+                    "channels": list(one.channels),
+                }
                 for one in self.limitations
             ],
             "copies": copies
@@ -165,3 +192,35 @@ def as_text(result: FollowResult) -> str:
             1, f"the measured motion was off by {in_mm(result.measured_error):.3f} mm; run these pressures next"
         )
     return "\n".join(lines)
+
+
+def copies_of(
+    simulator: ForwardModel, model: Model | None, case: Case, wanted: Wanted, scatter: MotionScatter, seed: int
+) -> MotionCopies | None:
+    """Return what copies of the case's motion come to, each with pressures off by the channel, and a model of the
+    covariance where there is one. None where none is asked for, or the motion itself diverges."""
+    if not scatter.copies:
+        return None
+    times, most = wanted.times, limits(case.design)
+    rng = np.random.default_rng(seed)
+    gains = 1 + scatter.pressure * rng.standard_normal((scatter.copies, len(most)))
+    factors = [np.ones(len(most)), *to_either_side(case.design), *gains]
+    cases = [replace(case, program=_scaled(case.program, row, most)) for row in factors]
+    forward = forward_model(simulator, model)
+    drawn = [] if model is None else Ensemble(model).drawn(scatter.copies, seed)
+    alike = cases[: len(cases) - len(drawn)]
+    meant, up, down, *copies = forward.motions(alike, [times] * len(alike))
+    for one, drawn_case in zip(drawn, cases[len(alike) :], strict=True):
+        copies += forward_model(simulator, one).motions([drawn_case], [times])
+    sound = [copy for copy in copies if np.isfinite(copy).all()]
+    if not np.isfinite(meant).all() or not sound:
+        return None
+    off = np.array([rms_of_each(copy - meant) for copy in sound])
+    elsewhere = instants_elsewhere(meant, up, down)
+    snap = float(times[int(np.argmax(elsewhere))]) if elsewhere.any() else None
+    expected = float(np.mean([wanted.mean_distance(copy) for copy in sound]))
+    return MotionCopies(len(sound), np.asarray(1.645 * np.sqrt(np.square(off).mean(axis=0))), expected, snap)
+
+
+def _scaled(program: PressureProgram, gains: Array, most: Array) -> PressureProgram:
+    return replace(program, pressure=np.clip(program.pressure * gains, 0.0, most))

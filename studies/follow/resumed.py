@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case
 from sim import Simulator
 from sim.resume import State, at_rest, with_states
-
-Array = NDArray[np.float64]
 
 
 class Resumed:

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.files.design_file import write_design
 from fabdesign.files.pressure_file import read_csv, write_pressures
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.pressure import require_pressures
@@ -25,21 +25,17 @@ from fabdesign.version import SIMULATOR
 from optimize.fit.descent import Progress
 from optimize.search.evaluations import Evaluations
 from sim import Simulator
-from studies.follow.layout import chosen_layout
 from studies.follow.measured import MeasuredRun, displacements, read_run
 from studies.follow.programs import Regulator, case_of, regulator_of
 from studies.follow.report import write_report
-from studies.follow.result import FollowResult
-from studies.follow.scatter import copies_of
-from studies.follow.start import quasi_static
-from studies.follow.target import files_of, wanted_of
-from studies.follow.wanted import Wanted
+from studies.follow.result import FollowResult, copies_of
+from studies.follow.start import between_poses, chosen_layout, quasi_static
+from studies.follow.wanted import GUIDED, Wanted, files_of, wanted_of
 from studies.follow.windows import Effort, FollowTask, solve
 from studies.layout_search.target import pose_errors
 from studies.prediction.forward_model import forward_model, without_resistance
 
-Array = NDArray[np.float64]
-ALGORITHM = 2  # of what a study's folder keeps: raised where it is no longer what this code would compute
+ALGORITHM = 3  # of what a study's folder keeps: raised where it is no longer what this code would compute
 PRESSURES = "pressures.csv"
 COARSE = 21  # points a side, with which a pass begins
 QUICK = 1 / 960  # s, the time step of the simulator: twice its own
@@ -99,8 +95,7 @@ def _with_layout(
     """Return the study with the design that a search finds, as the rig can drive it."""
 
     def show(at: Evaluations) -> None:
-        best = "none yet" if at.best is None else f"{in_mm(at.best.value):.3f} mm"
-        progress(f"a layout for shapes at rest: best {best}", 0.0)
+        progress(f"a layout for shapes at rest: {at.best_in_words}", 0.0)
 
     design = chosen_layout(study, wanted, regulator, work, show)
     if study.rig.channels is not None and design.channels > study.rig.channels:
@@ -124,36 +119,45 @@ class _Solver:
         self._study, self._wanted, self._regulator = study, wanted, regulator
         self._checkpoint, self._progress = checkpoint, progress
         self._begun, self._complete = working_time.seconds(), True
-        self._model = study.model or Model()
+        self._model, self._path = study.model or Model(), wanted
         self._cycles = regulator.cycles(float(wanted.times[-1]))
         self._case = case_of(study, regulator.program(np.zeros((self._cycles, regulator.channels))))
 
     def solution(self) -> FollowResult:
         """Return the study's own answer."""
-        self._progress("pressures of shapes at rest", 0.0)
-        start = self._checkpoint.arrays("start", lambda: {"pressures": self._start()})["pressures"]
+        start = self._begin()
         best = self._improved("pass", start)
         begin = self._driven(start)  # not before: a first answer does not wait for it
-        return self._result(min(best, begin, key=lambda motion: motion.error), begin.error)
+        return self._result(min(best, begin, key=lambda motion: motion.cost), begin.error)
 
     def corrected(self, run: MeasuredRun, number: int, program: Array) -> FollowResult:
         """Return the answer to a measured motion of `program`, in which the model's own changes are asked of it
         (iterative learning control: Bristow et al. 2006)."""
-        motion = self._motion(program)
-        beside, seen = displacements(run, motion, self._wanted.times, face=self._wanted.targets[0].face)
-        if not seen.any():
+        self._begin()
+        motion, times = self._motion(program), self._path.times
+        beside, seen = displacements(run, motion, times, face=self._wanted.targets[0].face)
+        if not (seen := seen & self._asked).any():
             raise InputError(f"{run.file}: no frame at a wanted instant; expected the motion of this study")
         begin = self._driven(program, beside)
-        off = float(self._wanted.errors(self._wanted.times, begin.motion)[seen].mean())
+        off = float(self._wanted.errors(times, begin.motion)[seen].mean())
         best = self._improved(f"run_{number}_{sha256(run.file)[:12]}", program, begin)
         return replace(self._result(best, off), run=number, measured_error=off)
 
-    def _start(self) -> Array:
-        if self._study.start is not None:
-            return self._regulator.kept(self._regulator.rows(self._study.start, self._cycles))
+    def _begin(self) -> Array:
+        """Return the program to begin with, and take the way between poses from it."""
+        self._progress("pressures of shapes at rest", 0.0)
         predictor = forward_model(Simulator(COARSE), self._model)
         case, easy = replace(self._case, effects=()), without_resistance(predictor) or predictor
-        return quasi_static(easy, case, self._wanted, self._regulator, self._cycles)
+
+        def begin() -> Arrays:
+            if self._study.start is not None:
+                return {"pressures": self._regulator.kept(self._regulator.rows(self._study.start, self._cycles))}
+            return {"pressures": quasi_static(easy, case, self._wanted, self._regulator, self._cycles)}
+
+        start = self._checkpoint.arrays("start", begin)["pressures"]
+        self._path = between_poses(easy, case, self._wanted, self._regulator.program(start))
+        self._asked = np.isin(self._path.times, self._wanted.times)
+        return start
 
     def _improved(self, name: str, program: Array, best: "_Driven | None" = None) -> "_Driven":
         """Return the best program of some passes, as far as the time goes. Once a pass gains little, those that follow
@@ -166,7 +170,7 @@ class _Solver:
             quick = Simulator(grid, time_step=QUICK, calm_steps=calm)
             program = program if best is None else best.program
             trial = self._driven(self._pass(f"{name}_{number}", program, best, Effort(quick, steps, length)), beside)
-            gained = 1.0 if best is None else 1 - trial.error / best.error
+            gained = 1.0 if best is None else 1 - trial.cost / best.cost
             best = trial if best is None or gained > 0 else best
             if gained < GAINED:
                 if grid == finest:
@@ -181,9 +185,9 @@ class _Solver:
         predictor = forward_model(effort.simulator, self._model.without(["corrector"]))
         lacks, line = None, f"windows at {effort.simulator.points_per_side} points a side"
         if at is not None:
-            [quick] = predictor.motions([self._case_of(program)], [self._wanted.times])
+            [quick] = predictor.motions([self._case_of(program)], [self._path.times])
             lacks, line = np.nan_to_num(at.motion - quick), f"{in_mm(at.error):.3f} mm; {line}"
-        task = FollowTask(predictor.case(self._case), self._wanted, self._regulator, lacks)
+        task = FollowTask(predictor.case(self._case), self._path, self._regulator, lacks)
         until = np.inf if self._study.seconds is None else self._study.seconds
 
         def keep(window: str, compute: Callable[[], Array]) -> Array | None:
@@ -202,35 +206,39 @@ class _Solver:
 
     def _motion(self, program: Array) -> Array:
         predictor = forward_model(Simulator(self._study.points_per_side), self._model)
-        [motion] = predictor.motions([self._case_of(program)], [self._wanted.times])
+        [motion] = predictor.motions([self._case_of(program)], [self._path.times])
         if not np.isfinite(motion).all():
             raise SimulationError(f"design {self._study.design.name}: the motion diverges under the program found")
         return motion.astype(float)
 
     def _driven(self, program: Array, beside: Array | float = 0.0) -> "_Driven":
         motion = self._motion(program) + beside
-        return _Driven(program, motion, beside, float(self._wanted.errors(self._wanted.times, motion).mean()))
+        errors, asked = self._path.errors(self._path.times, motion), self._asked
+        cost = float(np.average(errors, weights=np.where(asked, 1.0, GUIDED)))
+        return _Driven(program, motion, beside, float(errors[asked].mean()), cost)
 
     def _result(self, best: "_Driven", begun: float) -> FollowResult:
         self._progress("copies with other pressures and models", 1.0)
         study, wanted = self._study, self._wanted
-        driven = self._case_of(best.program)
+        driven, motion = self._case_of(best.program), best.motion[self._asked]
         copies = copies_of(Simulator(COARSE), study.model, driven, wanted, study.scatter, study.seed)
-        errors = pose_errors(wanted.targets, best.motion, seed=study.seed, draws=DRAWS)
+        errors = pose_errors(wanted.targets, motion, seed=study.seed, draws=DRAWS)
         seconds = working_time.seconds() - self._begun
         return FollowResult(
-            study, wanted, self._regulator, best.program, best.motion, errors, begun, copies, self._complete, seconds
+            study, wanted, self._regulator, best.program, motion, errors, begun, copies, self._complete, seconds
         )
 
 
 @dataclass(frozen=True, eq=False)
 class _Driven:
-    """A program and its motion (K, 2 n, 3) m, to which what was measured `beside` it is added. error: m, the mean."""
+    """A program and its motion (K, 2 n, 3) m, to which what was measured `beside` it is added. error: m, the mean over
+    what is wanted; cost: m, with the way between poses, by which programs are compared."""
 
     program: Array
     motion: Array
     beside: Array | float
     error: float
+    cost: float
 
 
 def _last_run(work: WorkFolder, path: Path, study: FollowStudy) -> tuple[MeasuredRun, int, Array]:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case
 from sim import Simulator
 from sim.motion import SimulatedMotion, faces
@@ -19,7 +20,6 @@ from sim.resume import KeptMotion, State, at_rest, go_on, with_states
 from studies.follow.programs import UNIT, Regulator, Roughness, best_change
 from studies.follow.wanted import Distances, Wanted, moved
 
-Array = NDArray[np.float64]
 AHEAD = 0.2  # s of a window that are kept; the rest is solved again with what comes
 STEP = 5e3  # Pa, of the differences
 FARTHEST = 1e5  # Pa, by which a set point may move at once
@@ -179,7 +179,8 @@ class _Place:
     def all_of(window: _Window, programs: Sequence[Array]) -> "list[_Place]":
         places = []
         for program, kept in zip(programs, window.with_states(programs), strict=True):
-            rough = Roughness.of(_rows_before(program, window.begin), program[window.begin : window.end])
+            rows = program[window.begin : window.end]
+            rough = Roughness.of(_rows_before(program, window.begin), rows, window.task.regulator.rough)
             places.append(_Place(window, program, kept, window.distances(kept.motion), rough))
         return places
 

@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 
 from fabdesign.formats.result_tables import Columns, Tabled, by_name
-from fabdesign.nouns.design import Design
-from fabdesign.nouns.muscle import Muscle
 from fabdesign.study_files.layouts_file import SIDES, Cell, LayoutsStudy
 from fabdesign.units import in_mm
 from optimize.search.design_space import DesignSpace
@@ -218,13 +216,16 @@ def seeds_of(cell: Cell, results: Sequence[CellResult]) -> list[Start]:
     Where a layout without a change has the cell's number of muscles already, it is a seed as it is.
     """
     beneath = [f for f in results if f.result is not None and f.cell is not cell and cell.includes(f.cell)]
+    nearest: dict[str, CellResult] = {}  # of each choice of sides
+    for f in sorted(beneath, key=lambda f: f.objective):
+        nearest.setdefault(f.cell.sides, f)
     seeds: list[Start] = []
-    for k, neighbour in enumerate(_nearest(beneath)):
+    for k, neighbour in enumerate(nearest.values()):
         result = neighbour.result
         assert result is not None
-        space = DesignSpace(_on_cloth_of(cell, result.design.muscles), cell.study.limits, result.pressure)
-        start = replace(space, vary_positions=True)
-        best = start, start.encode(space.design, result.pressure)
+        design = replace(cell.study.design, muscles=result.design.muscles)
+        space = DesignSpace(design, cell.study.limits, result.pressure, vary_positions=True)
+        best = space, space.encode(design, result.pressure)
         more = with_idle(
             best, count=cell.muscles, sides=SIDES[cell.sides], number=CANDIDATES, seed=cell.study.seed + 7 * k
         )
@@ -232,15 +233,3 @@ def seeds_of(cell: Cell, results: Sequence[CellResult]) -> list[Start]:
         if len(result.design.muscles) < cell.muscles:
             seeds += pulling(more, len(result.design.muscles), PULL)
     return seeds
-
-
-def _nearest(beneath: Sequence[CellResult]) -> list[CellResult]:
-    """Return the nearest layout of each choice of sides."""
-    best: dict[str, CellResult] = {}
-    for f in sorted(beneath, key=lambda f: f.objective):
-        best.setdefault(f.cell.sides, f)
-    return [*best.values()]
-
-
-def _on_cloth_of(cell: Cell, muscles: Sequence[Muscle]) -> Design:
-    return replace(cell.study.design, muscles=tuple(muscles))

@@ -13,11 +13,9 @@ from fabdesign.formats.table import load_toml
 from fabdesign.geometry.metrics import DRAWS, CloudKind, Errors, landmark_errors, trial_errors
 from fabdesign.geometry.placement import placement_of
 from fabdesign.geometry.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
-from fabdesign.geometry.shape import Shape, at_places
 from fabdesign.geometry.wishes import Landmarks
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
-from fabdesign.nouns.fabric import Fabric
 from fabdesign.runtime.fingerprint import sha256
 from fabdesign.study_files.study_file import Study
 from fabdesign.study_files.study_targets import TargetFile
@@ -179,29 +177,3 @@ def errors_in_words(study: Study, errors: Errors) -> str:
     if is_wished(study.targets):
         return f"mean distance from what was asked for; root mean square {in_mm(errors.surface_rms):.3f}"
     return f"Chamfer {in_mm(errors.chamfer):.3f}, noise floor {in_mm(errors.chamfer_floor):.3f}"
-
-
-@dataclass(frozen=True)
-class WishOutcome:
-    """One wish beside a shape."""
-
-    said: str
-    mean: float  # m, over its places, in the coordinates that it gives
-    largest: float
-    weight: float
-
-
-def asked_of(target: TargetFile, shape: Array, fabric: Fabric) -> list[WishOutcome]:
-    """Return the wishes of a pose beside its shape (2 n, 3) m."""
-    rows = []
-    for wish in target.wishes:
-        off = Landmarks.of([wish], fabric).distances(shape)
-        rows.append(WishOutcome(wish.said, float(off.mean()), float(off.max()), wish.weight))
-    return rows
-
-
-def reached_and_asked(landmarks: Landmarks, shape: Array) -> tuple[Array, Array]:
-    """Return the places of a shape (2 n, 3) m and where they were to come, (k, 3) m each: a coordinate that no wish
-    gives is the shape's."""
-    reached = np.asarray(at_places(Shape.of(shape).middle, landmarks.shares))
-    return reached, np.where(landmarks.given, landmarks.goals, reached)

@@ -1,6 +1,5 @@
 """The loading path: the motion from rest to a result, and copies of it with changed inputs. Which shape is reached."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -100,36 +99,29 @@ class LoadingPath:
         return dict(plain(path))
 
 
-def loading_paths(
+def loading_path(
     objective: Objective,
     forward: ForwardModel,
-    results: Sequence[tuple[Design, Array]],
-    shapes: Sequence[Poses],
-    at_rest: Sequence[Poses],
+    result: tuple[Design, Array],
+    shape: Poses,
+    at_rest: Poses,
     *,
     rise: float,
-) -> list[LoadingPath]:
-    """Return the loading path of each result, to the `shapes` of the search; all motions in one batch. at_rest: its
-    cloth without pressure. rise: s, of pressures that lead to a shape at rest."""
-    plans = [_plans(objective, design, pressures, rise) for design, pressures in results]
-    cases: list[Case] = []
-    times: list[Array] = []
-    for (design, _), plan in zip(results, plans, strict=True):
-        for _, programs in plan:
-            cases += [Case(design, program, order=objective.order) for program in programs]
-            times += [np.array([program.duration]) for program in programs]
-    ends = iter([refined(np.asarray(motion[-1], dtype=float)) for motion in forward.motions(cases, times)])
-    paths = []
-    for plan, shape, still in zip(plans, shapes, at_rest, strict=True):
-        ended = [np.array([next(ends) for _ in programs]) for _, programs in plan]
-        off_rest = apart(shape, still)
-        goals = [shape, *(ended[:1] if np.isfinite(ended[0]).all() else [shape]) * (len(plan) - 1)]
-        copies = [
-            Copy(name, objective.value(end), not are_one(apart(end, other), off_rest))
-            for (name, _), end, other in zip(plan, ended, goals, strict=True)
-        ]
-        paths.append(LoadingPath(copies[0], tuple(copies[1:]), ended[0]))
-    return paths
+) -> LoadingPath:
+    """Return the loading path of a result to the `shape` of the search; all motions in one batch. at_rest: its cloth
+    without pressure. rise: s, of pressures that lead to a shape at rest."""
+    plan = _plans(objective, *result, rise)
+    programs = [program for _, of_poses in plan for program in of_poses]
+    cases = [Case(result[0], program, order=objective.order) for program in programs]
+    motions = forward.motions(cases, [np.array([program.duration]) for program in programs])
+    ends = [refined(np.asarray(motion[-1], dtype=float)) for motion in motions]
+    ended = np.array(ends).reshape(len(plan), *shape.shape)
+    off_rest, goal = apart(shape, at_rest), ended[0] if np.isfinite(ended[0]).all() else shape
+    motion, *copies = [
+        Copy(name, objective.value(end), not are_one(apart(end, goal if k else shape), off_rest))
+        for k, ((name, _), end) in enumerate(zip(plan, ended, strict=True))
+    ]
+    return LoadingPath(motion, tuple(copies), ended[0])
 
 
 def _plans(

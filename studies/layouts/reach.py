@@ -183,10 +183,10 @@ def lacking_of(evaluations: Evaluations) -> Lacking | None:
 
 @dataclass(frozen=True)
 class Reach:
-    """gap: m, of the searched measure over its floor. out_of_reach: so much that noise does not explain it, of a search
-    that has converged. held_by: what the result has come up against, a clause each. crossing: (u, v) m where the cloth
-    passes through itself, a pose each, None where it does not. lacking: of a search that has not converged. missed: a
-    pose each, and helps, where it is out of reach. wished: the target is wishes, without noise."""
+    """gap: m, of the searched measure over its floor. out_of_reach: so much that noise does not explain it; None, not
+    known, of a search that has not converged. held_by: what the result has come up against, a clause each. crossing:
+    (u, v) m where the cloth passes through itself, a pose each, None where it does not. lacking: of a search that has
+    not converged. missed: a pose each, and helps, where it is out of reach. wished: wishes without noise."""
 
     gap: float
     beyond_noise: bool
@@ -198,8 +198,8 @@ class Reach:
     wished: bool = False
 
     @property
-    def out_of_reach(self) -> bool:
-        return self.beyond_noise and self.lacking is None
+    def out_of_reach(self) -> bool | None:
+        return None if self.beyond_noise and self.lacking else self.beyond_noise
 
     @property
     def passes_through_itself(self) -> bool:
@@ -215,6 +215,8 @@ class Reach:
         elif self.lacking:
             gap = f", {in_mm(self.gap):.1f} mm {over}" if self.beyond_noise else ""
             said.append(f"The search ended before it converged{gap}. {self.lacking.sentence}")
+            if self.beyond_noise and self.held_by:
+                said.append(f"So far it has come up against: {', '.join(self.held_by)}.")
         for pose, place in enumerate(self.crossing, start=1):
             if place is not None:
                 of = f" of pose {pose}" if len(self.crossing) > 1 else ""

@@ -10,7 +10,6 @@ from fabdesign.nouns.predictor import Predictor
 from fabdesign.study_files.study_file import Study
 from fabdesign.study_files.study_targets import Price, Robust
 from fabdesign.units import in_mm
-from optimize.search.design_space import DesignSpace, Vector
 from optimize.search.evaluations import Evaluations
 from optimize.search.search_state import as_rows, of_rows
 from optimize.search.starts import Start
@@ -127,15 +126,15 @@ def fewer_said(study: Study, fewer: Fewer, *, converged: bool = True) -> str:
     space = fewer.start[0]
     count = len(space.design.muscles)
     bound = f"within {study.price.tolerance:.0%} of it" if not study.price.muscle else "for the price of a muscle"
+    value, before = f"{in_mm(fewer.value):.2f} mm", f"{in_mm(fewer.before):.2f} mm"
+    mm = f"{value} with either" if value == before else f"{value} instead of {before}, {bound}"
     if count < fewer.count:
-        mm = f"{in_mm(fewer.value):.2f} mm instead of {in_mm(fewer.before):.2f}"
         cut = ", not tried to the end" if fewer.cut else ""
         on = f" on {_channels(space.channels)}" if space.channels < count else ""
-        return f"{count} muscles{on} are enough, where the search came to {fewer.count}: {mm}, {bound}{cut}."
+        return f"{count} muscles{on} are enough, where the search came to {fewer.count}: {mm}{cut}."
     if not fewer.ended:
         straight = "" if any(len(muscle.path) > 2 for muscle in space.design.muscles) else ", straight,"
-        mm = f"{in_mm(fewer.value):.2f} mm instead of {in_mm(fewer.before):.2f}"
-        return f"The {count} muscles{straight} are enough on {_channels(space.channels)}: {mm}, {bound}." + (
+        return f"The {count} muscles{straight} are enough on {_channels(space.channels)}: {mm}." + (
             " Fewer muscles are not enough." if converged else ""
         )
     if fewer.cut:
@@ -149,8 +148,3 @@ def front_said(fewer: Fewer) -> str:
     """Return the front in words; empty where there is one number of muscles."""
     each = ", ".join(f"{count}: {in_mm(value):.2f}" for count, value in fewer.front)
     return f"Reached, in mm, by number of muscles: {each}." if len(fewer.front) > 1 else ""
-
-
-def points_of(fewer: Fewer | None) -> list[tuple[DesignSpace, Vector]]:
-    """Return the smaller layout, to come before what the search found; none where there is none."""
-    return [] if fewer is None or fewer.ended else [fewer.start]

@@ -17,7 +17,7 @@ from fabdesign.nouns.model import Model
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.nouns.pressure import poses_in_words
 from fabdesign.units import in_mm
-from studies.layout_search.target import LoadedTarget, asked_of, is_wished, measure_of, reached_and_asked
+from studies.layout_search.target import LoadedTarget, is_wished, measure_of
 from studies.layouts.result import StudyResult
 from studies.layouts.robustness import said as robust_said
 from studies.report import page
@@ -68,7 +68,8 @@ def _by_distance(points: Array, target: Array) -> dict[str, Any]:
 
 def _wished(landmarks: Landmarks, points: Array) -> list[Any]:
     """Return the places that wishes name, where each was to come, and a line between."""
-    reached, asked = reached_and_asked(landmarks, points)
+    reached = np.asarray(at_places(Shape.of(points).middle, landmarks.shares))
+    asked = np.where(landmarks.given, landmarks.goals, reached)  # a coordinate that no wish gives is the shape's
     between = np.stack([reached, asked, np.full_like(asked, np.nan)], axis=1).reshape(-1, 3)
     return [
         cloud("asked for", asked, ASKED, 4.5),
@@ -223,9 +224,11 @@ def _pose(number: int, result: StudyResult, pose: int) -> Iterator[page.Block]:
     if len(result.targets) > 1:
         weight = "" if target.weight == 1 else f", weight {target.weight:g}"
         yield page.Title(f"Pose {pose + 1}{weight}", 3)
-    asked = asked_of(result.study.targets[pose], result.points[pose], result.design.fabric)
-    if asked:
-        rows = [(wish.said, in_mm(wish.mean), in_mm(wish.largest), f"{wish.weight:g}") for wish in asked]
+    rows = []
+    for wish in result.study.targets[pose].wishes:
+        off = in_mm(Landmarks.of([wish], result.design.fabric).distances(result.points[pose]))
+        rows.append((wish.said, float(off.mean()), float(off.max()), f"{wish.weight:g}"))
+    if rows:
         yield page.TableBlock(("asked for", "mean distance\nmm", "largest\nmm", "weight"), rows)
     corners = ["\n".join(map(_place, m.path[1:-1])) for m in muscles]
     table = {

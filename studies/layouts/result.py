@@ -1,7 +1,7 @@
 """The result of a study, its files, and as its search's history keeps it, so that the same call answers at once."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -16,29 +16,22 @@ from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import RISE
-from fabdesign.nouns.model_sampling import half_widths, spread_of
-from fabdesign.nouns.predictor import Predictor
-from fabdesign.nouns.pressure import poses_in_words, rising_program
+from fabdesign.nouns.pressure import poses_in_words, regulated, rising_program
 from fabdesign.runtime.fingerprint import content_of
 from fabdesign.study_files.study_file import Study
-from fabdesign.units import from_kpa, in_kpa, in_mm
+from fabdesign.units import in_kpa, in_mm
 from fabdesign.version import SIMULATOR, __version__
-from optimize.search.design_space import DesignSpace
 from optimize.search.evaluations import SLOPES
 from optimize.search.history import Entry, History
 from optimize.search.multistart import INTERRUPTED
-from optimize.search.objective import Objective
 from optimize.search.search_state import of_rows
 from optimize.search.thinning import Fewer
-from studies.intervals.draws import drawn_models, region_terms
 from studies.layout_search.target import LoadedTarget, pose_errors
 from studies.layouts.loading_path import LoadingPath
 from studies.layouts.reach import Reach
 from studies.layouts.refinement import fewer_said, front_said, kept_fewer
 from studies.layouts.robustness import Robustness
 from studies.layouts.robustness import as_json as robust_json
-
-REGULATED = 0.1  # kPa, steps of the pressures in a file: finer than regulators resolve
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,8 +212,7 @@ def write_best(
     """Write a design, each pose's pressures [Pa], held until its time [s] or, to a shape at rest, rising within `rise`
     s, and result.json, each file whole."""
     write_design(design, out / "design.toml")
-    steps = np.floor(in_kpa(pressures) / REGULATED + 1e-6)  # not above: a limit may lie there
-    for pose, (row, time) in enumerate(zip(from_kpa(steps * REGULATED), times, strict=True), start=1):
+    for pose, (row, time) in enumerate(zip(regulated(pressures), times, strict=True), start=1):
         file = pressure_file_of(pose)
         program = (
             rising_program(row, rise, rise + SINGLE_ROW_DURATION)
@@ -229,19 +221,6 @@ def write_best(
         )
         write_pressures(program, out / file)
     write_json(out / "result.json", result)
-
-
-def expected_within(result: StudyResult, objective: Objective, coarse: Predictor) -> float | None:
-    """Return half the width [m] of the 90 % intervals along the cloth's normal, mean over poses and regions. None of a
-    model without. coarse: moves the drawn models."""
-    spread = spread_of(coarse.model)
-    if spread is None:
-        return None
-    space = DesignSpace(result.design, result.study.limits, result.pressure, vary_pressures=False)
-    models = drawn_models(coarse.model) if spread.covariance else []
-    others = [objective.shapes(replace(coarse, model=model), [(space, np.empty(0))])[0] for model in models]
-    terms = region_terms(result.rest, result.points, others, result.design.fabric)
-    return float(half_widths(spread, *terms).mean())
 
 
 VERSIONS = f"fabdesign {__version__}, simulator {SIMULATOR}"
@@ -260,22 +239,17 @@ def study_content(study: Study, targets: Sequence[LoadedTarget]) -> dict[str, st
         more["start_pressures"] = in_kpa(study.start_pressures).tolist()
     for number, target in enumerate(targets, start=1):
         name = "target" if len(targets) == 1 else f"target {number}"
-        more[f"{name}.time"] = target.time
-        more[f"{name}.weight"] = target.weight
-        more[f"{name}.points"] = target.sha256
-        if target.markers:
-            more[f"{name}.distances"] = "from markers, one way"
-        if target.landmarks is not None:
-            more[f"{name}.wishes"] = target.landmarks.key
-        if target.free:
-            more[f"{name}.free"] = True
-        if target.weighting is not None:
-            more[f"{name}.regions"] = repr(target.weighting.regions)
-        if target.face != "both":
-            more[f"{name}.face"] = target.face
-    content = content_of(study, _NO_MATTER, more)
-    absent = {name for name in _ABSENT if content.get(name) == "None"}
-    return {name: value for name, value in content.items() if name not in (*_RAISED, *absent)}
+        more |= {f"{name}.time": target.time, f"{name}.weight": target.weight, f"{name}.points": target.sha256}
+        further = {
+            "distances": target.markers and "from markers, one way",
+            "wishes": target.landmarks and target.landmarks.key,
+            "free": target.free,
+            "regions": target.weighting and repr(target.weighting.regions),
+            "face": target.face != "both" and target.face,
+        }
+        more |= {f"{name}.{key}": value for key, value in further.items() if value}
+    content = content_of(study, _NO_MATTER, more).items()
+    return {name: value for name, value in content if name not in _RAISED and (name not in _ABSENT or value != "None")}
 
 
 def keep(history: History, result: StudyResult, *, follow: bool) -> None:

@@ -132,8 +132,6 @@ YIELD_GAIN = 0.05  # and of the copies, that a change must gain
 ENOUGH = 0.97  # of the copies within the tolerance
 PATIENCE = 2  # doubled muscles in a row without a gain
 
-Going = Callable[[], bool]
-
 
 @dataclass(frozen=True, eq=False)
 class MoreRobust:
@@ -167,7 +165,7 @@ def more_robust(
     forward: Predictor,
     *,
     tolerance: float,
-    going: Going = lambda: True,
+    going: Callable[[], bool] = lambda: True,
 ) -> MoreRobust:
     """Return a more robust layout, by `forward`, the coarse model. Muscles are doubled where the study lets their
     number vary, up to its most, and while that gains. tolerance: m. going: asked before every round; what it cuts is no

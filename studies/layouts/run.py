@@ -9,8 +9,10 @@ import numpy as np
 
 from fabdesign.errors import SimulationError
 from fabdesign.nouns.array import Array
+from fabdesign.nouns.model_sampling import half_widths, spread_of
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.output import WorkFolder, write_text
+from fabdesign.runtime import working_time
 from fabdesign.study_files.study_file import Study, read_study, require_searchable
 from fabdesign.units import in_mm
 from optimize.search.design_space import DesignSpace
@@ -21,6 +23,7 @@ from optimize.search.multistart import INTERRUPTED, search
 from optimize.search.objective import Objective
 from optimize.search.starts import Start
 from optimize.search.thinning import Fewer
+from studies.intervals.draws import drawn_models, region_terms
 from studies.layout_search.first_layouts import (
     first_starts,
     forward_models,
@@ -28,17 +31,18 @@ from studies.layout_search.first_layouts import (
     stages_of,
 )
 from studies.layout_search.target import LoadedTarget, load_target, target_errors
-from studies.layouts.loading_path import loading_paths
+from studies.layouts.loading_path import LoadingPath, loading_path
 from studies.layouts.reach import helps_of, lacking_of, missed_at, reach_of
 from studies.layouts.refinement import NEAR as NEAR_ENOUGH
-from studies.layouts.refinement import POOL, made_robust, points_of, search_seconds, shrunk
+from studies.layouts.refinement import POOL, made_robust, search_seconds, shrunk
 from studies.layouts.report import Section, render_report
-from studies.layouts.result import StudyResult, answer, expected_within, keep, pressures_kpa, study_content, write_best
+from studies.layouts.result import StudyResult, answer, keep, pressures_kpa, study_content, write_best
 from studies.layouts.robustness import robustness_of
 from studies.prediction.forward_model import forward_model, without_resistance
 from studies.study import Simulated, StudyRun
 
 HISTORY = "history.sqlite"
+FOLLOWING = 20.0  # s after the limit, from which on no further layout is moved from rest
 TENTH = 0.1  # of its limits, after which a search says how far it is
 ROUNDING = 1e-6  # m: a floor of less is that of markers, which have none
 FILES = "result.json", "design.toml", "pressures.csv", "report.html"  # of every result
@@ -122,10 +126,13 @@ def _searched(
     except KeyboardInterrupt:
         stop_reason = INTERRUPTED
     if follow:
-        evaluations.message = "following the motions that lead to the result; this comes after the limit of seconds"
+        evaluations.message = (
+            "following the motions that lead to the result; this comes after the limit of seconds, some 20 s"
+        )
         progress(evaluations)
     robust, doubled = study.robust if follow else None, 0
-    points = [*points_of(fewer), *evaluations.finalists(FINALISTS if robust is None else POOL)]
+    smaller = [] if fewer is None or fewer.ended else [fewer.start]
+    points = [*smaller, *evaluations.finalists(FINALISTS if robust is None else POOL)]
     if robust is not None:
         try:
             points, doubled = made_robust(study, robust, evaluations, points, quick)
@@ -207,15 +214,20 @@ def _result(
     objective, searched_s = evaluations.objective, evaluations.elapsed
     points = [*points] or evaluations.finalists()
     layouts = [space.decode(x) for space, x in points]
-    still = [
+    resting = [
         (DesignSpace(design, study.limits, np.zeros_like(pressures), vary_pressures=False), np.empty(0))
         for design, pressures in layouts
     ]
-    every = objective.shapes(forward, [*points, *still])
+    every = objective.shapes(forward, [*points, *resting])
     shapes, rests = every[: len(points)], every[len(points) :]
     if not (np.all(np.isfinite(shapes[0])) and np.all(np.isfinite(rests[0]))):
         raise SimulationError(f"{study.name}: the best design diverges on the full model; {stop_reason}")
-    paths = loading_paths(objective, forward, layouts, shapes, rests, rise=study.rise) if follow else []
+    paths: list[LoadingPath] = []
+    begun = working_time.seconds()
+    for layout, at, still in zip(layouts, shapes, rests, strict=True) if follow else ():
+        paths.append(loading_path(objective, forward, layout, at, still, rise=study.rise))
+        if not paths[-1].sensitive or working_time.seconds() - begun > FOLLOWING:
+            break
     chosen = next((k for k, one in enumerate(paths) if not one.sensitive), 0)
     (design, pressures), shape, rest = layouts[chosen], shapes[chosen], rests[chosen]
     path = paths[chosen] if follow else None
@@ -250,3 +262,16 @@ def _result(
         loading_path=path,
         fewer=fewer,
     )
+
+
+def expected_within(result: StudyResult, objective: Objective, coarse: Predictor) -> float | None:
+    """Return half the width [m] of the 90 % intervals along the cloth's normal, mean over poses and regions. None of a
+    model without. coarse: moves the drawn models."""
+    spread = spread_of(coarse.model)
+    if spread is None:
+        return None
+    space = DesignSpace(result.design, result.study.limits, result.pressure, vary_pressures=False)
+    models = drawn_models(coarse.model) if spread.covariance else []
+    others = [objective.shapes(replace(coarse, model=model), [(space, np.empty(0))])[0] for model in models]
+    terms = region_terms(result.rest, result.points, others, result.design.fabric)
+    return float(half_widths(spread, *terms).mean())

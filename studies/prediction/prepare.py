@@ -33,14 +33,15 @@ def prepare(say: Callable[[str], None] = lambda _: None) -> float:
     begun = time.monotonic()
     done = 0
     lock = threading.Lock()
-    seconds = 60 / min(cores(), 2)
+    seconds = 80 / min(cores(), 2)
     say(f"compiling the simulator, once on this machine: about {seconds:.0f} s (10 s where it is compiled)")
 
     def run(part: str) -> None:
         nonlocal done
         command = [sys.executable, "-m", "studies.prediction.prepare", part]
         path = os.pathsep.join([str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])])
-        ended = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": path})
+        environment = os.environ | {"PYTHONPATH": path} | LANES.get(part, {})
+        ended = subprocess.run(command, capture_output=True, text=True, env=environment)
         if ended.returncode:
             why = (ended.stderr.strip() or f"exit status {ended.returncode}").splitlines()[-1]
             raise SimulationError(f"compiling the {part} failed: {why}")
@@ -89,8 +90,10 @@ PARTS: dict[str, Callable[[], None]] = {  # the longest first
     "motions with effects": lambda: _motions(_case(Term("air_drag", {"coefficient": 3.0}))),
     "derivatives": _derivatives,
     "motions": lambda: _motions(_case()),
+    "motions of a lone design": lambda: _motions(_case()),
     "distances": _distances,
 }
+LANES = {"motions of a lone design": {"FABDESIGN_LANES": "2"}}  # as `simulate` has them: kernels of their own
 
 if __name__ == "__main__":
     PARTS[sys.argv[1]]()

@@ -179,7 +179,7 @@ def package_versions(packages: Sequence[str]) -> str:
 def svg_of(figure: Figure) -> Markup:
     """Return an SVG element; the same figure gives the same text."""
     text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+    figure.savefig(text, format="svg", bbox_inches="tight", metadata={"Date": None, "Creator": None})
     return Markup(re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL))
 
 

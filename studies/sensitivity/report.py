@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,8 @@ def bars_figure(result: SensitivityResult, column: int) -> Figure:
         bars = [(0.0, morris.mu_star, morris.mu_star90, TOTAL, "mu*")]
         what = f"Morris effect over the whole range, {result.watched[column].unit}"
         panels.append((names, what, morris.mu_star, bars, morris.sigma))
-    size = 5.4 * len(panels), 1.4 + 0.32 * max(len(names), len(groups))
+    wide = 3.6 + 0.08 * max(map(len, [*names, *groups]))  # inches: the longest name beside bars with room for the title
+    size = wide * len(panels), 1.5 + 0.32 * max(len(names), len(groups))
     figure = Figure(figsize=size, layout="constrained")
     for axes, (title, what, by, bars, sigma) in zip(
         figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True
@@ -56,7 +58,7 @@ def bars_figure(result: SensitivityResult, column: int) -> Figure:
             axes.plot(sigma[order], place, "D", color=SIGMA, markersize=4, label="sigma")
         axes.axvline(0, color="#1c2430", linewidth=0.8)
         axes.set_yticks(place, [title[i] for i in order])
-        axes.set(xlabel=f"{what}, with 90 % intervals", axisbelow=True)
+        axes.set(xlabel=fill(f"{what}, with 90 % intervals", 40), axisbelow=True)
         axes.legend(fontsize="small", frameon=False, ncols=2, loc="lower left", bbox_to_anchor=(0, 1), borderpad=0)
         axes.grid(axis="x", color="#e3e7ec")
     return figure
@@ -75,11 +77,6 @@ def _rows(result: SensitivityResult) -> Iterator[list[Any]]:
             for k, numbers in enumerate(outputs):
                 values = [f"{x:.9g}" for x in samples.values[row, k]]
                 yield [method, row, k, *values, *("" if x != x else f"{x:.9g}" for x in numbers)]
-
-
-def render(result: SensitivityResult) -> str:
-    """Return HTML, self-contained."""
-    return page.html_of(result.study.name, _blocks(result))
 
 
 def _blocks(result: SensitivityResult) -> Iterator[page.Block]:

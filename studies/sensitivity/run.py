@@ -22,10 +22,9 @@ from fabdesign.study_files.sensitivity_file import Output, SensitivityStudy
 from studies.layout_search.target import LoadedTarget, load_target
 from studies.prediction.forward_model import WithMuscleStates, forward_model, knows_muscles
 from studies.prediction.stability import moves, to_either_side
-from studies.sensitivity.inputs import Inputs
-from studies.sensitivity.outputs import Outputs, needs_tension
 from studies.sensitivity.report import write_report
-from studies.sensitivity.result import Computed, SensitivityResult, saltelli_rows, trajectories
+from studies.sensitivity.result import Computed, SensitivityResult
+from studies.sensitivity.variables import Inputs, Outputs, saltelli_rows, trajectories
 from studies.study import Running, StudyRun, kept_content, simulator
 
 FILE = "samples.sqlite"
@@ -152,9 +151,10 @@ class _Sweep:
         self.study, self.inputs, self._store, self._progress = study, Inputs(study), store, progress
         if forward is None:
             forward = simulator(study.points_per_side, study)
-        if needs_tension(study.outputs) and not knows_muscles(forward):
+        tensions = "largest_tension" in study.outputs
+        if tensions and not knows_muscles(forward):
             raise InputError(f"largest_tension: {type(forward).__name__} knows no tensions; expected the simulator")
-        self._tensions = WithMuscleStates(forward) if needs_tension(study.outputs) else None
+        self._tensions = WithMuscleStates(forward) if tensions else None
         bare = replace(study.model or Model(), parameters={}, effects=())  # a case brings all of it
         self._forward = replace(forward_model(self._tensions or forward, study.model), model=bare)
         self.outputs = Outputs(study.outputs, study.design.fabric, self._at_rest(), target, study.at, study.functions)

@@ -14,7 +14,7 @@ from fabdesign.formats.json_file import read_json, write_json
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import RISE
 from fabdesign.nouns.muscle import Muscle
-from fabdesign.nouns.pressure import rising_program
+from fabdesign.nouns.pressure import regulated, rising_program
 from fabdesign.output import new_folder, read_mark, write_text
 from fabdesign.runtime.fingerprint import sha256
 from studies.studio.document import Document
@@ -152,7 +152,7 @@ class Files:
             with new_folder(folder, made_by="studio", force=True) as unfinished:
                 write_design(layout.design, unfinished / "design.toml")
                 for pose, shown in enumerate(document.layouts if layout.pressures else (), start=1):
-                    program = rising_program(np.array(shown.pressures), RISE, RISE + SETTLED)
+                    program = rising_program(regulated(np.array(shown.pressures)), RISE, RISE + SETTLED)
                     write_pressures(program, unfinished / pressure_file_of(pose))
                 if document.targets:
                     text = study_document(

@@ -31,8 +31,7 @@ from fabdesign.study_files.study_file import read_head, read_study
 from fabdesign.study_files.study_targets import TargetFile
 from optimize.search.margins import Limits
 from studies.follow.programs import Regulator, regulator_of
-from studies.follow.target import wanted_of
-from studies.follow.wanted import Wanted
+from studies.follow.wanted import Wanted, wanted_of
 from studies.layout_search.target import LoadedTarget, load_target, target_errors
 from studies.prediction.predict import frame_times
 from studies.studio.layout import HIGHEST, Layout

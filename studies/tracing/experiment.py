@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case, ForwardModel, Term
-from fabdesign.nouns.pressure import USUAL_LIMITS, PressureProgram, RigLimits, limits
+from fabdesign.nouns.pressure import LEAST_HOLD, USUAL_LIMITS, PressureProgram, RigLimits, limits, regulated
 from fabdesign.units import in_kpa, in_mm
 from optimize.fit.parameters import FitVector
 
@@ -36,8 +36,10 @@ class Explanation:
 
 def programs(design: Design, rig: RigLimits = USUAL_LIMITS) -> dict[str, PressureProgram]:
     """Return steps, staircases and ramps within the limits of the muscles and the rig: every channel alone in turn, one
-    face, the other, all."""
+    face, the other, all. Levels hold for LEAST_HOLD s, as far as the rig's duration allows it."""
     most, seconds = np.minimum(limits(design), rig.pressure), rig.duration
+    levels, count = max(1, int(seconds / LEAST_HOLD)), len(most)
+    stairs = 2 * int(np.clip(levels // 2, 2, 3))
     on = {(m.channel, m.side) for m in design.muscles}
     faces = {s: np.array([(c, s) in on for c in range(design.channels)]) for s in ("front", "back")}
     groups = {f"the {side}": where for side, where in faces.items() if where.any()}
@@ -46,18 +48,19 @@ def programs(design: Design, rig: RigLimits = USUAL_LIMITS) -> dict[str, Pressur
         p = np.where(where, most, 0.0)
         candidates[f"step of {said}, held"] = _rows([0.0], [p], seconds)
         candidates[f"step of {said} on and off"] = _rows([0.0, seconds / 2], [p, 0 * p], seconds)
-        stairs = np.array([1, 2, 3, 2, 1, 0]) / 3
-        candidates[f"staircase of {said}, up and down"] = _rows(
-            np.arange(6) * seconds / 6, stairs[:, None] * p, seconds
-        )
+        shares = 1 - np.abs(2 * np.arange(1, stairs + 1) / stairs - 1)
+        times = np.arange(stairs) * seconds / stairs
+        candidates[f"staircase of {said}, up and down"] = _rows(times, shares[:, None] * p, seconds)
         times = np.arange(60) * seconds / 60
         candidates[f"slow ramp of {said}, up and down"] = _rows(
             times, (1 - np.abs(times / seconds * 2 - 1))[:, None] * p, seconds
         )
-    alone = np.diag(most)
-    candidates["each channel alone in turn"] = _rows(np.arange(len(most)) * seconds / len(most), alone, seconds)
-    both = np.tril(np.ones((len(most), len(most)))) * most * 0.7
-    candidates["one channel more at a time"] = _rows(np.arange(len(most)) * seconds / len(most), both, seconds)
+    for channels in np.array_split(np.arange(count), -(-count // levels)) if count else ():
+        which = "each channel" if count <= levels else f"channels {', '.join(map(str, channels))}"
+        times = np.arange(len(channels)) * seconds / len(channels)
+        candidates[f"{which} alone in turn"] = _rows(times, np.diag(most)[channels], seconds)
+    both = np.tril(np.ones((count, count))) * most * 0.7
+    candidates["one channel more at a time"] = _rows(np.arange(count) * seconds / count, both, seconds)
     return {name: program for name, program in candidates.items() if fastest(program) <= rig.rate * (1 + 1e-9)}
 
 
@@ -114,7 +117,7 @@ def next_experiment(
             "design": design.name,
             "duration_s": program.duration,
             "time_s": program.time.tolist(),
-            "pressure_kpa": in_kpa(program.pressure).round(3).tolist(),
+            "pressure_kpa": in_kpa(regulated(program.pressure, rig.resolution)).tolist(),
         },
         "separates": [e.name for e in explanations],
         "expected_gain": in_mm(gain),

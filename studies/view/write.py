@@ -76,7 +76,8 @@ USUAL = {"lower_left": (0.0, 1.0), "lower_middle": (0.5, 1.0), "lower_right": (1
 
 
 def save_markers(items: Sequence[Item], path: Path, markers: Mapping[str, tuple[float, float]]) -> None:
-    """A row a panel and frame: `panel`, `time_s`, and x, y, z in m of every marker, which lies on the mid-surface.
+    """A row a panel and frame: `panel`, `time_s` (empty of a still shape), and x, y, z in m of every marker, which
+    lies on the mid-surface.
 
     markers: (u, v) m in fabric coordinates; without any, those of USUAL. Raises InputError for a panel that is no
     cloth, for one whose size is not known, and for a marker beside the cloth.
@@ -89,7 +90,8 @@ def save_markers(items: Sequence[Item], path: Path, markers: Mapping[str, tuple[
         places = [_place(item, name, *markers[name]) for name in names] if markers else [*USUAL.values()]
         for time, points in zip(item.times, item.frames, strict=True):
             places_at = at_places(Shape.of(points).middle, places)
-            rows.append([item.title, f"{time:.6f}", *(f"{value:.6f}" for value in places_at.ravel())])
+            at = f"{time:.6f}" if item.moves else ""
+            rows.append([item.title, at, *(f"{value:.6f}" for value in places_at.ravel())])
     columns = [f"{name}_{axis}_m" for name in names for axis in "xyz"]
     write_rows(path, ["panel", "time_s", *columns], rows)
 

@@ -36,10 +36,13 @@ from types import SimpleNamespace
 from fabdesign.cli.console import described
 from fabdesign.interface.searches import followed
 with described("sheet", of_search=True) as shown:
-    history, best = SimpleNamespace(evaluations=64), SimpleNamespace(value=0.0123)
-    followed(SimpleNamespace(progress=shown))(
-        SimpleNamespace(stage="layouts", best=best, history=history, elapsed=20.0, seconds=60.0, share=1 / 3,
-                        message="after a tenth of its time 20.00 mm"))
+    history = SimpleNamespace(evaluations=64)
+    at = SimpleNamespace(stage="layouts", history=history, elapsed=20.0, seconds=60.0, share=1 / 3,
+                         best_in_words="best 12.300 mm on the coarse model",
+                         message="after a tenth of its time 20.00 mm")
+    show = followed(SimpleNamespace(progress=shown))
+    show(at, "free")
+    show(SimpleNamespace(**vars(at) | {"message": ""}), "next")
     time.sleep(0.2)
 """
 
@@ -80,9 +83,10 @@ def test_a_bar_on_a_terminal():
 
 def test_a_search_shows_its_best_and_the_seconds_left():
     shown = on_terminal(SEARCH)
-    assert "sheet: layouts: best 12.300 mm, 64 evaluations, 20 s" in shown
+    assert "sheet: next: layouts: best 12.300 mm on the coarse model, 64 evaluations, 20 s" in shown
     assert "━" in shown and "40 s left at most" in shown
-    assert "sheet: after a tenth of its time 20.00 mm" in shown
+    assert "sheet: free: after a tenth of its time 20.00 mm" in shown
+    assert "sheet: \r\n" not in shown and "next: \r\n" not in shown  # nothing to tell is no line
 
 
 def test_an_estimate_stays_and_a_step_is_followed_by_the_time_left(monkeypatch, capsys):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fabdesign.files.pressure_file import constant_program
+from fabdesign.interface.motions import _LANES
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.runtime import working_time
@@ -15,6 +16,7 @@ from fabdesign.study_files.study_targets import TargetFile
 from sim.kernels.frontend import _in_words
 from sim.loading import SIZES
 from studies.layouts.run import run_study
+from studies.prediction.prepare import LANES, PARTS
 from tests.analytic_cloth import AnalyticCloth
 
 
@@ -98,4 +100,7 @@ def test_a_search_is_the_same_whether_its_kernels_are_compiled_or_not(
 
 def test_a_compilation_says_for_which_designs_it_serves() -> None:
     assert _in_words((43 * 43, 256, 44, 4, 8)) == "grids up to 41 points a side, designs up to 256 fixed points"
+    assert _in_words((43 * 43, 96, 44, 4, 2)).endswith("designs up to 96 fixed points, 2 at once")
     assert SIZES[0] == (43, 96)  # what `fabdesign prepare` says that it compiles for
+    [lone] = LANES.values()
+    assert {*LANES} < {*PARTS} and lone == {"FABDESIGN_LANES": _LANES}  # as `simulate` runs a lone design

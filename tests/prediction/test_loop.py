@@ -20,7 +20,7 @@ from fabdesign.geometry.surface import Surface
 from fabdesign.nouns.catalogue import build, standard
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model
-from fabdesign.nouns.pressure import PressureProgram, rising_program
+from fabdesign.nouns.pressure import LEAST_HOLD, PressureProgram, rising_program
 from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.output import work_folder
 from fabdesign.runtime.fingerprint import OtherContent
@@ -283,6 +283,15 @@ def test_a_rig_sets_the_pressures_and_the_rise(place: Path) -> None:
         steps = np.abs(np.diff(np.vstack([np.zeros(2), program.pressure]), axis=0)).max(axis=1)
         assert (steps <= 100e3 * np.maximum(np.diff(edges), 0.05) + 150).all()
     assert asked.programs[0].pressure[-1] == pytest.approx([250e3, 50e3])
+    free = replace(
+        study, rig_limits=replace(study.rig_limits, rate=np.inf), trials=replace(study.trials, seconds=1.5, number=6)
+    )
+    _, *others = programs_for(free, build("cross"), np.array([[123456.7, 50e3]]), [None], seed=0).programs
+    for program in others:  # levels hold until the cloth stands, and are settings of a regulator
+        assert np.diff([*program.time, program.duration]).min() >= LEAST_HOLD
+        assert program.pressure.tolist() == (100 * np.round(program.pressure / 100)).tolist()
+    up, down = others[1].pressure
+    assert (up >= down).all() and up.max() > down.max() > 0  # friction shows where a level is come to from above
 
 
 def test_a_program_within_a_rate_reaches_what_it_can() -> None:

@@ -13,6 +13,7 @@ from scipy.stats import sobol_indices
 
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.files.design_file import write_design
+from fabdesign.geometry.shape import mean_curvature, tip
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Covariance, EffectTerm, Model, Parameter, Quantity
@@ -20,11 +21,10 @@ from fabdesign.nouns.model_sampling import Ensemble
 from fabdesign.study_files.sensitivity_file import SensitivityStudy, Varied
 from fabdesign.study_files.study_targets import read_shape_output
 from studies.prediction.stability import snaps
-from studies.sensitivity.inputs import Inputs
-from studies.sensitivity.outputs import Outputs, mean_curvature, tip
 from studies.sensitivity.report import as_text, bars_figure
-from studies.sensitivity.result import STEP, indices, saltelli_rows, screening, trajectories
+from studies.sensitivity.result import indices, screening
 from studies.sensitivity.run import Progress, run_sensitivity
+from studies.sensitivity.variables import STEP, Inputs, Outputs, saltelli_rows, trajectories
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line
 
@@ -232,6 +232,8 @@ def test_a_page_explains_what_ran_and_its_legends_leave_the_bars_free(
         method == "sobol",
         method == "morris",
     )
+    long = tuple(f"covariance: muscle_types.EM20.{name}" for name in result.inputs.names)
+    result.inputs.__dict__["names"] = long  # beside which an axis is short, and its title wide
     figure = bars_figure(result, 2)
     figure.savefig(tmp_path / "bars.png")
     for axes in figure.axes:
@@ -240,6 +242,8 @@ def test_a_page_explains_what_ran_and_its_legends_leave_the_bars_free(
         over = legend.get_window_extent()
         assert over.y0 >= axes.get_window_extent().y1 - 1
         assert over.x1 <= figure.bbox.x1 and over.y1 <= figure.bbox.y1
+        title = axes.xaxis.label.get_window_extent()
+        assert figure.bbox.x0 <= title.x0 and title.x1 <= figure.bbox.x1
 
 
 def test_a_study_killed_goes_on_and_ends_with_the_same_numbers(study: SensitivityStudy, tmp_path: Path) -> None:

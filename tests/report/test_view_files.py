@@ -192,6 +192,9 @@ def test_markers_are_places_on_the_mid_surface(files: dict[str, Path], tmp_path:
     middle = Shape.of(motion()).middle
     np.testing.assert_allclose([[float(x) for x in row[2:5]] for row in rows], middle[:, -1, -1], atol=1e-6)
     np.testing.assert_allclose([float(row[5]) for row in rows], middle[:, 0, :2, 0].mean(axis=1), atol=1e-6)
+    write_motion(tmp_path / "rest.npz", np.array([2.5]), motion()[-1:], size=SIZE)  # as `simulate --equilibrium` does
+    view(tmp_path / "rest.npz", "-o", tmp_path / "rest.csv")
+    assert (tmp_path / "rest.csv").read_text().splitlines()[1].startswith("rest,,")  # a shape at rest has no time
     with pytest.raises(InputError, match=r"marker far at 9, 0 m: expected a place on the cloth"):
         view(files["motion"], "--marker", "far=9,0", "-o", out, "--force")
 

@@ -122,6 +122,11 @@ def test_what_is_not_needed_goes_while_the_muscles_stay() -> None:
     assert [muscle.channel for muscle in design.muscles] == [0, 0] and pressures.shape == (1, 1)
     assert not found.ended and found.value <= 1.03 * found.before
     assert fewer_said(STUDY, found).startswith("The 2 muscles, straight, are enough on 1 channel:")
+    fewer = replace(found, count=3, value=1.068e-3, before=1.071e-3)
+    where = "2 muscles on 1 channel are enough, where the search came to 3"
+    assert fewer_said(STUDY, fewer) == f"{where}: 1.07 mm with either."
+    nearer = replace(fewer, before=1.05e-3)
+    assert fewer_said(STUDY, nearer) == f"{where}: 1.07 mm instead of 1.05 mm, within 3% of it."
 
 
 @pytest.fixture

@@ -265,6 +265,30 @@ def test_what_cannot_be_reached_is_answered_by_the_nearest_motion_and_the_reason
     assert steps.max() <= 300e3 * 0.05 + 1e-6
     assert result.limitations[0].by == "rate"
     assert "as fast as the regulator changes" in result.sentences[0]
+    free = replace(result, regulator=replace(result.regulator, rate=np.inf))
+
+    def said(*rows):
+        [limit] = replace(
+            free, pressures=np.array([*rows[:1] * (len(result.pressures) - len(rows)), *rows])
+        ).limitations
+        return limit.sentence
+
+    assert said([300e3, 0], [300e3, 0]).endswith("s channel 0 is at the highest pressure")  # the other one is idle
+    assert said([300e3, 300e3]).endswith("s channels 0, 1 are at the highest pressure")
+    assert said([50e3, 90e3], [0, 90e3]).endswith("s channel 0 is at the lowest pressure, after falling to it")
+    assert "no limit of the regulator is met" in said([50e3, 0], [50e3, 0])
+
+
+def test_between_poses_the_pressures_swing_nothing_to_its_goal(tmp_path, quick, monkeypatch):
+    """Without the shapes between them a cloth is swung to a pose: one cycle differs by 268 kPa from its neighbours."""
+    monkeypatch.setattr("studies.follow.run.PASSES", ((3, 4, 0.4),))
+    moments = [{"time": time, "wishes": [{"edge": "bottom", "forward": 0.02}]} for time in (0.4, 0.8)]
+    keys = {"name": "poses", "design": DESIGN, "points_per_side": GRID, "scatter": {"copies": 0}, "moments": moments}
+    result = run_follow(FollowStudy.read(keys), tmp_path / "out")
+    rest = np.zeros((2, 2))
+    bends = np.abs(np.diff(np.concatenate([rest, result.pressures]), 2, axis=0))
+    assert result.rms.max() < 6e-3 and len(result.motion) == 2
+    assert bends.max() < 120e3  # Pa
 
 
 @pytest.mark.parametrize(

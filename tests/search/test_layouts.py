@@ -19,10 +19,12 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model, Spread
 from fabdesign.nouns.model_sampling import spread_hash
+from fabdesign.nouns.pressure import regulated
 from fabdesign.study_files.study_file import MuscleChoice, Study, StudyLimits
 from fabdesign.study_files.study_targets import TargetFile
 from studies.demo import measured
 from studies.demo.run import as_json, as_text, run_demo
+from studies.layouts.result import write_best
 from studies.layouts.run import FILES, run_study
 from tests.analytic_cloth import AnalyticCloth
 
@@ -59,6 +61,22 @@ def test_a_study_writes_what_others_read(trial: Path, tmp_path: Path) -> None:
     program = read_pressures(out / "pressures.csv", design)
     np.testing.assert_allclose(program.pressure[-1] / 1e3, result["pressures_kpa"], atol=0.1, rtol=0)  # its steps
     assert program.duration == pytest.approx(TIME)
+    table = (Path(__file__).parents[2] / "docs/studies.md").read_text().split("### Result of a search")[1]
+    rows = [line.split("|")[1:3] for line in table.split("\n## ")[0].splitlines() if line.startswith("| `")]
+    assert {name for row in rows for name in re.findall("`(\\w+)`", row[0])} == {*result}
+    [reach] = [words for name, words in rows if "`reach`" in name]
+    assert {*re.findall("`(\\w+)`", reach)} == {*result["reach"]}
+
+
+def test_pressures_are_whole_steps_of_a_regulator(tmp_path: Path) -> None:
+    """A number of 15 digits is no setting; none is raised, for a limit may lie there."""
+    steps = np.arange(4001)
+    for time in (None, 1.0):
+        write_best(tmp_path, build("basic"), np.array([100.0 * steps[-8:] + 0.7]), {}, [time])
+        text = (tmp_path / "pressures.csv").read_text()
+        assert max(len(cell.partition(".")[2]) for line in text.splitlines()[1:] for cell in line.split(",")[1:]) <= 1
+    assert regulated(100.0 * steps).tolist() == (100 * steps).tolist()
+    assert regulated(100.0 * steps + 99.0).tolist() == (100 * steps).tolist()
 
 
 class Refusing(AnalyticCloth):

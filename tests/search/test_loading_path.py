@@ -14,7 +14,7 @@ from optimize.search.evaluations import Evaluations, Stage
 from optimize.search.history import History
 from optimize.search.objective import Objective, Target
 from studies.layout_search.target import LoadedTarget
-from studies.layouts.loading_path import loading_paths
+from studies.layouts.loading_path import loading_path
 from studies.layouts.report import Section, render_report
 from studies.layouts.run import _result
 from studies.prediction.forward_model import forward_model
@@ -44,10 +44,9 @@ class Buckler:
 
 def paths(forward, target, *results):
     cloud = rolled_sheet(target, n=41)
-    at_rest = [np.array([rolled_sheet(0.0, n=41)])] * len(results)
-    shapes = [np.array([rolled_sheet(4.0 * forward.side, n=41)])] * len(results)
+    at_rest, shape = (np.array([rolled_sheet(turn, n=41)]) for turn in (0.0, 4.0 * forward.side))
     objective = Objective([Target(cloud)])
-    return loading_paths(objective, forward, [(DUO, pressures) for pressures in results], shapes, at_rest, rise=1.0)
+    return [loading_path(objective, forward, (DUO, row), shape, at_rest, rise=1.0) for row in results]
 
 
 def test_a_front_and_a_back_driven_alike_are_near_a_bifurcation():
@@ -87,7 +86,7 @@ def test_poses_are_also_gone_through_one_after_another():
     shapes = np.array([rolled_sheet(turn, n=41) for turn in (4.0, -4.0)])
     still = np.array([rolled_sheet(0.0, n=41)] * 2)
     objective, forward = Objective([Target(shape) for shape in shapes]), Sticking()
-    [path] = loading_paths(objective, forward, [(DUO, pressures)], [shapes], [still], rise=1.0)
+    path = loading_path(objective, forward, (DUO, pressures), shapes, still, rise=1.0)
     assert path.reached and [copy.name for copy in path.on_another_branch] == ["the poses one after another"]
     assert forward.programs[-2].duration == 4.0 and forward.programs[-1].duration == 8.0
     last = forward.programs[-1]
@@ -120,6 +119,22 @@ def test_of_designs_equally_near_one_with_a_sure_loading_path_wins(tmp_path: Pat
     result = result_of(tmp_path, Buckler(), ALIKE, APART)
     np.testing.assert_allclose(result.pressure, APART)
     assert not result.as_json()["way"]["hangs_on_it"]
+
+
+def test_no_further_layout_is_moved_than_is_needed_or_the_time_allows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    forward, asked = Buckler(), []
+    motions = forward.motions
+    monkeypatch.setattr(forward, "motions", lambda cases, times: asked.append(len(cases)) or motions(cases, times))
+    for name, layouts, batches in (("first", (APART, ALIKE), [7]), ("both", (ALIKE, APART), [7, 7])):
+        (tmp_path / name).mkdir()
+        result_of(tmp_path / name, forward, *layouts)
+        assert asked == batches
+        asked.clear()
+    monkeypatch.setattr("studies.layouts.run.FOLLOWING", -1.0)
+    np.testing.assert_allclose(result_of(tmp_path, forward, ALIKE, APART).pressure, ALIKE)
+    assert asked == [7]
 
 
 def test_what_is_reported_is_what_the_motion_reaches(tmp_path: Path) -> None:

@@ -96,7 +96,8 @@ def test_the_place_that_misses_is_found() -> None:
 
 
 def test_a_study_says_what_would_help(tmp_path: Path) -> None:
-    """Once it has converged; ended before by a limit, it says what a longer search needs, and nothing of reach."""
+    """Once it has converged; ended before by a limit, it says what a longer search needs and which limits it has met,
+    and that nobody knows yet whether the target is out of reach."""
     np.savetxt(tmp_path / "target.xyz", cloud([400, 400, 400])[::2])
     limits = StudyLimits(pressure=(0.0, 150e3), evaluations=80)
     study = Study("s", DESIGN, (TargetFile(tmp_path / "target.xyz"),), limits=limits)
@@ -104,9 +105,11 @@ def test_a_study_says_what_would_help(tmp_path: Path) -> None:
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert result["stop_reason"] == "the limit of 80 evaluations is reached"
     reach, page = result["reach"], (tmp_path / "out" / "report.html").read_text()
-    assert (reach["out_of_reach"], reach["converged"], reach["helps"], reach["missed"]) == (False, False, None, [])
+    assert (reach["out_of_reach"], reach["converged"], reach["helps"], reach["missed"]) == (None, False, None, [])
+    assert reach["gap_mm"] > 1 and reach["held_by"] == ["all muscles at 150 kPa"]
     assert 40 < reach["needs"]["evaluations"] < 400 and reach["needs"]["seconds"] > 0
-    [said] = reach["said"]
+    said, held = reach["said"]
+    assert held == "So far it has come up against: all muscles at 150 kPa." and held in page
     assert re.fullmatch(
         r"The search ended before it converged, \d+\.\d mm over the noise floor\. "
         r"To converge it may need about \d+ evaluations more, about \d+ (s|min) at its pace so far\.",

@@ -12,7 +12,7 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.runtime.fingerprint import OtherContent
 from optimize.search.design_space import DesignSpace
-from optimize.search.evaluations import Evaluations, Stage
+from optimize.search.evaluations import Evaluations, Stage, Stop
 from optimize.search.history import History
 from optimize.search.margins import Limits
 from optimize.search.multistart import search
@@ -128,6 +128,24 @@ def test_seconds_are_a_hard_limit() -> None:
         searched = within(history, seconds=0.0)
         assert search(searched) == "time used: the limit of 0 s is reached"
     np.testing.assert_array_equal(found_pressures(searched), SPACE.start_pressures)  # nothing better is known
+
+
+@pytest.mark.parametrize(
+    ("seconds", "spent", "said"),
+    [
+        (60.0, 49.0, "time used: the limit of 60 s would be passed by the next step"),
+        (48.0, 49.0, "time used: the search's part, 48 of 60 s, is reached"),
+        (48.0, 45.0, "time used: the search's part, 48 of 60 s, would be passed by the next step"),
+    ],
+)
+def test_a_search_that_ends_before_its_limit_says_why(seconds: float, spent: float, said: str) -> None:
+    with History(":memory:", "a") as history:
+        history.seconds = spent
+        searched = within(history, seconds=seconds)
+        searched.limit = 60.0
+        with pytest.raises(Stop) as ended:
+            searched.require_time(20.0)
+    assert str(ended.value) == said
 
 
 def test_diverged_designs_get_a_finite_penalty_and_are_recorded() -> None:

@@ -24,7 +24,7 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import PARAMETERS, Case, Term
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
-from fabdesign.nouns.pressure import PressureProgram, RigLimits
+from fabdesign.nouns.pressure import LEAST_HOLD, PressureProgram, RigLimits
 from fabdesign.output import work_folder
 from fabdesign.runtime.store import Checkpoint
 from optimize.fit.cross_validation import LeftOut
@@ -951,6 +951,18 @@ def test_programs_keep_the_limits():
     for program in programs(design, RigLimits(pressure=250e3)).values():
         assert program.pressure.shape[1] == design.channels
         assert program.pressure.min() >= 0 and program.pressure.max() <= 250e3
+
+
+def test_programs_hold_their_levels_until_the_cloth_stands():
+    every = programs(build("basic"))
+    for name, program in every.items():
+        if not name.startswith(("slow ramp", "one channel more")):
+            assert np.diff([*program.time, program.duration]).min() >= LEAST_HOLD, name
+    assert [name for name in every if "alone" in name] == [
+        "channels 0, 1, 2, 3 alone in turn",
+        "channels 4, 5, 6, 7 alone in turn",
+    ]
+    assert "each channel alone in turn" in programs(build("basic", muscles=4))
 
 
 def test_programs_keep_what_the_laboratory_can_do():
