@@ -6,6 +6,7 @@ effect of the model (`dead_time`), not of a clock.
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -28,13 +29,21 @@ NOISE, SHAPE = 3e-4, 0.05  # m, and of the way: how far a cloth comes otherwise 
 SURE = 5e-4  # s: no step says it better
 
 
-def pressure_offset(
+class PressureBegin(NamedTuple):
+    """The common time [s] of the pressure's 0, how well it is known, and by how many steps."""
+
+    offset: float
+    uncertain: float
+    steps: int
+
+
+def pressure_begin(
     program: PressureProgram, views: Sequence[Sequence[StampedView]], clocks: Sequence[Clock]
-) -> tuple[float, float, int]:
-    """Return the common time [s] of the program's 0, its standard deviation, and by how many steps; NaN: by none."""
+) -> PressureBegin:
+    """Return when the program begins; NaN where it has no step."""
     steps = steps_of(program)
     if not steps:
-        return float("nan"), float("nan"), 0
+        return PressureBegin(float("nan"), float("nan"), 0)
     times = [clock.times(np.array([v.stamp for v in images])) for images, clock in zip(views, clocks, strict=True)]
     speeds = [np.nan_to_num([v.mean_speed for v in images]) for images in views]
     coarse = _coarse(steps, times, speeds)
@@ -45,10 +54,11 @@ def pressure_offset(
         if start is not None:
             onsets.append((start[0] - step, start[1]))
     if not onsets:
-        return coarse, 0.02, 0
+        return PressureBegin(coarse, 0.02, 0)
     instants, deviations = np.array(onsets).T
     weights = deviations**-2.0
-    return float(weights @ instants / weights.sum()), float(weights.sum() ** -0.5), len(onsets)
+    middle = float(weights @ instants / weights.sum())
+    return PressureBegin(middle, float(weights.sum() ** -0.5), len(onsets))
 
 
 def _coarse(steps: Sequence[tuple[float, float]], times: Sequence[Array], speeds: Sequence[Array]) -> float:

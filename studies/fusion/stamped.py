@@ -8,7 +8,6 @@ interval.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -23,7 +22,7 @@ from studies.fusion.clocks import coarse_clocks, places
 from studies.fusion.cutting import Cutter
 from studies.fusion.input import AlignedFrames, Anchored, anchor_sensors, moved_camera
 from studies.fusion.joint import SensorView, TimedViews, align_timed
-from studies.fusion.onset import pressure_offset
+from studies.fusion.onset import PressureBegin, pressure_begin
 from studies.measured.splits import Tolerance
 
 COARSELY = 0.01  # s, how well clocks are known by the motion alone
@@ -190,24 +189,16 @@ def _require_unmoved(anchored: Anchored, timed: TimedViews, instants: Array, tol
             raise InputError(f"sensor {name}: no image is left from before it was moved")
 
 
-class _Begin(NamedTuple):
-    """The common time [s] of the pressure's 0, how well it is known, and by how many steps."""
-
-    offset: float
-    uncertain: float
-    steps: int
-
-
-def _pressure(recording: Recording, timed: TimedViews) -> _Begin:
+def _pressure(recording: Recording, timed: TimedViews) -> PressureBegin:
     begins = float(timed.times(0)[0])
     if recording.log.shift is not None:
-        return _Begin(begins + recording.log.shift, 0.0, 0)
-    begin = _Begin(*pressure_offset(recording.program, timed.views, timed.clocks))
+        return PressureBegin(begins + recording.log.shift, 0.0, 0)
+    begin = pressure_begin(recording.program, timed.views, timed.clocks)
     if not np.isfinite(begin.offset):
         note(
             f"recording {recording.name}: the pressures have no step; their 0 is taken to be the first image's instant"
         )
-        return _Begin(begins, 0.0, 0)
+        return PressureBegin(begins, 0.0, 0)
     return begin
 
 
