@@ -6,13 +6,14 @@ import signal
 import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from fabdesign.errors import InputError, note
+from fabdesign.errors import InputError, SimulationError, note
 from fabdesign.files.design_file import read_design
 from fabdesign.files.measurement_set import NewTrial, write_set
 from fabdesign.files.pressure_file import read_pressures
@@ -30,6 +31,7 @@ from studies.rig.ground_truth import GroundTruth, read_ground_truth, with_effect
 from studies.rig.scene import DEFAULT, Resolution, control_counts
 from studies.rig.specimen import TrialTask, control_points, prepare
 
+GUARD = 'in a script, call this under `if __name__ == "__main__":`'
 WORKING_STRAIN = 0.02  # up to which a membrane curve's slope is the stiffness of the rig's linear cloth
 THREAD_SETTINGS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -66,6 +68,8 @@ def run_rig(
     is called after each trial; say with an estimate before. Raises InputError; studies.rig.motion.RigDiverged where a
     motion has no solution.
     """
+    if getattr(multiprocessing.current_process(), "_inheriting", False):  # what it is while a script is read again
+        raise InputError(f"{out}: its trials are computed by processes that read the script again; {GUARD}")
     truth, test_trials, resolution = session.truth, session.test_trials, session.resolution
     inputs = [g for g in (truth, *(x for d, ps in session.designs for x in (d, *ps))) if isinstance(g, Path | str)]
     out, recording = Path(out), None if recording is None else Path(recording)
@@ -182,6 +186,8 @@ def shapes_of(tasks: Sequence[TrialTask], workers: int) -> Generator[Array, None
             with uninterrupted():
                 shapes = pool.map(control_points, tasks)
             yield from shapes
+        except BrokenProcessPool as error:
+            raise SimulationError(f"a process that computed a trial was ended, or could not begin; {GUARD}") from error
         except BaseException:  # the pool would wait for the motions under way
             for child in multiprocessing.active_children():
                 child.terminate()

@@ -1,5 +1,8 @@
 """Several designs on the virtual rig in one session; its motions, slow, are left out here."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +16,7 @@ from fabdesign.nouns.catalogue import build
 from studies.rig import RigSession, run_rig
 from studies.rig.specimen import TrialTask, prepare
 from tests.command_line import Run
+from tests.conftest import ROOT
 
 
 def test_several_designs_in_one_session(tmp_path: Path, run: Run) -> None:
@@ -49,3 +53,21 @@ def test_several_designs_in_one_session(tmp_path: Path, run: Run) -> None:
 def still(task: TrialTask) -> Array:
     """Control points of the flat cloth at each of a task's times."""
     return np.repeat(prepare(task).patch.flat()[None], len(task.times), axis=0)
+
+
+def test_a_script_that_is_read_again_is_told_to_guard_its_call(tmp_path: Path) -> None:
+    """Each process that computes trials reads the script that asked for them; nothing is left half written."""
+    script = tmp_path / "script.py"
+    script.write_text('import fabdesign\nfabdesign.rig("cross.toml", ["a.csv", "a.csv"], "set")\n')
+    write_design(build("cross", muscles=2), tmp_path / "cross.toml")
+    (tmp_path / "a.csv").write_text("time_s,channel_0,channel_1\n0,100,0\n0.05,0,0\n")
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    ended = subprocess.run(
+        [sys.executable, script], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120
+    )
+    assert ended.returncode == 1
+    assert (
+        "set: its trials are computed by processes that read the script again; in a script, call this" in ended.stderr
+    )
+    assert ended.stderr.splitlines()[-1].endswith('call this under `if __name__ == "__main__":`')
+    assert not (tmp_path / "set").exists()
