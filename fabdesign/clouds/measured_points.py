@@ -67,17 +67,17 @@ def sound_points(
     finite = np.isfinite(points).all(axis=1)
     depth = _have_depth(points) | ~finite
     kept = finite & depth
-    near = np.ones(len(points), dtype=bool)
+    close = np.ones(len(points), dtype=bool)
     if kept.any():
         with np.errstate(over="ignore"):  # far is far
             off = np.linalg.norm(points - np.median(points[kept], axis=0), axis=1)
         far = kept & (off > (_BEYOND * size if size is not None else _ALONE * np.median(off[kept])))
         if far.sum() <= len(points) / 2:  # else it is the unit: `require_cloud` says so
-            near = ~far
-    removed = np.array([(~sound).sum() for sound in (finite, depth, near)])
+            close = ~far
+    removed = np.array([(~sound).sum() for sound in (finite, depth, close)])
     if 2 * removed.sum() > len(points):
         raise InputError(f"{where}: of {len(points)} points {_said(removed)}; expected at least half of them sound")
-    points = points[kept & near]
+    points = points[kept & close]
     require_cloud(points, where, size=size if unit_known else np.inf)
     return points, removed
 

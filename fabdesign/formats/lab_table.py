@@ -243,9 +243,11 @@ class LabTable:
         if list(usual) == self.header and self._written is None and self._units_row is None:
             return
         read = [f"{self._shown(i)} as {quantity}" for i, quantity in sorted(self.taken.items())]
-        left = [h.text or "a column without a heading" for i, h in enumerate(self.headings) if i not in self.taken]
+        untaken = [h.text or "a column without a heading" for i, h in enumerate(self.headings) if i not in self.taken]
         parts = [f"written with {self._written}"] if self._written else []
-        parts += (["read " + ", ".join(read)] if read else []) + (["left " + ", ".join(left)] if left and read else [])
+        parts += (["read " + ", ".join(read)] if read else []) + (
+            ["left " + ", ".join(untaken)] if untaken and read else []
+        )
         note(f"{self.path}: {'; '.join(parts)}")
 
     def _shown(self, index: int) -> str:

@@ -88,8 +88,8 @@ def _distances(
     most."""
     if weighting is None:
         return surface.distance(points, within=within), np.full(len(points), 1 / len(points))
-    near = surface.nearest(points)
-    return near.distance, shares_at(surface, near, weighting)
+    nearest = surface.nearest(points)
+    return nearest.distance, shares_at(surface, nearest, weighting)
 
 
 def _rms(surface: Surface, points: Floats, weighting: Weighting | None) -> float:

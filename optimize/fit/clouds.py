@@ -107,11 +107,11 @@ def _match_one(s: int, sample: Sample, motion: Motion) -> list[tuple[Array | Ind
             parts.append((np.full(len(cloud), np.nan), *where, zeros, zeros.astype(np.intp), zeros))
             continue
         surface = Surface.of_faces(vertices)
-        near = surface.nearest(cloud)
-        corners = surface.triangles[near.triangle]
-        offset = cloud - np.einsum("nc,ncd->nd", near.weights, surface.vertices[corners])
-        normal = surface.normals_of(near.triangle)
-        parts.append((np.einsum("nd,nd->n", offset, normal), *where, normal, corners, near.weights))
+        nearest = surface.nearest(cloud)
+        corners = surface.triangles[nearest.triangle]
+        offset = cloud - np.einsum("nc,ncd->nd", nearest.weights, surface.vertices[corners])
+        normal = surface.normals_of(nearest.triangle)
+        parts.append((np.einsum("nd,nd->n", offset, normal), *where, normal, corners, nearest.weights))
     return parts
 
 

@@ -22,23 +22,23 @@ def eliminated(
 ) -> tuple[dict[str, Indices], Array]:
     """Return the parts that cost at least `least` each to drop, one after another, the cheapest first, and (p,) where
     all unknowns are then, those dropped at zero."""
-    left = {**parts}
+    remaining = {**parts}
     for name, price, without in cheapest_first(x, covariance, parts):
         if price >= least:
             break
-        del left[name]
+        del remaining[name]
         x = without
-    return left, x
+    return remaining, x
 
 
 def cheapest_first(x: Array, covariance: Array, parts: Mapping[str, Indices]) -> Iterator[tuple[str, float, Array]]:
     """Yield all parts, one after another, each the one that costs least to drop beside those before it: its name, its
     cost, and (p,) where all unknowns are without it."""
-    left = {**parts}
-    while left:
-        costs = {name: cost(x, covariance, part) for name, part in left.items()}
+    remaining = {**parts}
+    while remaining:
+        costs = {name: cost(x, covariance, part) for name, part in remaining.items()}
         name = min(costs, key=lambda name: costs[name])
-        x, covariance = conditioned(x, covariance, left.pop(name))
+        x, covariance = conditioned(x, covariance, remaining.pop(name))
         yield name, costs[name], x
 
 
@@ -77,11 +77,11 @@ def alike(sensitivity: Array, vector: FitVector, label: str, others: Iterable[st
     what factors can take. sensitivity: (p, p) as `Normal` has it."""
     s = sensitivity
     factors = np.flatnonzero(vector.are_factors)
-    left = s - s[:, factors] @ np.linalg.pinv(s[np.ix_(factors, factors)], rcond=1e-9, hermitian=True) @ s[factors]
+    remaining = s - s[:, factors] @ np.linalg.pinv(s[np.ix_(factors, factors)], rcond=1e-9, hermitian=True) @ s[factors]
     return [
         other
         for other in others
-        if any(does(left, vector.part(other), left[k], left[k, k]) for k in vector.part(label))
+        if any(does(remaining, vector.part(other), remaining[k], remaining[k, k]) for k in vector.part(label))
     ]
 
 

@@ -170,12 +170,12 @@ def _chamfer_gradient(target: KDTree, every: Array, face: Face, weighting: Weigh
 def _faces_gradient(measured: Array, model: Array, target: Target, norm: Norm) -> tuple[float, Array]:
     """Return value and slopes of a norm of the distances of measured points to the faces."""
     surface = Surface.of_faces(model, face=target.face)
-    near = surface.nearest(measured)
-    value, slope = norm(near.distance, shares_at(surface, near, target.weighting))
-    corners = surface.triangles[near.triangle]  # (n, 3)
-    away = np.einsum("nk,nkd->nd", near.weights, model[corners]) - measured
-    pull = (slope / np.maximum(near.distance, 1e-12))[:, None] * away
-    return value, _on_corners(corners, near.weights, pull, len(model))
+    nearest = surface.nearest(measured)
+    value, slope = norm(nearest.distance, shares_at(surface, nearest, target.weighting))
+    corners = surface.triangles[nearest.triangle]  # (n, 3)
+    away = np.einsum("nk,nkd->nd", nearest.weights, model[corners]) - measured
+    pull = (slope / np.maximum(nearest.distance, 1e-12))[:, None] * away
+    return value, _on_corners(corners, nearest.weights, pull, len(model))
 
 
 def _capped_rms(distance: Array, shares: Array) -> tuple[float, Array]:

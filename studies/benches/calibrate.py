@@ -159,8 +159,8 @@ def effects_in_words(calibration: BenchCalibration) -> list[str]:
             unit = "" if q.unit == "1" else f" {q.unit}"
             between = "" if q.interval90 is None else f" ({q.interval90[0]:.3g} to {q.interval90[1]:.3g})"
             shown.append(f"{name} {q.value:.3g}{unit}{between}")
-        left = "" if travels(effect) else "; belongs to the bench's rig, so it is not in the file"
-        lines.append(f"  {effect.name}: {', '.join(shown)}{left}")
+        omitted = "" if travels(effect) else "; belongs to the bench's rig, so it is not in the file"
+        lines.append(f"  {effect.name}: {', '.join(shown)}{omitted}")
     return lines
 
 

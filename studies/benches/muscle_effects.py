@@ -60,10 +60,10 @@ def fit_effects(
     plain = rows_of(())
     spans, acting = _Spans.of(plain), {term.name for term in vector.terms}
 
-    def left(x: Array) -> Array:
+    def unexplained(x: Array) -> Array:
         return spans.left(rows_of(vector.terms_at(vector.inside(x))), acting)
 
-    problem = BenchProblem(left, np.zeros_like(plain.block), plain.block, vector)
+    problem = BenchProblem(unexplained, np.zeros_like(plain.block), plain.block, vector)
     fitted = fit(problem, progress=lambda _, share: tell(share))
     deviation = np.sqrt(np.diag(fitted.covariance))
     terms = vector.terms_at(fitted.x)

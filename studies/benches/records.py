@@ -149,8 +149,8 @@ def _by_repeats(readings: Sequence[Array], inputs: Sequence[dict[str, Array]], s
             continue
         rows = np.stack([readings[j] for j in same])
         mean = np.stack([np.ones(rows.shape[1]), rows.mean(axis=0)], axis=1)
-        left = rows - (mean @ np.linalg.lstsq(mean, rows.T, rcond=None)[0]).T
-        squares += float(np.square(left).sum())
+        unexplained = rows - (mean @ np.linalg.lstsq(mean, rows.T, rcond=None)[0]).T
+        squares += float(np.square(unexplained).sum())
         freedom += (len(same) - 1) * (rows.shape[1] - 2)
     return float(np.sqrt(squares / freedom)) if freedom >= _LEAST_WINDOWS else None
 
@@ -204,8 +204,8 @@ def _variance(y: Array, inputs: dict[str, Array], sizes: dict[str, float], strid
     used = size > _STEADY * np.sqrt(_ROWS)
     level = readings.mean(axis=1, keepdims=True)
     coefficients = np.einsum("nrk,nr->nk", basis, readings - level) * used
-    left = np.square(readings - level).sum(axis=1) - np.square(coefficients).sum(axis=1)
-    return _median(np.maximum(left, 0.0), _ROWS - used.sum(axis=1))
+    unexplained = np.square(readings - level).sum(axis=1) - np.square(coefficients).sum(axis=1)
+    return _median(np.maximum(unexplained, 0.0), _ROWS - used.sum(axis=1))
 
 
 def _is_even(steps: Array) -> NDArray[np.bool_]:

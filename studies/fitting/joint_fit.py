@@ -38,7 +38,7 @@ def joint_fit(data: MeasuredData, vector: FitVector, start: Array, fits: Fits) -
     """Return the fit of all frames over growing horizons. Of the terms whose strengths alone are fitted and that no
     model gave, what cannot matter beside the tolerance takes part in the last fit alone."""
     right = expected_rms(data.noise, fits.tolerance)
-    much = right if fits.patient else expected_rms(data.noise, 2 * fits.tolerance)
+    enough = right if fits.patient else expected_rms(data.noise, 2 * fits.tolerance)
     few = _few(data)
     lengths = horizons_of(data.samples)
     lengths = [horizon for horizon in lengths if horizon <= EARLY or horizon == lengths[-1]]
@@ -52,7 +52,7 @@ def joint_fit(data: MeasuredData, vector: FitVector, start: Array, fits: Fits) -
     descent, untried = _Descent(vector, start), bool(vector.terms)
     for k, stage in enumerate(stages):
         descent = stage.after(descent)
-        if untried and descent.remaining > much and (fits.patient or k == 0):
+        if untried and descent.remaining > enough and (fits.patient or k == 0):
             untried, other = False, _from_factors(vector, stages[0])
             for before in stages[: k + 1]:
                 other = before.after(other)
@@ -175,11 +175,11 @@ def negligible(early: Fit, tolerance: float) -> frozenset[str]:
         part = vector.part(label)
         others = np.setdiff1d(np.arange(len(early.x)), part)
         across = normal.sensitivity[np.ix_(part, others)]
-        left = normal.sensitivity[np.ix_(part, part)] - across @ np.linalg.solve(
+        reduced = normal.sensitivity[np.ix_(part, part)] - across @ np.linalg.solve(
             ridged[np.ix_(others, others)], across.T
         )
         size = np.abs(early.x[part]) + 2 * deviation[part]
-        most = float(size @ np.sqrt(np.maximum(np.diag(left), 0.0)))
+        most = float(size @ np.sqrt(np.maximum(np.diag(reduced), 0.0)))
         known = (deviation[part] <= KNOWN * vector.prior[part]).all()
         if known and most <= 0.5 * tolerance and _may_go(term, tuple(vector.parameters[k] for k in part)):
             labels.append(label)

@@ -64,10 +64,10 @@ def _beside(cloud: Array, faces: Array, face: Face) -> Array:
     half = float(np.linalg.norm(faces[:count] - faces[count:], axis=1).mean()) / 2
     surface = Surface.of_faces(faces)
     place = surface.nearest(cloud)
-    near = place.distance < FARTHEST
-    corners = surface.triangles[place.triangle[near]]
-    node = (corners % count)[np.arange(len(corners)), np.argmax(place.weights[near], axis=1)]
-    over = np.where(corners[:, 0] >= count, -1.0, 1.0) * (half + place.signed[near])  # the middle, towards the front
+    close = place.distance < FARTHEST
+    corners = surface.triangles[place.triangle[close]]
+    node = (corners % count)[np.arange(len(corners)), np.argmax(place.weights[close], axis=1)]
+    over = np.where(corners[:, 0] >= count, -1.0, 1.0) * (half + place.signed[close])  # the middle, towards the front
 
     def mean(heights: Array) -> Array:
         sums, counts = (

@@ -77,9 +77,9 @@ class Cutter:
             inside = self._without("colour", inside, self._coloured(number, np.where(inside, depth, 0.0)))
         if self.predicted is not None and self.cut.predicted is not None:
             far, _ = self.predicted(number).query(world[inside], distance_upper_bound=self.cut.predicted)
-            near = np.zeros_like(inside)
-            near[inside] = np.isfinite(far)
-            inside = self._without("predicted", inside, near)
+            close = np.zeros_like(inside)
+            close[inside] = np.isfinite(far)
+            inside = self._without("predicted", inside, close)
         self.kept += int(inside.sum())
         depth = np.where(inside, depth, 0.0)
         return depth if self.ripple is None else self.ripple.without(depth)

@@ -82,11 +82,11 @@ class Arrangement:
         to_world = self.poses[other.camera]
         seen = (points - to_world[:3, 3]) @ to_world[:3, :3]
         distance, nearest = other.cloud.tree.query(seen, distance_upper_bound=REACH + abs(expected))
-        near = np.isfinite(distance)
-        points, nearest, taken = points[near], nearest[near], np.arange(len(one.cloud.points))[::step][near]
+        close = np.isfinite(distance)
+        points, nearest, taken = points[close], nearest[close], np.arange(len(one.cloud.points))[::step][close]
         planes = other.cloud.points[nearest] @ to_world[:3, :3].T + to_world[:3, 3]
         normal = other.cloud.normals[nearest] @ to_world[:3, :3].T
-        agree = np.einsum("ni,ni->n", normals[near], normal) * (1.0 if same else -1.0) > FACING
+        agree = np.einsum("ni,ni->n", normals[close], normal) * (1.0 if same else -1.0) > FACING
         between = points - planes
         along = np.einsum("ni,ni->n", between, normal)
         aside = np.linalg.norm(between - along[:, None] * normal, axis=1)

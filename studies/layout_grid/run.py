@@ -182,7 +182,7 @@ class GridSearch:
     ) -> StudyResult:
         last = working_time.seconds()
 
-        def told(evaluations: Evaluations) -> None:
+        def heard(evaluations: Evaluations) -> None:
             nonlocal last
             last = working_time.seconds()
             if follow:  # no search
@@ -198,7 +198,7 @@ class GridSearch:
             starts=[*of_rows(turns.seeds, cell.study.design, cell.study.limits), *(drawn if turns.drawn else [])],
             force=anew,
             follow=follow,
-            progress=told,
+            progress=heard,
         )
         if not follow:
             self._end = max(self._end, working_time.seconds() - last)

@@ -194,8 +194,8 @@ def left_out(
         for ridge in RIDGES:
             inverse = np.linalg.inv(among_trained + ridge * np.eye(len(train)))
             weights = inverse @ wanted
-            left = np.concatenate([np.linalg.solve(inverse[np.ix_(g, g)], weights[g]) for g in inner])
-            error = np.square(left).sum(axis=0)
+            remaining = np.concatenate([np.linalg.solve(inverse[np.ix_(g, g)], weights[g]) for g in inner])
+            error = np.square(remaining).sum(axis=0)
             for k, band in enumerate(bands):
                 if error[band].sum() < least[k]:
                     least[k] = float(error[band].sum())

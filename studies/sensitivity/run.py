@@ -238,8 +238,8 @@ class _Sweep:
 
     def _say(self, part: str) -> None:
         pace = (working_time.seconds() - self._begun) / self._computed if self._computed else None
-        left = None if pace is None else pace * (self._total - self._done)
-        self._progress(Progress(part, self._done, self._total, left))
+        remaining = None if pace is None else pace * (self._total - self._done)
+        self._progress(Progress(part, self._done, self._total, remaining))
 
     def _outputs_of(self, values: Array) -> list[Array]:
         frames = self._shapes([self.inputs.case(row) for row in values])

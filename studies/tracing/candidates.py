@@ -157,13 +157,13 @@ def _alternatives(wide: LeftOut, selection: Selection, places: dict[str, np.ndar
         part = chosen.vector.part(label)
         others = np.setdiff1d(np.arange(len(chosen.x)), part)
         data = total - np.diag(1 / wide.prior**2)
-        left = data - data[:, others] @ np.linalg.solve(total[np.ix_(others, others)], data[others])
-        change = left[:, part] @ chosen.x[part]
+        remaining = data - data[:, others] @ np.linalg.solve(total[np.ix_(others, others)], data[others])
+        change = remaining[:, part] @ chosen.x[part]
         size = float(chosen.x[part] @ change[part])
         same = [k for k in joint.vector.labels if label_effect(k) == label_effect(label)]
         there = alike(joint.normal.sensitivity, joint.vector, same[0], [*places]) if len(same) == 1 else []
         for other, columns in places.items():
-            if other in there or does(left, columns, change, size):
+            if other in there or does(remaining, columns, change, size):
                 model = _instead(wide, selection, label, other, columns)
                 alternatives.setdefault(label_effect(other), model)
     return alternatives

@@ -66,6 +66,6 @@ def _needed(whole: Fit) -> tuple[list[str], Array]:
         for k, (name, p) in enumerate(zip(whole.vector.names, whole.vector.parameters, strict=True))
         if not p.is_factor
     }
-    left, x = eliminated(whole.minimum, whole.covariance, coefficients, NEEDED)
-    dropped = [int(part[0]) for name, part in coefficients.items() if name not in left]
-    return [name.rpartition(".")[2] for name in left], np.delete(whole.vector.inside(x), dropped)
+    remaining, x = eliminated(whole.minimum, whole.covariance, coefficients, NEEDED)
+    dropped = [int(part[0]) for name, part in coefficients.items() if name not in remaining]
+    return [name.rpartition(".")[2] for name in remaining], np.delete(whole.vector.inside(x), dropped)

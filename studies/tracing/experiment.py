@@ -92,6 +92,6 @@ def _separated(motions: Sequence[NDArray[Any]], count: int) -> float:
     for i in range(count):
         for j in range(i):
             apart = flat[i] - flat[j]
-            left = apart - slopes @ np.linalg.solve(ridge, slopes.T @ apart)
-            least = min(least, float(np.sqrt(3 * np.mean(left**2))))
+            remaining = apart - slopes @ np.linalg.solve(ridge, slopes.T @ apart)
+            least = min(least, float(np.sqrt(3 * np.mean(remaining**2))))
     return least

@@ -121,10 +121,10 @@ class Outcome(OfModel):
             )
         lines += far_factors(self.after)
         measured = mean_of(self.errors, "test", "after")
-        left = 0.0 if measured is None else over(measured, self.floor)
-        if self.verdict != "unexplained" and left > GROSS * self.tolerance:
+        excess = 0.0 if measured is None else over(measured, self.floor)
+        if self.verdict != "unexplained" and excess > GROSS * self.tolerance:
             lines.append(
-                f"trials of role test are {in_mm(left):.2f} mm over the noise: what acts there shows too little in "
+                f"trials of role test are {in_mm(excess):.2f} mm over the noise: what acts there shows too little in "
                 "those fitted; give some of them the role fit"
             )
         if (decoys := self.selection.decoys) is not None and decoys.gains:

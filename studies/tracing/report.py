@@ -24,7 +24,7 @@ from studies.view import Item, render_page
 
 def verdict_in_words(outcome: Outcome) -> str:
     """Return the answer in a sentence."""
-    evidence, left = outcome.evidence, in_mm(outcome.evidence.after)
+    evidence, excess = outcome.evidence, in_mm(outcome.evidence.after)
     before = f"{in_mm(evidence.before):.2f} mm"
     if outcome.verdict == "adequate":
         return (
@@ -53,7 +53,7 @@ def verdict_in_words(outcome: Outcome) -> str:
         return sentence
     named = " and ".join(_one_answer(effect, outcome.alike) for effect in outcome.effects)
     sentence = (
-        f"Missing was {named}: on held-out trials the excess over the noise is {before} without and {left:.2f} mm "
+        f"Missing was {named}: on held-out trials the excess over the noise is {before} without and {excess:.2f} mm "
         "with it"
     )
     if evidence.after > outcome.tolerance >= evidence.fitted_after:

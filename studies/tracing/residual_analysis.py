@@ -127,12 +127,12 @@ def _left(table: Array, frames: Frames, fold: Indices) -> float:
     table = np.column_stack([np.ones(len(fold)), standardised(table)])
     best = np.inf
     for ridge in RIDGES:
-        left = 0.0
+        remaining = 0.0
         for out in np.unique(fold):
             a, b = table[fold != out], frames.shapes[fold != out]
             steps = np.linalg.solve(a.T @ a + len(a) * ridge * 0.1 * np.eye(a.shape[1]), a.T @ b)
-            left += float(np.square(frames.shapes[fold == out] - table[fold == out] @ steps).sum())
-        best = min(best, left)
+            remaining += float(np.square(frames.shapes[fold == out] - table[fold == out] @ steps).sum())
+        best = min(best, remaining)
     return best
 
 

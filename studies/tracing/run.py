@@ -120,15 +120,15 @@ def _outcome(task: Task, every: Sequence[Trial], options: Options) -> Outcome:
     """Return what the selection of effects comes to. every: trials fitted, and those of role test, looked at once."""
     data, known = task.data, options.known
     selection = select(task)
-    left = remains(Residuals.of(data, selection.chosen), selection.folds)
-    evidence = _evidence(selection, data, max(left.shares.values()))
+    remainder = remains(Residuals.of(data, selection.chosen), selection.folds)
+    evidence = _evidence(selection, data, max(remainder.shares.values()))
     verdict = decide(evidence, options.tolerance)
     discovered = discover(task, selection) if verdict == "unexplained" else None
     fitted = selection.chosen if verdict == "effect" else selection.plain
     if discovered is not None:
         fitted = discovered.fit
     if verdict != "effect" and selection.chosen is not selection.plain:
-        left = remains(Residuals.of(data, selection.plain), selection.folds)
+        remainder = remains(Residuals.of(data, selection.plain), selection.folds)
     task.say("errors before and after, on the trials fitted and once on those of role test")
     errors = errors_of_trials(data, every, task.forward, selection.plain, fitted)
     candidates, instead = candidates_of(selection)
@@ -146,7 +146,7 @@ def _outcome(task: Task, every: Sequence[Trial], options: Options) -> Outcome:
         candidates=candidates,
         alike=tuple(instead.values()),
         errors=tuple(errors),
-        remains=left,
+        remains=remainder,
         model=model_of(fitted, selection, data, points_per_side=grid, known=known.effects, reliable=reliable),
         next_experiment=_experiment(task, selection, [*instead.values()], verdict),
         discovered=discovered,

@@ -61,8 +61,8 @@ def select(task: Task) -> Selection:
         # Where the declared parameters leave little, the residuals are nearly linear about them, and the joint fit
         # begins there: from the data sheet a cloth that snaps leads it astray. Not where they had to go where no
         # specimen is: an effect hides in them then.
-        near = excess <= SLIGHT * task.tolerance and plain.vector.is_plausible(plain.x)
-        start = beside(vector, plain.x) if near else vector.start
+        begins_there = excess <= SLIGHT * task.tolerance and plain.vector.is_plausible(plain.x)
+        start = beside(vector, plain.x) if begins_there else vector.start
         everything = joint_fit(task.data, vector, start, replace(task.fits, named="every effect"))
     task.say(so_far(needed(everything.minimum, everything.covariance, everything.vector, NEEDED)))
     selection = backwards(task, everything, task.weighed(plain, everything.inputs))

@@ -230,13 +230,13 @@ def measurement(
     b, by_name = pose_slopes(unsewn, draws, forward), {candidate.name: candidate for candidate in candidates}
     gained = dict(zip(by_name, information(candidates, draws, forward), strict=True))
     gained = {name: matrix for name, matrix in gained.items() if np.isfinite(matrix).all()}
-    left = {name: in_mm(after(b, matrix)) for name, matrix in gained.items()}
-    ranked = sorted(left, key=lambda name: left[name])
+    remaining = {name: in_mm(after(b, matrix)) for name, matrix in gained.items()}
+    ranked = sorted(remaining, key=lambda name: remaining[name])
     best = by_name[ranked[0]].program if ranked else None
     return {
         "spread_mm": in_mm(spread(b, np.eye(len(draws.names)))),
         "due_to_mm": {name: in_mm(spread(b[:, k : k + 1], np.eye(1))) for k, name in enumerate(draws.names)},
-        "candidates": {name: {"design": by_name[name].design.name, "left_mm": left[name]} for name in ranked},
+        "candidates": {name: {"design": by_name[name].design.name, "left_mm": remaining[name]} for name in ranked},
         "program": None if best is None else {
             "time_s": best.time.tolist(),
             "pressure_kpa": in_kpa(best.pressure).round(3).tolist(),
