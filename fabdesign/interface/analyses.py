@@ -210,7 +210,7 @@ def _of_its_kind(given: dict[str, Any]) -> Verb:
 def study(study: File, out: Folder, *, seconds: float | None = None, **given: Unpack[Computing]) -> Any:
     """Run a STUDY of any kind.
 
-    A STUDY is a TOML file; its kind is optimize, sensitivity, layouts, unseen or loop.
+    A STUDY is a TOML file; its kind is optimize, sensitivity, layouts, unseen, loop or follow.
 
     out: Folder to write to, or to continue in.
 

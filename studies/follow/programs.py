@@ -40,16 +40,20 @@ class Regulator:
 
     def program(self, pressures: Array) -> PressureProgram:
         """Return the program of set points (cycles, channels) Pa, one a cycle."""
-        times = np.asarray(self.cycle * np.arange(len(pressures)), np.float64)
+        times = self._instants(len(pressures))
         return PressureProgram(times, pressures, self.cycle * len(pressures))
 
     def rows(self, program: PressureProgram, cycles: int) -> Array:
         """Return the set points (cycles, channels) Pa of any program."""
-        return program.at(np.asarray(self.cycle * np.arange(cycles), np.float64))
+        return program.at(self._instants(cycles))
 
     def cycles(self, until: float) -> int:
         """Return how many set points act before an instant [s]."""
         return int(np.ceil(until / self.cycle - 1e-6))
+
+    def _instants(self, cycles: int) -> Array:
+        """Return the times [s] of set points, as a file shows them."""
+        return np.round(self.cycle * np.arange(cycles), 9)
 
     def kept(self, pressures: Array) -> Array:
         """Return set points (cycles, channels) Pa that keep resolution, limits and, from rest on, the rate."""

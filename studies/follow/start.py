@@ -105,7 +105,7 @@ def chosen_layout(
     choice = study.layout
     assert choice is not None
     count = len(wanted.times)
-    moments = np.unique(np.linspace(count - 1, 0, min(choice.instants, count + 1))[:-1].round().astype(int))
+    moments = np.unique(np.linspace(count - 1, -1, min(choice.instants, count) + 1)[:-1].round().astype(int))
     targets = tuple(_target(study, wanted, int(moment), work) for moment in moments)
     limits = StudyLimits((0.0, float(regulator.highest.min())), choice.spacing, choice.edge, choice.seconds)
     search = Study(

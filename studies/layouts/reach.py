@@ -209,8 +209,15 @@ class Reach:
     def sentences(self) -> list[str]:
         said, over = [], "from what was asked for" if self.wished else "over the noise floor"
         if self.out_of_reach:
-            held = ", ".join(self.held_by) or "no limit; another kind of layout may come nearer"
-            said.append(f"Out of reach: {in_mm(self.gap):.1f} mm {over}. What holds it back: {held}.")
+            if self.held_by:
+                said.append(
+                    f"Out of reach: {in_mm(self.gap):.1f} mm {over}. What holds it back: {', '.join(self.held_by)}."
+                )
+            else:  # then it may be the search that stood still
+                said.append(
+                    f"Not reached: {in_mm(self.gap):.1f} mm {over}, though no limit holds it back. "
+                    "Another seed, number of muscles or kind of layout may come nearer."
+                )
             said += missed_said(self.missed) + (self.helps.sentences if self.helps else [])
         elif self.lacking:
             gap = f", {in_mm(self.gap):.1f} mm {over}" if self.beyond_noise else ""
