@@ -61,6 +61,16 @@ def regulated(pressures: Array, resolution: float = RESOLUTION) -> Array:
     return np.asarray(resolution * np.floor(pressures / resolution + 1e-6))
 
 
+def slewed(rows: Array, change: float, resolution: float = RESOLUTION) -> Array:
+    """Return rows (k, channels) Pa that follow others from rest on, changing by at most `change` Pa from each to the
+    next, in whole `resolution` Pa, of which one is always possible."""
+    most = float(regulated(np.asarray(max(change, resolution)), resolution))
+    kept, before = np.empty_like(rows), np.zeros(rows.shape[1])
+    for row, wanted in zip(kept, rows, strict=True):
+        row[:] = before = np.clip(wanted, before - most, before + most)
+    return kept
+
+
 def rising_program(last: Array, rise: float, duration: float) -> PressureProgram:
     """Return a program whose channels rise linearly and together from 0 to `last` (channels,) Pa within `rise` s, in
     RISE_STEPS rows of whole RESOLUTION Pa, then hold until `duration` s."""
@@ -147,7 +157,7 @@ class RigLimits:
     duration: Annotated[Second, Within(above=0, most=LONGEST), "of a program"] = 3.0
     channels: Annotated[int | None, Within(least=1), "of pressure; absent: any"] = None
     cycle: Annotated[Second, Within(least=0.005, most=1), "of the regulator: a set point holds for so long"] = 0.05
-    resolution: Annotated[Kilopascal, Within(least=0.001, most=100), "of a set point"] = 100.0  # Pa
+    resolution: Annotated[Kilopascal, Within(least=0.001, most=100), "of a set point"] = RESOLUTION  # Pa
     delay: Annotated[Second, Within(least=0, most=1), "from a set point to the valve"] = 0.0
     supply: Annotated[Kilopascal | None, ABOVE_0, "pressure before the regulator; absent: enough"] = None  # Pa
 

@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, Literal
+from typing import Any
 
 
 class Stopwatch:
@@ -72,16 +72,21 @@ def compiling() -> bool:
 @contextmanager
 def not_counted() -> Iterator[None]:
     """Return a context for which both clocks stand still."""
-    _turn("stop")
+    _stop()
     try:
         yield
     finally:
-        _turn("go")
+        _go()
 
 
-def _turn(how: Literal["stop", "go"]) -> None:
-    for clock in (wall, _processor):
-        getattr(clock, how)()
+def _stop() -> None:
+    wall.stop()
+    _processor.stop()
+
+
+def _go() -> None:
+    wall.go()
+    _processor.go()
 
 
 @functools.cache
@@ -93,10 +98,10 @@ def watch_numba() -> None:
         """Listens to what Numba tells of its compiler."""
 
         def on_start(self, _: Any) -> None:
-            _turn("stop")
+            _stop()
 
         def on_end(self, _: Any) -> None:
-            _turn("go")
+            _go()
 
     # around a compilation, and around loading an earlier one
     event.register("numba:compiler_lock", Watch())  # type: ignore[no-untyped-call]

@@ -7,7 +7,7 @@ from scipy.optimize import nnls
 
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case, Term
-from fabdesign.nouns.pressure import PressureProgram, limits, regulated
+from fabdesign.nouns.pressure import PressureProgram, limits, regulated, slewed
 from fabdesign.study_files.follow_file import FollowStudy
 
 UNIT = 1e5  # Pa, that changes are computed in
@@ -57,15 +57,9 @@ class Regulator:
 
     def kept(self, pressures: Array) -> Array:
         """Return set points (cycles, channels) Pa that keep resolution, limits and, from rest on, the rate."""
-        step = self.resolution * np.floor(max(self.change, self.resolution) / self.resolution + 1e-9)
         rounded = np.clip(pressures, self.lowest, self.highest)
-        rounded = self.resolution * np.round(rounded / self.resolution)
-        if np.isfinite(self.rate):
-            before = np.zeros(self.channels)
-            for row in rounded:
-                row[:] = np.clip(row, before - step, before + step)
-                before = row
-        return np.asarray(rounded)
+        rounded = np.asarray(self.resolution * np.round(rounded / self.resolution))
+        return slewed(rounded, self.change, self.resolution) if np.isfinite(self.rate) else rounded
 
 
 def regulator_of(study: FollowStudy) -> Regulator:

@@ -121,6 +121,7 @@ class _Solver:
         self._checkpoint, self._progress = checkpoint, progress
         self._begun, self._complete = working_time.seconds(), True
         self._model, self._path = study.model or Model(), wanted
+        self._asked = np.ones(len(wanted.times), dtype=bool)  # which instants of the path are wanted
         self._cycles = regulator.cycles(float(wanted.times[-1]))
         self._case = case_of(study, regulator.program(np.zeros((self._cycles, regulator.channels))))
 
@@ -134,7 +135,8 @@ class _Solver:
     def corrected(self, run: MeasuredRun, number: int, program: Array) -> FollowResult:
         """Return the answer to a measured motion of `program`, in which the model's own changes are asked of it
         (iterative learning control: Bristow et al. 2006)."""
-        self._begin()
+        if self._wanted.poses:  # the way between them is asked of it too
+            self._begin()
         motion, times = self._motion(program), self._path.times
         beside, seen = displacements(run, motion, times, face=self._wanted.targets[0].face)
         if not (seen := seen & self._asked).any():

@@ -116,6 +116,10 @@ class TimedViews:
         """Return the instants (images,) s of a camera's views."""
         return self.clocks[camera].times(np.array([view.stamp for view in self.views[camera]]))
 
+    def speeds(self, camera: int) -> Array:
+        """Return the mean speed (images,) m/s of the cloth in a camera's views; 0 where it is not known."""
+        return np.nan_to_num([view.mean_speed for view in self.views[camera]])
+
     def at(self, instants: Array, within: float = np.inf, steps: Sequence[float] = ()) -> list[SensorView]:
         """Return every camera's view at each instant [s] where it has an image so near [s]. steps: as of `view_at`."""
         taken = []

@@ -14,7 +14,8 @@ from scipy.optimize import least_squares
 from fabdesign.files.pressure_file import steps_of
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.pressure import PressureProgram
-from studies.fusion.clocks import Clock, best_lag
+from studies.fusion.clocks import best_lag
+from studies.fusion.joint import TimedViews
 from studies.fusion.moving import StampedView, change
 
 FADES = 0.15  # s, time constant of the motion after a step, for the coarse place
@@ -37,19 +38,17 @@ class PressureBegin(NamedTuple):
     steps: int
 
 
-def pressure_begin(
-    program: PressureProgram, views: Sequence[Sequence[StampedView]], clocks: Sequence[Clock]
-) -> PressureBegin:
+def pressure_begin(program: PressureProgram, timed: TimedViews) -> PressureBegin:
     """Return when the program begins; NaN where it has no step."""
     steps = steps_of(program)
     if not steps:
         return PressureBegin(float("nan"), float("nan"), 0)
-    times = [clock.times(np.array([v.stamp for v in images])) for images, clock in zip(views, clocks, strict=True)]
-    speeds = [np.nan_to_num([v.mean_speed for v in images]) for images in views]
+    cameras = range(len(timed.views))
+    times, speeds = [timed.times(camera) for camera in cameras], [timed.speeds(camera) for camera in cameras]
     coarse = _coarse(steps, times, speeds)
     onsets = []
     for step, _ in steps:
-        curves = [_curve(images, t, v, coarse + step) for images, t, v in zip(views, times, speeds, strict=True)]
+        curves = [_curve(images, t, v, coarse + step) for images, t, v in zip(timed.views, times, speeds, strict=True)]
         start = _start([curve for curve in curves if len(curve) > 1], coarse + step)
         if start is not None:
             onsets.append((start[0] - step, start[1]))

@@ -155,8 +155,8 @@ def _steady(timed: TimedViews) -> Array:
 
     Where a step sets it in motion its speed jumps between two images, and no view at another instant follows from them.
     """
-    speeds = [np.nan_to_num([view.mean_speed for view in views]) for views in timed.views]
-    times = [timed.times(camera) for camera in range(len(speeds))]
+    cameras = range(len(timed.views))
+    times, speeds = [timed.times(camera) for camera in cameras], [timed.speeds(camera) for camera in cameras]
     smooth = np.ones(len(times[0]), dtype=bool)
     for speed, when in zip(speeds, times, strict=True):
         change = np.abs(np.gradient(speed)) if len(speed) > 2 else np.zeros(len(speed))
@@ -184,7 +184,8 @@ def _require_unmoved(anchored: Anchored, timed: TimedViews, instants: Array, tol
                 "after the first; was it moved?"
             )
         )
-        del timed.views[camera][int(np.argmax(timed.times(camera) > since - 1e-3)) :]  # type: ignore[attr-defined]
+        before = int((timed.times(camera) <= since - 1e-3).sum())
+        del timed.views[camera][before:]  # type: ignore[attr-defined]
         if len(timed.views[camera]) < 2:
             raise InputError(f"sensor {name}: no image is left from before it was moved")
 
@@ -193,7 +194,7 @@ def _pressure(recording: Recording, timed: TimedViews) -> PressureBegin:
     begins = float(timed.times(0)[0])
     if recording.log.shift is not None:
         return PressureBegin(begins + recording.log.shift, 0.0, 0)
-    begin = pressure_begin(recording.program, timed.views, timed.clocks)
+    begin = pressure_begin(recording.program, timed)
     if not np.isfinite(begin.offset):
         note(
             f"recording {recording.name}: the pressures have no step; their 0 is taken to be the first image's instant"

@@ -15,7 +15,7 @@ from fabdesign.files.measurement_set import NewTrial, read_set, write_set
 from fabdesign.files.pressure_file import constant_program, write_pressures
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
-from fabdesign.nouns.pressure import LEAST_HOLD, PressureProgram, limits, regulated, rising_program
+from fabdesign.nouns.pressure import LEAST_HOLD, RESOLUTION, PressureProgram, limits, regulated, rising_program, slewed
 from fabdesign.nouns.trial import MeasurementSet, Role, Trial
 from fabdesign.output import WorkFolder, new_folder, write_text
 from fabdesign.study_files.loop_file import Laboratory, LoopStudy, VirtualRig
@@ -78,18 +78,14 @@ def _informative(study: LoopStudy, design: Design, levels: Array, rng: np.random
     return chosen
 
 
-def within_rate(program: PressureProgram, rate: float, resolution: float = 100.0) -> PressureProgram:
+def within_rate(program: PressureProgram, rate: float, resolution: float = RESOLUTION) -> PressureProgram:
     """Return the program as a regulator follows it that changes by at most `rate` Pa/s, in ticks, in whole `resolution`
     Pa."""
     if not np.isfinite(rate):
         return program
     times = np.asarray(TICK * np.arange(max(1, round(program.duration / TICK))), np.float64)
-    most = max(float(regulated(np.asarray(rate * TICK), resolution)), resolution)
-    wanted, at, rows = regulated(program.at(times), resolution), np.zeros(program.pressure.shape[1]), []
-    for row in wanted:
-        at = at + np.clip(row - at, -most, most)
-        rows.append(at)
-    return PressureProgram.of_rows(times, np.array(rows), duration=program.duration)
+    rows = slewed(regulated(program.at(times), resolution), rate * TICK, resolution)
+    return PressureProgram.of_rows(times, rows, duration=program.duration)
 
 
 MEASURED = "measured"  # the folder of a turn's set
