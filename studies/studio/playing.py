@@ -3,6 +3,7 @@ over a target that moves; and writing it."""
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -196,7 +197,6 @@ class ProgramEdit:
     def __init__(self, moving: MovingProgram, document: Document, shapes: Shapes, playing: Playing) -> None:
         self.moving, self.pressures = moving, moving.pressures
         self._document, self._shapes, self._playing = document, shapes, playing
-        self._under_way = False
         self.channel, self.knot = 0, 0
         self.off: Array | None = None
         self.first: Array | None = None
@@ -238,8 +238,6 @@ class ProgramEdit:
     def play(self, *, exact: bool = False) -> None:
         """Simulate the program, and play it over the target. exact: on the model's grid, with its corrector."""
         document, moving, design = self._document, self.moving, self._document.layout.design
-        if self._under_way and not exact:
-            return  # what is under way asks again
         with document.refusals():
             if design.channels != moving.regulator.channels:
                 raise InputError(
@@ -249,11 +247,10 @@ class ProgramEdit:
             kind: Kind = "motion" if exact else "program"
             ask = Ask(kind, design, case.program, document.choice.model, moving.times, case.order)
             ask = replace(ask, effects=case.effects, wanted=moving.wanted)
-            self._under_way = True
-            self._shapes.also(ask, lambda answer: self._arrived(ask, answer))
+            self._shapes.also(ask, partial(self._arrived, ask))
 
     def _arrived(self, ask: Ask, answer: Answer) -> None:
-        document, self._under_way = self._document, False
+        document = self._document
         if (ask.design, ask.model) != (document.layout.design, document.choice.model):
             return  # others by now, and the motion was stopped
         if answer.points is None or answer.off is None:
@@ -263,11 +260,8 @@ class ProgramEdit:
         self.first = self.off if self.first is None else self.first
         name, times, clouds = f"{ask.points_per_side} points a side", self.moving.times, self.moving.clouds
         self._playing.show(TrialMotion(name, times, answer.points, clouds, answer.correction, answer.off), ask)
-        if not np.array_equal(ask.program.pressure, self.pressures):
-            self.play()
-        else:
-            mean = in_mm(float(np.nanmean(answer.off)))
-            document.tell(f"{mean:.2f} mm from the target, {answer.seconds:.1f} s of computing")
+        mean = in_mm(float(np.nanmean(answer.off)))
+        document.tell(f"{mean:.2f} mm from the target, {answer.seconds:.1f} s of computing")
 
     def save(self, path: Path, *, replace: bool = False) -> None:
         """Write the program, set points at the regulator's cycle."""

@@ -24,7 +24,7 @@ _LEAST = 0.005  # m, the least height of the plot
 
 def status(session: Session) -> list[Widget]:
     """Return boxes with room for what they say most of the time: what stands below them stays under the hand."""
-    document, broken = session.document, session.document.broken()
+    document, broken = session.document, session.document.broken
     limits = "<b>Limits:</b> all kept", "#e6f4ea"
     if broken:
         lines = "<br>".join(escape(line.message) for line in broken)
@@ -182,15 +182,13 @@ def _plot(
         at = zip(across(places[-len(values) :]), height(values), strict=True)
         return [f"{x:.1f},{y:.1f}" for x, y in at]
 
-    text = 'font-size="11" fill="#3b4654"'
     parts = [f'<path d="M{left} {top}V{bottom}H{right}" stroke="#8a94a0" fill="none"/>']
-    for value in (ends[0], sum(ends) / 2, ends[1]):
-        at = f'x="{left - 4}" y="{height(value) + 4:.0f}" text-anchor="end"'
-        parts.append(f"<text {at} {text}>{in_mm(value):.1f}</text>")
-    first, last = float(places[0]), float(places[-1])
-    for x, place in ((left, first), ((left + right) / 2, (first + last) / 2), (right - 6, last)):
-        at = f'x="{x:.0f}" y="{bottom + 15}" text-anchor="middle"'
-        parts.append(f"<text {at} {text}>{place:.{digits}f}</text>")
+    at = zip((left, (left + right) / 2, right - 6), np.linspace(places[0], places[-1], 3), strict=True)
+    beside = [(left - 4, height(value) + 4, "end", f"{in_mm(value):.1f}") for value in np.linspace(*ends, 3)]
+    below = [(x, bottom + 15, "middle", f"{place:.{digits}f}") for x, place in at]
+    for x, y, anchor, label in (*beside, *below):
+        place = f'x="{x:.0f}" y="{y:.0f}" text-anchor="{anchor}"'
+        parts.append(f'<text {place} font-size="11" fill="#3b4654">{label}</text>')
     if band is not None:
         outline = " ".join([*points(band[0]), *reversed(points(band[1]))])
         parts.append(f'<polygon points="{outline}" fill="#1b4f8a" fill-opacity="0.22"/>')
