@@ -1,17 +1,24 @@
-"""The drawings of a sitting: the own one with its history for undo and redo, and results of searches beside it."""
+"""The drawings of a sitting, the own one with its history for undo and redo, and results of searches beside it; and
+their shapes and motions as they are shown."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.geometry.surface import CAP, Surface, capped_rms
+from fabdesign.nouns.array import Array
 from fabdesign.units import in_mm
 from studies.studio.layout import Layout
 from studies.studio.opening import Comparison
 from studies.studio.solver import Correction
 
 STEPS = 500  # that can be undone
+APART = 1e-3  # m: surfaces nearer than that, drawn through each other, only flicker
+_SCALED = 8  # frames that the end of a motion's scale is taken from
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +34,62 @@ class LiveShape:
     jump: float | None = None
     time: float | None = None  # s after rest, of a motion's frame; None: at rest
     correction: Correction | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class TrialMotion:
+    """Frames (T, 2 n, 3) m at times (T,) s, and with them, where they were measured or are wanted, the clouds (n_t, 3)
+    m. points: corrected where a corrector acts. off: (T,) m from what is wanted, NaN at instants at which nothing
+    is: the cloud is then the next one that is."""
+
+    name: str
+    times: Array
+    points: NDArray[np.float32]
+    clouds: Sequence[NDArray[np.floating[Any]]] | None = None
+    correction: Correction | None = None
+    off: Array | None = None
+
+    @cached_property
+    def _moved(self) -> float:
+        """Return m, the most by which a corrector moved a point."""
+        return 0.0 if self.correction is None else float(self.correction.moved(self.points).max())
+
+    def ghost(self, frame: int) -> NDArray[np.float32] | None:
+        """Return a frame (2 n, 3) m before the corrector, where that is far enough off to be seen beside."""
+        return None if self.correction is None or self._moved < APART else self.correction.simulated[frame]
+
+    def cloud(self, frame: int) -> Array | None:
+        """Return what was measured or is wanted of a frame, (n_t, 3) m."""
+        return None if self.clouds is None else np.asarray(self.clouds[frame], dtype=np.float64)
+
+    def distances(self, frame: int, *, corrected: bool = True) -> Array | None:
+        """Return (n_t,) m from each of these points to the surface, as it is shown or before the corrector, capped at
+        10 mm."""
+        if (cloud := self.cloud(frame)) is None:
+            return None
+        points = self.points if corrected or self.correction is None else self.correction.simulated
+        return np.minimum(Surface.of_faces(points[frame]).distance(cloud, within=CAP), CAP)
+
+    @cached_property
+    def largest(self) -> float | None:
+        """Return the end [m] of the scale of distances: their 98th percentile, in frames spread over the motion."""
+        frames = np.unique(np.linspace(0, len(self.times) - 1, _SCALED).astype(int)).tolist()
+        of_frames = [distances for frame in frames if (distances := self.distances(frame)) is not None]
+        return float(np.percentile(np.concatenate(of_frames), 98)) if of_frames else None
+
+    def in_words(self, frame: int) -> str:
+        text = f"{self.name}, {self.times[frame]:.3f} s"
+        if self.off is not None:
+            error, mean = in_mm(self.off[frame]), in_mm(float(np.nanmean(self.off)))
+            now = f"{error:.2f} mm" if np.isfinite(error) else "not wanted at this instant"
+            return f"{text}: surface RMS {now}, mean {mean:.2f} mm"
+        shown = [
+            self.distances(frame, corrected=corrected) for corrected in ((True, False) if self._moved else (True,))
+        ]
+        rms = [f"{in_mm(capped_rms(distances)):.2f} mm" for distances in shown if distances is not None]
+        if not rms:
+            return text
+        return f"{text}: surface RMS " + " corrected, ".join(rms) + (" without the corrector" if self._moved else "")
 
 
 @dataclass(eq=False)

@@ -136,17 +136,17 @@ def open_files(files: Sequence[Path], model_file: Path | None, how: AsTarget = A
     if how != AS_GIVEN and "target" not in by_kind:
         raise InputError("--unit, --place or --rotation without a target; expected a cloud or mesh among the files")
     opened = _begun(by_kind[_BEGUN]) if _BEGUN in by_kind else Opened.of(NEW, build("basic", name="layout"))
-    design = opened.layout.design
+    design, more = opened.layout.design, dict[str, Any]()
     if model_file is not None:
-        opened = replace(opened, model_file=model_file, model=read_model(model_file))
+        more |= {"model_file": model_file, "model": read_model(model_file)}
     if "target" in by_kind:
         with keys_as_options():
-            opened = replace(opened, targets=(load_target(how.target(by_kind["target"]), design),))
+            more["targets"] = (load_target(how.target(by_kind["target"]), design),)
     if "pressures" in by_kind:
-        program, moving = read_pressures(by_kind["pressures"], design), opened.moving
-        opened = replace(opened, layout=Layout.of(design, _last(program)), program=None if moving else program)
-        opened = replace(opened, moving=moving and moving.under(program))
-    return opened
+        program = read_pressures(by_kind["pressures"], design)
+        more["layout"] = Layout.of(design, _last(program))
+        more |= {"program": program} if opened.moving is None else {"moving": opened.moving.under(program)}
+    return replace(opened, **more)
 
 
 def _last(program: PressureProgram) -> tuple[float, ...]:

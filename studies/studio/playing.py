@@ -21,14 +21,15 @@ from fabdesign.units import in_mm
 from studies.follow import case_of
 from studies.prediction.predict import frame_times
 from studies.studio.document import Document
+from studies.studio.drawings import TrialMotion
 from studies.studio.layout import Layout
-from studies.studio.measured import UNKNOWN, TrialMotion, ask_of_trial
 from studies.studio.opening import FRAME_RATE, MovingProgram
 from studies.studio.shapes import Shapes
 from studies.studio.solver import Answer, Ask, Kind
 from studies.view import KINDS, Item, write_panels
 
 WRITTEN = [kind for kind in KINDS if kind not in (".gif", ".mp4")]  # for these the page would stand still
+UNKNOWN = (Errors(*[float("nan")] * 5),)
 _PAUSE = 0.5  # s, before a motion begins again
 
 
@@ -79,7 +80,7 @@ class Playing:
         document = self._document
         with document.refusals():
             trial = document.trials[label]
-            ask = ask_of_trial(trial, document.choice.model)
+            ask = Ask.of_trial(trial, document.choice.model)
             if trial.design != document.layout.design:
                 document.put(f"design of {trial.name}", Layout.of(trial.design))
             self._ask(ask, label)
@@ -101,7 +102,7 @@ class Playing:
                     self.all_errors()
 
         with document.refusals():
-            self._shapes.also(ask_of_trial(document.trials[label], choice.model), arrived)
+            self._shapes.also(Ask.of_trial(document.trials[label], choice.model), arrived)
 
     def show(self, motion: TrialMotion, ask: Ask) -> None:
         """Play a motion from its first frame; one with the same frames as the last goes on where that is."""

@@ -28,6 +28,7 @@ from fabdesign.nouns.forward import Case, Term
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.nouns.trial import Trial
 from fabdesign.runtime import working_time
 from fabdesign.runtime.supervisor import uninterrupted
 from studies.follow import Wanted
@@ -79,6 +80,12 @@ class Ask:
         if kind == "exact" and time is not None:
             return Ask(kind, design, constant_program(list(pressures), time), model, np.array([time]))
         return Ask(kind, design, constant_program(list(pressures)), model)
+
+    @staticmethod
+    def of_trial(trial: Trial, model: Model) -> "Ask":
+        """Ask for a trial's motion as sensors see it, and its errors from what was measured. Raises InputError."""
+        frames = tuple(trial.load().frames)
+        return Ask("motion", trial.design, trial.program, model, trial.times, trial.order, True, frames)
 
 
 @dataclass(frozen=True, eq=False)

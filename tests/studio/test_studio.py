@@ -32,7 +32,6 @@ from studies.layout_search.target import LoadedTarget, load_target
 from studies.studio import layout as edits
 from studies.studio.drawings import DrawingHistory, LiveShape, Result, one_more_buys
 from studies.studio.layout import Layout, broken_limits, row_distance, rows, snapped
-from studies.studio.measured import ask_of_trial, errors_table
 from studies.studio.model_choice import ModelChoice, half_band, models_around
 from studies.studio.opening import Comparison, Opened, open_files, search_limits
 from studies.studio.search import Search, study_document
@@ -42,6 +41,7 @@ from studies.studio.solver import Ask, StudioSolver
 from studies.studio.widgets.declared import on_plane
 from studies.studio.widgets.flat_view import Places, laced, ribbon
 from studies.studio.widgets.panels import model
+from studies.studio.widgets.status import errors_table
 from tests.bending import AtOnce, Bending, bow
 from tests.command_line import Run, one_line
 
@@ -486,7 +486,7 @@ def test_every_trial_has_its_errors_in_a_table(folder: Path) -> None:
     settle(session, clock, 4.0)
     assert list(session.playing.errors) == list(session.document.trials)
     shown = next(iter(session.document.trials))
-    ask = ask_of_trial(session.document.trials[shown], session.document.choice.model)
+    ask = Ask.of_trial(session.document.trials[shown], session.document.choice.model)
     motion = StudioSolver(Bending).answer(ask).points
     assert motion is not None
     pairs = zip(motion, ask.measured, strict=True)

@@ -14,14 +14,13 @@ from fabdesign.output import read_mark
 from studies.studio import layout as edits
 from studies.studio.document import Document
 from studies.studio.drawings import one_more_buys
-from studies.studio.measured import errors_table
 from studies.studio.model_choice import ModelChoice
 from studies.studio.search import VARIES
 from studies.studio.session import Session
 from studies.studio.widgets import declared as ui
 from studies.studio.widgets.declared import KPA, MM, PATH, Widget
 from studies.studio.widgets.hung_view import LEAST_SCALE
-from studies.studio.widgets.status import error_over_time, profile, results_table, scale_bar, status
+from studies.studio.widgets.status import error_over_time, errors_table, profile, results_table, scale_bar, status
 
 UnlessLost = Callable[[str | None, Callable[..., Any]], None]
 NONE, SHEET, FILE, OWN = "none", "data sheet", "model file", "own drawing"

@@ -1,11 +1,12 @@
 """The head of the panel: what the shape is, how it lies, which limits are broken; and the profile of the lower edge."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
 import numpy as np
 
+from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.array import Array
 from fabdesign.units import in_kpa, in_mm
 from studies.studio.drawings import LiveShape, Row
@@ -110,6 +111,25 @@ def results_table(rows: list[Row]) -> str:
         lines.append(f"<tr style='font-weight:{weight}'>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>")
     style = "font-size:0.82em; margin:0.4em 0.9em; text-align:right; border-spacing:0.7em 0.2em"
     return f'<table id="studio-results" style="{style}">{head}{"".join(lines)}</table>'
+
+
+def errors_table(by_trial: Mapping[str, tuple[Errors, ...]]) -> str:
+    """Return in Markdown a row for each trial, surface RMS in mm, without and with the corrector where one acts, and
+    the noise floor; and the means."""
+    if not by_trial:
+        return ""
+    corrected = any(len(errors) > 1 for errors in by_trial.values())
+    rows = {
+        name: [e.surface_rms for e in (errors[0], errors[-1])[: 1 + corrected]] + [errors[-1].surface_floor]
+        for name, errors in by_trial.items()
+    }
+    if len(rows) > 1:
+        rows[f"**mean of {len(rows)}**"] = np.mean([*rows.values()], axis=0).tolist()
+    head = ["trial", "predicted", *(["corrected"] if corrected else []), "noise floor"]
+    lines = [head, ["---"] * len(head)]
+    for name, values in rows.items():
+        lines.append([name, *(f"{in_mm(x):.2f}" if np.isfinite(x) else "not known" for x in values)])
+    return "Surface RMS, mm, mean of all frames\n\n" + "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def profile(session: Session) -> str:
