@@ -55,12 +55,12 @@ def note(line: str) -> None:
     warnings.warn(InputNote(line), stacklevel=2)
 
 
-def require_number(name: str, value: Any, least: float, most: float, *, whole: bool = False, unit: str = "") -> None:
+def require_number(name: str, value: Any, least: float, most: float, *, integer: bool = False, unit: str = "") -> None:
     """Raise InputError where an option is no number of that range."""
-    sort = numbers.Integral if whole else numbers.Real
+    sort = numbers.Integral if integer else numbers.Real
     number = isinstance(value, sort) and not isinstance(value, bool)
     if not number or not least <= value <= most:
-        kind = " whole" if whole else ""
+        kind = " whole" if integer else ""
         raise InputError(f"{name} is {value!r}; expected a{kind} number from {least:g} to {most:g}{unit}")
 
 

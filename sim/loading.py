@@ -89,9 +89,9 @@ def constants_of(specimens: Sequence[Specimen], n: int) -> NDArray[np.float32]:
 def side_by_side(values: Sequence[NDArray]) -> NDArray:
     """Return one array of each lane to (blocks, entries, LANES); of vectors (3, entries) to (blocks, entries, 3,
     LANES)."""
-    whole = values[0].dtype.kind == "i"
+    integers = values[0].dtype.kind == "i"
     vectors = values[0].ndim == 2 and len(values[0]) == 3
-    lanes = np.array([value.T if vectors else value.ravel() for value in values], np.int32 if whole else np.float32)
+    lanes = np.array([value.T if vectors else value.ravel() for value in values], np.int32 if integers else np.float32)
     return np.ascontiguousarray(np.moveaxis(lanes.reshape(len(lanes) // LANES, LANES, *lanes.shape[1:]), 1, -1))
 
 

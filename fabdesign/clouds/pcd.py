@@ -69,8 +69,8 @@ def _header(content: bytes, path: Path) -> _Header:
     if not names or not len(names) == len(sizes) == len(types) == len(counts):
         _refuse(path, "its header does not name as many fields, sizes, types and counts")
     kinds = [letter + size for letter, size in zip(types, sizes, strict=True)]
-    whole = [*counts, *(values[key][0] for key in ("WIDTH", "HEIGHT", "POINTS") if values.get(key))]
-    if not _KINDS.issuperset(kinds) or not all(number.isdecimal() and len(number) < 10 for number in whole):
+    integers = [*counts, *(values[key][0] for key in ("WIDTH", "HEIGHT", "POINTS") if values.get(key))]
+    if not _KINDS.issuperset(kinds) or not all(number.isdecimal() and len(number) < 10 for number in integers):
         _refuse(path, "its header has a size, type or number that is none")
     if [names.count(axis) for axis in "xyz"] != [1, 1, 1]:
         _refuse(path, "its fields are not x, y, z")

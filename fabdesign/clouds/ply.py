@@ -18,7 +18,7 @@ from fabdesign.errors import InputError
 from fabdesign.formats.csv_table import is_number
 from fabdesign.formats.toml_file import read_bytes, require_few
 from fabdesign.geometry.surface import fans_of
-from fabdesign.output import whole_file
+from fabdesign.output import atomic_file
 
 _TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
 _TYPES |= {"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"}
@@ -92,7 +92,7 @@ def read_ply(path: Path | str) -> Ply:
 def write_ply(path: Path | str, points: NDArray[np.floating], triangles: NDArray[np.integer] | None = None) -> None:
     """Write points (n, 3) as float32, and triangles (t, 3) where given, in binary little-endian. InputError where the
     file cannot be written."""
-    with whole_file(Path(path)) as temporary:
+    with atomic_file(Path(path)) as temporary:
         temporary.write_bytes(ply_bytes(points, triangles))
 
 

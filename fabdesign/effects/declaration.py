@@ -163,7 +163,7 @@ class EffectParameter:
     deviation: float  # prior standard deviation, of the parameter or, by transform "log", of its logarithm
     off: float | None = None
     transform: Literal["linear", "log"] = "linear"
-    whole: bool = False  # a number of something, such as a channel: chosen, not fitted
+    integer: bool = False  # a number of something, such as a channel: chosen, not fitted
     tried: tuple[float, ...] = ()  # where a fit of all effects has it, of a place as shares of the cloth: chosen too
 
     @property
@@ -216,13 +216,13 @@ class Effect:
     @property
     def chosen(self) -> tuple[str, ...]:
         """The parameters that a fit of all effects tries at some values: channels, and places."""
-        return tuple(name for name, parameter in self.parameters.items() if parameter.whole or parameter.tried)
+        return tuple(name for name, parameter in self.parameters.items() if parameter.integer or parameter.tried)
 
     def choices(self, channels: int, size: Mapping[str, float]) -> list[dict[str, float]]:
         """Return all combinations of what is chosen: a whole number is a channel of `channels`, a place a share of the
         cloth's `size` [m] along u and v."""
         values = [
-            range(channels) if p.whole else [value * size.get(name, 1.0) for value in p.tried]
+            range(channels) if p.integer else [value * size.get(name, 1.0) for value in p.tried]
             for name, p in ((name, self.parameters[name]) for name in self.chosen)
         ]
         return [dict(zip(self.chosen, map(float, combination), strict=True)) for combination in product(*values)]

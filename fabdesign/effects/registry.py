@@ -109,7 +109,7 @@ def check_values(effect: Effect, values: Values, where: str) -> None:
                 f"{where}: {effect.name} {name} = {value:g} {parameter.unit}; expected {low:g} to {high:g} "
                 f"{parameter.unit}"
             )
-        if parameter.whole and value != int(value):
+        if parameter.integer and value != int(value):
             raise InputError(f"{where}: {effect.name} {name} = {value:g}; expected a whole number")
 
 

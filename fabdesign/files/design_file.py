@@ -20,7 +20,7 @@ from fabdesign.nouns.design import MUSCLE_TYPES, Design, Term
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.model import EffectTerm, Quantity
 from fabdesign.nouns.muscle import Muscle, MuscleType
-from fabdesign.output import whole_file
+from fabdesign.output import atomic_file
 from fabdesign.runtime.effort import MUSCLES
 
 FORMAT = DESIGN
@@ -102,8 +102,8 @@ def read_part(path: Path | str) -> DesignPart:
         return DesignPart(types, None, frozenset(), tuple(effects))
     given = _merged(fabrics, {})
     keys = given.names()
-    whole = Table(_STAND_IN | {key: given[key] for key in keys}, given.where)
-    return DesignPart(types, decode(Fabric, whole), frozenset(keys), tuple(effects))
+    complete = Table(_STAND_IN | {key: given[key] for key in keys}, given.where)
+    return DesignPart(types, decode(Fabric, complete), frozenset(keys), tuple(effects))
 
 
 class _Contents(NamedTuple):
@@ -183,7 +183,7 @@ def write_design(design: Design, path: Path | str) -> None:
     a membrane curve as `STEM_membrane.csv`. Raises InputError where `path` cannot be written.
     """
     path = Path(path)
-    with whole_file(path) as unfinished:  # first, so that nothing lies beside a file that cannot be written
+    with atomic_file(path) as unfinished:  # first, so that nothing lies beside a file that cannot be written
         unfinished.write_text(_text(design, path), encoding="utf-8", newline="\n")
 
 

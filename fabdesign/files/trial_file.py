@@ -15,7 +15,7 @@ from fabdesign.formats.npz_file import NpzArrays, open_npz
 from fabdesign.formats.toml_file import require_few
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.pressure import PressureProgram
-from fabdesign.output import whole_file
+from fabdesign.output import atomic_file
 from fabdesign.runtime.effort import LONGEST
 from fabdesign.units import from_kpa, in_kpa
 
@@ -87,7 +87,7 @@ def write_trial(data: TrialData, path: Path) -> None:
         raise InputError(
             f"trial {path.stem}: points {farthest:.3g} m from the middle of the top edge; expected at most {most:.3g} m"
         )
-    with whole_file(path) as temporary, temporary.open("wb") as stream:
+    with atomic_file(path) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(
             stream,
             time=data.time.astype(np.float64),

@@ -104,12 +104,12 @@ def _mean(surface: Surface, weighting: Weighting | None, points: Floats) -> floa
     return float(off @ shares)
 
 
-def shares_at(surface: Surface, near: Nearest, weighting: Weighting | None) -> NDArray[np.float64]:
+def shares_at(surface: Surface, nearest: Nearest, weighting: Weighting | None) -> NDArray[np.float64]:
     """Return (n,) of the places nearest to points on a surface of a cloth, in a mean over the points; they sum to 1."""
     if weighting is None:
-        return np.full(len(near.distance), 1 / len(near.distance))
-    at_corners = weighting.of_points(len(surface.vertices))[surface.triangles[near.triangle]]
-    weights = np.einsum("nk,nk->n", near.weights, at_corners)
+        return np.full(len(nearest.distance), 1 / len(nearest.distance))
+    at_corners = weighting.of_points(len(surface.vertices))[surface.triangles[nearest.triangle]]
+    weights = np.einsum("nk,nk->n", nearest.weights, at_corners)
     return np.asarray(weights / weights.sum())
 
 
@@ -187,7 +187,7 @@ def _by_frame(
 MANY_BEYOND = 0.05  # share of the points from which on a capped figure hides how far off they are
 
 
-def told_beyond(share: float) -> str:
+def beyond_in_words(share: float) -> str:
     """Say how many points lie beyond the cap, and what that means where they are many."""
     said = f"{share:.1%} of the points lie more than {in_mm(CAP):g} mm off"
     return said + ("; the surface RMS is capped there, so the real error is larger" if share >= MANY_BEYOND else "")

@@ -9,7 +9,7 @@ from typing import Any
 
 from fabdesign.errors import InputError
 from fabdesign.output import atomic
-from fabdesign.output.ownership import MARK, files_in, others_in, own_files, read_mark, require_apart, write_mark
+from fabdesign.output.ownership import MARK, files_in, marked_files, others_in, read_mark, require_apart, write_mark
 from fabdesign.runtime.supervisor import record
 
 Inputs = Iterable[Path | str]
@@ -116,7 +116,7 @@ def work_folder(path: Path | str, *, made_by: str, force: bool = False, inputs: 
         if mark is None or mark.made_by != made_by or force:
             _require_free_folder(path, force)
         anew = _anew(held, path)
-        staged = force and own_files(path) > {MARK}
+        staged = force and marked_files(path) > {MARK}
         folder = anew if staged else path
         try:
             work = WorkFolder(folder, made_by, held.at, anew=staged)
@@ -135,11 +135,11 @@ def work_folder(path: Path | str, *, made_by: str, force: bool = False, inputs: 
 def _leave(held: atomic.Scratch, path: Path) -> list[str]:
     """Give up a work folder before its work has ended. Return what is to be said of what it keeps."""
     anew = _anew(held, path)
-    folder = anew if own_files(anew) else path
-    kept = own_files(folder) > {MARK}
+    folder = anew if marked_files(anew) else path
+    kept = marked_files(folder) > {MARK}
     if not kept:  # nothing was done
         (folder / MARK).unlink(missing_ok=True)
-    held.release(keep=bool(own_files(anew)))
+    held.release(keep=bool(marked_files(anew)))
     return [f"{path} keeps what was done, and the same command goes on from there"] if kept else []
 
 
@@ -229,7 +229,7 @@ def _replace_content(hidden: Path, new: Path, made_by: str) -> None:
     write_mark(new, made_by, {*files_in(new)} - {MARK})
     for name in files_in(new):
         atomic.flush_file(new / name)
-    with atomic.whole_file(hidden / _COMPLETE) as marker:
+    with atomic.atomic_file(hidden / _COMPLETE) as marker:
         marker.write_bytes(os.fsencode(new.name))
     _finish_move(hidden)
 
@@ -241,7 +241,7 @@ def _finish_move(hidden: Path) -> None:
     goal, new = hidden.parent, hidden / "new" / os.fsdecode((hidden / _COMPLETE).read_bytes())
     mark = read_mark(new)
     if mark is not None:
-        for name in own_files(goal) - mark.files - {MARK}:
+        for name in marked_files(goal) - mark.files - {MARK}:
             (goal / name).unlink(missing_ok=True)
             with suppress(OSError):
                 for above in Path(name).parents:

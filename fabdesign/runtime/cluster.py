@@ -120,7 +120,7 @@ class Cluster:
     address: str
     client: Any
     say: Say = lambda line: None
-    _told: set[str] = field(default_factory=set)
+    _warned: set[str] = field(default_factory=set)
 
     def prepare(self) -> None:
         """Raises InputError for a worker with other versions. A batch that two workers died with is not tried a third
@@ -146,8 +146,8 @@ class Cluster:
             count = len(self.client.nthreads())
         except _lost() as error:
             raise self._gone() from error
-        if not count and "no workers" not in self._told:
-            self._told.add("no workers")
+        if not count and "no workers" not in self._warned:
+            self._warned.add("no workers")
             self.say(f"{self.address}: no workers; waiting for one")
         return max(1, count)
 

@@ -19,7 +19,7 @@ from optimize.search.slopes import Slopes, jacobians_for, slopes_of
 Point = tuple[int, Vector]  # the number of the start, for its space, and the vector
 
 BATCH = 32  # designs a forward call: four times the simulator's lanes
-NEAR = 0.02  # of the best value: so near is as near
+MARGIN = 0.02  # of the best value: so near is as near
 FINALISTS = 3
 SLOPES = ", slopes"  # what a stage's entries are called that serve derivatives alone
 PENALTY = 1.0  # m, for a diverged design, or twice the worst seen: worse than all others, and finite
@@ -98,7 +98,7 @@ class Evaluations:
         self.stage = "start"  # under way
         self.message = ""  # for people, once there is something to tell
         self.objective, self._at_rest = objective, objective.at_rest
-        self._on_progress, self.near = on_progress, NEAR
+        self._on_progress, self.margin = on_progress, MARGIN
         self.seconds, self._most = seconds, evaluations
         self.limit = seconds
         self._began = working_time.seconds() - history.seconds
@@ -280,7 +280,7 @@ class Evaluations:
             if known is None or rival.value < known.value:
                 self.rivals[rival.start] = rival
             if self.best is not None:
-                most = (1 + self.near) * self.best.value
+                most = (1 + self.margin) * self.best.value
                 self.rivals = {start: rival for start, rival in self.rivals.items() if rival.value <= most}
 
     @property

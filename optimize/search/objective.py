@@ -121,8 +121,8 @@ class Objective:
     @property
     def thin(self) -> int:
         """Stride through a shape's points that `gradient` can do with."""
-        whole = any(t.markers or t.landmarks is not None or t.weighting is not None for t in self.targets)
-        return THIN if self.measure == "chamfer" and not whole else 1
+        every_point = any(t.markers or t.landmarks is not None or t.weighting is not None for t in self.targets)
+        return THIN if self.measure == "chamfer" and not every_point else 1
 
     def gradient(self, shape: Poses) -> tuple[float, Poses]:
         """Value [m] against the thinned targets, and its derivative by each coordinate (nearest neighbours held)."""

@@ -16,7 +16,7 @@ from optimize.fit.clouds import Density, evenly
 from optimize.fit.descent import FitStart, Interrupted, Progress, silent
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import DECLARED, FitVector
-from optimize.fit.policy import NEAR, FitStage, Policy, to_the_end
+from optimize.fit.policy import ROUGH, FitStage, Policy, to_the_end
 from studies.calibration.result import Calibration, ambiguities
 from studies.calibration.trial_checks import implausible
 from studies.fitting.fits import Fits, fit_at_rest, with_shapes_at_rest
@@ -34,7 +34,7 @@ DRAWN = Density(until=1.5, frames=30, points=300)
 _MANY = 20  # unknowns, of which last steps gain less than the noise of their differences promises, at minutes each
 _CLOSE = FitStage(slight=0.01, least_each=0.1)  # of log likelihood: under half a standard deviation
 _FEW_UNKNOWNS = to_the_end("calibration", _CLOSE)
-_MANY_UNKNOWNS = replace(NEAR, finer=replace(NEAR.finer, least=0.0, least_share=0.0, least_each=_CLOSE.least_each))
+_MANY_UNKNOWNS = replace(ROUGH, finer=replace(ROUGH.finer, least=0.0, least_share=0.0, least_each=_CLOSE.least_each))
 _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
 
 

@@ -82,16 +82,16 @@ def excess(rms: float, noise: SensorNoise) -> float:
     return over(rms, noise_rms(noise))
 
 
-def expected_rms(noise: SensorNoise, left: float = EXCESS) -> float:
-    """Return the capped RMS, m, of which `left` [m] is over the noise, in quadrature."""
-    return float(np.hypot(noise_rms(noise), left))
+def expected_rms(noise: SensorNoise, model_error: float = EXCESS) -> float:
+    """Return the capped RMS, m, of which `model_error` [m] is over the noise, in quadrature."""
+    return float(np.hypot(noise_rms(noise), model_error))
 
 
 def interval_warnings(rms: float, outlying: float, noise: SensorNoise) -> list[str]:
     """Return why the intervals of a fit that leaves `rms` [m] and a share of frames far off are not reliable."""
     warnings = []
-    if not (left := excess(rms, noise)) <= EXCESS:
-        warnings.append(f"the fit leaves {in_mm(left):.2f} mm over the noise, expected at most {in_mm(EXCESS):g}")
+    if not (remaining := excess(rms, noise)) <= EXCESS:
+        warnings.append(f"the fit leaves {in_mm(remaining):.2f} mm over the noise, expected at most {in_mm(EXCESS):g}")
     if outlying >= OUTLYING:
         warnings.append(f"{outlying:.0%} of the frames fitted are far off, expected under {OUTLYING:.0%}")
     return warnings

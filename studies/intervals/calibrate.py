@@ -63,9 +63,9 @@ def calibrated(others: Sequence[RegionResiduals], width: Width, start: Array) ->
     ratios: dict[str, list[Array]] = {}
     for one in others:
         ratios.setdefault(one.design, []).append(np.abs(one.residual) / width(shape, one))
-    whole = float(np.quantile(np.concatenate([r for parts in ratios.values() for r in parts]), INSIDE))
+    overall = float(np.quantile(np.concatenate([r for parts in ratios.values() for r in parts]), INSIDE))
     factors = {name: float(np.quantile(np.concatenate(r), INSIDE)) for name, r in ratios.items() if len(r) >= LEAST}
-    return Widths(width, shape, whole / TWO_SIDED, {name: value / whole for name, value in factors.items()})
+    return Widths(width, shape, overall / TWO_SIDED, {name: value / overall for name, value in factors.items()})
 
 
 def left_out(every: Sequence[RegionResiduals], folds: Sequence[int], width: Width, start: Array) -> list[Array]:

@@ -48,7 +48,7 @@ def _blocks(result: GridResult) -> Iterator[page.Block]:
     head = ("muscles", "type", "sides", "reached\nmm", "muscles used", *(WISHED if wished else ERRORS))
     rows = [_row(result, f, wished=wished) for f in result.cells]
     best = [k for k, f in enumerate(result.cells) if f in front]
-    yield page.TableBlock((*head, "evaluations", "seconds", ""), rows, left=(1, 2, 4, len(head) + 2), bold=best)
+    yield page.TableBlock((*head, "evaluations", "seconds", ""), rows, left_aligned=(1, 2, 4, len(head) + 2), bold=best)
     yield from page.texts("note", [line for f in result.cells for line in result.statements(f.cell)])
     yield page.Title("Shapes of all cells and the target")
     others = [f for f in result.cells if f.result and f not in front]

@@ -21,7 +21,7 @@ SHRINKING = 0.2  # of the seconds, kept for leaving muscles out where the study 
 
 ROBUST = 0.3  # and for a robust layout, where the study asks for one
 POOL = 8  # layouts that such a choice is made among, at most
-NEAR = 0.1  # of the nearest value: so near they lie
+ROBUST_MARGIN = 0.1  # of the nearest value: so near they lie
 
 
 def search_seconds(study: Study) -> float:

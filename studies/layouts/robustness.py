@@ -26,7 +26,7 @@ from studies.prediction.stability import copies_elsewhere
 
 LINEAR_COPIES = 128  # of a layout, by derivatives; a power of two
 PROBES = 8  # true copies on the coarse model by which derivatives are checked; so many cost no more than one
-NEAR_FOLD = 24  # true copies on the coarse model in place of derivatives
+FOLD_COPIES = 24  # true copies on the coarse model in place of derivatives
 HOLDS = 1.5  # factor by which the mean error of copies and that by derivatives may differ
 OFF = 0.003  # m that a muscle lies off its place when the most delicate one is looked for
 YIELD_OVER = 0.25  # of the nominal value, within which a copy counts where the study states no tolerance
@@ -116,7 +116,7 @@ def _expected(
         values = [objective.value(shape) for shape in scatter.shapes(objective, coarse, [*zs[:PROBES]])]
         if _holds([objective.value(about.model.at(z)) for z in zs[:PROBES]], values):
             return first_order(scatter, about.model, objective, tolerance, seed=seed)
-    more = scatter.shapes(objective, coarse, [*zs[len(values) : NEAR_FOLD]])
+    more = scatter.shapes(objective, coarse, [*zs[len(values) : FOLD_COPIES]])
     return _mean_and_yield([*values, *(objective.value(shape) for shape in more)], tolerance)
 
 

@@ -16,7 +16,7 @@ from fabdesign.runtime import working_time
 from fabdesign.study_files.study_file import Study, read_study, require_searchable
 from fabdesign.units import in_mm
 from optimize.search.design_space import DesignSpace
-from optimize.search.evaluations import FINALISTS, NEAR, Evaluations
+from optimize.search.evaluations import FINALISTS, MARGIN, Evaluations
 from optimize.search.history import History
 from optimize.search.margins import constraint_margins
 from optimize.search.multistart import INTERRUPTED, search
@@ -32,8 +32,7 @@ from studies.layout_search.first_layouts import (
 from studies.layout_search.target import LoadedTarget, load_target, target_errors
 from studies.layouts.loading_path import LoadingPath, loading_path
 from studies.layouts.reach import helps_of, lacking_of, missed_at, reach_of
-from studies.layouts.refinement import NEAR as NEAR_ENOUGH
-from studies.layouts.refinement import POOL, made_robust, search_seconds, shrunk
+from studies.layouts.refinement import POOL, ROBUST_MARGIN, made_robust, search_seconds, shrunk
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult, answer, keep, pressures_kpa, study_content, write_best
 from studies.layouts.robustness import robustness_of
@@ -118,7 +117,7 @@ def searched(
         evaluations=study.limits.evaluations,
         on_progress=progress,
     )
-    evaluations.near, evaluations.limit = NEAR_ENOUGH if study.robust else NEAR, study.limits.seconds
+    evaluations.margin, evaluations.limit = ROBUST_MARGIN if study.robust else MARGIN, study.limits.seconds
     stop_reason, fewer = search(evaluations, further=further_starts(study), floor=_floor(study, targets)), None
     try:
         fewer = None if stop_reason == INTERRUPTED else shrunk(study, evaluations)

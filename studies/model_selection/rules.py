@@ -248,7 +248,7 @@ def as_well(refits: Refits, selection: Selection) -> Selection | None:
     return replace(selection, asked=asked) if asked != selection.asked else None
 
 
-def make_sure(refits: Refits, selection: Selection) -> Selection | None:
+def confirm(refits: Refits, selection: Selection) -> Selection | None:
     """Fit once more by a Jacobian made where the fit ends."""
     return None if selection.exact else selection.without(refits.judged(refits.exact(selection.chosen)), ())
 
@@ -286,7 +286,7 @@ ON_BENCHES = (_TOO_LITTLE,)
 ON_SETS = (
     Rule("begin beside", "one effect is left", "false minima of the declared parameters", begin_beside),
     _TOO_LITTLE,
-    Rule("make sure", "a Jacobian made where the fit ends", "updates drift over several fits", make_sure),
+    Rule("make sure", "a Jacobian made where the fit ends", "updates drift over several fits", confirm),
     Rule("as well without", "the same, by a fit without it", "first order may be wrong of two that are alike", as_well),
     Rule(
         "by chance", f"the {CHANCE:.0%} quantile of decoys' gains", "target-decoy competition, Elias and Gygi 2007",

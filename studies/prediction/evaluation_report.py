@@ -10,7 +10,7 @@ import numpy as np
 from fabdesign.formats.csv_table import write_rows
 from fabdesign.formats.json_file import plain, write_json
 from fabdesign.formats.result_tables import Columns, Tabled
-from fabdesign.geometry.metrics import Closed, Errors, Statistics, told_beyond
+from fabdesign.geometry.metrics import Closed, Errors, Statistics, beyond_in_words
 from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.output import new_folder
 from fabdesign.units import in_mm
@@ -194,7 +194,7 @@ def tables_markdown(evaluation: SetEvaluation) -> str:
         ]
         for name, design in table.items():
             before, after = design.before["beyond"].mean, design.after["beyond"].mean
-            parts.append(f"{name}: before, {told_beyond(before)}; after, {told_beyond(after)}")
+            parts.append(f"{name}: before, {beyond_in_words(before)}; after, {beyond_in_words(after)}")
         parts += [_intervals(name, design.intervals) for name, design in table.items() if design.intervals]
         parts.append("")
     return "\n".join(parts).rstrip() + "\n"

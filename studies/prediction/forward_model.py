@@ -136,7 +136,7 @@ def _motion(case: Case, at: Array, points: NDArray[np.float32], state: Any, seen
     return Motion(at, points, square_triangles(points.shape[1]), (fabric.width, fabric.height), muscles)
 
 
-NEAR = 1e-4  # m RMS over the points and frames of a motion, under which the coarser grid is as good
+GRID_ERROR = 1e-4  # m RMS over the points and frames of a motion, under which the coarser grid is as good
 _FEWEST = 6  # trials of a design, for it to be tried: below, trying costs more than it spares
 
 
@@ -193,12 +193,13 @@ def enough_points(
     # the fine one first: room is then made once
     both = [forward_model(simulator, model).motions(cases, times) for simulator in (fine, coarse)]
     apart = [_rms(a, b) for a, b in zip(*both, strict=True)]
-    calm = tuple(trial.design for trial, off in zip(tried, apart, strict=True) if off < NEAR)
+    calm = tuple(trial.design for trial, off in zip(tried, apart, strict=True) if off < GRID_ERROR)
     for trial, off in zip(tried, apart, strict=True):
+        points = POINTS_PER_SIDE if off < GRID_ERROR else model.points_per_side
         tell(
-            f"grid: {POINTS_PER_SIDE if off < NEAR else model.points_per_side} points a side for {trial.design_name}; "
+            f"grid: {points} points a side for {trial.design_name}; "
             f"with {POINTS_PER_SIDE} instead of the model's {model.points_per_side}, {trial.name} moves by "
-            f"{in_mm(off):.2f} mm RMS, {'under' if off < NEAR else 'not under'} {in_mm(NEAR):g}"
+            f"{in_mm(off):.2f} mm RMS, {'under' if off < GRID_ERROR else 'not under'} {in_mm(GRID_ERROR):g}"
         )
     return ByDesign(fine, coarse, calm) if calm else fine
 

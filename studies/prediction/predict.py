@@ -84,7 +84,7 @@ def predicted(
     """Yield every trial with its motion at its own times, sensing effects included, and with its band where the model
     has intervals. coarse: a cheap simulator for the drawn models, by default `forward`. Raises InputError and
     SimulationError."""
-    whole = forward_model(forward, model, sensing=True)
+    full = forward_model(forward, model, sensing=True)
     cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
     for part in batches([len(trial.times) for trial in trials], AT_ONCE):
         batch = trials[part]
@@ -92,7 +92,7 @@ def predicted(
         motions = laced_motions(forward, model, cases[part], times, sensing=True)
         for trial, motion in zip(batch, motions, strict=True):
             _require_finite(motion.points, motion.time, str(trial.file), _on_grid(forward, trial.design))
-        around = bands(whole, coarse or forward, cases[part], times, [motion.points for motion in motions])
+        around = bands(full, coarse or forward, cases[part], times, [motion.points for motion in motions])
         for trial, motion, band in zip(batch, motions, around, strict=True):
             yield trial, replace(motion, band=band)
 

@@ -97,15 +97,15 @@ _SHARE = 16  # every so many-th row is looked at
 
 @dataclass(frozen=True)
 class Progress:
-    """part: what is under way. left: s that the rest takes at the pace so far; None before the first batch."""
+    """part: what is under way. remaining: s that the rest takes at the pace so far; None before the first batch."""
 
     part: str
     done: int
     total: int
-    left: float | None
+    remaining: float | None
 
     def __str__(self) -> str:
-        rest = "" if self.left is None or not self.left else f", {duration(self.left)} left"
+        rest = "" if self.remaining is None or not self.remaining else f", {duration(self.remaining)} left"
         return f"{self.part}: {self.done} of {self.total} samples{rest}"
 
 
@@ -270,5 +270,5 @@ class _Sweep:
 def _filled(outputs: dict[int, Array], shape: tuple[int, ...], columns: int) -> Array:
     """Return (whole rows, samples a row, columns): the rows before the first of which a sample is not there."""
     rows, each = shape
-    whole = next((k for k in range(rows * each) if k not in outputs), rows * each) // each
-    return np.array([outputs[k] for k in range(whole * each)]).reshape(whole, each, columns)
+    complete = next((k for k in range(rows * each) if k not in outputs), rows * each) // each
+    return np.array([outputs[k] for k in range(complete * each)]).reshape(complete, each, columns)

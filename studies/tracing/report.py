@@ -161,7 +161,7 @@ def _answer(outcome: Outcome) -> Iterator[page.Block]:
         if row["name"] != "none"
     ]
     yield page.TableBlock(
-        ("effect", "in the model", "gain\nmm", "smallest value\nthat would have shown"), rows, left=(3,)
+        ("effect", "in the model", "gain\nmm", "smallest value\nthat would have shown"), rows, left_aligned=(3,)
     )
     yield page.Text(_GAIN, "quiet")
 

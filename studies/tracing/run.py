@@ -172,7 +172,7 @@ def _elsewhere(measured: MeasurementSet, data: MeasuredData) -> list[Trial]:
     return others
 
 
-def _evidence(selection: Selection, data: MeasuredData, left: float) -> Evidence:
+def _evidence(selection: Selection, data: MeasuredData, structure: float) -> Evidence:
     floor, folds = selection.floor, selection.folds
     plain, chosen = LeftOut.of(selection.plain, folds).scored(), selection.judged.scored
     before, after = (Residuals.of(data, fit) for fit in (selection.plain, selection.chosen))
@@ -181,7 +181,7 @@ def _evidence(selection: Selection, data: MeasuredData, left: float) -> Evidence
         after=chosen.excess(floor),
         effects=len(selection.chosen.vector.labels),
         box_before=baseline_score(before, folds).excess(floor),
-        left=left,
+        structure=structure,
         fitted=before.scored.excess(floor),
         fitted_after=after.scored.excess(floor),
         typical=plain.typical(floor),

@@ -19,7 +19,7 @@ from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
-from optimize.fit.policy import AT_REST, NEAR
+from optimize.fit.policy import AT_REST, ROUGH
 from optimize.fit.significance import NEEDED, cheapest_first, conditioned, cost, needed
 from studies.fitting.fits import beginning, fit_at_rest
 from studies.fitting.fitted_model import expected_rms
@@ -46,7 +46,7 @@ def select(task: Task) -> Selection:
         begin = FitStart(x, inputs=task.input_errors(vector, x))
         all_on = beginning(vector, at_rest, at_rest.vector.labels)
         factors = replace(begin, x=np.stack([all_on, x])[:, vector.are_factors])
-    hopeful = replace(NEAR, hopeless=expected_rms(task.data.noise, HOPELESS * task.tolerance))
+    hopeful = replace(ROUGH, hopeless=expected_rms(task.data.noise, HOPELESS * task.tolerance))
     plain = task.fit("plain", vector.without_effects, factors, hopeful)
     judged = task.judged(plain)
     excess = max(judged.excess, judged.scored.typical(task.floor))
@@ -127,7 +127,7 @@ def _with_channels(judged: Judged, tolerance: float, certain: Sequence[str], few
 
 def _sits_in_a_channel(label: str) -> bool:
     effect = EFFECTS[label_effect(label)]
-    return bool(effect.chosen) and all(effect.parameters[name].whole for name in effect.chosen)
+    return bool(effect.chosen) and all(effect.parameters[name].integer for name in effect.chosen)
 
 
 def sparse(everything: Fit, labels: Sequence[str]) -> list[str]:
@@ -188,7 +188,7 @@ def reduced(task: Task, joint: Fit, labels: Collection[str]) -> tuple[Fit, list[
         stage += 1
         without = f"{in_mm(begin.rms):.3f} mm RMS without {', '.join(dropped)}"
         task.say(f"{without}; to first order {in_mm(begin.promised):.3f}")
-        fitted = task.fit(f"fewer {stage}", begin.vector, FitStart(begin.x, begin.jacobian, known.inputs), NEAR)
+        fitted = task.fit(f"fewer {stage}", begin.vector, FitStart(begin.x, begin.jacobian, known.inputs), ROUGH)
         if over(fitted.after, begin.promised) > task.tolerance:
             wanted += _terms(known, dropped)
         else:

@@ -190,14 +190,14 @@ def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
     for label, term in zip(vector.labels, vector.terms, strict=True):
         effect = EFFECTS[term.name]
         for key, p in effect.parameters.items():
-            if not p.whole:
+            if not p.integer:
                 name = f"{label}.{key}"
                 unknown = FitParameter(name, p.deviation, p.centre, p.transform, p.unit, p.bounds)
                 begin = known[0].get(name, unknown.unknown(term.values.get(key, p.typical)))
                 parameters.append(replace(unknown, start=begin))
     terms = tuple(_chosen_only(term) for term in vector.terms)
-    whole = FitVector(tuple(parameters), vector.factors, terms)
-    return whole, np.array([[of.get(p.name, p.start) for p in parameters] for of in known])
+    full = FitVector(tuple(parameters), vector.factors, terms)
+    return full, np.array([[of.get(p.name, p.start) for p in parameters] for of in known])
 
 
 def to_first_order(joint: Fit, labels: Sequence[str]) -> Array:
@@ -207,7 +207,7 @@ def to_first_order(joint: Fit, labels: Sequence[str]) -> Array:
 
 def _chosen_only(term: Term) -> Term:
     """Return a term with the values alone that a fit of all parameters does not move."""
-    return replace(term, values={k: v for k, v in term.values.items() if EFFECTS[term.name].parameters[k].whole})
+    return replace(term, values={k: v for k, v in term.values.items() if EFFECTS[term.name].parameters[k].integer})
 
 
 def _lost(known: Fit, other: Fit) -> float:

@@ -115,7 +115,7 @@ def _measurement(measurement: Measurement) -> Iterator[page.Block]:
     yield page.Title("What to measure")
     yield page.Text(_MEASURED.format(measurement["spread_mm"]))
     rows = [(name, c["design"], c["left_mm"]) for name, c in measurement["candidates"].items()]
-    yield page.TableBlock(("program", "on", "left, mm"), rows, left=(1,))
+    yield page.TableBlock(("program", "on", "left, mm"), rows, left_aligned=(1,))
     in_turn = ", ".join(f"{name} (leaves {remaining:.2f} mm)" for name, remaining in measurement["in_turn_mm"].items())
     yield page.Text(f"Measured one after another, each telling most beside those before it: {in_turn}.")
     head = "unknown, in the covariance's order", "spread by its own part, mm"
@@ -137,7 +137,9 @@ def _left_out(result: UnseenResult, pictures: Path) -> Iterator[page.Block]:
         why = "Not started, because the time was used"
         yield page.Text(f"{why}: {waiting}. The same command with more seconds goes on.", "note")
     head = "left out", "error", "", *_STATISTICS, "noise floor", "excess removed"
-    yield page.TableBlock(head, [row for name, entry in done.items() for row in _error_rows(name, entry)], left=(1, 2))
+    yield page.TableBlock(
+        head, [row for name, entry in done.items() for row in _error_rows(name, entry)], left_aligned=(1, 2)
+    )
     for name, entry in done.items():
         yield page.Title(name)
         bent = f", without {100 * entry['share_unjudged']:.0f} % of their frames, which are near a bifurcation"

@@ -15,7 +15,7 @@ from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.model_sampling import spread_of
 from fabdesign.nouns.trial import MeasurementSet, Trial
-from fabdesign.output import WorkFolder, whole_file
+from fabdesign.output import WorkFolder, atomic_file
 from fabdesign.runtime.effort import CALIBRATION, fit_seconds, in_words, on_cores, unseen_seconds
 from fabdesign.runtime.fingerprint import sha256
 from fabdesign.runtime.store import Checkpoint
@@ -242,5 +242,5 @@ def _overlay(trial: Trial, k: int, model: Model, forward: ForwardModel, path: Pa
             panel.set(title=f"{said}, {'side' if axis == 2 else 'front'}", xlabel=f"{label}, mm", aspect="equal")
     axes[0].set_ylabel("y, mm")
     figure.suptitle(f"{trial.design_name} {trial.name}, {trial.times[k]:.2f} s: measured (dark) over model (light)")
-    with whole_file(path) as unfinished:
+    with atomic_file(path) as unfinished:
         figure.savefig(unfinished, dpi=90, format="png")

@@ -22,7 +22,7 @@ from studies.studio.widgets.declared import KPA, MM, Widget, Widgets
 from studies.studio.widgets.hung_view import LEAST_SCALE
 from studies.studio.widgets.status import error_over_time, profile, results_table, scale_bar, status
 
-NONE, SHEET, FILE, OWN = "none", "data sheet", "model file", "own drawing"
+NONE, SHEET, FILE, DRAWING = "none", "data sheet", "model file", "own drawing"
 _SHIFT, _TURN, _TEMPLATE = "Shift, mm", "Turn, degrees", "Sewing template, 1:1"
 
 
@@ -198,10 +198,10 @@ def results(document: Document) -> list[Widget]:
         buys = one_more_buys(result, [other for other in document.results if other is not result], drawn)
         said += [buys] if buys else []
     nothing = "Nothing yet: *Search from here* under *Target*. An edit of a result takes it as own drawing."
-    shown, beside = OWN if document.shown is None else document.shown.name, partial(document.set_option, "beside")
+    shown, beside = DRAWING if document.shown is None else document.shown.name, partial(document.set_option, "beside")
     hint = "Its shape, seen through"
     return [
-        ui.choice("Shown", (OWN, *by_name), shown, lambda name: document.show_result(by_name.get(name))),
+        ui.choice("Shown", (DRAWING, *by_name), shown, lambda name: document.show_result(by_name.get(name))),
         ui.entry("checkbox", "The other one beside it", document.beside, beside, hint=hint),
         ui.button("Take as own drawing", document.take, disabled=document.shown is None),
         ui.html("table", results_table(rows)),
