@@ -123,7 +123,8 @@ def _descend(
     folder: Path,
     progress: Callable[[str, int, int], None],
 ) -> None:
-    """Adam with early stopping; the network ends as it was at its best. rows: learned from, and looked at for that."""
+    """Train a network by Adam with early stopping; it ends as it was at its best. rows: learned from, and looked at for
+    that."""
     (learned, checked), stage = rows, int(name == "following")  # 0: an autoencoder
     file = folder / f"paper-{name}.pt"
     optimizer = torch.optim.Adam(network.parameters(), lr=plan.rates[stage])

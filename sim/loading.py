@@ -73,7 +73,8 @@ def contents_of(cases: Sequence[Case], n: int, *, support: Support, blocks: int)
 
 
 def _require_room(points: int, blocks: int) -> None:
-    """Every fixed point acts on every other: memory goes with the square of their number."""
+    """Raise InputError for too many fixed points: each acts on every other, so memory goes with their number's
+    square."""
     pair = blocks * LANES * 4 * (GREEN + 1)
     if points**2 * pair > MEMORY:
         raise InputError(

@@ -100,9 +100,9 @@ class Simulator:
         return [motion.points for motion in self.run(cases, times)]
 
     def run(self, cases: Sequence[Case], times: Sequence[Array]) -> list[SimulatedMotion]:
-        """Motions with mid-surfaces, contractions and tensions; each starts from equilibrium at zero pressure, a free
-        cloth flat and at rest. One that diverges, or has not come to rest where it starts, is tried once more with half
-        the steps and twice the iterations, from where a damped motion comes to rest."""
+        """Return motions with mid-surfaces, contractions and tensions; each starts from equilibrium at zero pressure, a
+        free cloth flat and at rest. One that diverges, or has not come to rest where it starts, is tried once more with
+        half the steps and twice the iterations, from where a damped motion comes to rest."""
         self._require_room(cases, times)
         if (cluster := current()) is not None:
             return OnCluster(self, cluster).ask("run", cases, times)
@@ -198,8 +198,8 @@ class Simulator:
         return [shape.points[0] for shape in self.rest(cases)]
 
     def rest(self, cases: Sequence[Case]) -> list[SimulatedMotion]:
-        """Shapes at rest under each program's last pressures, as motions of one frame at 0 s with its tensions. The
-        last step of a damped motion moved it by less than RESTED; NaN where no such shape was found, with half the
+        """Return shapes at rest under each program's last pressures, as motions of one frame at 0 s with its tensions.
+        The last step of a damped motion moved it by less than RESTED; NaN where no such shape was found, with half the
         steps and 2 s more neither."""
         if (cluster := current()) is not None:
             return OnCluster(self, cluster).ask("rest", cases)
@@ -216,10 +216,10 @@ class Simulator:
         return [shapes[i] for i in range(len(cases))]
 
     def shape_jacobian(self, cases: Sequence[Case], columns: Sequence[Column], *, exact: bool = True) -> list[Jacobian]:
-        """Shapes at rest and how they change with each column (docs/model.md): by the tangent of the forces where that
-        is positive definite, else by differences of shapes, which each Jacobian says (`exact`). Differences too for a
-        free cloth, with self_contact, where an effect adds a force, and everywhere with exact=False, for reference.
-        NaN where no shape was found."""
+        """Return shapes at rest and how they change with each column (docs/model.md): by the tangent of the forces
+        where that is positive definite, else by differences of shapes, which each Jacobian says (`exact`). Differences
+        too for a free cloth, with self_contact, where an effect adds a force, and everywhere with exact=False, for
+        reference. NaN where no shape was found."""
         solvable = [i for i, case in enumerate(cases) if exact and not self.self_contact and _has_tangent(case)]
         solved = self._solve_shapes([cases[i] for i in solvable], columns) if solvable else []
 
@@ -238,7 +238,8 @@ class Simulator:
     def motion_jacobian(
         self, cases: Sequence[Case], times: Sequence[Array], columns: Sequence[Column]
     ) -> list[Jacobian]:
-        """Motions at their `times` and how they change with each column, by differences of motions: two a column."""
+        """Return motions at their `times` and how they change with each column, by differences of motions: two a
+        column."""
 
         def frames(places: Sequence[int], moved: Sequence[Case]) -> list[NDArray[np.float32]]:
             return [motion.middle for motion in self.run(moved, [times[i] for i in places])]
@@ -302,7 +303,7 @@ class Simulator:
 
 
 def _ticks(times: Array, tick: float) -> int:
-    """Ticks until the last of `times` [s]."""
+    """Return ticks until the last of `times` [s]."""
     return max(1, int(np.ceil(times[-1] / tick - 1e-6))) if len(times) else 1
 
 

@@ -233,7 +233,7 @@ def added(on: Entity) -> list[str]:
 
 
 def declare(*more: Plane) -> None:
-    """Planes of an added force, by its own file: before the first batch, or the fields are made anew."""
+    """Declare planes of an added force, by its own file: before the first batch, or the fields are made anew."""
     for plane in more:
         if plane not in PLANES:
             if any(plane.name == other.name and plane.field == other.field for other in PLANES):

@@ -34,8 +34,8 @@ class MuscleRecord:
 
     @cached_property
     def rate(self) -> Array:
-        """(n,) 1/s, of contraction: slope of the line through the rows around each one, for noise makes neighbours'
-        differences useless."""
+        """Return (n,) 1/s, of contraction: slope of the line through the rows around each one, for noise makes
+        neighbours' differences useless."""
         half = min(_RATE_WINDOW, (len(self.time) - 1) // 2)
         kernel = np.arange(half, -half - 1, -1.0)
         inner = np.convolve(self.contraction, kernel, "valid") / np.convolve(self.time, kernel, "valid")
@@ -106,7 +106,7 @@ class ActingPressure:
 
     @cached_property
     def means(self) -> Array:
-        """(ticks, channels) Pa, over every tick."""
+        """Return (ticks, channels) Pa, over every tick."""
         if self.smooth is not None:
             return self.smooth
         return self.between(np.arange(self.ticks + 1))
@@ -210,12 +210,12 @@ class Effect:
 
     @property
     def strengths(self) -> tuple[str, ...]:
-        """The parameters that switch it off."""
+        """Return the parameters that switch it off."""
         return tuple(name for name, parameter in self.parameters.items() if parameter.off is not None)
 
     @property
     def chosen(self) -> tuple[str, ...]:
-        """The parameters that a fit of all effects tries at some values: channels, and places."""
+        """Return the parameters that a fit of all effects tries at some values: channels, and places."""
         return tuple(name for name, parameter in self.parameters.items() if parameter.integer or parameter.tried)
 
     def choices(self, channels: int, size: Mapping[str, float]) -> list[dict[str, float]]:

@@ -39,7 +39,7 @@ class Errors:
 
     @property
     def excess(self) -> float:
-        """m of surface RMS over its floor, in quadrature; 0 within it."""
+        """Return m of surface RMS over its floor, in quadrature; 0 within it."""
         return over(self.surface_rms, self.surface_floor)
 
     def millimetres(self) -> dict[str, float]:
@@ -58,8 +58,8 @@ def mean_errors(each: Sequence[Errors]) -> Errors:
 
 
 def surface_rms(measured: Floats, model: Floats, face: Face = "both", weighting: Weighting | None = None) -> float:
-    """Root mean square [m] of the distances of measured points (n, 3) to the faces of a model frame (2 rows cols, 3),
-    or to one of them.
+    """Return the root mean square [m] of the distances of measured points (n, 3) to the faces of a model frame (2 rows
+    cols, 3), or to one of them.
 
     Each distance, to the nearest triangle, is capped at 10 mm. weighting: how much the places count that they go to.
     """
@@ -67,8 +67,8 @@ def surface_rms(measured: Floats, model: Floats, face: Face = "both", weighting:
 
 
 def distance_to_faces(markers: Floats, model: Floats, face: Face = "both", weighting: Weighting | None = None) -> float:
-    """Mean distance [m] of a few markers (n, 3) to the faces of a model frame (2 rows cols, 3), or to one of them, one
-    way and uncapped.
+    """Return the mean distance [m] of a few markers (n, 3) to the faces of a model frame (2 rows cols, 3), or to one of
+    them, one way and uncapped.
 
     In place of Chamfer: most of the model has no marker near it.
     """
@@ -93,7 +93,7 @@ def _distances(
 
 
 def _rms(surface: Surface, points: Floats, weighting: Weighting | None) -> float:
-    """Capped, m."""
+    """Return the root mean square [m] of capped distances."""
     off, shares = _distances(surface, points, weighting, within=CAP)
     return capped_rms(off, shares=shares)
 
@@ -165,7 +165,7 @@ def frame_errors(measured: Sequence[Floats], predicted: Floats, noise: SensorNoi
 def _by_frame(
     measured: Sequence[Floats], predicted: Floats, noise: SensorNoise, kind: CloudKind, seed: int, draws: int
 ) -> tuple[list[tuple[float, float, float]], list[tuple[float, float]]]:
-    """Chamfer, surface RMS and share beyond the cap of every frame; Chamfer and surface RMS of every draw."""
+    """Return Chamfer, surface RMS and share beyond the cap of every frame; Chamfer and surface RMS of every draw."""
     if len(measured) != len(predicted):
         raise ValueError(f"{len(measured)} measured frames, {len(predicted)} predicted")
     rng = np.random.default_rng(seed)

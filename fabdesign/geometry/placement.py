@@ -54,7 +54,7 @@ class Placement:
 
     @property
     def turn(self) -> str:
-        """The rotation as a study file has it."""
+        """Return the rotation as a study file has it."""
         return "[" + ", ".join(f"{angle:g}" for angle in self.rotation) + "]"
 
     def __str__(self) -> str:

@@ -83,7 +83,7 @@ class Surface:
 
     @cached_property
     def areas(self) -> Array:
-        """(t,) m^2."""
+        """Return (t,) m^2."""
         return np.sqrt(np.einsum("ti,ti->t", self._normals, self._normals)) / 2
 
     def normals_of(self, triangle: Indices) -> Array:
@@ -92,7 +92,7 @@ class Surface:
 
     @cached_property
     def _normals(self) -> Array:
-        """(t, 3), twice the area long."""
+        """Return (t, 3), twice the area long."""
         _, ab, ac = self._corners()
         return _cross(ab, ac)
 
@@ -126,7 +126,7 @@ class Surface:
 
     @cached_property
     def _shares(self) -> Array:
-        """(t,) of the area, that a triangle and those before it have."""
+        """Return (t,) of the area, that a triangle and those before it have."""
         sums = np.cumsum(self.areas / self.areas.sum())
         return np.asarray(sums / sums[-1])
 

@@ -112,7 +112,7 @@ def abandoned(at: Path) -> Scratch | None:
 
 
 def _remove(at: Path, lock: IO[bytes]) -> None:
-    """The lock goes last, so that whoever takes it meanwhile finds all of the folder or none of it."""
+    """Remove the lock last, so that whoever takes it meanwhile finds all of the folder or none of it."""
     for entry in at.iterdir():
         if entry.is_dir() and not entry.is_symlink():
             shutil.rmtree(entry, ignore_errors=True)

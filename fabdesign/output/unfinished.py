@@ -215,7 +215,7 @@ def _anew(held: atomic.Scratch, path: Path) -> Path:
 
 
 def _clear(folder: Path, goal: Path) -> None:
-    """An empty folder, whatever a killed process left there."""
+    """Make an empty folder, whatever a killed process left there."""
     try:
         if folder.exists():
             shutil.rmtree(folder)
@@ -225,7 +225,7 @@ def _clear(folder: Path, goal: Path) -> None:
 
 
 def _replace_content(hidden: Path, new: Path, made_by: str) -> None:
-    """The content of `new`, which lies in the hidden folder of its goal, becomes that of the goal."""
+    """Replace the content of a goal by that of `new`, which lies in the goal's hidden folder."""
     write_mark(new, made_by, {*files_in(new)} - {MARK})
     for name in files_in(new):
         atomic.flush_file(new / name)

@@ -123,7 +123,7 @@ class Cluster:
     _warned: set[str] = field(default_factory=set)
 
     def prepare(self) -> None:
-        """Raises InputError for a worker with other versions. A batch that two workers died with is not tried a third
+        """Raise InputError for a worker with other versions. A batch that two workers died with is not tried a third
         time, on this scheduler."""
         here = this_worker()
         try:
@@ -140,8 +140,8 @@ class Cluster:
 
     @property
     def workers(self) -> int:
-        """Number of workers now, each of which may have a task: at least 1, for where there are none work waits for the
-        first."""
+        """Return the number of workers now, each of which may have a task: at least 1, for where there are none work
+        waits for the first."""
         try:
             count = len(self.client.nthreads())
         except _lost() as error:

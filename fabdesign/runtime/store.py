@@ -103,7 +103,7 @@ class Checkpoint:
 
     @property
     def spent(self) -> float:
-        """s of computing, all sessions together, in pieces by `get`."""
+        """Return s of computing, all sessions together, in pieces by `get`."""
         total = 0.0
         for file in self._folder.glob("*.json"):
             if file.name != _CONTENT:

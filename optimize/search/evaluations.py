@@ -107,7 +107,7 @@ class Evaluations:
 
     @property
     def elapsed(self) -> float:
-        """s spent, earlier sessions of this history included."""
+        """Return s spent, earlier sessions of this history included."""
         return working_time.seconds() - self._began
 
     @property
@@ -214,7 +214,7 @@ class Evaluations:
             self._noting = True
 
     def require_time(self, needed: float = 0.0) -> None:
-        """Raises Stop where less than `needed` s are left."""
+        """Raise Stop where less than `needed` s are left."""
         if self.elapsed + needed > self.seconds:
             part = f"the search's part, {self.seconds:g} of {self.limit:g} s,"
             what = part if self.seconds < self.limit else f"the limit of {self.limit:g} s"
@@ -285,8 +285,8 @@ class Evaluations:
 
     @property
     def front(self) -> list[tuple[int, float]]:
-        """Numbers of muscles and the nearest value [m] of each on the last stage's model: those that come nearer than
-        all smaller numbers."""
+        """Return numbers of muscles and the nearest value [m] of each on the last stage's model: those that come nearer
+        than all smaller numbers."""
         front: list[tuple[int, float]] = []
         for count, value in sorted(self.by_count.items()):
             if not front or value < front[-1][1]:

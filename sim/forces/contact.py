@@ -134,7 +134,7 @@ class ContactSheet:
 
     @property
     def layer_distance(self) -> float:
-        """m along the cloth within which nodes belong to the same layer."""
+        """Return m along the cloth within which nodes belong to the same layer."""
         return max(LAYER_CELLS * max(self.spacing), LAYER_THICKNESSES * self.thickness)
 
 
@@ -223,7 +223,7 @@ class Touching:
         self.h: NDArray[np.floating[Any]] = np.ones(len(cases))  # s, the step that went before
 
     def refresh(self, blocks: int, h: NDArray[np.floating[Any]]) -> None:
-        """Before a step of h (lanes,) s."""
+        """Find pairs anew, where they have moved, before a step of h (lanes,) s."""
         n = self.n
         lanes = [self.packed.index(i) for i in range(len(self.sheets))]
         out = np.empty((blocks, LANES, n * n, 3), np.float32)

@@ -123,7 +123,7 @@ def calibrate_bench(
 
 
 def errors_in_words(calibration: BenchCalibration) -> str:
-    """Root mean squares for people: of the fit, of records left out of it, of those of role test."""
+    """Return the root mean squares for people: of the fit, of records left out of it, of those of role test."""
     lines = [
         ("on the fit", calibration.error_fit),
         ("on records left out of it", calibration.error_left_out),

@@ -111,7 +111,7 @@ class BenchEvaluation(Tabled):
         }
 
     def as_markdown(self) -> str:
-        """Tables for people, in N or mm."""
+        """Return tables for people, in N or mm."""
         factor, unit = for_people(self.unit)
 
         def shown(value: float) -> str:
@@ -132,8 +132,9 @@ class BenchEvaluation(Tabled):
 
 
 def evaluate_bench(path: Path, law: Path, *, all_records: bool = False) -> BenchEvaluation:
-    """Errors on the records of role `test`, with `all_records` on those of role `fit` too, in a table of their own, of
-    the law in the file `law`, which `calibrate` wrote. Raises InputError, also where there is no such record."""
+    """Return the errors on the records of role `test`, with `all_records` on those of role `fit` too, in a table of
+    their own, of the law in the file `law`, which `calibrate` wrote. Raises InputError, also where there is no such
+    record."""
     bench = read_bench(path)
     require_columns(bench, bench.records)
     predict = prediction(law, bench)

@@ -267,7 +267,7 @@ def _wrong_sign(task: BenchTask, alone: Judged) -> bool:
 
 
 def alike(task: BenchTask, chosen: Judged) -> tuple[str, ...]:
-    """Effects that in the place of one of those chosen do as well, as far as records left out can say."""
+    """Return effects that in the place of one of those chosen do as well, as far as records left out can say."""
     names, places = [], task.places(chosen.fit)
     for place in places:
         others = [k for k in places if k != place]

@@ -142,7 +142,7 @@ class _Sampled:
 
     @cached_property
     def record(self) -> Indices:
-        """(N,) of which record each row is."""
+        """Return (N,) of which record each row is."""
         return np.repeat(np.arange(len(self.rows)), [len(k) for k in self.rows])
 
     def residual(self, laws: Sequence[Array]) -> Array:

@@ -38,7 +38,7 @@ class Calibration(OfModel):
 
     @property
     def used(self) -> UsedFrames:
-        """Frames that took part: not those of sensitive stretches."""
+        """Return frames that took part: not those of sensitive stretches."""
         return self.data.used
 
     @property

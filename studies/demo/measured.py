@@ -55,7 +55,8 @@ class ShippedErrors:
 
     @property
     def far_off(self) -> list[str]:
-        """A sentence on each trial whose corrected motion is off by twice as much as the others': a mean hides it."""
+        """Return a sentence on each trial whose corrected motion is off by twice as much as the others': a mean hides
+        it."""
         surface = {name: e.surface_rms for name, e in self.by_trial.items()}
         return [
             f"Trial {name} is off by {in_mm(surface[name]):.2f} mm, the others by {in_mm(others):.2f}. "

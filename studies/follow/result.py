@@ -93,7 +93,7 @@ class FollowResult:
 
     @property
     def limitations(self) -> list[Limitation]:
-        """Where the motion is off by more than noise, and why."""
+        """Return where the motion is off by more than noise, and why."""
         far = self.rms > np.maximum(OUT_OF_REACH * self.floor, FLOORLESS)
         times = self.wanted.times
         spans: list[Limitation] = []

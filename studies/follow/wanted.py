@@ -46,18 +46,18 @@ class Distances:
 
     @cached_property
     def robust(self) -> Array:
-        """(N,) 1/m^2: the weights where outlying distances count less (Huber 1981)."""
+        """Return (N,) 1/m^2: the weights where outlying distances count less (Huber 1981)."""
         scale = max(1.4826 * float(np.median(np.abs(self.off))), self.scale)
         return self.weight / np.maximum(1.0, np.abs(self.off) / (HUBER * scale))
 
     @property
     def of_noise(self) -> float:
-        """The cost that noise alone has."""
+        """Return the cost that noise alone has."""
         return float(self.weight.sum()) * self.noise**2
 
     @property
     def cost(self) -> float:
-        """The sum of weighted squares, beyond FARTHEST of Huber's lines."""
+        """Return the sum of weighted squares, beyond FARTHEST of Huber's lines."""
         size = np.abs(self.off)
         return float(self.weight @ np.where(size < FARTHEST, size**2, FARTHEST * (2 * size - FARTHEST)))
 

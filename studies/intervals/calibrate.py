@@ -90,7 +90,7 @@ class IntervalScore:
 
     @property
     def shown(self) -> tuple[float, float, float]:
-        """Share inside, width and CRPS in mm."""
+        """Return the share inside, width and CRPS in mm."""
         return self.inside, in_mm(self.width), in_mm(self.crps)
 
     @staticmethod

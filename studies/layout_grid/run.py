@@ -112,12 +112,12 @@ class GridSearch:
 
     @property
     def _limit(self) -> float:
-        """s for all but the page."""
+        """Return s for all but the page."""
         return self._study.search.limits.seconds - PAGE * len(self._cells)
 
     @property
     def _to_follow(self) -> float:
-        """s that it is thought to take to follow the motions to one result."""
+        """Return s that it is thought to take to follow the motions to one result."""
         return self._longest or FIRST_FOLLOWED * self._end
 
     @property

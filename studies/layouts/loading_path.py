@@ -44,18 +44,18 @@ class LoadingPath:
 
     @property
     def on_another_branch(self) -> list[Copy]:
-        """Copies that end on another branch than the motion does."""
+        """Return copies that end on another branch than the motion does."""
         return [copy for copy in self.copies if copy.on_another_branch]
 
     @property
     def worst(self) -> float:
-        """m; infinite where one diverged."""
+        """Return m, at most; infinite where one diverged."""
         values = [self.motion.value, *(copy.value for copy in self.copies)]
         return float(np.max(np.where(np.isfinite(values), values, np.inf)))
 
     @property
     def sensitive(self) -> bool:
-        """Whether small changes of the inputs lead to another stable shape."""
+        """Return whether small changes of the inputs lead to another stable shape."""
         return not self.reached or bool(self.on_another_branch)
 
     @property
@@ -127,7 +127,7 @@ def loading_path(
 def _plans(
     objective: Objective, design: Design, pressures: Array, rise: float
 ) -> list[tuple[str, list[PressureProgram]]]:
-    """Name of the motion and of each copy, and their programs, one a pose."""
+    """Return the name of the motion and of each copy, and their programs, one a pose."""
     signs = sides(design)
     at_rest = any(target.time is None for target in objective.targets)
     chosen = [(f"the rise within {rise:g} s" if at_rest else "the motion", np.zeros(len(signs)), rise)]

@@ -58,7 +58,7 @@ class StudyResult(Tabled):
 
     @property
     def pressures(self) -> Array:
-        """(poses, channels) kPa, as Python's functions take them."""
+        """Return (poses, channels) kPa, as Python's functions take them."""
         return in_kpa(self.pressure)
 
     @property
@@ -96,7 +96,7 @@ class StudyResult(Tabled):
 
     @property
     def objective(self) -> float:
-        """m, of the measure that was searched."""
+        """Return m, of the measure that was searched."""
         return self.errors.chamfer if self.study.objective == "chamfer" else self.errors.surface_rms
 
     @property
@@ -106,7 +106,7 @@ class StudyResult(Tabled):
 
     @property
     def after_a_tenth(self) -> float | None:
-        """m, the best after a tenth of the study's seconds; None before the first evaluation."""
+        """Return m, the best after a tenth of the study's seconds; None before the first evaluation."""
         within = 0.1 * self.study.limits.seconds
         shapes = [e for e in self.history if not e.diverged and not e.stage.endswith(SLOPES)]
         early = [e.objective for e in shapes if e.seconds <= within]
@@ -191,7 +191,8 @@ class StudyResult(Tabled):
         }
 
     def write(self, out: Path) -> None:
-        """`design.toml` with its bench tables, `pressures.csv` (`pressures_2.csv` of a second pose), `result.json`."""
+        """Write `design.toml` with its bench tables, `pressures.csv` (`pressures_2.csv` of a second pose),
+        `result.json`."""
         write_best(out, self.design, self.pressure, self.as_json(), [t.time for t in self.targets], self.study.rise)
 
 

@@ -64,7 +64,7 @@ class Robustness:
 def first_order(
     scatter: Scatter, model: LinearShape, objective: Objective, tolerance: float, *, seed: int
 ) -> tuple[float, float]:
-    """Expected value [m] and yield, by derivatives."""
+    """Return the expected value [m] and yield, by derivatives."""
     return _mean_and_yield([objective.value(model.at(z)) for z in normals(scatter, seed)], tolerance)
 
 
@@ -92,8 +92,8 @@ def tolerance_of(robust: Robust, nominal: float) -> float:
 
 
 def most_robust(study: Study, robust: Robust, points: Sequence[Start], objective: Objective, coarse: Predictor) -> int:
-    """Number of the layout that the study would choose of several near ones, on the coarse model: by derivatives, or
-    by true copies where these do not hold."""
+    """Return the number of the layout that the study would choose of several near ones, on the coarse model: by
+    derivatives, or by true copies where these do not hold."""
     scored, tolerance = [], None
     for k, (space, x) in enumerate(points):
         scatter = Scatter(study, robust, *space.decode(x))
@@ -110,7 +110,8 @@ def most_robust(study: Study, robust: Robust, points: Sequence[Start], objective
 def _expected(
     scatter: Scatter, about: Linear, objective: Objective, coarse: Predictor, tolerance: float, *, seed: int
 ) -> tuple[float, float]:
-    """Expected value [m] and yield: by derivatives while a few copies agree with them, else by more copies."""
+    """Return the expected value [m] and yield: by derivatives while a few copies agree with them, else by more
+    copies."""
     zs, values = normals(scatter, seed), []
     if about.definite:
         values = [objective.value(shape) for shape in scatter.shapes(objective, coarse, [*zs[:PROBES]])]
@@ -196,7 +197,7 @@ def as_json(robustness: Robustness, robust: Robust) -> dict[str, object]:
 
 
 def said(robustness: Robustness) -> list[str]:
-    """Sentences for people."""
+    """Return sentences for people."""
     band, (muscle, value) = robustness.band, robustness.delicate
     lines = [
         f"{robustness.copies} copies with the scatter of building were simulated. {robustness.yielded:.0%} of them are "

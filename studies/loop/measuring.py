@@ -129,7 +129,7 @@ def measured_on_rig(source: VirtualRig, asked: Asked, out: Path, progress: Count
 
 
 def _keep(measured: MeasurementSet, asked: Asked, name: str, folder: Path) -> None:
-    """The set with its trials' names and roles as the loop has them."""
+    """Keep the set with its trials' names and roles as the loop has them."""
     trials = sorted(measured.trials, key=lambda trial: trial.order)
     roles = ("test" if trial.role == "test" else asked.role(trial.order) for trial in trials)
     renamed = (

@@ -93,7 +93,7 @@ class LoopOutcome:
 
     @property
     def best(self) -> Turn | None:
-        """The turn whose device is nearest to the target, as measured."""
+        """Return the turn whose device is nearest to the target, as measured."""
         measured = [turn for turn in self.turns if turn.device is not None]
         return min(measured, key=lambda turn: turn.device["excess"] if turn.device else np.inf, default=None)
 

@@ -59,7 +59,7 @@ class DesignResult:
 
     @property
     def without_frames(self) -> list[str]:
-        """Trials of which no frame is used."""
+        """Return trials of which no frame is used."""
         return [t.trial for t in self.trials if not t.used]
 
 

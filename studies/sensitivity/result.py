@@ -105,12 +105,12 @@ class Computed:
 
     @property
     def failed(self) -> int:
-        """Samples without a value."""
+        """Return samples without a value."""
         return int(np.isnan(self.outputs).any(axis=2).sum())
 
     @cached_property
     def sound(self) -> NDArray[np.bool_]:
-        """(whole rows,) whether none of its samples failed."""
+        """Return (whole rows,) whether none of its samples failed."""
         return np.asarray(~np.isnan(self.outputs).any(axis=(1, 2)))
 
 
@@ -181,11 +181,11 @@ class SensitivityResult(Tabled):
 
     @property
     def warnings(self) -> list[str]:
-        """Those sentences that limit what the indices say."""
+        """Return those sentences that limit what the indices say."""
         return [text for text, warns in self._statements() if warns]
 
     def _statements(self) -> list[tuple[str, bool]]:
-        """Sentences, and whether each is a warning."""
+        """Return sentences, and whether each is a warning."""
         said = []
         if not self.complete:
             done = ", ".join(f"{len(f.outputs)} of {len(f.cube)} {ROWS[m]}" for m, f in self.computed.items())
@@ -214,7 +214,7 @@ class SensitivityResult(Tabled):
         return said
 
     def spread(self, column: int) -> dict[str, float]:
-        """Mean, standard deviation and 90 % interval of an output over independent samples."""
+        """Return the mean, standard deviation and 90 % interval of an output over independent samples."""
         samples = self.computed.get("sobol") or self.computed["morris"]
         sound = samples.outputs[samples.sound][..., column]
         values = sound[:, :2] if "sobol" in self.computed else sound[:, 0]

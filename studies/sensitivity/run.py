@@ -64,7 +64,7 @@ insert or ignore into spent values (0, 0, 0);
 
     @property
     def spent(self) -> tuple[float, float]:
-        """s by the clock and of the processor, all sessions together."""
+        """Return s by the clock and of the processor, all sessions together."""
         [(wall, cpu)] = self.rows("select wall, cpu from spent")
         return float(wall), float(cpu)
 

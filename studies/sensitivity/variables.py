@@ -47,7 +47,7 @@ class Inputs:
 
     @property
     def groups(self) -> dict[str, tuple[int, ...]]:
-        """Inputs by what a Sobol index is given for: each of them, and the covariance as a whole."""
+        """Return inputs by what a Sobol index is given for: each of them, and the covariance as a whole."""
         single = {name: (i,) for i, name in enumerate(self.names)}
         together = tuple(range(len(self.study.varied), len(self.names)))
         return single | ({JOINT: together} if len(together) > 1 else {})
@@ -89,7 +89,7 @@ class Inputs:
 
     @property
     def centre(self) -> Array:
-        """(inputs,) the middle of every range."""
+        """Return (inputs,) the middle of every range."""
         return self.values(np.full((1, len(self.names)), 0.5))[0]
 
 

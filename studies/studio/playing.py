@@ -203,7 +203,7 @@ class ProgramEdit:
 
     @property
     def _each(self) -> int:
-        """Cycles from one knot to the next."""
+        """Return cycles from one knot to the next."""
         return max(1, round(KNOTS / self.moving.regulator.cycle))
 
     @property

@@ -226,7 +226,7 @@ def _shown(trials: Sequence[Trial], measured: MeasurementSet, evaluation: SetEva
 
 
 def _overlay(trial: Trial, k: int, model: Model, forward: ForwardModel, path: Path) -> None:
-    """The cloud of frame k over the models before and after, from the side and from the front."""
+    """Draw the cloud of frame k over the models before and after, from the side and from the front."""
     from matplotlib.figure import Figure
 
     clouds = trial.load().frames

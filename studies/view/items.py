@@ -45,7 +45,7 @@ class Item:
 
     @cached_property
     def is_cloth(self) -> bool:
-        """Whether points and triangles are two square faces, as the simulator gives them."""
+        """Return whether points and triangles are two square faces, as the simulator gives them."""
         count = len(self.frames[0])
         if self.triangles is None or count < 8 or 2 * isqrt(count // 2) ** 2 != count:
             return False
