@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from fabdesign.nouns.model import Model
     from fabdesign.nouns.pressure import PressureProgram
     from fabdesign.nouns.trial import MeasurementSet, Role, Trial
+    from studies.measured.splits import Tolerance
 
 
 Result = TypeVar("Result")
@@ -80,13 +81,13 @@ class Run:
         return read
 
     def sound(
-        self, sets: Iterable[MeasurementSet], skip_bad: bool, roles: Collection[Role] = ("fit", "test")
+        self, sets: Iterable[MeasurementSet], tolerance: Tolerance, roles: Collection[Role] = ("fit", "test")
     ) -> tuple[list[MeasurementSet], list[str]]:
         """Return the sets with their sound trials of these roles, and a line on each other one. Raises InputError for
-        the first unless `skip_bad`."""
+        the first unless it is tolerated."""
         from studies.measured.splits import sound_trials
 
-        checked = [sound_trials(one, skip_bad=skip_bad, roles=roles) for one in sets]
+        checked = [sound_trials(one, tolerance, roles) for one in sets]
         return [one for one, _ in checked], [line for _, lines in checked for line in lines]
 
     def warn_beyond(

@@ -83,7 +83,7 @@ def motion_columns(rate: Array, *, friction: bool = True) -> Array:
     return np.stack([rate, sign if friction else np.zeros(len(rate))], axis=1)
 
 
-_REFITS = 20  # of the block bootstrap
+REFITS = 20  # of the block bootstrap
 _ROUNDS = 3  # law and rates in turn
 _CELLS = (12, 24)  # of pressure and contraction, that a time series is averaged over before the law is fitted
 _PRESSURES, _CONTRACTIONS = 9, 16  # of the table in a file
@@ -110,7 +110,7 @@ class BenchMuscle(Law):
 
     @staticmethod
     def fit(
-        records: Sequence[BenchRecord], *, terms: tuple[Term, ...] = (), refits: int = _REFITS, seed: int = 0
+        records: Sequence[BenchRecord], *, terms: tuple[Term, ...] = (), refits: int = REFITS, seed: int = 0
     ) -> "BenchMuscle":
         """Return the law and what damps. terms: effects that are held. Raises InputError where a record lacks pressure,
         contraction or force, or where all have too few rows."""

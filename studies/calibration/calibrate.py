@@ -20,7 +20,7 @@ from optimize.fit.policy import ROUGH, FitStage, Policy, to_the_end
 from studies.calibration.result import Calibration, ambiguities
 from studies.calibration.trial_checks import implausible
 from studies.fitting.fits import Fits, fit_at_rest, with_shapes_at_rest
-from studies.fitting.fitted_model import EXCESS, far_factors, fitted_model, interval_warnings, with_engines
+from studies.fitting.fitted_model import EXCESS, doubted, far_factors, fitted_model, interval_warnings, with_engines
 from studies.fitting.joint_fit import joint_fit, joint_fit_from_rest
 from studies.intervals.calibrate import chosen as chosen_trials
 from studies.intervals.calibrate import with_spread
@@ -83,7 +83,7 @@ def calibrate_sets(
     sensed = Predictor(forward, sensing=True)
     slopes = slopes and Predictor(slopes, sensing=True)
     fits = Fits(sensed, EXCESS, slopes, checkpoint, lambda named, vector: progress, last=_last)
-    fitted, skipped = _fit(data, fits, vector, interruptible=options.interruptible), tuple(options.skipped)
+    fitted, skipped = _fit(data, fits, vector, options), tuple(options.skipped)
     if lines := {} if fitted.interrupted else implausible(fitted, data.samples, sensed):
         tolerance = Tolerance(options.skip_bad, [*skipped])
         for line in lines.values():
@@ -91,7 +91,7 @@ def calibrate_sets(
         data, skipped = data.without(lines), tuple(tolerance.skipped)
         if not data.samples:
             raise InputError(f"{', '.join(s.name for s in sets)}: no trial to fit is left; the first: {skipped[0]}")
-        fitted = _fit(data, fits, vector, interruptible=options.interruptible)
+        fitted = _fit(data, fits, vector, options)
     covariance = with_engines(fitted, options.engines)
     deviation = np.sqrt(np.diag(covariance))
     why = [*interval_warnings(fitted.after, fitted.outlying, data.noise), *far_factors(fitted)]
@@ -99,11 +99,12 @@ def calibrate_sets(
         why.append(f"interrupted after {fitted.iterations} iterations, before the best values were reached")
     model, said = (
         fitted_model(
-            fitted, covariance, trials=data.trials, reliable=not why, points_per_side=options.points_per_side,
+            fitted, covariance, trials=data.trials, points_per_side=options.points_per_side,
             provenance=data.provenance(),
         ),
         None,
     )  # fmt: skip
+    model = doubted(model) if why else model
     if options.intervals and not fitted.interrupted:
         model, said = _with_spread(model, sets, data, forward, options.coarse, progress)
     correlation = covariance / np.outer(deviation, deviation)
@@ -164,7 +165,7 @@ def _with_spread(
     )
 
 
-def _fit(data: MeasuredData, fits: Fits, vector: FitVector, *, interruptible: bool) -> Fit:
+def _fit(data: MeasuredData, fits: Fits, vector: FitVector, options: CalibrationOptions) -> Fit:
     """Return the fit. With effects, it begins at the data sheet too: where the fit without them, of TRIALS, ends may be
     far off, in a false minimum. Where that is interrupted, the better of both is kept."""
     plain: Fit | None = None
@@ -183,8 +184,8 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, *, interruptible: bo
         plain = _joint(few, factors, alone, rested[0])
         fitted = _joint(data, vector, fits.within(_WITHOUT_EFFECTS, 1.0), rested[1])
     except KeyboardInterrupt as stop:
-        reached = stop.fit() if interruptible and isinstance(stop, Interrupted) else None
-        if not interruptible or (reached is None and plain is None):
+        reached = stop.fit() if options.interruptible and isinstance(stop, Interrupted) else None
+        if not options.interruptible or (reached is None and plain is None):
             raise
         if plain is None:
             assert reached is not None

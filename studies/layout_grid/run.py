@@ -18,7 +18,7 @@ from studies.layout_grid.report import write_report
 from studies.layout_grid.turns import CellResult, CellTurns, GridResult, best_beneath, next_turn, recent_gain, seeds_of
 from studies.layout_search.first_layouts import first_starts
 from studies.layout_search.target import load_target
-from studies.layouts import StudyResult, run_study
+from studies.layouts import StudyResult, Verification, run_study
 from studies.study import Simulated, StudyRun
 
 CELLS = "cells"  # the folder of the searches' folders
@@ -103,7 +103,10 @@ class GridSearch:
                 return result
             turns = self._turns[ahead[0].cell.name]
             followed = self._run(
-                ahead[0].cell, turns, first_starts(ahead[0].cell.study) if turns.drawn else [], follow=True
+                ahead[0].cell,
+                turns,
+                first_starts(ahead[0].cell.study) if turns.drawn else [],
+                verification=Verification.MOTION,
             )
             self._results[self._results.index(ahead[0])] = CellResult(ahead[0].cell, followed, "")
             self._longest = max(self._longest, working_time.seconds() - begin)
@@ -170,7 +173,7 @@ class GridSearch:
             seeds = seeds_of(cell, self._results)
             turns.seeds, turns.drawn, turns.seconds, turns.beneath = as_rows(seeds), False, 0.0, beneath
         turns.seconds += seconds
-        result = self._run(cell, turns, first_starts(cell.study) if turns.drawn else [], anew=anew)
+        result = self._run(cell, turns, first_starts(cell.study) if turns.drawn else [], force=anew)
         searched = CellResult(cell, result, "")
         self._results[self._results.index(chosen)] = searched
         turns.turns += 1
@@ -178,14 +181,20 @@ class GridSearch:
         self._keep()
 
     def _run(
-        self, cell: Cell, turns: CellTurns, drawn: list[Start], *, anew: bool = False, follow: bool = False
+        self,
+        cell: Cell,
+        turns: CellTurns,
+        drawn: list[Start],
+        *,
+        verification: Verification = Verification.AT_REST,
+        force: bool = False,
     ) -> StudyResult:
         last = working_time.seconds()
 
         def heard(evaluations: Evaluations) -> None:
             nonlocal last
             last = working_time.seconds()
-            if follow:  # no search
+            if verification is Verification.MOTION:  # no search
                 return
             self._progress(cell, self._cells.index(cell) + 1, len(self._cells), evaluations)
 
@@ -196,11 +205,11 @@ class GridSearch:
             coarse=self._how.get("coarse"),
             seconds=turns.seconds,
             starts=[*of_rows(turns.seeds, cell.study.design, cell.study.limits), *(drawn if turns.drawn else [])],
-            force=anew,
-            follow=follow,
+            force=force,
+            verification=verification,
             progress=heard,
         )
-        if not follow:
+        if verification is Verification.AT_REST:
             self._end = max(self._end, working_time.seconds() - last)
         return result
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
+from enum import Enum, auto
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -253,7 +254,14 @@ def study_content(study: Study, targets: Sequence[LoadedTarget]) -> dict[str, st
     return {name: value for name, value in content if name not in _RAISED and (name not in _ABSENT or value != "None")}
 
 
-def keep(history: History, result: StudyResult, *, follow: bool) -> None:
+class Verification(Enum):
+    """What is computed of a layout that a search ended with."""
+
+    AT_REST = auto()  # its shape alone
+    MOTION = auto()  # the motion that leads there too
+
+
+def keep(history: History, result: StudyResult, verification: Verification) -> None:
     """Let the same call answer with this result: what it has beside its study, targets and history, the limits that it
     was searched within, and whether a search within wider ones would end alike (`complete`)."""
     study, state = result.study, history.load()
@@ -264,19 +272,25 @@ def keep(history: History, result: StudyResult, *, follow: bool) -> None:
         "seconds": study.limits.seconds,
         "evaluations": study.limits.evaluations,
         "complete": bool(state.get("reason")) and study.robust is None and not (result.fewer and result.fewer.cut),
-        "follow": follow,
+        "follow": verification is Verification.MOTION,
         "layout": {"muscles": result.design.muscles, "pressures": result.pressure.tolist()},
     }
     history.keep_answer(plain(kept | {name: getattr(result, name) for name in _KEPT}, exact=True))
 
 
-def answer(history: History, study: Study, targets: Sequence[LoadedTarget], *, follow: bool) -> StudyResult | None:
+def answer(
+    history: History, study: Study, targets: Sequence[LoadedTarget], verification: Verification
+) -> StudyResult | None:
     """Return the result that is kept, where a search within the study's limits would end with it; None where it may
     not."""
     kept, limits, kinds = history.answer(), study.limits, get_type_hints(StudyResult)
     try:
         as_far = kept["seconds"] >= limits.seconds and kept["evaluations"] >= limits.evaluations
-        if kept["versions"] != VERSIONS or kept["follow"] != follow or not (kept["complete"] or as_far):
+        if (
+            kept["versions"] != VERSIONS
+            or kept["follow"] != (verification is Verification.MOTION)
+            or not (kept["complete"] or as_far)
+        ):
             return None
         [(space, _)] = of_rows([kept["layout"]], study.design, study.limits)
         values = {name: of_exact(kinds[name], kept[name]) for name in _KEPT}

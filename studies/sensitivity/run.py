@@ -4,7 +4,7 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, Literal, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,14 +115,14 @@ def run_sensitivity(
     *,
     forward: ForwardModel | None = None,
     progress: Callable[[Progress], None] = lambda _: None,
-    interruptible: bool = False,
+    on_interrupt: Literal["raise", "end"] = "raise",
     **how: Unpack[Running],
 ) -> SensitivityResult:
     """Compute the samples of a study and write `result.json`, `samples.csv` and `report.html` into `out`.
 
     forward: by default the simulator with the study's grid. The same study goes on in its folder after an interruption,
     and further with more samples, trajectories or seconds; another study is refused there (InputError), unless `force`.
-    interruptible: Ctrl-C ends with what is done, where that is enough for a statement.
+    on_interrupt: Ctrl-C is raised, or ends with what is done, where that is enough for a statement.
     Raises SimulationError where too many samples fail for a statement.
     """
     run = StudyRun.of(study, SensitivityStudy.read, how)
@@ -131,7 +131,7 @@ def run_sensitivity(
     with run.folder(out, "sensitivity", [study.target.file] if study.target else []) as work:
         content = sweep_content(study, None if target is None else target.points)
         with Samples.of_work(work, FILE, content) as store:
-            result = _Sweep(study, target, store, forward, progress, interruptible).run()
+            result = _Sweep(study, target, store, forward, progress, on_interrupt).run()
         with work.adding() as files:
             write_report(result, files)
     return result
@@ -145,9 +145,9 @@ class _Sweep:
         store: Samples,
         forward: ForwardModel | None,
         progress: Callable[[Progress], None],
-        interruptible: bool,
+        on_interrupt: Literal["raise", "end"],
     ) -> None:
-        self._interruptible, self._interrupted = interruptible, False
+        self._on_interrupt, self._interrupted = on_interrupt, False
         self.study, self.inputs, self._store, self._progress = study, Inputs(study), store, progress
         if forward is None:
             forward = simulator(study.points_per_side, study)
@@ -224,7 +224,7 @@ class _Sweep:
             try:
                 new = compute(values[numbers])
             except KeyboardInterrupt:
-                if not self._interruptible:
+                if self._on_interrupt == "raise":
                     raise
                 self._interrupted = True
                 break

@@ -261,7 +261,6 @@ def model_of(
     *,
     points_per_side: int,
     known: tuple[EffectTerm, ...],
-    reliable: bool,
 ) -> Model:
     """Return a fit as a model, with the effects known before and the factors fitted without effects. What was not
     chosen may still act as far as the joint fit leaves it open, so that intervals are wider by it."""
@@ -271,7 +270,6 @@ def model_of(
         fit if fit is plain else replace(fit, without_effects=plain),
         with_engines(fit) + undecided(minimum, joint.covariance, joint.vector.names, fit.x, fit.vector.names),
         trials=data.trials,
-        reliable=reliable,
         points_per_side=points_per_side,
         provenance=data.provenance(),
     )
