@@ -75,11 +75,11 @@ class Simulator:
     hold: float = HOLD  # s, for which they then hold, where effects remember
 
     def __post_init__(self) -> None:
-        require_number("points_per_side", self.points_per_side, COARSEST, FINEST, integer=True)
+        require_number("points_per_side", self.points_per_side, COARSEST, FINEST, kind=int)
         require_number("time_step", self.time_step, *TIME_STEPS, unit=" s")
         if self.calm_steps is not None:
-            require_number("calm_steps", self.calm_steps, 1, MOST_CALM, integer=True)
-        require_number("iterations", self.iterations, 1, MOST_ITERATIONS, integer=True)
+            require_number("calm_steps", self.calm_steps, 1, MOST_CALM, kind=int)
+        require_number("iterations", self.iterations, 1, MOST_ITERATIONS, kind=int)
         require_number("tolerance", self.tolerance, *TOLERANCES, unit=" m")
         require_number("rho", self.rho, 0, 1)
         require_number("rise", self.rise, *RISES, unit=" s")

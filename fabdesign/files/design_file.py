@@ -14,7 +14,7 @@ from fabdesign.effects.registry import effect_named
 from fabdesign.errors import InputError
 from fabdesign.files import law_tables
 from fabdesign.formats.codec import Encoder, decode, decode_key, decode_part, plain
-from fabdesign.formats.table import DESIGN, Table, load_toml
+from fabdesign.formats.table import DESIGN, Table, load_part, load_toml
 from fabdesign.formats.toml_file import file_name, parse_toml
 from fabdesign.nouns.design import MUSCLE_TYPES, Design, Term
 from fabdesign.nouns.fabric import Fabric
@@ -95,7 +95,7 @@ def is_part(path: Path) -> bool:
 
 def read_part(path: Path | str) -> DesignPart:
     """Read a file that designs include. Raises InputError for what no design that includes it could read."""
-    root = load_toml(Path(path), FORMAT, partial=True)
+    root = load_part(Path(path), FORMAT)
     fabrics, types, effects = _contents(root, ())
     root.finish()
     if not fabrics:
@@ -127,7 +127,7 @@ def _contents(root: Table, above: tuple[Path, ...]) -> _Contents:
             raise InputError(f"{path}: include {name} comes back to a file that includes it")
         if parse_toml(included).get("format") == law_tables.FORMAT:
             raise InputError(f"{path}: include {name}: {included} {law_tables.why_not_included(included)}")
-        table = load_toml(included, FORMAT, partial=True)
+        table = load_part(included, FORMAT)
         more_fabrics, more_types, more_effects = _contents(table, above)
         table.finish()
         fabrics += more_fabrics

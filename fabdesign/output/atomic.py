@@ -39,16 +39,19 @@ def try_lock(stream: IO[bytes]) -> bool | None:
 
 
 class Scratch:
-    """A folder `at`, this process's until `release`."""
+    """A folder `at`, this process's until `release` or `discard`."""
 
     def __init__(self, at: Path, lock: IO[bytes], made: list[Path]) -> None:
         self.at, self._lock, self._made = at, lock, made
 
-    def release(self, *, keep: bool = False) -> None:
-        """Give it up; without `keep` it goes, and so do folders above that were made for it and hold nothing."""
-        if not keep:
-            _remove(self.at, self._lock)
-            unmake(self._made)
+    def release(self) -> None:
+        """Give it up, as it is."""
+        self._lock.close()
+
+    def discard(self) -> None:
+        """Remove it, and folders above that were made for it and hold nothing."""
+        _remove(self.at, self._lock)
+        unmake(self._made)
         self._lock.close()
 
 
@@ -79,7 +82,7 @@ def scratch(goal: Path, at: Path) -> Iterator[Scratch]:
         raise cannot_write(goal, error, written=_bytes_in(at)) from error
     finally:
         if not lock.closed:
-            held.release()
+            held.discard()
 
 
 def _acquire(at: Path) -> IO[bytes] | None:

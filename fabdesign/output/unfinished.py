@@ -129,7 +129,7 @@ def work_folder(path: Path | str, *, made_by: str, force: bool = False, inputs: 
             raise
         if staged and work.complete:
             _replace_content(held.at, anew, made_by)
-        held.release(keep=staged and not work.complete)
+        (held.release if staged and not work.complete else held.discard)()
 
 
 def _leave(held: atomic.Scratch, path: Path) -> list[str]:
@@ -139,7 +139,7 @@ def _leave(held: atomic.Scratch, path: Path) -> list[str]:
     kept = marked_files(folder) > {MARK}
     if not kept:  # nothing was done
         (folder / MARK).unlink(missing_ok=True)
-    held.release(keep=bool(marked_files(anew)))
+    (held.release if marked_files(anew) else held.discard)()
     return [f"{path} keeps what was done, and the same command goes on from there"] if kept else []
 
 
@@ -152,7 +152,7 @@ def given_up(records: Sequence[Mapping[str, Any]]) -> list[str]:
         if (held := atomic.abandoned(at)) is not None:
             _finish_move(at)
             if work is None:
-                held.release()
+                held.discard()
             else:
                 kept += _leave(held, Path(work))
     for one in reversed(records):

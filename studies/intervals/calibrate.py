@@ -18,7 +18,7 @@ from fabdesign.units import in_mm
 from optimize.fit.clouds import evenly
 from studies.intervals.draws import RegionResiduals, Used, looked_at, residuals
 from studies.measured.splits import program_of
-from studies.prediction.forward_model import forward_model
+from studies.prediction.forward_model import sensed_model
 
 MOST = 10  # of a design
 Width = Callable[[Array, RegionResiduals], Array]  # of what shapes it: (n,) m, standard deviations
@@ -137,7 +137,7 @@ def with_spread(
     trials: that the model was not fitted to. coarse: a cheap simulator for the drawn models, by default `simulator`.
     """
     bare = replace(model, spread=None)
-    predictor = forward_model(simulator, bare, sensing=True)
+    predictor = sensed_model(simulator, bare)
     if predictor.corrector is not None and not predictor.corrector.ordered:
         return bare, "intervals of motions are not calibrated: the corrector's points have no order"
     usable = [trial for trial in chosen(trials) if len(looked_at(trial, used))]

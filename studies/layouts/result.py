@@ -11,7 +11,7 @@ import numpy as np
 from fabdesign.files.design_file import write_design
 from fabdesign.files.motion_file import Motion
 from fabdesign.files.pressure_file import SINGLE_ROW_DURATION, constant_program, pressure_file_of, write_pressures
-from fabdesign.formats.json_file import of_exact, plain, write_json
+from fabdesign.formats.json_file import exact, of_exact, plain, write_json
 from fabdesign.formats.result_tables import Columns, Summary, Tabled, muscle_columns
 from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.array import Array
@@ -255,7 +255,7 @@ def study_content(study: Study, targets: Sequence[LoadedTarget]) -> dict[str, st
 
 
 class Verification(Enum):
-    """What is computed of a layout that a search ended with."""
+    """The work on a layout that a search ended with."""
 
     AT_REST = auto()  # its shape alone
     MOTION = auto()  # the motion that leads there too
@@ -275,7 +275,7 @@ def keep(history: History, result: StudyResult, verification: Verification) -> N
         "follow": verification is Verification.MOTION,
         "layout": {"muscles": result.design.muscles, "pressures": result.pressure.tolist()},
     }
-    history.keep_answer(plain(kept | {name: getattr(result, name) for name in _KEPT}, exact=True))
+    history.keep_answer(exact(kept | {name: getattr(result, name) for name in _KEPT}))
 
 
 def answer(

@@ -22,7 +22,7 @@ from studies.intervals.band import IntervalJudge, interval_judges
 from studies.measured.fit_data import noise_clouds
 from studies.measured.used_frames import UsedFrames, find_used_frames
 from studies.prediction.evaluation_report import ERRORS, DesignResult, SetEvaluation, TrialResult
-from studies.prediction.forward_model import forward_model
+from studies.prediction.forward_model import sensed_model
 
 AT_ONCE = 16  # trials, two motions each in memory
 _UNKNOWN = Errors(*[np.nan] * 5)
@@ -50,7 +50,7 @@ def evaluate_sets(
     motion of a design diverges.
     """
     model, forward = predictor.model, predictor.simulator
-    predictors = [forward_model(forward, model.before, sensing=True), replace(predictor, sensing=True)]
+    predictors = [sensed_model(forward, model.before), replace(predictor, sensing=True)]
     jobs = _jobs(sets, roles)
     if not jobs:
         raise InputError(f"{', '.join(s.name for s in sets)}: no trial of role test; --all takes the others too")

@@ -23,17 +23,22 @@ from fabdesign.nouns.trial import Trial
 from fabdesign.units import in_mm
 
 
-def forward_model(simulator: ForwardModel, model: Model | None, *, sensing: bool = False) -> Predictor:
-    """Return `simulator` with all of `model`: factors, effects, corrector, and where asked for what its sensors add.
+def sensed_model(simulator: ForwardModel, model: Model | None) -> Predictor:
+    """Return `forward_model` with what the sensors add to what is measured."""
+    return replace(forward_model(simulator, model), sensing=True)
+
+
+def forward_model(simulator: ForwardModel, model: Model | None) -> Predictor:
+    """Return `simulator` with all of `model`: factors, effects, corrector.
 
     Raises InputError for a model with a part that cannot be used.
     """
     model = model or Model()
     if model.corrector is None:
-        return Predictor(simulator, model, sensing)
+        return Predictor(simulator, model)
     from corrector import load_corrector  # a few milliseconds that only a model with one costs
 
-    return Predictor(simulator, model, sensing, load_corrector(model))
+    return Predictor(simulator, model, corrector=load_corrector(model))
 
 
 def without_resistance(predictor: Predictor) -> Predictor | None:
@@ -100,17 +105,15 @@ class WithMuscleStates:
         return [shape.points[0] for shape in self.last]
 
 
-def laced_motions(
-    forward: ForwardModel, model: Model | None, cases: Sequence[Case], times: Sequence[Array], *, sensing: bool = False
-) -> list[Motion]:
-    """Return the motions of `forward_model(forward, model, sensing=sensing)`; contraction and tension where `forward`
-    knows them. A motion that diverged holds NaN."""
-    kept = WithMuscleStates(forward) if knows_muscles(forward) else None
-    predictor = forward_model(kept or forward, model, sensing=sensing)
+def laced_motions(predictor: Predictor, cases: Sequence[Case], times: Sequence[Array]) -> list[Motion]:
+    """Return the motions of a predictor; contraction and tension where its simulator knows them. A motion that diverged
+    holds NaN."""
+    kept = WithMuscleStates(predictor.simulator) if knows_muscles(predictor.simulator) else None
+    predictor = predictor if kept is None else replace(predictor, simulator=kept)
     motions = predictor.motions(cases, times)
     laced = []
     for k, (case, at, points) in enumerate(zip(cases, times, motions, strict=True)):
-        seen = seen_at(predictor.case(case), at) if sensing else at
+        seen = seen_at(predictor.case(case), at) if predictor.sensing else at
         laced.append(_motion(case, at, points, kept.last[k] if kept else None, seen))
     return laced
 

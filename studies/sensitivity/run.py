@@ -172,7 +172,7 @@ class _Sweep:
         self._total, self._done, self._begun, self._computed = total, 0, working_time.seconds(), 0
         in_time = True
         for part, cube in parts.items():
-            values = self.inputs.values(cube.reshape(-1, cube.shape[-1]), screened=part == "morris")
+            values = self.inputs.values(cube.reshape(-1, cube.shape[-1]), part)
             samples = self._all(part, values, self._outputs_of, cases=1) if in_time else self._store.of(part)
             in_time = in_time and len(samples) >= len(values)
             shape = cube.shape[:2]
@@ -205,7 +205,7 @@ class _Sweep:
             return np.empty((0, len(self.inputs.names)))
         part, cube = [*parts.items()][-1]
         count = min(max(CHECKED[0], len(cube) // _SHARE), CHECKED[1], len(cube))
-        return self.inputs.values(cube[:count, 0], screened=part == "morris")
+        return self.inputs.values(cube[:count, 0], part)
 
     def _all(
         self, part: str, values: Array, compute: Callable[[Array], list[Array]], *, cases: int

@@ -153,7 +153,7 @@ def enough(task: Task, everything: Fit, labels: Sequence[str], plain: Fit) -> Fi
     if promise > PROMISING * plain.after and over(promise, least) > task.tolerance:
         return None
     hopeless = float(np.hypot(least, task.tolerance))
-    one = task.with_effects(everything, [strongest], hopeless=hopeless, exact=True, named=f"{strongest} alone")
+    one = task.with_effects(everything, [strongest], hopeless=hopeless, jacobian="anew", named=f"{strongest} alone")
     fits = over(one.after, least) <= 0.5 * task.tolerance
     return one if fits and not task.needed_elsewhere(everything, one, vector.inside(there[0])) else None
 

@@ -28,7 +28,7 @@ from studies.calibration import CalibrationOptions, calibrate_sets
 from studies.measured.used_frames import GRID
 from studies.prediction.evaluate import evaluate_sets
 from studies.prediction.evaluation_report import SetEvaluation
-from studies.prediction.forward_model import forward_model
+from studies.prediction.forward_model import forward_model, sensed_model
 from studies.prediction.stability import to_either_side
 from studies.study import Simulated, StudyRun, kept_content, simulator
 from studies.unseen.prediction import (
@@ -233,7 +233,7 @@ def _overlay(trial: Trial, k: int, model: Model, forward: ForwardModel, path: Pa
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     axes = figure.subplots(1, 4, sharey=True)
     for column, (said, shown) in enumerate((("before", model.before), ("after", model))):
-        predictor = forward_model(forward, shown, sensing=True)
+        predictor = sensed_model(forward, shown)
         motion = predictor.motions([Case(trial.design, trial.program, order=trial.order)], [trial.times])[0]
         for view, (axis, label) in enumerate(((2, "z"), (0, "x"))):
             panel = axes[2 * column + view]

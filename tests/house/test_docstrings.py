@@ -84,3 +84,30 @@ def test_names_say_what_a_thing_is() -> None:
         if NO_NOUNS & {*name.lower().replace("left_out", "").split("_")}
     }
     assert vague == EXCEPTIONS.keys()
+
+
+# what a parameter that is true or false may say. A choice between two ways to work is a role, a policy, an enum, or two
+# functions; a new name is added here with what it says
+FLAGS = {
+    "an option of a command, as it was typed": """all_trials as_json covariance equilibrium force no_browser overlay
+        per_frame positions pressures replace self_contact skip_bad""",
+    "a fact about what is given": """across anew cause clamped commas converged down drawn effects free friction known
+        on_front one_way ordered part released shared sized stretched tangential_on_radial unit_known upright
+        wished""",
+    "what is asked for stands so in what is written or shown": """anywhere bad browser closed comments disabled halts
+        integer limits middle of_search selected vector verbose with_rest""",
+    "what a hand did in the studio, or a loop's turn that ends it": "_last corrected fitted last on value",
+    "whether a number is exact, or a shape at rest": "exact settles",
+}
+
+
+def test_parameters_that_are_true_or_false_state_a_fact() -> None:
+    flags = {
+        given.arg
+        for file in FILES
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef)
+        for given in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
+        if given.annotation and "bool" in ast.unparse(given.annotation).split(" | ")
+    }
+    assert flags == {name for names in FLAGS.values() for name in names.split()}

@@ -225,7 +225,7 @@ def program(session: Session, made: Widgets) -> list[Widget]:
         ui.choice("Channel", channels, channels[edit.channel], lambda name: edit.select(int(name), edit.knot)),
         ui.choice("Knot, s", knots, knots[edit.knot], lambda name: edit.select(edit.channel, knots.index(name))),
         _slider("Pressure, kPa", edit.pressure, edit.put, float(regulator.highest[edit.channel]), step=0.1),
-        ui.buttons("Play it over the target", {"coarse": edit.play, "exact": partial(edit.play, exact=True)}),
+        ui.buttons("Play it over the target", {"coarse": edit.play, "exact": partial(edit.play, "motion")}),
         ui.html("error", error_over_time(session)),
         ui.entry("text", "File", f"{edit.moving.study.name}_pressures.csv"),
         ui.buttons("Program", {"save": save, "as it was opened": partial(edit.take, edit.moving.pressures)}),
