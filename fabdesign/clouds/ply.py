@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fabdesign.clouds.measured_points import require_one_instant
 from fabdesign.errors import InputError
 from fabdesign.formats.csv_table import is_number
-from fabdesign.formats.toml_file import read_bytes, require_few
+from fabdesign.formats.toml_file import read_bytes, require_count
 from fabdesign.geometry.surface import fans_of
 from fabdesign.output import atomic_file
 
@@ -57,7 +57,7 @@ def read_ply(path: Path | str) -> Ply:
         _refuse(path, "has no PLY header")
     order, elements = _header(content[: end.start()].decode("latin-1"), path)
     for name, count, _ in elements:
-        require_few(count, path, f"{name} rows")
+        require_count(count, path, f"{name} rows")
     body, ends = content[end.end() :], None
     if not order:
         body, ends, unread = _packed(body, elements, path)
@@ -167,7 +167,7 @@ class _Packed(NamedTuple):
 
 
 def _packed(body: bytes, elements: Sequence[Element], path: Path) -> _Packed:
-    require_few(body.count(b"\n"), path, "lines")
+    require_count(body.count(b"\n"), path, "lines")
     text = body.decode("latin-1").replace("_", "?")  # Python takes 1_000 for a number
     lines = [line for line in text.splitlines() if line.strip()]
     names = [(name, count) for name, count, _ in elements]

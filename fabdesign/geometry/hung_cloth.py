@@ -107,7 +107,7 @@ _ALONG = 30.0  # degrees, within which the flat cloth itself must hang for that 
 _MIDDLE = 0.15  # of the cloth's height: a tight roll's centre is too near the edge to have a direction
 _HELD = 0.25  # of the cloth's shorter side: three quarters of the hung edge have a point nearer than that
 _ABOVE = 0.25  # of the shorter side above the hung edge, where ...
-_FEW = 0.2  # ... no more than this share of the points may be
+_BEYOND = 0.2  # ... no more than this share of the points may be
 _SPANNED = 0.5  # of the hung edge, that the points span at least: it is held straight
 _ACROSS = 1.3  # of the cloth's diagonal: elastic cloth that muscles shorten
 _REACH = 1.5  # of the farthest place of the flat cloth from the hung edge
@@ -190,6 +190,6 @@ def _fault(points: Array, middle: Array, hung: Array, fabric: Fabric, leaning: f
     if far and angle > leaning:
         return f"the cloth lies {angle:.0f} degrees off gravity, seen from where it is held; expected it to hang"
     height = (hung.mean(axis=0) - points) @ gravity / np.linalg.norm(gravity)
-    if np.mean(height > _ABOVE * short) > _FEW:
+    if np.mean(height > _ABOVE * short) > _BEYOND:
         return f"{100 * np.mean(height > 0):.0f} % of the points lie above where the cloth is held; expected it to hang"
     return None

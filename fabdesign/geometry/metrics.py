@@ -189,8 +189,8 @@ MANY_BEYOND = 0.05  # share of the points from which on a capped figure hides ho
 
 def beyond_in_words(share: float) -> str:
     """Say how many points lie beyond the cap, and what that means where they are many."""
-    said = f"{share:.1%} of the points lie more than {in_mm(CAP):g} mm off"
-    return said + ("; the surface RMS is capped there, so the real error is larger" if share >= MANY_BEYOND else "")
+    sentence = f"{share:.1%} of the points lie more than {in_mm(CAP):g} mm off"
+    return sentence + ("; the surface RMS is capped there, so the real error is larger" if share >= MANY_BEYOND else "")
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from fabdesign.errors import InputError
-from fabdesign.formats.toml_file import require_few
+from fabdesign.formats.toml_file import require_count
 from fabdesign.geometry.distances import Cells
 from fabdesign.geometry.shape import Face, Shape
 from fabdesign.nouns.array import Array, Floats, Indices
@@ -36,7 +36,7 @@ def fans_of(vertices: Array, corners: NDArray[Any], lengths: Indices, path: Path
     covers: where a triangle is turned over, as at a corner that points inwards.
     """
     count = np.maximum(lengths - 2, 0)  # triangles of a polygon
-    require_few(int(count.sum()), path, "triangles")
+    require_count(int(count.sum()), path, "triangles")
     start = np.repeat(np.cumsum(lengths) - lengths, count)
     second = start + np.arange(len(start)) - np.repeat(np.cumsum(count) - count, count) + 1
     triangles = corners.astype(np.intp)[np.stack([start, second, second + 1], axis=1)]

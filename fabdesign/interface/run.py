@@ -210,17 +210,17 @@ def several(what: str, given: Any, kind: type) -> Sequence[Any]:
 def many_of(what: str, given: Any) -> Sequence[Any]:
     """Return a list of what came. Raises InputError for what is none."""
     if isinstance(given, str | dict) or not isinstance(given, Iterable):
-        raise InputError(f"{what}: {as_said(given)}; expected a list of them")
+        raise InputError(f"{what}: {as_given(given)}; expected a list of them")
     return [*given]
 
 
 def require_kind(what: str, given: Any, kind: type) -> None:
     """Raise InputError for what is neither of a kind nor the name of a file."""
     if not isinstance(given, kind | Path | str):
-        raise InputError(f"{what}: {as_said(given)}; expected a {kind.__name__} or its file")
+        raise InputError(f"{what}: {as_given(given)}; expected a {kind.__name__} or its file")
 
 
-def as_said(given: Any) -> str:
+def as_given(given: Any) -> str:
     """Return what came, in at most 60 letters."""
     text = " ".join(repr(given).split())
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -71,7 +71,7 @@ def _optimized(result: StudyResult, given: Mapping[str, Any]) -> Shown:
     )
     outputs = [f"{name}: {', '.join(values)}" for name, values in result.outputs.items()]
     after = [content["fewer"]["said"]] if content["fewer"] else []
-    after += [result.within_said] if result.within_said else []
+    after += [result.within_in_words] if result.within_in_words else []
     after += content["robust"]["said"] if content["robust"] else []
     after += [*content["reach"]["said"], *content["way"]["said"]]
     if content["surface_beyond"] >= MANY_BEYOND:

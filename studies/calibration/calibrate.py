@@ -33,7 +33,7 @@ MOST_TRIALS = 48  # with effects, whose last fit takes 10 CPU s a trial; never m
 DRAWN = Density(until=1.5, frames=30, points=300)
 _MANY = 20  # unknowns, of which last steps gain less than the noise of their differences promises, at minutes each
 _CLOSE = FitStage(slight=0.01, least_each=0.1)  # of log likelihood: under half a standard deviation
-_FEW_UNKNOWNS = to_the_end("calibration", _CLOSE)
+_UP_TO_MANY = to_the_end("calibration", _CLOSE)
 _MANY_UNKNOWNS = replace(ROUGH, finer=replace(ROUGH.finer, least=0.0, least_share=0.0, least_each=_CLOSE.least_each))
 _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
 
@@ -97,7 +97,7 @@ def calibrate_sets(
     why = [*interval_warnings(fitted.after, fitted.outlying, data.noise), *far_factors(fitted)]
     if fitted.interrupted:
         why.append(f"interrupted after {fitted.iterations} iterations, before the best values were reached")
-    model, said = (
+    model, spread_in_words = (
         fitted_model(
             fitted, covariance, trials=data.trials, points_per_side=options.points_per_side,
             provenance=data.provenance(),
@@ -106,10 +106,10 @@ def calibrate_sets(
     )  # fmt: skip
     model = doubted(model) if why else model
     if options.intervals and not fitted.interrupted:
-        model, said = _with_spread(model, sets, data, forward, options.coarse, progress)
+        model, spread_in_words = _with_spread(model, sets, data, forward, options.coarse, progress)
     correlation = covariance / np.outer(deviation, deviation)
     statements = ambiguities(fitted, covariance)
-    return Calibration(model, fitted, correlation, statements, tuple(why), skipped, data, said)
+    return Calibration(model, fitted, correlation, statements, tuple(why), skipped, data, spread_in_words)
 
 
 def _drawn(
@@ -131,7 +131,7 @@ def _drawn(
 
 def _last(vector: FitVector) -> Policy:
     """Return how the last fit of a vector goes."""
-    return _MANY_UNKNOWNS if len(vector.parameters) > _MANY else _FEW_UNKNOWNS
+    return _MANY_UNKNOWNS if len(vector.parameters) > _MANY else _UP_TO_MANY
 
 
 def most_trials(allowed: int, *, effects: bool) -> int:
@@ -174,14 +174,14 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, options: Calibration
         if not vector.terms:
             return fits.fit(fits.problem(data, vector), FitStart(), _last(vector))
         factors, early = vector.without_effects, fits.within(0.0, _WITHOUT_EFFECTS)
-        few = data.only(evenly(len(data.trials), TRIALS).tolist())
+        some = data.only(evenly(len(data.trials), TRIALS).tolist())
         rested = [fit_at_rest(data, early, unknowns) for unknowns in (factors, vector)]
 
         def no_effects(named: str, vector: FitVector) -> Progress:
             return lambda line, share: early.progress_of(named, vector)(f"no effects, {line}", share)
 
         alone = replace(early, named=f"factors of {len(data.trials)} trials", progress_of=no_effects)
-        plain = _joint(few, factors, alone, rested[0])
+        plain = _joint(some, factors, alone, rested[0])
         fitted = _joint(data, vector, fits.within(_WITHOUT_EFFECTS, 1.0), rested[1])
     except KeyboardInterrupt as stop:
         reached = stop.fit() if options.interruptible and isinstance(stop, Interrupted) else None

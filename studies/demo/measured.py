@@ -102,7 +102,7 @@ class ShippedErrors:
             "unjudged_share": self.share_left_out,
             "effects": acting_effects(self.shipped.terms),
             "by_trial": {name: e.millimetres() for name, e in self.by_trial.items()},
-            "another_branch": {name: branch.much_nearer for name, branch in self.branches.items()},
+            "another_branch": {name: branch.is_nearer for name, branch in self.branches.items()},
             "models": [{"name": name, **errors.millimetres(), "closed": share} for name, errors, share in self.rows()],
         }
 
@@ -118,7 +118,7 @@ def branch_in_words(branch: Branches) -> str:
     """Return whether a trial that is far off lies on another branch, as simulated from starts that differ a little."""
     changed = f"the frame tilted by up to {max(TILTS):g} degrees or the cloth curved by up to {max(CURLS):g} 1/m more"
     nearest = f"{in_mm(branch.nearest):.2f} mm, without the change {in_mm(branch.unchanged):.2f} mm"
-    if branch.much_nearer:
+    if branch.is_nearer:
         return (
             "It took another stable shape (branch): a small change of the start leads there. With "
             f"{changed}, the model without its corrector comes to {nearest}."

@@ -39,7 +39,7 @@ def joint_fit(data: MeasuredData, vector: FitVector, start: Array, fits: Fits) -
     model gave, what cannot matter beside the tolerance takes part in the last fit alone."""
     right = expected_rms(data.noise, fits.tolerance)
     enough = right if fits.patient else expected_rms(data.noise, 2 * fits.tolerance)
-    some = _few(data)
+    some = _early_trials(data)
     lengths = horizons_of(data.samples)
     lengths = [horizon for horizon in lengths if horizon <= EARLY or horizon == lengths[-1]]
     share = _AT_LAST if len(some.trials) < len(data.trials) else _AT_LAST / 4
@@ -68,7 +68,7 @@ def joint_fit_from_rest(data: MeasuredData, vector: FitVector, fits: Fits, at_re
     what does not act at rest, takes no part in the last fit."""
     nothing = unneeded(at_rest)
     there, index = vector.only(set(vector.labels) - nothing)
-    x, some = beginning(vector, at_rest, nothing)[index], _few(data)
+    x, some = beginning(vector, at_rest, nothing)[index], _early_trials(data)
     if len(some.trials) < len(data.trials):
         early = fits.coarse.within(0.0, _AT_LAST)
         begun = early.fit(early.problem(some, there), FitStart(x), ROUGH, "of few trials")
@@ -81,7 +81,7 @@ def joint_fit_from_rest(data: MeasuredData, vector: FitVector, fits: Fits, at_re
     return fits.fit(fits.problem(data, there), FitStart(x), fits.last(there), "at last")
 
 
-def _few(data: MeasuredData) -> MeasuredData:
+def _early_trials(data: MeasuredData) -> MeasuredData:
     """Return EARLY_TRIALS of the data, spread over them."""
     return data.only(evenly(len(data.trials), EARLY_TRIALS).tolist())
 

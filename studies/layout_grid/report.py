@@ -88,8 +88,8 @@ def _shape(entry: CellResult) -> Iterator[page.Block]:
     motion = path.sentences if path else ["The motion to this shape was not simulated."]
     layout = page.LayoutBlock(result.design, result.pressure[0], result.study.limits.pressure[1])
     outputs = page.texts("", [f"{name}: {', '.join(values)}" for name, values in result.outputs.items()])
-    said = page.texts("quiet", [page.sentence(result.stop_reason), *result.reach.sentences, *motion])
-    yield page.Columns([pictures, [layout, *outputs, *said]], "cell")
+    texts = page.texts("quiet", [page.sentence(result.stop_reason), *result.reach.sentences, *motion])
+    yield page.Columns([pictures, [layout, *outputs, *texts]], "cell")
 
 
 def front_figure(result: GridResult) -> Figure:

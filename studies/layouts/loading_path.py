@@ -61,26 +61,26 @@ class LoadingPath:
     @property
     def sentences(self) -> list[str]:
         mm, worst = f"{in_mm(self.motion.value):.2f}", f"{in_mm(self.worst):.2f} mm"
-        said = []
+        lines = []
         if not self.reached:
-            said.append(
+            lines.append(
                 f"No simple rise of the pressures reaches the shape of the search: {self.motion.name} ends at another "
                 f"stable shape, at {mm} mm. The report shows that shape."
             )
         if self.on_another_branch:
             names = ", ".join(copy.name for copy in self.on_another_branch)
-            said.append(
+            lines.append(
                 f"The result is near a bifurcation: {names} end at another stable shape, at worst at {worst} instead "
                 f"of {mm} mm."
             )
         nearer = [copy for copy in self.on_another_branch if copy.value < NEARER * self.motion.value]
         if nearer:
             best = min(nearer, key=lambda copy: copy.value)
-            said.append(
+            lines.append(
                 f"The target lies near a stable shape that {self.motion.name} does not reach: {best.name} ends at "
                 f"{in_mm(best.value):.2f} mm."
             )
-        return said or [
+        return lines or [
             f"{self.motion.name[0].upper()}{self.motion.name[1:]} ends at this shape, {mm} mm from the target. So do "
             f"all {len(self.copies)} motions with changed inputs ({', '.join(copy.name for copy in self.copies)}); the "
             f"worst is {worst} from the target."

@@ -19,7 +19,7 @@ from fabdesign.nouns.pressure import poses_in_words
 from fabdesign.units import in_mm
 from studies.layout_search.target import LoadedTarget, is_wished, measure_of
 from studies.layouts.result import StudyResult
-from studies.layouts.robustness import said as robust_said
+from studies.layouts.robustness import in_words as robust_in_words
 from studies.report import page
 from studies.report.charts import DARK, GREY, chart, cloth_mesh, cloud, curve, path, scene, target_cloud
 from studies.report.page import Chart, kpa
@@ -199,7 +199,7 @@ def _study(number: int, title: str, result: StudyResult) -> Iterator[page.Block]
     yield page.Text(ended, "note" if reach.lacking else "quiet")
     early = f"After a tenth of the time the best was at {page.mm(tenth)} mm." if tenth else None
     yield from page.texts("quiet", [early, result.fewer_in_words])
-    yield from page.texts("", [result.within_said])
+    yield from page.texts("", [result.within_in_words])
     yield from page.texts("note", reach.sentences)
     if loading:
         yield from page.texts("note" if loading.sensitive else "quiet", loading.sentences)
@@ -210,7 +210,7 @@ def _study(number: int, title: str, result: StudyResult) -> Iterator[page.Block]
         yield page.TableBlock((), [(name, *values) for name, values in result.outputs.items()])
     if robust:
         yield page.Title("Manufacturing tolerances: simulated copies", 3)
-        yield from page.texts("note" if robust.on_another_branch else "quiet", robust_said(robust))
+        yield from page.texts("note" if robust.on_another_branch else "quiet", robust_in_words(robust))
         copies = shape_png(result.points[0], result.targets[0].points, [shape[0] for shape in robust.shapes])
         yield page.Picture(copies, "the shape, its copies with scatter and the target")
     margins = [(name.replace("_", " "), _with_unit(name, margin)) for name, margin in result.constraints.items()]
@@ -227,7 +227,7 @@ def _pose(number: int, result: StudyResult, pose: int) -> Iterator[page.Block]:
     rows = []
     for wish in result.study.targets[pose].wishes:
         off = in_mm(Landmarks.of([wish], result.design.fabric).distances(result.points[pose]))
-        rows.append((wish.said, float(off.mean()), float(off.max()), f"{wish.weight:g}"))
+        rows.append((wish.words, float(off.mean()), float(off.max()), f"{wish.weight:g}"))
     if rows:
         yield page.TableBlock(("asked for", "mean distance\nmm", "largest\nmm", "weight"), rows)
     corners = ["\n".join(map(_place, m.path[1:-1])) for m in muscles]

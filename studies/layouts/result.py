@@ -30,7 +30,7 @@ from optimize.search.thinning import Fewer
 from studies.layout_search.target import LoadedTarget, pose_errors
 from studies.layouts.loading_path import LoadingPath
 from studies.layouts.reach import Reach
-from studies.layouts.refinement import fewer_said, front_said, kept_fewer
+from studies.layouts.refinement import fewer_in_words, front_in_words, kept_fewer
 from studies.layouts.robustness import Robustness
 from studies.layouts.robustness import as_json as robust_json
 
@@ -152,11 +152,11 @@ class StudyResult(Tabled):
         """Return how many muscles serve, in words; empty where their number is given."""
         if self.fewer is None:
             return ""
-        said = fewer_said(self.study, self.fewer, converged=self.reach.lacking is None), front_said(self.fewer)
-        return " ".join(filter(None, said))
+        parts = fewer_in_words(self.study, self.fewer, converged=self.reach.lacking is None), front_in_words(self.fewer)
+        return " ".join(filter(None, parts))
 
     @property
-    def within_said(self) -> str | None:
+    def within_in_words(self) -> str | None:
         """Return the expected deviation in words."""
         if self.within is None:
             return None

@@ -191,12 +191,12 @@ def as_json(robustness: Robustness, robust: Robust) -> dict[str, object]:
         "delicate": {"muscle": muscle, "off_mm": in_mm(OFF), "value_mm": in_mm(value)},
         "doubled": robustness.doubled,
         "chosen_for": robust.choose,
-        "said": said(robustness),
+        "said": in_words(robustness),
     }
     return dict(plain(content))
 
 
-def said(robustness: Robustness) -> list[str]:
+def in_words(robustness: Robustness) -> list[str]:
     """Return sentences for people."""
     band, (muscle, value) = robustness.band, robustness.delicate
     lines = [

@@ -15,7 +15,7 @@ from optimize.fit.cross_validation import Gain
 from optimize.fit.fitted import Fit
 from studies.model_selection.judged import CAUSE, CHANCE, Decoys, Judged, is_cause, is_certain, strength
 
-MUCH = 1.2  # times what a fit may lose of trials left out, in quadrature: what loses more even of those fitted ends
+LOSS_RATIO = 1.2  # times what a fit may lose of trials left out, in quadrature: what loses more of those fitted ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +232,7 @@ def as_well(refits: Refits, selection: Selection) -> Selection | None:
     """Drop an effect where a fit without it does as well: what is not linear may take its place, and which of two gains
     more to first order may be wrong. Not asked of an effect that gains more than enough for certain."""
     known, limit, most = selection.chosen, least(refits, selection), selection.reference
-    hopeless, asked = float(np.hypot(most.fit.after, MUCH * limit)), selection.asked
+    hopeless, asked = float(np.hypot(most.fit.after, LOSS_RATIO * limit)), selection.asked
     several = len(selection.gains) > 1
     unsure = [label for label, (_, (low, _)) in selection.gains.items() if low < limit and label not in asked]
     for label in sorted(unsure, key=lambda label: selection.gains[label][0]):

@@ -17,7 +17,7 @@ from fabdesign.units import in_mm
 from studies.intervals.calibrate import IntervalScore
 from studies.measured.used_frames import UsedFrames
 
-_FEW = 12  # trials, of which a histogram says less than their values
+_LEAST_BARS = 12  # trials, of which a histogram says less than their values
 ERRORS = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
 ERROR_NAMES = {"chamfer": "Chamfer distance", "surface_rms": "surface RMS"}  # for people
 
@@ -254,7 +254,7 @@ def write_histogram(evaluation: SetEvaluation, path: Path) -> None:
 def draw_distribution(axis: Any, design: DesignResult, error: str) -> None:
     """Draw the errors before and after: a mark a trial of a few, else how many trials have which error."""
     states = {"before": "tab:gray", "after": "tab:blue"}
-    if len(design.trials) < _FEW:
+    if len(design.trials) < _LEAST_BARS:
         for row, (state, colour) in enumerate(states.items()):
             values = [in_mm(getattr(getattr(trial, state), error)) for trial in design.trials]
             axis.plot(values, np.full(len(values), row), "o", color=colour, alpha=0.7, label=state)

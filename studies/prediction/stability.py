@@ -126,14 +126,14 @@ class Branches:
         return float(np.min(self.others, where=np.isfinite(self.others), initial=np.inf))
 
     @property
-    def much_nearer(self) -> bool:
+    def is_nearer(self) -> bool:
         """Return whether a changed start leads to a motion that is much nearer."""
         return self.nearest < HALF * self.unchanged
 
     @property
     def on_another_branch(self) -> bool:
         """Return whether that is so of a trial that no small error explains."""
-        return self.unchanged > FAR and self.much_nearer
+        return self.unchanged > FAR and self.is_nearer
 
     @property
     def odds(self) -> float:

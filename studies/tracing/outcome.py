@@ -105,7 +105,7 @@ class Outcome(OfModel):
         return "order" if self._drift else self.remains.follows
 
     @property
-    def said(self) -> list[str]:
+    def sentences(self) -> list[str]:
         """Return lines for people."""
         lines = []
         if self.selection.small:
@@ -191,7 +191,7 @@ class Outcome(OfModel):
                 "fitted": excess.fitted and in_mm(excess.fitted),
             },
             "detectable": {c.name: c.detectable for c in self.candidates if not c.chosen},
-            "said": self.said,
+            "said": self.sentences,
         }
         return dict(plain(trace))
 

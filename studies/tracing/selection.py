@@ -113,16 +113,16 @@ def worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
     return [label for label in labels if label not in small], small
 
 
-def _with_channels(judged: Judged, tolerance: float, certain: Sequence[str], few: Sequence[str]) -> list[str]:
+def _with_channels(judged: Judged, tolerance: float, certain: Sequence[str], fewer: Sequence[str]) -> list[str]:
     """Return the sparse terms, and the other channels of their effects where trials left out gain by them together. A
     place moves to where it is in a fit."""
     vector, trials = judged.fit.vector, judged.trials
-    kept = [label for label in certain if label in few or _sits_in_a_channel(label)]
+    kept = [label for label in certain if label in fewer or _sits_in_a_channel(label)]
     one, all_of_them = (
-        trials.scored(vector.parts([label for label in vector.labels if label not in on])) for on in (few, kept)
+        trials.scored(vector.parts([label for label in vector.labels if label not in on])) for on in (fewer, kept)
     )
-    several = len(kept) > len(few) and is_certain(trials.gain(one, all_of_them, judged.floor), tolerance)
-    return kept if several else [*few]
+    several = len(kept) > len(fewer) and is_certain(trials.gain(one, all_of_them, judged.floor), tolerance)
+    return kept if several else [*fewer]
 
 
 def _sits_in_a_channel(label: str) -> bool:

@@ -88,9 +88,9 @@ def _shapes(result: UnseenResult) -> Iterator[page.Block]:
     """Yield the shapes of a layout before it is sewn, and what to measure."""
     if not result.get("design"):
         return
-    said = page.sentence(result["corrector"]["said"])
+    sentence = page.sentence(result["corrector"]["said"])
     yield page.Text(f"""Design {result["design"]}, before it is sewn: shapes at rest of models drawn from the model's
-        joint covariance. {said}""")
+        joint covariance. {sentence}""")
     yield from page.texts("note", map(page.sentence, _notes(result)))
     yield page.Columns([[*_pose(pose)] for pose in result.get("poses") or []], "faces")
     if measurement := result.get("measurement"):
@@ -144,8 +144,8 @@ def _left_out(result: UnseenResult, pictures: Path) -> Iterator[page.Block]:
         yield page.Title(name)
         bent = f", without {100 * entry['share_unjudged']:.0f} % of their frames, which are near a bifurcation"
         used = f"{len(entry['trials'])} evaluated{bent if entry['share_unjudged'] else ''}."
-        doubts = f" The intervals are not reliable: {'; '.join(entry['doubts'])}." if entry["doubts"] else ""
-        yield page.Text(f"{entry['source']}. {entry['fitted']} trials of the others fitted, {used}{doubts}", "quiet")
+        reasons = f" The intervals are not reliable: {'; '.join(entry['doubts'])}." if entry["doubts"] else ""
+        yield page.Text(f"{entry['source']}. {entry['fitted']} trials of the others fitted, {used}{reasons}", "quiet")
         if entry["effects"]:
             yield page.TableBlock(("effect", "value", "90 %", ""), _effect_rows(entry["effects"]))
         yield page.Picture(_histogram_figure(entry))

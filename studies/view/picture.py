@@ -112,9 +112,9 @@ def _save_video(animation: FuncAnimation, path: Path) -> None:
         with plt.rc_context({"animation.ffmpeg_path": ffmpeg}):
             animation.save(path, writer=FFMpegWriter(fps=round(RATE)), dpi=100)
     except (subprocess.CalledProcessError, BrokenPipeError) as error:
-        said = (getattr(error, "stderr", None) or str(error)).strip().splitlines()[-1]
+        message = (getattr(error, "stderr", None) or str(error)).strip().splitlines()[-1]
         raise InputError(
-            f"{path.name}: {Path(ffmpeg).name} cannot write it ({said}); expected room, or a .gif"
+            f"{path.name}: {Path(ffmpeg).name} cannot write it ({message}); expected room, or a .gif"
         ) from None
 
 

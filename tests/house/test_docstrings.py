@@ -43,7 +43,7 @@ def test_docstrings_open_with_a_subject_or_a_verb() -> None:
 
 
 # words that say how a thing came about or where it lies, not what it is (words.md)
-NO_NOUNS = {"found", "left", "near", "own", "sure", "told", "whole"}
+NO_NOUNS = {"doubts", "few", "found", "left", "much", "near", "own", "said", "sure", "told", "whole"}
 SIDES = "left side or edge, as drawn"
 EXCEPTIONS = {
     "fabdesign/depth/intrinsics.py: left": SIDES,
@@ -54,6 +54,7 @@ EXCEPTIONS = {
     "fabdesign/geometry/regions.py: left": SIDES,
     "fabdesign/nouns/catalogue.py: left": SIDES,
     "sim/grid.py: LEFT": SIDES,
+    "studies/loop/record.py: said": "a key of the loop's kept turns",
     "studies/report/page.py: left_aligned": "cells of a table",
     "studies/studio/widgets/flat_view.py: left": SIDES,
     "studies/studio/widgets/hung_view.py: left": SIDES,

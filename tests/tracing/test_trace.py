@@ -215,7 +215,7 @@ def test_trials_of_role_test_that_are_far_off_are_told(lagging, millimetres, tol
     errors = tuple(
         replace(e, after=far if e.role == "test" else e.after) for e, far in zip(outcome.errors, own, strict=True)
     )
-    assert [line.split(":")[0] for line in replace(outcome, errors=errors).said if "role test" in line] == told
+    assert [line.split(":")[0] for line in replace(outcome, errors=errors).sentences if "role test" in line] == told
 
 
 def test_the_same_call_goes_on_from_what_is_kept_and_another_set_is_refused(lagging, tmp_path):

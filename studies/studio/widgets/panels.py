@@ -192,11 +192,11 @@ def target(session: Session, made: Widgets) -> list[Widget]:
 def results(document: Document) -> list[Widget]:
     """Return the results of searches, beside the own drawing."""
     rows, by_name = document.rows(), {result.name: result for result in document.results}
-    said = [f"{result.name}: {result.state}" for result in document.results]
+    lines = [f"{result.name}: {result.state}" for result in document.results]
     drawn = rows[0] if len(document.targets) == 1 else None
     for result in document.results:
         buys = one_more_buys(result, [other for other in document.results if other is not result], drawn)
-        said += [buys] if buys else []
+        lines += [buys] if buys else []
     nothing = "Nothing yet: *Search from here* under *Target*. An edit of a result takes it as own drawing."
     shown, beside = DRAWING if document.shown is None else document.shown.name, partial(document.set_option, "beside")
     hint = "Its shape, seen through"
@@ -205,7 +205,7 @@ def results(document: Document) -> list[Widget]:
         ui.entry("checkbox", "The other one beside it", document.beside, beside, hint=hint),
         ui.button("Take as own drawing", document.take, disabled=document.shown is None),
         ui.html("table", results_table(rows)),
-        ui.words("message", "\n\n".join(said) or nothing),
+        ui.words("message", "\n\n".join(lines) or nothing),
     ]
 
 
