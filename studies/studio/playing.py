@@ -204,7 +204,7 @@ class ProgramEdit:
 
     @property
     def _each(self) -> int:
-        """Cycles from one knot to the next."""
+        """Return cycles from one knot to the next."""
         return max(1, round(KNOTS / self.moving.regulator.cycle))
 
     @property
@@ -236,8 +236,8 @@ class ProgramEdit:
         self._document.show()
         self.play()
 
-    def play(self, *, exact: bool = False) -> None:
-        """Simulate the program, and play it over the target. exact: on the model's grid, with its corrector."""
+    def play(self, kind: Kind = "program") -> None:
+        """Simulate the program, and play it over the target. kind: "motion" on the model's grid, with its corrector."""
         document, moving, design = self._document, self.moving, self._document.layout.design
         with document.refusals():
             if design.channels != moving.regulator.channels:
@@ -245,7 +245,6 @@ class ProgramEdit:
                     f"{design.name}: {design.channels} channels; the program has {moving.regulator.channels}"
                 )
             case = case_of(moving.study, moving.regulator.program(self.pressures))
-            kind: Kind = "motion" if exact else "program"
             ask = Ask(kind, design, case.program, document.choice.model, moving.times, case.order)
             ask = replace(ask, effects=case.effects, wanted=moving.wanted)
             self._shapes.also(ask, partial(self._arrived, ask))

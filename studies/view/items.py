@@ -29,7 +29,7 @@ from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.trial import Trial
 from fabdesign.units import in_mm
-from studies.prediction.forward_model import laced_motions
+from studies.prediction.forward_model import laced_motions, sensed_model
 
 LARGEST = 5.0  # m, of any coordinate: what is larger is in another unit
 MOST = 8  # side by side
@@ -53,7 +53,7 @@ class Item:
 
     @cached_property
     def is_cloth(self) -> bool:
-        """Whether points and triangles are two square faces, as the simulator gives them."""
+        """Return whether points and triangles are two square faces, as the simulator gives them."""
         count = len(self.frames[0])
         if self.triangles is None or count < 8 or 2 * isqrt(count // 2) ** 2 != count:
             return False
@@ -140,7 +140,7 @@ def _trial(trial: Trial, name: str, source: str, model: Model | None, forward: F
         if model.corrector is not None:
             shown = {"simulated": model.without(["corrector"]), "corrected": model}
         for what, part in shown.items():
-            motion = laced_motions(forward, part, [case], [trial.times], sensing=True)[0]
+            motion = laced_motions(sensed_model(forward, part), [case], [trial.times])[0]
             if not np.isfinite(motion.points).all():
                 raise InputError(f"{trial.file}: its prediction diverges; expected a model under which it can be shown")
             items.append(Item.of_motion(f"{name}, {what}", motion, items[0].title))
@@ -168,18 +168,18 @@ class Distance:
     both_move: bool
 
     @property
-    def whole(self) -> Errors:
+    def overall(self) -> Errors:
         """Return the errors of the motion: the mean of two that move, else the last."""
         return mean_errors(self.errors) if self.both_move else self.errors[-1]
 
     @property
     def when(self) -> str:
-        """Return what `whole` is of; empty between still shapes."""
+        """Return what `overall` is of; empty between still shapes."""
         return "" if len(self.times) == 1 else "mean of the motion" if self.both_move else "at the motion's end"
 
     def as_json(self) -> dict[str, object]:
         """Return the distance as JSON, in mm; null: not known."""
-        values = {name: mm if np.isfinite(mm) else None for name, mm in self.whole.millimetres().items()}
+        values = {name: mm if np.isfinite(mm) else None for name, mm in self.overall.millimetres().items()}
         return {"from": self.reference, "of": self.when or "still shapes", "unit": "mm", **values}
 
 
