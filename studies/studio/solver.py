@@ -152,7 +152,7 @@ class StudioSolver:
             self._program = self._program or Resumed(simulator)
             points = simulated = self._program.motion(model.case(ask.case), ask.times)
         elif ask.loose:
-            points = simulated = self._followed(simulator, model.case(ask.case), ask.kind == "follow")
+            points = simulated = self._followed(simulator, model.case(ask.case), ask.kind)
         else:
             points = _shown(model if corrector is None or corrector.ordered else bare, ask)
             simulated = points if corrector is None else _shown(bare, ask)
@@ -173,14 +173,14 @@ class StudioSolver:
             self._correctors[key] = forward_model(simulator, model).corrector
         return Predictor(simulator, model, corrector=self._correctors[key])
 
-    def _followed(self, simulator: Any, case: Case, lead: bool) -> Points:
-        """Return the shape at rest near the last one. lead: whether the next is followed from it."""
+    def _followed(self, simulator: Any, case: Case, kind: Kind) -> Points:
+        """Return the shape at rest near the last one that was followed."""
         shape = None
         if self._last is not None and self._last[0].fabric == case.design.fabric:
             shape = simulator.follow(case, self._last[1])
         if shape is None or not np.isfinite(shape.middle).all():
             shape = simulator.rest([case])[0]
-        if lead:
+        if kind == "follow":
             self._last = (case.design, shape.middle[0]) if np.isfinite(shape.middle).all() else None
         points: Points = shape.points[0]
         return points

@@ -529,9 +529,7 @@ def lifted(monkeypatch: pytest.MonkeyPatch) -> StudioSolver:
     monkeypatch.setattr(
         solver,
         "_predictor",
-        lambda simulator, model, sensing: Predictor(
-            simulator, model, sensing, None if model.corrector is None else Lifting()
-        ),
+        lambda simulator, model: Predictor(simulator, model, corrector=None if model.corrector is None else Lifting()),
     )
     return solver
 
