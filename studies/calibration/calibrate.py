@@ -16,12 +16,11 @@ from optimize.fit.clouds import Density, evenly
 from optimize.fit.descent import FitStart, Interrupted, Progress, silent
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import DECLARED, FitVector
-from optimize.fit.policy import NEAR, FitStage, Policy, to_the_end
+from optimize.fit.policy import CLOSE, END, UPDATED, Policy
 from studies.calibration.result import Calibration, ambiguities
 from studies.calibration.trial_checks import implausible
-from studies.fitting.fits import Fits, fit_at_rest, with_shapes_at_rest
+from studies.fitting.fits import Fits, beginning, fit_at_rest, fit_early, with_shapes_at_rest
 from studies.fitting.fitted_model import EXCESS, far_factors, fitted_model, interval_warnings, with_engines
-from studies.fitting.joint_fit import joint_fit, joint_fit_from_rest
 from studies.intervals.calibrate import chosen as chosen_trials
 from studies.intervals.calibrate import with_spread
 from studies.measured.fit_data import MeasuredData
@@ -32,10 +31,9 @@ TRIALS = 16  # fitted at most without effects, spread over those allowed
 MOST_TRIALS = 48  # with effects, whose last fit takes 10 CPU s a trial; never more than half of those allowed over 32
 DRAWN = Density(until=1.5, frames=30, points=300)
 _MANY = 20  # unknowns, of which last steps gain less than the noise of their differences promises, at minutes each
-_CLOSE = FitStage(slight=0.01, least_each=0.1)  # of log likelihood: under half a standard deviation
-_FEW_UNKNOWNS = to_the_end("calibration", _CLOSE)
-_MANY_UNKNOWNS = replace(NEAR, finer=replace(NEAR.finer, least=0.0, least_share=0.0, least_each=_CLOSE.least_each))
+_MANY_UNKNOWNS = replace(UPDATED, finer=replace(UPDATED.finer, least=0.0, least_share=0.0, least_each=CLOSE.least_each))
 _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
+_EARLY = 0.4  # of a fit of effects
 
 
 @dataclass(frozen=True)
@@ -82,7 +80,7 @@ def calibrate_sets(
     data, slopes = _drawn(sets, vector, options, progress), options.slopes
     sensed = Predictor(forward, sensing=True)
     slopes = slopes and Predictor(slopes, sensing=True)
-    fits = Fits(sensed, EXCESS, slopes, checkpoint, lambda named, vector: progress, last=_last)
+    fits = Fits(sensed, EXCESS, slopes, checkpoint, lambda named, vector: progress)
     fitted, skipped = _fit(data, fits, vector, interruptible=options.interruptible), tuple(options.skipped)
     if lines := {} if fitted.interrupted else implausible(fitted, data.samples, sensed):
         tolerance = Tolerance(options.skip_bad, [*skipped])
@@ -130,7 +128,7 @@ def _drawn(
 
 def _last(vector: FitVector) -> Policy:
     """Return how the last fit of a vector goes."""
-    return _MANY_UNKNOWNS if len(vector.parameters) > _MANY else _FEW_UNKNOWNS
+    return _MANY_UNKNOWNS if len(vector.parameters) > _MANY else END
 
 
 def most_trials(allowed: int, *, effects: bool) -> int:
@@ -200,9 +198,9 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, *, interruptible: bo
 
 
 def _joint(data: MeasuredData, vector: FitVector, fits: Fits, at_rest: Fit | None) -> Fit:
-    if at_rest is None:
-        return joint_fit(data, vector, vector.start, fits)
-    return joint_fit_from_rest(data, vector, fits, at_rest)
+    early, late = fits.within(0.0, _EARLY), fits.within(_EARLY, 1.0)
+    x = fit_early(data, early, vector).x if at_rest is None else beginning(vector, at_rest, ())
+    return late.fit(late.problem(data, vector), FitStart(x), _last(vector), "at last")
 
 
 def _remaining(data: MeasuredData, fits: Fits, plain: Fit, x: Array, known: float) -> float:
