@@ -60,7 +60,7 @@ def select(task: Task) -> Selection:
         begin = FitStart(beside(vector, plain.x), inputs=plain.inputs)
     elif at_rest is None:
         begin = FitStart(fit_early(task.data, replace(task.fits, named="every effect"), vector).x)
-    everything = task.fit("every effect", vector, begin, UPDATED)
+    everything = task.fit("every effect", vector, begin, NEAR if at_rest is None else UPDATED)
     task.say(so_far(needed(everything.minimum, everything.covariance, everything.vector, NEEDED)))
     selection = backwards(task, everything, task.weighed(plain, everything.inputs))
     return replace(selection, at_rest=at_rest)
