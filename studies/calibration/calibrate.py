@@ -72,7 +72,7 @@ def calibrate_sets(
 
     Of more than 16 trials, 16 spread over the session are fitted, and of more than 32 half of them, 48 at most, by the
     last fit of effects: 30 frames of the first 1.5 s of each, and 300 points of a frame. Errors of the pressures and
-    the frame's level are weighed by the sets' accuracy. checkpoint: keeps the fit of each horizon.
+    the frame's level are weighed by the sets' accuracy. checkpoint: keeps its fits.
     Raises InputError for an implausible trial and where no trial is left, SimulationError where every motion diverges.
     """
     sets = [measured] if isinstance(measured, MeasurementSet) else [*measured]
@@ -123,7 +123,7 @@ def _drawn(
 
     used = find_used_frames(trials_of_sets, options.coarse, progress=searching)
     data = MeasuredData.of(sets, chosen, used, DRAWN, seed=options.seed)
-    return with_shapes_at_rest(data, allowed) if vector.terms else data  # factors alone go by horizons
+    return with_shapes_at_rest(data, allowed) if vector.terms else data  # factors alone need none
 
 
 def _last(vector: FitVector) -> Policy:

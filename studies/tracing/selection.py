@@ -40,7 +40,7 @@ def select(task: Task) -> Selection:
     vector = without(fit_vector(["all"], factors=task.factors, designs=task.designs), task.known)
     at_rest = fit_at_rest(task.data, task.fits, vector)
     begin, factors = FitStart(), FitStart()
-    if at_rest is not None:  # so near that no horizon is looked at, and that one Jacobian leads
+    if at_rest is not None:  # so near that one Jacobian leads
         x = beginning(vector, at_rest, ())
         begin = FitStart(x, inputs=task.input_errors(vector, x))
         all_on = beginning(vector, at_rest, at_rest.vector.labels)
