@@ -16,11 +16,12 @@ from optimize.fit.clouds import Density, evenly
 from optimize.fit.descent import FitStart, Interrupted, Progress, silent
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import DECLARED, FitVector
-from optimize.fit.policy import CLOSE, END, UPDATED, Policy
+from optimize.fit.policy import CLOSE, END, NEAR, Policy
 from studies.calibration.result import Calibration, ambiguities
 from studies.calibration.trial_checks import implausible
-from studies.fitting.fits import Fits, beginning, fit_at_rest, fit_early, with_shapes_at_rest
+from studies.fitting.fits import Fits, fit_at_rest, with_shapes_at_rest
 from studies.fitting.fitted_model import EXCESS, far_factors, fitted_model, interval_warnings, with_engines
+from studies.fitting.joint_fit import joint_fit, joint_fit_from_rest
 from studies.intervals.calibrate import chosen as chosen_trials
 from studies.intervals.calibrate import with_spread
 from studies.measured.fit_data import MeasuredData
@@ -31,9 +32,8 @@ TRIALS = 16  # fitted at most without effects, spread over those allowed
 MOST_TRIALS = 48  # with effects, whose last fit takes 10 CPU s a trial; never more than half of those allowed over 32
 DRAWN = Density(until=1.5, frames=30, points=300)
 _MANY = 20  # unknowns, of which last steps gain less than the noise of their differences promises, at minutes each
-_MANY_UNKNOWNS = replace(UPDATED, finer=replace(UPDATED.finer, least=0.0, least_share=0.0, least_each=CLOSE.least_each))
+_MANY_UNKNOWNS = replace(NEAR, finer=replace(NEAR.finer, least=0.0, least_share=0.0, least_each=CLOSE.least_each))
 _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
-_EARLY = 0.4  # of a fit of effects
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def calibrate_sets(
 
     Of more than 16 trials, 16 spread over the session are fitted, and of more than 32 half of them, 48 at most, by the
     last fit of effects: 30 frames of the first 1.5 s of each, and 300 points of a frame. Errors of the pressures and
-    the frame's level are weighed by the sets' accuracy. checkpoint: keeps its fits.
+    the frame's level are weighed by the sets' accuracy. checkpoint: keeps the fit of each horizon.
     Raises InputError for an implausible trial and where no trial is left, SimulationError where every motion diverges.
     """
     sets = [measured] if isinstance(measured, MeasurementSet) else [*measured]
@@ -80,7 +80,7 @@ def calibrate_sets(
     data, slopes = _drawn(sets, vector, options, progress), options.slopes
     sensed = Predictor(forward, sensing=True)
     slopes = slopes and Predictor(slopes, sensing=True)
-    fits = Fits(sensed, EXCESS, slopes, checkpoint, lambda named, vector: progress)
+    fits = Fits(sensed, EXCESS, slopes, checkpoint, lambda named, vector: progress, last=_last)
     fitted, skipped = _fit(data, fits, vector, interruptible=options.interruptible), tuple(options.skipped)
     if lines := {} if fitted.interrupted else implausible(fitted, data.samples, sensed):
         tolerance = Tolerance(options.skip_bad, [*skipped])
@@ -123,7 +123,7 @@ def _drawn(
 
     used = find_used_frames(trials_of_sets, options.coarse, progress=searching)
     data = MeasuredData.of(sets, chosen, used, DRAWN, seed=options.seed)
-    return with_shapes_at_rest(data, allowed) if vector.terms else data  # factors alone need none
+    return with_shapes_at_rest(data, allowed) if vector.terms else data  # factors alone go by horizons
 
 
 def _last(vector: FitVector) -> Policy:
@@ -198,9 +198,9 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, *, interruptible: bo
 
 
 def _joint(data: MeasuredData, vector: FitVector, fits: Fits, at_rest: Fit | None) -> Fit:
-    early, late = fits.within(0.0, _EARLY), fits.within(_EARLY, 1.0)
-    x = fit_early(data, early, vector).x if at_rest is None else beginning(vector, at_rest, ())
-    return late.fit(late.problem(data, vector), FitStart(x), _last(vector), "at last")
+    if at_rest is None:
+        return joint_fit(data, vector, vector.start, fits)
+    return joint_fit_from_rest(data, vector, fits, at_rest)
 
 
 def _remaining(data: MeasuredData, fits: Fits, plain: Fit, x: Array, known: float) -> float:

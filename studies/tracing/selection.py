@@ -19,10 +19,11 @@ from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
-from optimize.fit.policy import NEAR, UPDATED
+from optimize.fit.policy import UPDATED, NEAR
 from optimize.fit.significance import NEEDED, cheapest_first, conditioned, cost, needed
-from studies.fitting.fits import beginning, beside, fit_at_rest, fit_early
+from studies.fitting.fits import beginning, fit_at_rest
 from studies.fitting.fitted_model import expected_rms
+from studies.fitting.joint_fit import beside, joint_fit
 from studies.model_selection.judged import Judged, certain_drift, is_certain
 from studies.model_selection.rules import ON_SETS, Selection, below, follow
 from studies.model_selection.verdict import so_far
@@ -40,7 +41,7 @@ def select(task: Task) -> Selection:
     vector = without(fit_vector(["all"], factors=task.factors, designs=task.designs), task.known)
     at_rest = fit_at_rest(task.data, task.fits, vector)
     begin, factors = FitStart(), FitStart()
-    if at_rest is not None:  # so near that one Jacobian leads
+    if at_rest is not None:  # so near that no horizon is looked at, and that one Jacobian leads
         x = beginning(vector, at_rest, ())
         begin = FitStart(x, inputs=task.input_errors(vector, x))
         all_on = beginning(vector, at_rest, at_rest.vector.labels)
@@ -54,13 +55,15 @@ def select(task: Task) -> Selection:
         task.say(so_far(()))
         to_its_end = FitStart(plain.minimum, plain.state.jacobian, plain.inputs)
         return _adequate(task, vector, task.fit("plain to its end", plain.vector, to_its_end))
-    if at_rest is None and excess <= SLIGHT * task.tolerance and plain.vector.is_plausible(plain.x):
-        # Where the declared parameters leave little, the residuals are nearly linear about them: from the data sheet a
-        # cloth that snaps leads the fit astray. Not where they had to go where no specimen is: an effect hides in them.
-        begin = FitStart(beside(vector, plain.x), inputs=plain.inputs)
-    elif at_rest is None:
-        begin = FitStart(fit_early(task.data, replace(task.fits, named="every effect"), vector).x)
-    everything = task.fit("every effect", vector, begin, NEAR if at_rest is None else UPDATED)
+    if at_rest is not None:
+        everything = task.fit("every effect", vector, begin, UPDATED)
+    else:
+        # Where the declared parameters leave little, the residuals are nearly linear about them, and the joint fit
+        # begins there: from the data sheet a cloth that snaps leads it astray. Not where they had to go where no
+        # specimen is: an effect hides in them then.
+        begins_there = excess <= SLIGHT * task.tolerance and plain.vector.is_plausible(plain.x)
+        start = beside(vector, plain.x) if begins_there else vector.start
+        everything = joint_fit(task.data, vector, start, replace(task.fits, named="every effect"))
     task.say(so_far(needed(everything.minimum, everything.covariance, everything.vector, NEEDED)))
     selection = backwards(task, everything, task.weighed(plain, everything.inputs))
     return replace(selection, at_rest=at_rest)

@@ -77,7 +77,9 @@ class Task(Refits):
     @property
     def fits(self) -> Fits:
         """Return how its fits are made."""
-        return Fits(self.forward, self.tolerance, checkpoint=self.checkpoint, progress_of=self._progress_of)
+        return Fits(
+            self.forward, self.tolerance, checkpoint=self.checkpoint, progress_of=self._progress_of, patient=True
+        )
 
     def _progress_of(self, named: str, vector: FitVector) -> Progress:
         begin = f"{named}, {len(vector.parameters)} unknowns: " if named else ""
