@@ -16,7 +16,7 @@ from optimize.fit.clouds import Density, evenly
 from optimize.fit.descent import FitStart, Interrupted, Progress, silent
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import DECLARED, FitVector
-from optimize.fit.policy import CLOSE, END, NEAR, Policy
+from optimize.fit.policy import CLOSE, DECLARED_ALONE, NEAR, Policy
 from studies.calibration.result import Calibration, ambiguities
 from studies.calibration.trial_checks import implausible
 from studies.fitting.fits import Fits, fit_at_rest, with_shapes_at_rest
@@ -128,7 +128,7 @@ def _drawn(
 
 def _last(vector: FitVector) -> Policy:
     """Return how the last fit of a vector goes."""
-    return _MANY_UNKNOWNS if len(vector.parameters) > _MANY else END
+    return _MANY_UNKNOWNS if len(vector.parameters) > _MANY else DECLARED_ALONE
 
 
 def most_trials(allowed: int, *, effects: bool) -> int:
