@@ -214,13 +214,13 @@ class _Work:
         return np.atleast_2d(self.problem.vector.start if self.start.x is None else self.start.x)
 
     def _horizon(self, horizon: float, x: Array, along: Array, progress: Progress) -> tuple[Linearisation, Array]:
-        """Return where steps over the first `horizon` s lead, and the rows of the next differences there. It leads near,
-        so errors of the inputs, which cost more motions than factors do, have no part in it."""
+        """Return where steps over the first `horizon` s lead, and the rows of the next differences there."""
         problem = self.problem.until(horizon)
         evaluation = problem.evaluate([x])[0]
-        state, descent = problem.linearise(evaluation, along), _Descent(problem, None, evaluation.misfit.rms)
+        inputs = problem.input_errors(evaluation) if self.start.inputs is None else None
+        state, descent = problem.linearise(evaluation, along), _Descent(problem, inputs, evaluation.misfit.rms)
         state = self._descend(descent, _Course(state), UNSURE, problem.span(horizon), progress).state
-        return state, directions(step_to_minimum(state, problem.vector, None, far=np.inf)[1], problem.vector)
+        return state, directions(step_to_minimum(state, problem.vector, inputs, far=np.inf)[1], problem.vector)
 
     def _begun(self, problem: Problem, starts: Array) -> tuple[_Descent, Evaluation]:
         """Return a descent on all rows, and the best of the starts (k, p)."""

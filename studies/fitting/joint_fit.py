@@ -21,7 +21,7 @@ from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.policy import NEAR
-from optimize.fit.problem import InputErrors, horizons_of, widened
+from optimize.fit.problem import horizons_of, widened
 from optimize.fit.significance import needed
 from studies.fitting.fits import Fits, beginning, shown
 from studies.fitting.fitted_model import expected_rms
@@ -58,8 +58,8 @@ def joint_fit(data: MeasuredData, vector: FitVector, start: Array, fits: Fits) -
                 other = before.after(other)
             descent = min(descent, other, key=lambda one: one.remaining)
     last, begin = fits.within(ends[-1], 1.0), FitStart(descent.x)
-    if len(few.trials) == len(data.trials):
-        begin = FitStart(descent.x, descent.jacobian, descent.inputs)
+    if descent.fit is not None and len(few.trials) == len(data.trials):
+        begin = FitStart(descent.x, descent.jacobian, descent.fit.inputs)
     problem, named = last.problem(data, vector, expected), f"{descent.named} at last".strip()
     return last.fit(problem, begin, fits.last(vector), named)
 
@@ -116,11 +116,6 @@ class _Descent:
         assert self.at is not None
         return widened(self.fit.state.jacobian, self.at, len(self.x))
 
-    @property
-    def inputs(self) -> InputErrors | None:
-        """Return what errors of the inputs do."""
-        return None if self.fit is None else self.fit.inputs
-
     def less(self, labels: Iterable[str]) -> "_Descent":
         """Return the descent with more terms inactive, by their labels among those that take part, and at nothing."""
         dropped = {*labels}
@@ -144,7 +139,6 @@ class _Stage:
     def fit(self, vector: FitVector, start: Array, named: str) -> Fit:
         """Return the fit of a vector over the horizon. named: before the horizon."""
         problem = self.fits.problem(self.data, vector, self.expected)
-        problem = problem if self.last else replace(problem, accuracy=None)  # early ones lead near, for fewer motions
         return self.fits.fit(problem, FitStart(start), NEAR, f"{named} to {self.horizon:g} s".strip())
 
     def after(self, descent: _Descent) -> _Descent:
