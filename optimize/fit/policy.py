@@ -61,7 +61,7 @@ def to_the_end(name: str, end: FitStage) -> Policy:
     return Policy(name, UNSURE, replace(end, exact_end=False), end)
 
 
-ROUGH = Policy("near", _ROUGHLY, UNSURE)
-UPDATED = Policy("updated", UNSURE, UNSURE)  # ends on an updated Jacobian: another fit goes on from there
+ROUGH = Policy("rough", _ROUGH_STAGE, UNSURE)
+AT_REST = Policy("at rest", UNSURE, UNSURE)  # a column costs little, but motions go on from there
 END = to_the_end("to its end", _PRECISE)
 DECLARED_ALONE = to_the_end("declared parameters", CLOSE)

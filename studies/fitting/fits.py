@@ -17,7 +17,7 @@ from optimize.fit.clouds import evenly
 from optimize.fit.descent import FitStart, Progress, fit, parts, silent
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitVector
-from optimize.fit.policy import ROUGH, UPDATED, Policy
+from optimize.fit.policy import AT_REST, ROUGH, Policy
 from optimize.fit.problem import FitProblem
 from studies.fitting.fitted_model import expected_rms
 from studies.measured.fit_data import MeasuredData
@@ -94,7 +94,7 @@ def fit_at_rest(data: MeasuredData, fits: Fits, vector: FitVector) -> Fit | None
     problem = RestProblem(data.standing, jacobians, acting_at_rest(vector), data.weighed)
     return fit(
         problem,
-        policy=UPDATED,
+        policy=AT_REST,
         named=named,
         checkpoint=fits.checkpoint,
         progress=lambda line, share: progress(f"{named}, {line}", share),

@@ -58,7 +58,7 @@ def joint_fit(data: MeasuredData, vector: FitVector, start: Array, fits: Fits) -
                 other = before.after(other)
             descent = min(descent, other, key=lambda one: one.remaining)
     last, begin = fits.within(ends[-1], 1.0), FitStart(descent.x)
-    if descent.fit is not None and len(few.trials) == len(data.trials):
+    if descent.fit is not None and len(some.trials) == len(data.trials):
         begin = FitStart(descent.x, descent.jacobian, descent.fit.inputs)
     problem, named = last.problem(data, vector, expected), f"{descent.named} at last".strip()
     return last.fit(problem, begin, fits.last(vector), named)

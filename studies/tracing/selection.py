@@ -19,7 +19,7 @@ from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
-from optimize.fit.policy import DECLARED_ALONE, ROUGH, UPDATED
+from optimize.fit.policy import AT_REST, DECLARED_ALONE, ROUGH
 from optimize.fit.significance import NEEDED, cheapest_first, conditioned, cost, needed
 from studies.fitting.fits import beginning, fit_at_rest
 from studies.fitting.fitted_model import expected_rms
@@ -56,7 +56,7 @@ def select(task: Task) -> Selection:
         to_its_end = FitStart(plain.minimum, plain.state.jacobian, plain.inputs)
         return _adequate(task, vector, task.fit("plain to its end", plain.vector, to_its_end, DECLARED_ALONE))
     if at_rest is not None:
-        everything = task.fit("every effect", vector, begin, UPDATED)
+        everything = task.fit("every effect", vector, begin, AT_REST)
     else:
         # Where the declared parameters leave little, the residuals are nearly linear about them, and the joint fit
         # begins there: from the data sheet a cloth that snaps leads it astray. Not where they had to go where no
