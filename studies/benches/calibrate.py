@@ -15,11 +15,12 @@ from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.nouns.bench import Bench, BenchRecord
 from fabdesign.nouns.model import EffectTerm, Quantity
 from fabdesign.runtime.effort import bench_fit_seconds, in_words
+from optimize.fit.descent import parts
 from optimize.fit.parameters import FitVector
 from studies.benches.evaluate import errors_of
 from studies.benches.law import Law, rms
 from studies.benches.muscle import BenchMuscle, only_speed, rows_of, travels
-from studies.benches.muscle_effects import FittedEffects, bench_vector, fit_effects
+from studies.benches.muscle_effects import bench_vector, fit_effects
 from studies.benches.records import LAWS, LEAST_SHOWN, BenchNoise, for_people, noise_of, require_columns, shown, unit_of
 
 Progress = Callable[[str, float | None], None]
@@ -101,7 +102,8 @@ def calibrate_bench(
         progress(in_words(seconds, *what), None)
     turns = len(chosen) if len(chosen) > 2 else 0
     lines = ["all records", *(f"record {k} of {turns} left out" for k in range(1, turns + 1))]
-    first, *later = _steps(progress, [f"fitting {bench.name}, {line}" for line in lines])
+    shares = parts(progress, *(k / len(lines) for k in range(1, len(lines))))
+    first, *later = (partial(part, f"fitting {bench.name}, {line}") for part, line in zip(shares, lines, strict=True))
     law, effects = _fit(bench, chosen, vector, first)
     left_out = []
     for i, tell in enumerate(later):
@@ -179,15 +181,6 @@ def _shown(error: float, unit: str) -> str:
     return f"{shown(error, unit)} RMS" if factor * error >= LEAST_SHOWN else f"under {LEAST_SHOWN} {name} RMS"
 
 
-def _steps(progress: Progress, lines: Sequence[str]) -> list[Callable[[float], None]]:
-    """Return what each of some equal steps, which shows its line, tells its own share to."""
-
-    def step(k: int, line: str) -> Callable[[float], None]:
-        return lambda share: progress(line, (k + share) / len(lines))
-
-    return [step(k, line) for k, line in enumerate(lines)]
-
-
 def _fit(
     bench: Bench,
     records: Sequence[BenchRecord],
@@ -198,9 +191,9 @@ def _fit(
 ) -> tuple[Law, tuple[EffectTerm, ...]]:
     tell(0.0)
     if bench.specimen == "muscle":
-        fitted = FittedEffects() if vector is None else fit_effects(partial(rows_of, records), vector, tell)
+        effects = () if vector is None else fit_effects(partial(rows_of, records), vector, tell)
         options: dict[str, Any] = {} if intervals else {"refits": 0}
-        return BenchMuscle.fit(records, terms=fitted.terms, **options), fitted.effects
+        return BenchMuscle.fit(records, terms=tuple(effect.term for effect in effects), **options), effects
     return LAWS[bench.specimen].fit(records), ()
 
 

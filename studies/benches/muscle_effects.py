@@ -27,12 +27,6 @@ _SPANS = (4, 6)  # of pressure and contraction
 _RIDGE = 1e-4  # of the law's coefficients, relative to the tension's size
 
 
-@dataclass(frozen=True, eq=False)
-class FittedEffects:
-    terms: tuple[Term, ...] = ()
-    effects: tuple[EffectTerm, ...] = ()  # the same with intervals
-
-
 def bench_vector(free: Sequence[str], name: str) -> FitVector:
     """Return the unknowns of `free` (as of `calibrate --free`) for the muscle type `name`. Raises InputError for an
     effect that one muscle on a bench cannot show."""
@@ -54,9 +48,9 @@ def fit_effects(
     rows_of: Callable[[tuple[Term, ...]], Rows],
     vector: FitVector,
     tell: Callable[[float], None] = lambda share: None,
-) -> FittedEffects:
-    """Return the fitted effects. rows_of(terms): the records' rows with the effects in them. tell: is given the share
-    done."""
+) -> tuple[EffectTerm, ...]:
+    """Return the fitted effects, with intervals. rows_of(terms): the rows with the effects in them. tell: is given the
+    share done."""
     plain = rows_of(())
     spans, acting = _Spans.of(plain), {term.name for term in vector.terms}
 
@@ -66,10 +60,8 @@ def fit_effects(
     problem = BenchProblem(unexplained, np.zeros_like(plain.block), plain.block, vector)
     fitted = fit(problem, progress=lambda _, share: tell(share))
     deviation = np.sqrt(np.diag(fitted.covariance))
-    terms = vector.terms_at(fitted.x)
-    quantities = quantities_of(vector, fitted.x, deviation)
-    effects = [effect_term(label, term, quantities, None) for label, term in zip(vector.labels, terms, strict=True)]
-    return FittedEffects(terms, tuple(effects))
+    quantities, terms = quantities_of(vector, fitted.x, deviation), vector.terms_at(fitted.x)
+    return tuple(effect_term(label, term, quantities, None) for label, term in zip(vector.labels, terms, strict=True))
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,9 @@ from studies.calibration.result import Calibration, ambiguities
 from studies.calibration.trial_checks import implausible
 from studies.fitting.fits import Fits, beginning, fit_at_rest, fit_early, with_shapes_at_rest
 from studies.fitting.fitted_model import EXCESS, far_factors, fitted_model, interval_warnings, with_engines
-from studies.intervals.calibrate import chosen as chosen_trials
-from studies.intervals.calibrate import with_spread
+from studies.intervals.calibrate import MOST, with_spread
 from studies.measured.fit_data import MeasuredData
-from studies.measured.splits import Tolerance, fit_trials
+from studies.measured.splits import Tolerance, fit_trials, of_each_design
 from studies.measured.used_frames import find_used_frames
 
 TRIALS = 16  # fitted at most without effects, spread over those allowed
@@ -147,7 +146,8 @@ def _with_spread(
     """Return the model with intervals of motions from trials of role `fit` that were not fitted, whatever the reason,
     but for those that were found bad, and how good they are; None where there are no such trials."""
     fitted = {trial.file for trial in data.trials}
-    spared = chosen_trials([t for one in sets for t in one.trials if t.role == "fit" and t.file not in fitted])
+    others = [t for one in sets for t in one.trials if t.role == "fit" and t.file not in fitted]
+    spared = of_each_design(others, MOST)
     if not spared:
         return model, None
     owners = {trial.file: one for one in sets for trial in one.trials}

@@ -13,7 +13,7 @@ from fabdesign.nouns.model import EffectTerm, Quantity
 Word = Literal["adequate", "effect", "unexplained"]
 SHARE_OF_A_CAUSE = 0.6  # of the gap, that effects must close to be its cause
 LEAST_SHARE = 0.5  # of it, where that is more than the baseline removes: what leaves more than half is not the cause
-GROSS = 2.0  # times the tolerance: trials of role test that a fitted model leaves more of are said
+GROSS = 2.0  # times the tolerance: what leaves more is not near a right model
 STRUCTURE = 0.25  # of an excess, that the baseline, or one kind of feature, must take to count as structure
 
 SO_FAR = "so far:"

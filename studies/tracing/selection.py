@@ -25,11 +25,9 @@ from studies.fitting.fits import beginning, beside, fit_at_rest, fit_early
 from studies.fitting.fitted_model import expected_rms
 from studies.model_selection.judged import Judged, certain_drift, is_certain
 from studies.model_selection.rules import ON_SETS, Selection, below, follow
-from studies.model_selection.verdict import so_far
+from studies.model_selection.verdict import GROSS, LEAST_SHARE, so_far
 from studies.tracing.task import Task, to_first_order
 
-SLIGHT = 2.0  # times the tolerance: what leaves no more is near the minimum, and the joint fit begins there
-PROMISING = 0.5  # of what the declared parameters leave: where one effect promises to leave more, it is not all
 HOPELESS = 4.0  # times the tolerance: what leaves more is not refined before the joint fit
 
 
@@ -54,7 +52,7 @@ def select(task: Task) -> Selection:
         task.say(so_far(()))
         to_its_end = FitStart(plain.minimum, plain.state.jacobian, plain.inputs)
         return _adequate(task, vector, task.fit("plain to its end", plain.vector, to_its_end))
-    if at_rest is None and excess <= SLIGHT * task.tolerance and plain.vector.is_plausible(plain.x):
+    if at_rest is None and excess <= GROSS * task.tolerance and plain.vector.is_plausible(plain.x):
         # Where the declared parameters leave little, the residuals are nearly linear about them: from the data sheet a
         # cloth that snaps leads the fit astray. Not where they had to go where no specimen is: an effect hides in them.
         begin = FitStart(beside(vector, plain.x), inputs=plain.inputs)
@@ -147,7 +145,7 @@ def enough(task: Task, everything: Fit, labels: Sequence[str], plain: Fit) -> Fi
     *_, (strongest, _, _) = cheapest_first(*there, {label: vector.part(label) for label in labels})
     least = everything.promised(everything.minimum)
     promise = everything.promised(to_first_order(everything, [strongest]))
-    if promise > PROMISING * plain.after and over(promise, least) > task.tolerance:
+    if promise > (1 - LEAST_SHARE) * plain.after and over(promise, least) > task.tolerance:
         return None
     hopeless = float(np.hypot(least, task.tolerance))
     one = task.with_effects(everything, [strongest], hopeless=hopeless, exact=True, named=f"{strongest} alone")

@@ -100,7 +100,7 @@ def test_what_has_the_wrong_sign_is_no_effect(creep: float, found: bool) -> None
     """The force of a cylinder that loses some of it with time is no creep: that only ever adds."""
     outcome = traced("cylinder", cylinder, *((p, 0.0, 0.0, creep) for p in PRESSURES))
     assert ("muscle_creep" in {effect.name for effect in outcome.effects}) == found
-    assert ("muscle_creep" in [c.effect for c in outcome.candidates if c.refused]) != found
+    assert ("muscle_creep" in [c.name for c in outcome.candidates if c.refused]) != found
     assert ("only with a sign that it cannot have" in as_text(outcome)) != found
 
 
