@@ -50,11 +50,10 @@ class Fits:
         """Return the same as a part of the work, by the shares of it at which it begins and ends."""
         return replace(self, progress_of=lambda named, vector: parts(self.progress_of(named, vector), begin, end)[1])
 
-    def problem(self, data: MeasuredData, vector: FitVector, expected: float | None = None) -> FitProblem:
-        """Return the motions of some data. expected: m RMS that a right model leaves at most; None: without any effect
-        what the tolerance allows, while effects that begin at nothing leave much before they are found."""
-        if expected is None:
-            expected = np.inf if vector.terms else expected_rms(data.noise, self.tolerance)
+    def problem(self, data: MeasuredData, vector: FitVector) -> FitProblem:
+        """Return the motions of some data. A right model leaves at most what the tolerance allows; effects that begin
+        at nothing leave much before they are found."""
+        expected = np.inf if vector.terms else expected_rms(data.noise, self.tolerance)
         return FitProblem(data.samples, self.forward, self.slopes or self.forward, vector, data.weighed, expected)
 
     def fit(self, problem: FitProblem, start: FitStart, policy: Policy, named: str = "") -> Fit:
@@ -64,8 +63,7 @@ class Fits:
         return fit(problem, start, policy, named=named, checkpoint=self.checkpoint, progress=progress)
 
 
-TRIALS = 48  # looked at for shapes at rest, at most
-SHAPES = 24  # fitted at most
+SHAPES = 24  # fitted at most, of twice as many trials
 SHOWS = 1e-5  # m RMS that a prior's deviation of an unknown moves shapes by; less is rounding
 LEAST = 8  # fewer tell too little of what acts at rest
 
@@ -74,7 +72,7 @@ def shapes_at_rest(trials: Sequence[Trial], noise: float, seed: int) -> list[Sta
     """Return shapes at rest of some trials, one for each design and pressures, spread over the session; none where
     there are fewer than LEAST. noise: m, of a point."""
     rng = np.random.default_rng(seed)
-    looked_at = [trials[k] for k in evenly(len(trials), TRIALS)]
+    looked_at = [trials[k] for k in evenly(len(trials), 2 * SHAPES)]
     shapes = [one for trial in looked_at for one in standing_of(trial, trial.load(), noise, rng)]
     unlike = [*{(one.sample.trial.design_name, *one.pressure.tolist()): one for one in reversed(shapes)}.values()]
     if len(unlike) < LEAST:
