@@ -6,7 +6,7 @@ Pereyra 1973, doi:10.1137/0710036), in the descent that fits clouds. Intervals a
 """
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -51,11 +51,13 @@ def fit_effects(
 ) -> tuple[EffectTerm, ...]:
     """Return the fitted effects, with intervals. rows_of(terms): the rows with the effects in them. tell: is given the
     share done."""
-    plain = rows_of(())
-    spans, acting = _Spans.of(plain), {term.name for term in vector.terms}
+    plain, acting = rows_of(()), {term.name for term in vector.terms}
+    start, end = min(float(plain.contraction.min()), 0.0), max(float(plain.contraction.max()), 0.0)
+    # splines lie over what was measured, whatever the effects make of it
+    spans = float(plain.pressure.max()) / _SPANS[0], start, (end - start) / _SPANS[1]
 
     def unexplained(x: Array) -> Array:
-        return spans.left(rows_of(vector.terms_at(vector.inside(x))), acting)
+        return _unexplained(rows_of(vector.terms_at(vector.inside(x))), spans, acting)
 
     problem = BenchProblem(unexplained, np.zeros_like(plain.block), plain.block, vector)
     fitted = fit(problem, progress=lambda _, share: tell(share))
@@ -64,32 +66,20 @@ def fit_effects(
     return tuple(effect_term(label, term, quantities, None) for label, term in zip(vector.labels, terms, strict=True))
 
 
-@dataclass(frozen=True)
-class _Spans:
-    """Where the splines lie: over what was measured, whatever the effects make of it."""
-
-    pressure: float  # Pa between knots
-    start: float
-    contraction: float
-
-    @staticmethod
-    def of(rows: Rows) -> "_Spans":
-        start, end = min(float(rows.contraction.min()), 0.0), max(float(rows.contraction.max()), 0.0)
-        return _Spans(float(rows.pressure.max()) / _SPANS[0], start, (end - start) / _SPANS[1])
-
-    def left(self, rows: Rows, acting: Collection[str]) -> Array:
-        """Return (n,) N that law and damping do not explain; no damping that one of the effects `acting` is by
-        itself."""
-        p = design_matrix(rows.pressure / self.pressure, _SPANS[0] + 3)
-        e = design_matrix((rows.contraction - self.start) / self.contraction, _SPANS[1] + 3)
-        smooth = (p[:, :, None] * e[:, None, :]).reshape(len(p), -1)
-        stretch = p * (np.maximum(-rows.contraction, 0.0) / self.contraction)[:, None]
-        damping = motion_columns(rows.rate, friction="braid_hysteresis" not in acting)
-        if "muscle_viscosity" in acting:
-            damping[:, 0] = 0.0
-        columns = np.hstack([smooth, stretch, damping])
-        columns = columns[:, np.abs(columns).max(axis=0) > 0]
-        ridge = _RIDGE * np.sqrt(len(p)) * np.eye(columns.shape[1])
-        goal = rows.force + rows.friction
-        steps = np.linalg.lstsq(np.vstack([columns, ridge]), np.r_[goal, np.zeros(len(ridge))], rcond=None)[0]
-        return np.asarray(goal - columns @ steps)
+def _unexplained(rows: Rows, spans: tuple[float, float, float], acting: Collection[str]) -> Array:
+    """Return (n,) N that law and damping do not explain; no damping that one of the effects `acting` is by itself.
+    spans: Pa between knots, the first contraction, and contraction between knots."""
+    pressure, start, contraction = spans
+    p = design_matrix(rows.pressure / pressure, _SPANS[0] + 3)
+    e = design_matrix((rows.contraction - start) / contraction, _SPANS[1] + 3)
+    smooth = (p[:, :, None] * e[:, None, :]).reshape(len(p), -1)
+    stretch = p * (np.maximum(-rows.contraction, 0.0) / contraction)[:, None]
+    damping = motion_columns(rows.rate, friction="braid_hysteresis" not in acting)
+    if "muscle_viscosity" in acting:
+        damping[:, 0] = 0.0
+    columns = np.hstack([smooth, stretch, damping])
+    columns = columns[:, np.abs(columns).max(axis=0) > 0]
+    ridge = _RIDGE * np.sqrt(len(p)) * np.eye(columns.shape[1])
+    goal = rows.force + rows.friction
+    steps = np.linalg.lstsq(np.vstack([columns, ridge]), np.r_[goal, np.zeros(len(ridge))], rcond=None)[0]
+    return np.asarray(goal - columns @ steps)
