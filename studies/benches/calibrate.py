@@ -19,7 +19,7 @@ from optimize.fit.descent import parts
 from optimize.fit.parameters import FitVector
 from studies.benches.evaluate import errors_of
 from studies.benches.law import Law, rms
-from studies.benches.muscle import BenchMuscle, only_speed, rows_of, travels
+from studies.benches.muscle import REFITS, BenchMuscle, only_speed, rows_of, travels
 from studies.benches.muscle_effects import bench_vector, fit_effects
 from studies.benches.records import LAWS, LEAST_SHOWN, BenchNoise, for_people, noise_of, require_columns, shown, unit_of
 
@@ -108,7 +108,7 @@ def calibrate_bench(
     left_out = []
     for i, tell in enumerate(later):
         others = chosen[:i] + chosen[i + 1 :]
-        left_out.append(_error(bench, _fit(bench, others, vector, tell, intervals=False)[0], [chosen[i]]))
+        left_out.append(_error(bench, _fit(bench, others, vector, tell, refits=0)[0], [chosen[i]]))
     return BenchCalibration(
         bench=bench,
         law=law,
@@ -125,7 +125,7 @@ def calibrate_bench(
 
 
 def errors_in_words(calibration: BenchCalibration) -> str:
-    """Root mean squares for people: of the fit, of records left out of it, of those of role test."""
+    """Return the root mean squares for people: of the fit, of records left out of it, of those of role test."""
     lines = [
         ("on the fit", calibration.error_fit),
         ("on records left out of it", calibration.error_left_out),
@@ -186,14 +186,13 @@ def _fit(
     records: Sequence[BenchRecord],
     vector: FitVector | None,
     tell: Callable[[float], None],
-    *,
-    intervals: bool = True,
+    refits: int = REFITS,
 ) -> tuple[Law, tuple[EffectTerm, ...]]:
     tell(0.0)
     if bench.specimen == "muscle":
         effects = () if vector is None else fit_effects(partial(rows_of, records), vector, tell)
-        options: dict[str, Any] = {} if intervals else {"refits": 0}
-        return BenchMuscle.fit(records, terms=tuple(effect.term for effect in effects), **options), effects
+        terms = tuple(effect.term for effect in effects)
+        return BenchMuscle.fit(records, terms=terms, refits=refits), effects
     return LAWS[bench.specimen].fit(records), ()
 
 

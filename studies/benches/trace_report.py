@@ -165,12 +165,12 @@ def _blocks(outcome: BenchOutcome) -> Iterator[page.Block]:
     yield page.Title("Records: measured, before, after")
     output = "displacement" if outcome.unit == "m" else outcome.bench.output
     styles = (("measured", charts.DARK), ("before", charts.RED), ("after", charts.BLUE))
-    for k, (record, rows, *left) in enumerate(outcome.curves):
+    for k, (record, rows, *misses) in enumerate(outcome.curves):
         name = next((n for n in ("time", *outcome.bench.input) if n in record.columns), "row")
         place = np.arange(len(rows), dtype=float) if name == "row" else record.columns[name][rows]
         by, shown_in = AXES.get(DIMENSIONS.get(name, ""), (1.0, ""))
         measured = record.columns[output_of(outcome.bench)][rows]
-        lines = measured, *(measured + more for more in left)
+        lines = measured, *(measured + miss for miss in misses)
         curves = [charts.curve(title, by * place, scale * y, c) for (title, c), y in zip(styles, lines, strict=True)]
         yield page.Title(record.name, 3)
         x = ", ".join(filter(None, (name.replace("_", " "), shown_in)))

@@ -81,12 +81,12 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
     selection, none = select(task), task.fit()
     chosen = [task.shapes[k] for k in task.places(selection.chosen)]
     refitted = _with_law(sampled, task, selection.judged, partial(third, "law and effects in turn"))
-    left = refitted.fit.state.misfit.residual
+    remaining = refitted.fit.state.misfit.residual
     box = sampled.baseline(residual)
-    beside = sampled.baseline(left) if selection.gains else box
+    beside = sampled.baseline(remaining) if selection.gains else box
     evidence = Evidence(
         none.excess, refitted.excess, len(chosen), box.excess(floor),
-        left=1 - float(beside.squares.sum() / np.square(left).sum()), typical=none.scored.typical(floor),
+        structure=1 - float(beside.squares.sum() / np.square(remaining).sum()), typical=none.scored.typical(floor),
     )  # fmt: skip
     verdict, effects = decide(evidence, limit), _effects(task, refitted, chosen)
     return BenchOutcome(
@@ -102,10 +102,10 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
         unit=unit_of(bench),
         noise=noise,
         effects=effects,
-        fit=(rms(residual), rms(left)),
+        fit=(rms(residual), rms(remaining)),
         test=_tested(bench, chosen, refitted.fit.x),
         curves=tuple(
-            (r, k, residual[sampled.record == i], left[sampled.record == i])
+            (r, k, residual[sampled.record == i], remaining[sampled.record == i])
             for i, (r, k) in enumerate(zip(records, sampled.rows, strict=True))
         ),
     )
@@ -152,7 +152,7 @@ class _Sampled:
 
     @cached_property
     def record(self) -> Indices:
-        """(N,) of which record each row is."""
+        """Return (N,) of which record each row is."""
         return np.repeat(np.arange(len(self.rows)), [len(k) for k in self.rows])
 
     def residual(self, laws: Sequence[Array]) -> Array:
@@ -186,8 +186,8 @@ class _Sampled:
             first += len(k)
         some, count = np.concatenate(kept), np.bincount(self.record)
         features, record, wanted = standardised(np.concatenate(parts))[some], self.record[some], residual[some][:, None]
-        left = wanted - predicted_by_others([features], wanted, [np.array([True])], record)
-        squares = [float(np.mean(left[record == k] ** 2)) * count[k] for k in range(len(count))]
+        remaining = wanted - predicted_by_others([features], wanted, [np.array([True])], record)
+        squares = [float(np.mean(remaining[record == k] ** 2)) * count[k] for k in range(len(count))]
         return Scored(np.array(squares), count.astype(np.float64))
 
 

@@ -16,11 +16,12 @@ from optimize.fit.clouds import Density, evenly
 from optimize.fit.descent import FitStart, Interrupted, Progress, silent
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import DECLARED, FitVector
-from optimize.fit.policy import CLOSE, END, UPDATED, Policy
+from optimize.fit.policy import CLOSE, DECLARED_ALONE, ROUGH, Policy
 from studies.calibration.result import Calibration, ambiguities
 from studies.calibration.trial_checks import implausible
-from studies.fitting.fits import Fits, beginning, fit_at_rest, fit_early, with_shapes_at_rest
-from studies.fitting.fitted_model import EXCESS, far_factors, fitted_model, interval_warnings, with_engines
+from studies.fitting.fits import Fits, fit_at_rest, with_shapes_at_rest
+from studies.fitting.fitted_model import EXCESS, doubted, far_factors, fitted_model, interval_warnings, with_engines
+from studies.fitting.joint_fit import joint_fit, joint_fit_from_rest
 from studies.intervals.calibrate import MOST, with_spread
 from studies.measured.fit_data import MeasuredData
 from studies.measured.splits import Tolerance, fit_trials, of_each_design
@@ -30,9 +31,8 @@ TRIALS = 16  # fitted at most without effects, spread over those allowed
 MOST_TRIALS = 48  # with effects, whose last fit takes 10 CPU s a trial; never more than half of those allowed over 32
 DRAWN = Density(until=1.5, frames=30, points=300)
 _MANY = 20  # unknowns, of which last steps gain less than the noise of their differences promises, at minutes each
-_MANY_UNKNOWNS = replace(UPDATED, finer=replace(UPDATED.finer, least=0.0, least_share=0.0, least_each=CLOSE.least_each))
+_MANY_UNKNOWNS = replace(ROUGH, finer=replace(ROUGH.finer, least=0.0, least_share=0.0, least_each=CLOSE.least_each))
 _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
-_EARLY = 0.4  # of a fit of effects
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def calibrate_sets(
 
     Of more than 16 trials, 16 spread over the session are fitted, and of more than 32 half of them, 48 at most, by the
     last fit of effects: 30 frames of the first 1.5 s of each, and 300 points of a frame. Errors of the pressures and
-    the frame's level are weighed by the sets' accuracy. checkpoint: keeps its fits.
+    the frame's level are weighed by the sets' accuracy. checkpoint: keeps the fit of each horizon.
     Raises InputError for an implausible trial and where no trial is left, SimulationError where every motion diverges.
     """
     sets = [measured] if isinstance(measured, MeasurementSet) else [*measured]
@@ -79,8 +79,8 @@ def calibrate_sets(
     data, slopes = _drawn(sets, vector, options, progress), options.slopes
     sensed = Predictor(forward, sensing=True)
     slopes = slopes and Predictor(slopes, sensing=True)
-    fits = Fits(sensed, EXCESS, slopes, checkpoint, lambda named, vector: progress)
-    fitted, skipped = _fit(data, fits, vector, interruptible=options.interruptible), tuple(options.skipped)
+    fits = Fits(sensed, EXCESS, slopes, checkpoint, lambda named, vector: progress, last=_last)
+    fitted, skipped = _fit(data, fits, vector, options), tuple(options.skipped)
     if lines := {} if fitted.interrupted else implausible(fitted, data.samples, sensed):
         tolerance = Tolerance(options.skip_bad, [*skipped])
         for line in lines.values():
@@ -88,24 +88,25 @@ def calibrate_sets(
         data, skipped = data.without(lines), tuple(tolerance.skipped)
         if not data.samples:
             raise InputError(f"{', '.join(s.name for s in sets)}: no trial to fit is left; the first: {skipped[0]}")
-        fitted = _fit(data, fits, vector, interruptible=options.interruptible)
+        fitted = _fit(data, fits, vector, options)
     covariance = with_engines(fitted, options.engines)
     deviation = np.sqrt(np.diag(covariance))
     why = [*interval_warnings(fitted.after, fitted.outlying, data.noise), *far_factors(fitted)]
     if fitted.interrupted:
         why.append(f"interrupted after {fitted.iterations} iterations, before the best values were reached")
-    model, said = (
+    model, spread_in_words = (
         fitted_model(
-            fitted, covariance, trials=data.trials, reliable=not why, points_per_side=options.points_per_side,
+            fitted, covariance, trials=data.trials, points_per_side=options.points_per_side,
             provenance=data.provenance(),
         ),
         None,
     )  # fmt: skip
+    model = doubted(model) if why else model
     if options.intervals and not fitted.interrupted:
-        model, said = _with_spread(model, sets, data, forward, options.coarse, progress)
+        model, spread_in_words = _with_spread(model, sets, data, forward, options.coarse, progress)
     correlation = covariance / np.outer(deviation, deviation)
     statements = ambiguities(fitted, covariance)
-    return Calibration(model, fitted, correlation, statements, tuple(why), skipped, data, said)
+    return Calibration(model, fitted, correlation, statements, tuple(why), skipped, data, spread_in_words)
 
 
 def _drawn(
@@ -122,12 +123,12 @@ def _drawn(
 
     used = find_used_frames(trials_of_sets, options.coarse, progress=searching)
     data = MeasuredData.of(sets, chosen, used, DRAWN, seed=options.seed)
-    return with_shapes_at_rest(data, allowed) if vector.terms else data  # factors alone need none
+    return with_shapes_at_rest(data, allowed) if vector.terms else data  # factors alone go by horizons
 
 
 def _last(vector: FitVector) -> Policy:
     """Return how the last fit of a vector goes."""
-    return _MANY_UNKNOWNS if len(vector.parameters) > _MANY else END
+    return _MANY_UNKNOWNS if len(vector.parameters) > _MANY else DECLARED_ALONE
 
 
 def most_trials(allowed: int, *, effects: bool) -> int:
@@ -162,7 +163,7 @@ def _with_spread(
     )
 
 
-def _fit(data: MeasuredData, fits: Fits, vector: FitVector, *, interruptible: bool) -> Fit:
+def _fit(data: MeasuredData, fits: Fits, vector: FitVector, options: CalibrationOptions) -> Fit:
     """Return the fit. With effects, it begins at the data sheet too: where the fit without them, of TRIALS, ends may be
     far off, in a false minimum. Where that is interrupted, the better of both is kept."""
     plain: Fit | None = None
@@ -171,18 +172,18 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, *, interruptible: bo
         if not vector.terms:
             return fits.fit(fits.problem(data, vector), FitStart(), _last(vector))
         factors, early = vector.without_effects, fits.within(0.0, _WITHOUT_EFFECTS)
-        few = data.only(evenly(len(data.trials), TRIALS).tolist())
+        some = data.only(evenly(len(data.trials), TRIALS).tolist())
         rested = [fit_at_rest(data, early, unknowns) for unknowns in (factors, vector)]
 
         def no_effects(named: str, vector: FitVector) -> Progress:
             return lambda line, share: early.progress_of(named, vector)(f"no effects, {line}", share)
 
         alone = replace(early, named=f"factors of {len(data.trials)} trials", progress_of=no_effects)
-        plain = _joint(few, factors, alone, rested[0])
+        plain = _joint(some, factors, alone, rested[0])
         fitted = _joint(data, vector, fits.within(_WITHOUT_EFFECTS, 1.0), rested[1])
     except KeyboardInterrupt as stop:
-        reached = stop.fit() if interruptible and isinstance(stop, Interrupted) else None
-        if not interruptible or (reached is None and plain is None):
+        reached = stop.fit() if options.interruptible and isinstance(stop, Interrupted) else None
+        if not options.interruptible or (reached is None and plain is None):
             raise
         if plain is None:
             assert reached is not None
@@ -198,9 +199,9 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, *, interruptible: bo
 
 
 def _joint(data: MeasuredData, vector: FitVector, fits: Fits, at_rest: Fit | None) -> Fit:
-    early, late = fits.within(0.0, _EARLY), fits.within(_EARLY, 1.0)
-    x = fit_early(data, early, vector).x if at_rest is None else beginning(vector, at_rest, ())
-    return late.fit(late.problem(data, vector), FitStart(x), _last(vector), "at last")
+    if at_rest is None:
+        return joint_fit(data, vector, vector.start, fits)
+    return joint_fit_from_rest(data, vector, fits, at_rest)
 
 
 def _remaining(data: MeasuredData, fits: Fits, plain: Fit, x: Array, known: float) -> float:

@@ -1,10 +1,5 @@
 """How a study fits models to what was measured: by which engines, how precisely, where fits are kept, who is told;
-and where a fit of motions begins: at the fit of shapes at rest, else at one of a few trials over growing horizons.
-
-A fit without an effect goes to a false minimum, where a lag becomes damping. Where all may act, the fit finds its way,
-and what is not there comes out as nothing. Where cloth buckles, that way has false minima too, and what the factors
-alone lead to may be nearer.
-"""
+and the fit of shapes at rest: of what acts where a cloth stands, before motions are looked at."""
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +17,7 @@ from optimize.fit.clouds import evenly
 from optimize.fit.descent import FitStart, Progress, fit, parts, silent
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitVector
-from optimize.fit.policy import UPDATED, Policy
+from optimize.fit.policy import AT_REST, ROUGH, Policy
 from optimize.fit.problem import FitProblem
 from studies.fitting.fitted_model import expected_rms
 from studies.measured.fit_data import MeasuredData
@@ -32,7 +27,8 @@ from studies.measured.fit_data import MeasuredData
 class Fits:
     """How fits are made. tolerance: m of excess that a right model may leave. slopes: a cheaper engine, for first steps
     and derivatives. progress_of: the progress of the fit of a name and a vector. named: before the names of fits in the
-    checkpoint."""
+    checkpoint. last: the policy of the last of several fits. patient: whether a joint fit begins again wherever a
+    horizon leaves more than a right model, not the first alone where that is far more."""
 
     forward: ForwardModel
     tolerance: float
@@ -40,6 +36,8 @@ class Fits:
     checkpoint: Checkpoint | None = None
     progress_of: Callable[[str, FitVector], Progress] = lambda named, vector: silent
     named: str = ""
+    last: Callable[[FitVector], Policy] = lambda vector: ROUGH
+    patient: bool = False
 
     @property
     def coarse(self) -> "Fits":
@@ -94,7 +92,7 @@ def fit_at_rest(data: MeasuredData, fits: Fits, vector: FitVector) -> Fit | None
     problem = RestProblem(data.standing, jacobians, acting_at_rest(vector), data.weighed)
     return fit(
         problem,
-        policy=UPDATED,
+        policy=AT_REST,
         named=named,
         checkpoint=fits.checkpoint,
         progress=lambda line, share: progress(f"{named}, {line}", share),
@@ -109,30 +107,12 @@ def beginning(vector: FitVector, at_rest: Fit, dropped: Collection[str]) -> Arra
     return np.array([known.get(p.name, p.start) for p in vector.parameters])
 
 
+def shown(fit: Fit) -> list[str]:
+    """Return the terms of which an unknown moves the residuals of a fit by more than rounding does."""
+    moves = _moves(fit)
+    return [label for label in fit.vector.labels if moves[fit.vector.part(label)].any()]
+
+
 def _moves(fit: Fit) -> NDArray[np.bool_]:
     """Return (p,) which unknowns do."""
     return np.asarray(np.sqrt(np.diag(fit.normal.sensitivity)) * fit.vector.prior > SHOWS)
-
-
-EARLY = 1.0  # s, of the horizons before all frames: a column costs a motion as long
-EARLY_TRIALS = 8  # of these at most: they lead near, where the last fit begins
-
-
-def fit_early(data: MeasuredData, fits: Fits, vector: FitVector) -> Fit:
-    """Return the fit to the first EARLY s of some trials. Where effects leave too much, it begins once more where the
-    factors alone lead, with effects at nothing, and the better of both counts."""
-    few, fits = data.only(evenly(len(data.trials), EARLY_TRIALS).tolist()).until(EARLY), fits.coarse
-    problem = fits.problem(few, vector)
-    early = fits.fit(problem, FitStart(), UPDATED, "early")
-    if not vector.terms or early.after <= expected_rms(data.noise, fits.tolerance):
-        return early
-    factors = fits.fit(fits.problem(few, vector.without_effects), FitStart(), UPDATED, "factors early")
-    other = fits.fit(problem, FitStart(beside(vector, factors.x)), UPDATED, "early from factors")
-    return min(early, other, key=lambda one: one.after)
-
-
-def beside(vector: FitVector, factors: Array) -> Array:
-    """Return a vector's unknowns (p,): factors, and effects at nothing."""
-    x = np.zeros(len(vector.parameters))
-    x[: len(factors)] = factors
-    return x

@@ -20,7 +20,7 @@ from fabdesign.version import SIMULATOR
 from optimize.fit.clouds import Density, evenly
 from optimize.fit.cross_validation import LeftOut
 from studies.fitting.fits import with_shapes_at_rest
-from studies.fitting.fitted_model import EXCESS
+from studies.fitting.fitted_model import EXCESS, doubted
 from studies.measured.fit_data import MeasuredData, TooLittle
 from studies.measured.splits import fit_trials, of_each_design
 from studies.measured.used_frames import GRID, find_used_frames
@@ -135,8 +135,7 @@ def _outcome(task: Task, every: Sequence[Trial], options: Options) -> Outcome:
     if verdict == "effect":
         instead |= same_from_rest(task, selection)
     task.say("what to measure next")
-    grid, reliable = options.grid or GRID, verdict != "unexplained"
-    model = model_of(fitted, selection, data, points_per_side=grid, known=known.effects, reliable=reliable)
+    model = model_of(fitted, selection, data, points_per_side=options.grid or GRID, known=known.effects)
     named = {}
     if verdict == "effect":
         terms = dict(zip(fitted.vector.labels, model.effects[len(known.effects) :], strict=True))
@@ -155,7 +154,7 @@ def _outcome(task: Task, every: Sequence[Trial], options: Options) -> Outcome:
         alike=tuple(instead.values()),
         errors=tuple(errors),
         remains=remainder,
-        model=model,
+        model=doubted(model) if verdict == "unexplained" else model,
         next_experiment=_experiment(task, selection, [*instead.values()], verdict),
         discovered=discovered,
     )
@@ -170,7 +169,7 @@ def _check(model: Model) -> None:
         check_values(effect_named(term.name, "--model"), term.values, "--model")
 
 
-def _evidence(selection: Selection, data: MeasuredData, left: float) -> Evidence:
+def _evidence(selection: Selection, data: MeasuredData, structure: float) -> Evidence:
     floor, folds = selection.floor, selection.folds
     plain, chosen = LeftOut.of(selection.plain, folds).scored(), selection.judged.scored
     before, after = (Residuals.of(data, fit) for fit in (selection.plain, selection.chosen))
@@ -179,7 +178,7 @@ def _evidence(selection: Selection, data: MeasuredData, left: float) -> Evidence
         after=chosen.excess(floor),
         effects=len(selection.chosen.vector.labels),
         box_before=baseline_score(before, folds).excess(floor),
-        left=left,
+        structure=structure,
         fitted=before.scored.excess(floor),
         fitted_after=after.scored.excess(floor),
         typical=plain.typical(floor),

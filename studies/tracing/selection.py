@@ -19,10 +19,11 @@ from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
-from optimize.fit.policy import NEAR, UPDATED
+from optimize.fit.policy import AT_REST, DECLARED_ALONE, ROUGH
 from optimize.fit.significance import NEEDED, cheapest_first, conditioned, cost, needed
-from studies.fitting.fits import beginning, beside, fit_at_rest, fit_early
+from studies.fitting.fits import beginning, fit_at_rest
 from studies.fitting.fitted_model import expected_rms
+from studies.fitting.joint_fit import beside, joint_fit
 from studies.model_selection.judged import Judged, certain_drift, is_certain
 from studies.model_selection.rules import ON_SETS, Selection, below, follow
 from studies.model_selection.verdict import GROSS, LEAST_SHARE, so_far
@@ -38,12 +39,12 @@ def select(task: Task) -> Selection:
     vector = without(fit_vector(["all"], factors=task.factors, designs=task.designs), task.known)
     at_rest = fit_at_rest(task.data, task.fits, vector)
     begin, factors = FitStart(), FitStart()
-    if at_rest is not None:  # so near that one Jacobian leads
+    if at_rest is not None:  # so near that no horizon is looked at, and that one Jacobian leads
         x = beginning(vector, at_rest, ())
         begin = FitStart(x, inputs=task.input_errors(vector, x))
         all_on = beginning(vector, at_rest, at_rest.vector.labels)
         factors = replace(begin, x=np.stack([all_on, x])[:, vector.are_factors])
-    hopeful = replace(NEAR, hopeless=expected_rms(task.data.noise, HOPELESS * task.tolerance))
+    hopeful = replace(ROUGH, hopeless=expected_rms(task.data.noise, HOPELESS * task.tolerance))
     plain = task.fit("plain", vector.without_effects, factors, hopeful)
     judged = task.judged(plain)
     excess = max(judged.excess, judged.scored.typical(task.floor))
@@ -51,14 +52,16 @@ def select(task: Task) -> Selection:
     if remaining <= task.tolerance and plain.vector.is_plausible(plain.x):
         task.say(so_far(()))
         to_its_end = FitStart(plain.minimum, plain.state.jacobian, plain.inputs)
-        return _adequate(task, vector, task.fit("plain to its end", plain.vector, to_its_end))
-    if at_rest is None and excess <= GROSS * task.tolerance and plain.vector.is_plausible(plain.x):
-        # Where the declared parameters leave little, the residuals are nearly linear about them: from the data sheet a
-        # cloth that snaps leads the fit astray. Not where they had to go where no specimen is: an effect hides in them.
-        begin = FitStart(beside(vector, plain.x), inputs=plain.inputs)
-    elif at_rest is None:
-        begin = FitStart(fit_early(task.data, replace(task.fits, named="every effect"), vector).x)
-    everything = task.fit("every effect", vector, begin, NEAR if at_rest is None else UPDATED)
+        return _adequate(task, vector, task.fit("plain to its end", plain.vector, to_its_end, DECLARED_ALONE))
+    if at_rest is not None:
+        everything = task.fit("every effect", vector, begin, AT_REST)
+    else:
+        # Where the declared parameters leave little, the residuals are nearly linear about them, and the joint fit
+        # begins there: from the data sheet a cloth that snaps leads it astray. Not where they had to go where no
+        # specimen is: an effect hides in them then.
+        begins_there = excess <= GROSS * task.tolerance and plain.vector.is_plausible(plain.x)
+        start = beside(vector, plain.x) if begins_there else vector.start
+        everything = joint_fit(task.data, vector, start, replace(task.fits, named="every effect"))
     task.say(so_far(needed(everything.minimum, everything.covariance, everything.vector, NEEDED)))
     selection = backwards(task, everything, task.weighed(plain, everything.inputs))
     return replace(selection, at_rest=at_rest)
@@ -108,21 +111,21 @@ def worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
     return [label for label in labels if label not in small], small
 
 
-def _with_channels(judged: Judged, tolerance: float, certain: Sequence[str], few: Sequence[str]) -> list[str]:
+def _with_channels(judged: Judged, tolerance: float, certain: Sequence[str], fewer: Sequence[str]) -> list[str]:
     """Return the sparse terms, and the other channels of their effects where trials left out gain by them together. A
     place moves to where it is in a fit."""
     vector, trials = judged.fit.vector, judged.trials
-    kept = [label for label in certain if label in few or _sits_in_a_channel(label)]
+    kept = [label for label in certain if label in fewer or _sits_in_a_channel(label)]
     one, all_of_them = (
-        trials.scored(vector.parts([label for label in vector.labels if label not in on])) for on in (few, kept)
+        trials.scored(vector.parts([label for label in vector.labels if label not in on])) for on in (fewer, kept)
     )
-    several = len(kept) > len(few) and is_certain(trials.gain(one, all_of_them, judged.floor), tolerance)
-    return kept if several else [*few]
+    several = len(kept) > len(fewer) and is_certain(trials.gain(one, all_of_them, judged.floor), tolerance)
+    return kept if several else [*fewer]
 
 
 def _sits_in_a_channel(label: str) -> bool:
     effect = EFFECTS[label_effect(label)]
-    return bool(effect.chosen) and all(effect.parameters[name].whole for name in effect.chosen)
+    return bool(effect.chosen) and all(effect.parameters[name].integer for name in effect.chosen)
 
 
 def sparse(everything: Fit, labels: Sequence[str]) -> list[str]:
@@ -148,7 +151,7 @@ def enough(task: Task, everything: Fit, labels: Sequence[str], plain: Fit) -> Fi
     if promise > (1 - LEAST_SHARE) * plain.after and over(promise, least) > task.tolerance:
         return None
     hopeless = float(np.hypot(least, task.tolerance))
-    one = task.with_effects(everything, [strongest], hopeless=hopeless, exact=True, named=f"{strongest} alone")
+    one = task.with_effects(everything, [strongest], hopeless=hopeless, jacobian="anew", named=f"{strongest} alone")
     fits = over(one.after, least) <= 0.5 * task.tolerance
     return one if fits and not task.needed_elsewhere(everything, one, vector.inside(there[0])) else None
 
@@ -183,7 +186,7 @@ def reduced(task: Task, joint: Fit, labels: Collection[str]) -> tuple[Fit, list[
         stage += 1
         without = f"{in_mm(begin.rms):.3f} mm RMS without {', '.join(dropped)}"
         task.say(f"{without}; to first order {in_mm(begin.promised):.3f}")
-        fitted = task.fit(f"fewer {stage}", begin.vector, FitStart(begin.x, begin.jacobian, known.inputs), NEAR)
+        fitted = task.fit(f"fewer {stage}", begin.vector, FitStart(begin.x, begin.jacobian, known.inputs), ROUGH)
         if over(fitted.after, begin.promised) > task.tolerance:
             wanted += _terms(known, dropped)
         else:

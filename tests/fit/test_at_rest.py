@@ -20,6 +20,7 @@ from optimize.fit.problem import columns
 from optimize.fit.significance import NEEDED, needed
 from sim import Simulator
 from studies.fitting.fits import LEAST, Fits, beginning, fit_at_rest
+from studies.fitting.joint_fit import negligible, unneeded
 from studies.measured.fit_data import MeasuredData
 from studies.measured.used_frames import UsedFrames
 
@@ -137,8 +138,10 @@ def test_a_known_truth_is_found_and_what_is_nothing_lies_aside(forward, vector, 
         assert abs(fitted.x[k] - value) < max(3 * deviation[k], 0.1 * abs(value)), name
     assert fitted.after < 1.1 * SIGMA
     assert {*needed(fitted.minimum, fitted.covariance, fitted.vector, NEEDED)} == {"orthotropy", "line_loss"}
+    assert {"supply_droop", "registration_bias"} <= negligible(fitted, 0.5e-3) <= {"supply_droop", "registration_bias"}
 
-    dropped = {*fitted.vector.labels} - {"orthotropy", "line_loss", "filling_lag"}  # which moves no shape
+    dropped = unneeded(fitted)
+    assert dropped == {*fitted.vector.labels} - {"orthotropy", "line_loss", "filling_lag"}  # which moves no shape
     without = dict(zip(vector.names, beginning(vector, fitted, dropped), strict=True))
     assert without["supply_droop.share"] == 0.0 and without["filling_lag.fill"] > 0
     assert without["line_loss.share"] == pytest.approx(0.2, abs=0.05)
