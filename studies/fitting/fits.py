@@ -48,10 +48,11 @@ class Fits:
         """Return the same as a part of the work, by the shares of it at which it begins and ends."""
         return replace(self, progress_of=lambda named, vector: parts(self.progress_of(named, vector), begin, end)[1])
 
-    def problem(self, data: MeasuredData, vector: FitVector) -> FitProblem:
-        """Return the motions of some data. A right model leaves at most what the tolerance allows; effects that begin
-        at nothing leave much before they are found."""
-        expected = np.inf if vector.terms else expected_rms(data.noise, self.tolerance)
+    def problem(self, data: MeasuredData, vector: FitVector, expected: float | None = None) -> FitProblem:
+        """Return the motions of some data. expected: m RMS that a right model leaves at most; None: without any effect
+        what the tolerance allows, while effects that begin at nothing leave much before they are found."""
+        if expected is None:
+            expected = np.inf if vector.terms else expected_rms(data.noise, self.tolerance)
         return FitProblem(data.samples, self.forward, self.slopes or self.forward, vector, data.weighed, expected)
 
     def fit(self, problem: FitProblem, start: FitStart, policy: Policy, named: str = "") -> Fit:
