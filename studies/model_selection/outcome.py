@@ -49,7 +49,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class TraceOutcome(Tabled):
-    """What a trace comes to. Errors in m, or in the bench's unit. floor: the noise of what is compared. named: the
+    """The outcome of a trace. Errors in m, or in the bench's unit. floor: the noise of what is compared. named: the
     effects that the verdict stands by, by their label in the fit. indistinguishable: those that would do as well."""
 
     verdict: Word
