@@ -43,7 +43,7 @@ THRESHOLDS = {
     "trace": (
         Threshold("studies/fitting", "EXCESS", "excess that counts as nothing (`--tolerance`)", "mm", 1e3),
         Threshold("studies/benches", "TOLERANCE", "the same on a bench", "% of the largest output", 100),
-        Threshold("studies/tracing", "TRIALS", "trials used, at most"),
+        Threshold("studies/measured", "TRIALS", "trials used, at most"),
         Threshold("fabdesign/nouns", "LEAST_TRIALS", "trials with different pressures, at least"),
         Threshold("studies/measured", "GRID", "grid of the simulator (`--grid`)", "points a side"),
         Threshold("studies/fitting", "LEAST", "shapes at rest from which on they are fitted first"),
@@ -69,7 +69,7 @@ THRESHOLDS = {
         Threshold("studies/prediction/stability.py", "LEAST", "smallest size of a motion", "mm", 1e3),
     ),
     "calibrate": (
-        Threshold("studies/calibration/calibrate.py", "TRIALS", "trials fitted without effects, at most"),
+        Threshold("studies/measured", "TRIALS", "trials fitted without effects, at most"),
         Threshold("studies/calibration", "MOST_TRIALS", "trials fitted with effects, at most"),
         Threshold("studies/fitting", "EXCESS", "excess of a reliable fit, at most", "mm", 1e3),
         Threshold("studies/fitting", "OUTLYING", "outlying frames of a reliable fit", "%", 100),

@@ -242,10 +242,10 @@ def trace(
     from fabdesign.nouns.model import Model
     from fabdesign.runtime.effort import TRACE, Pace, fit_in_words, fit_seconds
     from studies.fitting.fitted_model import EXCESS
-    from studies.measured.splits import Tolerance
+    from studies.measured.splits import TRIALS, Tolerance
     from studies.measured.used_frames import GRID
     from studies.model_selection.verdict import SO_FAR
-    from studies.tracing.run import DRAWN, TRIALS, Options, trace_set
+    from studies.tracing.run import DRAWN, Options, trace_set
 
     fitted, sets = run.model(model), all_sets(measured)
     if len(sets) != 1:

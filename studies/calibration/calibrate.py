@@ -24,10 +24,9 @@ from studies.fitting.fitted_model import EXCESS, doubted, far_factors, fitted_mo
 from studies.fitting.joint_fit import joint_fit, joint_fit_from_rest
 from studies.intervals.calibrate import MOST, with_spread
 from studies.measured.fit_data import MeasuredData
-from studies.measured.splits import Tolerance, fit_trials, of_each_design
+from studies.measured.splits import TRIALS, Tolerance, fit_trials, of_each_design
 from studies.measured.used_frames import find_used_frames
 
-TRIALS = 16  # fitted at most without effects, spread over those allowed
 MOST_TRIALS = 48  # with effects, whose last fit takes 10 CPU s a trial; never more than half of those allowed over 32
 DRAWN = Density(until=1.5, frames=30, points=300)
 _MANY = 20  # unknowns, of which last steps gain less than the noise of their differences promises, at minutes each

@@ -15,6 +15,7 @@ from fabdesign.nouns.trial import MeasurementSet, Role, Trial
 from optimize.fit.clouds import evenly
 
 Trials = tuple[Trial, ...]
+TRIALS = 16  # fitted at most, spread over those allowed; with many effects more
 
 
 @dataclass(frozen=True)

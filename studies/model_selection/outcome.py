@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fabdesign.effects import EFFECTS
 from fabdesign.files.model_file import write_model
 from fabdesign.formats.json_file import write_json
 from fabdesign.formats.result_tables import Tabled
@@ -15,7 +16,7 @@ from fabdesign.nouns.model import EffectTerm, Model
 from fabdesign.output import write_text
 from fabdesign.units import in_mm
 from studies.model_selection.rules import Selection
-from studies.model_selection.verdict import Evidence, Word, effect_entry, shared_out
+from studies.model_selection.verdict import Evidence, Word, explains
 
 
 class MeanErrors(NamedTuple):
@@ -64,7 +65,10 @@ class TraceOutcome(Tabled):
     @cached_property
     def explained(self) -> dict[str, float]:
         """Return the share of the gap that each effect closes; of several, by what its absence costs."""
-        return shared_out(self.evidence, {label: gain for label, (gain, _) in self.selection.gains.items()})
+        share = explains(self.evidence)
+        costs = {label: max(gain, 0.0) ** 2 for label, (gain, _) in self.selection.gains.items()}
+        every = max(sum(costs.values()), 1e-30)
+        return {} if share is None else {label: share * cost / every for label, cost in costs.items()}
 
     def entries(self, metric: str, unit: str, before: MeanErrors, after: MeanErrors) -> dict[str, Any]:
         """Return what `trace.json` says of a set and of a bench; a set's errors in mm."""
@@ -82,7 +86,16 @@ class TraceOutcome(Tabled):
         return {
             "format": "fabdesign.trace/1",
             "verdict": self.verdict,
-            "effects": [effect_entry(effect, self.explained.get(label)) for label, effect in self.named.items()],
+            "effects": [
+                {
+                    "name": effect.name,
+                    "site": EFFECTS[effect.name].site,
+                    "scope": effect.scope or EFFECTS[effect.name].scope,
+                    "parameters": effect.parameters,
+                    "explains": self.explained.get(label),
+                }
+                for label, effect in self.named.items()
+            ],
             "indistinguishable": self.indistinguishable,
             "candidates": [
                 {

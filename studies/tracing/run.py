@@ -22,7 +22,7 @@ from optimize.fit.cross_validation import LeftOut
 from studies.fitting.fits import with_shapes_at_rest
 from studies.fitting.fitted_model import EXCESS, doubted
 from studies.measured.fit_data import MeasuredData, TooLittle
-from studies.measured.splits import fit_trials, of_each_design
+from studies.measured.splits import TRIALS, fit_trials, of_each_design
 from studies.measured.used_frames import GRID, find_used_frames
 from studies.model_selection.black_box import Residuals, baseline_score
 from studies.model_selection.judged import Judged, certain_drift
@@ -38,7 +38,6 @@ from studies.tracing.selection import select
 from studies.tracing.task import Task
 
 ALGORITHM = 26  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
-TRIALS = 16  # at most, spread over those allowed
 ELSEWHERE = 2  # trials of a layout that is not fitted
 DRAWN = Density(until=6.0, frames=25, points=150)
 CALM_STEPS = 12  # time steps in one, far from jumps: within 0.03 mm of 8; at 16 single motions are off by millimetres
