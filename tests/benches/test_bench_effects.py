@@ -11,9 +11,8 @@ from fabdesign.files.bench_file import read_bench
 from fabdesign.files.design_file import read_design, write_design
 from fabdesign.formats.csv_table import write_rows
 from fabdesign.nouns.catalogue import build
-from studies.benches.calibrate import calibrate_bench
+from studies.benches.calibrate import bench_vector, calibrate_bench, fit_effects
 from studies.benches.muscle import BenchMuscle, rows_of
-from studies.benches.muscle_effects import bench_vector, fit_effects
 
 STEP = 1e-3  # s, of the truth
 
