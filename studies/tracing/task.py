@@ -18,7 +18,7 @@ from optimize.fit.fitted import Fit, concluded, kept
 from optimize.fit.misfit import CLOUDS
 from optimize.fit.normal import loss
 from optimize.fit.parameters import FitParameter, FitVector
-from optimize.fit.policy import LITTLE, STEP, FitStage, Policy
+from optimize.fit.policy import DECLARED_ALONE, LITTLE, STEP, FitStage, Policy
 from optimize.fit.problem import Evaluation, FitProblem, InputErrors, widened
 from optimize.fit.significance import NEEDED
 from studies.fitting.fits import Fits
@@ -166,7 +166,7 @@ class Task(Refits):
         whichever is nearer: what one of their false minima leaves is nothing that an effect explains."""
         vector, starts = with_shapes(known, [])
         begin = FitStart(np.array([plain.minimum, *starts]), inputs=known.inputs)
-        return self.fit("plain to its end", vector, begin, ASKED)
+        return self.fit("plain to its end", vector, begin, DECLARED_ALONE)
 
     def decoys(self, known: Fit, everything: Fit) -> Decoys:
         """Return effects by chance beside a fit."""
