@@ -9,14 +9,16 @@ limits cut depends on time or order, so that a seed gives one result.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.muscle import Muscle
 from optimize.search.design_space import Vector
 from optimize.search.evaluations import Evaluations, Stop
 from optimize.search.local_search import LocalSearch
-from optimize.search.objective import Poses
+from optimize.search.objective import Objective, Poses
 from optimize.search.search_state import FurtherStarts, SearchState, add_starts, load_state, save_state
 
 INTERRUPTED = "interrupted; the same command goes on from here"
@@ -134,10 +136,37 @@ def searches_from(evaluations: Evaluations, number: int, first: int) -> list[Loc
     spaces = [evaluations.space(i, number) for i in numbers]
     xs = [mine.encode(*space.decode(x)) for mine, (space, x) in zip(spaces, evaluations.starts[first:], strict=True)]
     values = evaluations.evaluate(number, list(zip(numbers, xs, strict=True)))
-    return [
+    searches = [
         LocalSearch(i, space, x, value, shape=shape)
         for i, space, x, (value, shape) in zip(numbers, spaces, xs, values, strict=True)
     ]
+    objective = evaluations.objective_of(number)
+    return searches if len(objective.targets) == 1 else _with_nearest_poses(objective, searches)
+
+
+def _with_nearest_poses(objective: Objective, searches: Sequence[LocalSearch]) -> list[LocalSearch]:
+    """Return a search from each layout, whose poses take the pressures that come nearest to their targets, of all that
+    were valued on that layout: a pose's shape depends on its own pressures alone."""
+    layouts: dict[tuple[Muscle, ...], list[LocalSearch]] = {}
+    for local in searches:
+        layouts.setdefault(local.space.decode(local.x)[0].muscles, []).append(local)
+    return [_with_nearest(objective, alike) for alike in layouts.values()]
+
+
+def _with_nearest(objective: Objective, alike: Sequence[LocalSearch]) -> LocalSearch:
+    """Return the best of searches from one layout, with the nearest poses of all of them where that is a gain."""
+    best = min(alike, key=lambda s: s.value)
+    kept = [s for s in alike if s.shape is not None and s.space.keeps(s.x, s.shape)]
+    if not kept or not best.space.vary_pressures:
+        return best
+    places = objective.nearest([s.shape for s in kept if s.shape is not None])
+    design, _ = best.space.decode(best.x)
+    pressures = np.array([kept[k].space.decode(kept[k].x)[1][pose] for k, pose in places])
+    shape = np.array([kept[k].shape[pose] for k, pose in places])
+    value = objective.value(shape)
+    if not value < best.value:
+        return best
+    return replace(best, x=best.space.encode(design, pressures), value=value, shape=shape)
 
 
 def _moved(evaluations: Evaluations, number: int, searches: Sequence[LocalSearch]) -> list[LocalSearch]:
