@@ -21,7 +21,7 @@ from fabdesign.runtime.fingerprint import content_of
 from fabdesign.study_files.study_file import Study
 from fabdesign.units import in_kpa, in_mm
 from fabdesign.version import SIMULATOR, __version__
-from optimize.search.evaluations import SLOPES
+from optimize.search.evaluations import SLOPES, TIME_USED
 from optimize.search.history import Entry, History
 from optimize.search.multistart import INTERRUPTED
 from optimize.search.search_state import of_rows
@@ -55,6 +55,7 @@ class StudyResult(Tabled):
     robust: Robustness | None = None  # where the study asks for it
     within: float | None = None  # m, half of a 90 % interval along the normal; None: the model has no intervals
     fewer: Fewer | None = None  # what leaving muscles out came to, where their number may vary
+    kept: bool = False  # whether it was there before, and nothing was searched
 
     @property
     def pressures(self) -> Array:
@@ -86,8 +87,13 @@ class StudyResult(Tabled):
 
     @property
     def search_time(self) -> str:
-        """Return in words the time searched against its limit, both without compiling and loading."""
-        return f"{self.wall_s:.0f} of at most {self.study.limits.seconds:g} s of search time (without compilation)"
+        """Return in words the time searched against its limit, both without compiling and loading, and what goes on
+        where earlier calls have used the limit up."""
+        spent = f"{self.wall_s:.0f} of at most {self.study.limits.seconds:g} s of search time (without compilation)"
+        if not self.kept or self.reach.lacking is None:
+            return spent
+        more = "a larger --seconds goes on" if self.stop_reason.startswith(TIME_USED) else "a larger limit goes on"
+        return f"{spent}, all in earlier calls on this folder, which count together: {more}"
 
     @property
     def interrupted(self) -> bool:
@@ -224,7 +230,7 @@ def write_best(
 
 
 VERSIONS = f"fabdesign {__version__}, simulator {SIMULATOR}"
-_MADE_AGAIN = ("study", "design", "pressure", "targets", "history", "fewer")
+_MADE_AGAIN = ("study", "design", "pressure", "targets", "history", "fewer", "kept")
 _KEPT = [field.name for field in fields(StudyResult) if field.name not in _MADE_AGAIN]  # as they are
 _RAISED = ("limits.seconds", "limits.evaluations")  # without another result up to there
 _NO_MATTER = ("name", "targets", "outputs")  # the targets' points count, not their files
@@ -289,4 +295,5 @@ def answer(history: History, study: Study, targets: Sequence[LoadedTarget], *, f
         history=tuple(history.entries()),
         **values,
         fewer=kept_fewer(study, history.load()),
+        kept=True,
     )

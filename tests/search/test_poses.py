@@ -25,7 +25,7 @@ CLOTH = build("vertical")
 FRONT, BACK = (replace(CLOTH.muscles[k], side=side, channel=k) for k, side in enumerate(("front", "back")))
 DESIGN = replace(CLOTH, muscles=(FRONT, BACK))
 TRUTH = np.array([[320e3, 0.0], [0.0, 250e3]])
-BOTH_FACES = dict(counts=range(2, 5), sides=("front", "back"))
+BOTH_FACES = {"counts": range(2, 5), "sides": ("front", "back")}
 
 
 class WithThreshold(WithJacobian):
@@ -53,21 +53,21 @@ def screened(objective: Objective, starts: list[Start]) -> list:
         return searches_from(Evaluations(objective, starts, [stage], history, seconds=60, evaluations=99), 0, 0)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_muscle_for_one_pose_alone_is_found_where_fewer_would_serve_the_other(tmp_path: Path, seed: int) -> None:
-    """Forward in one pose and back in the other: layouts on one face come to half the way, 10 mm, and end there."""
+@pytest.mark.parametrize("seed", [1, 4])
+def test_a_muscle_for_one_pose_alone_is_found_soon(tmp_path: Path, seed: int) -> None:
+    """Forward in one pose and back in the other; with the same start pressures in both it came to 4.5 and 5.7 mm."""
     (tmp_path / "s.toml").write_text(
         'kind = "optimize"\ndesign = "d.toml"\n'
         + "".join(
             f'[[targets]]\nwishes = [{{ edge = "bottom", forward = {forward} }}, {{ at = [0.1, 0.2], right = 0.0 }}]\n'
             for forward in (0.04, -0.02)
         )
-        + "[variables]\nmuscles = { max = 3 }\n[limits]\nevaluations = 300\npressure = [0, 300]\n"
+        + "[variables]\nmuscles = { max = 3 }\n[limits]\nevaluations = 250\npressure = [0, 300]\n"
     )
     write_design(replace(CLOTH, muscles=()), tmp_path / "d.toml")
     study = replace(read_study(tmp_path / "s.toml"), seed=seed)
     result = run_study(study, tmp_path / "out", forward=WithThreshold(11), follow=False)
-    assert result.objective < 7e-3
+    assert result.objective < 3e-3
     assert {muscle.side for muscle in result.design.muscles} == {"front", "back"}
 
 
