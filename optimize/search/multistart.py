@@ -156,13 +156,15 @@ def _with_nearest_poses(objective: Objective, searches: Sequence[LocalSearch]) -
 def _with_nearest(objective: Objective, alike: Sequence[LocalSearch]) -> LocalSearch:
     """Return the best of searches from one layout, with the nearest poses of all of them where that is a gain."""
     best = min(alike, key=lambda s: s.value)
-    kept = [s for s in alike if s.shape is not None and s.space.keeps(s.x, s.shape)]
+    kept = [(s.shape, s) for s in alike if s.shape is not None and s.space.keeps(s.x, s.shape)]
     if not kept or not best.space.vary_pressures:
         return best
-    places = objective.nearest([s.shape for s in kept if s.shape is not None])
+    shapes = [shape for shape, _ in kept]
+    pressures_of = [s.space.decode(s.x)[1] for _, s in kept]
+    places = objective.nearest(shapes)
     design, _ = best.space.decode(best.x)
-    pressures = np.array([kept[k].space.decode(kept[k].x)[1][pose] for k, pose in places])
-    shape = np.array([kept[k].shape[pose] for k, pose in places])
+    pressures = np.array([pressures_of[k][pose] for k, pose in places])
+    shape = np.array([shapes[k][pose] for k, pose in places])
     value = objective.value(shape)
     if not value < best.value:
         return best

@@ -233,6 +233,7 @@ VERSIONS = f"fabdesign {__version__}, simulator {SIMULATOR}"
 _MADE_AGAIN = ("study", "design", "pressure", "targets", "history", "fewer", "kept")
 _KEPT = [field.name for field in fields(StudyResult) if field.name not in _MADE_AGAIN]  # as they are
 _RAISED = ("limits.seconds", "limits.evaluations")  # without another result up to there
+STARTS_OF_POSES = 2  # raised where a search of several poses no longer begins where it did, so that none goes on
 _NO_MATTER = ("name", "targets", "outputs")  # the targets' points count, not their files
 _ABSENT = ("limits.contraction", "limits.channels", "limits.air")  # where there is no such limit
 
@@ -241,6 +242,8 @@ def study_content(study: Study, targets: Sequence[LoadedTarget]) -> dict[str, st
     """Return field (`limits.spacing`, `design.fabric.thickness`, `target.points`) to value, as text; pressures in
     kPa."""
     more: dict[str, Any] = {"limits.pressure": [in_kpa(pressure) for pressure in study.limits.pressure]}
+    if len(targets) > 1:
+        more["starts"] = STARTS_OF_POSES
     if study.start_pressures is not None:
         more["start_pressures"] = in_kpa(study.start_pressures).tolist()
     for number, target in enumerate(targets, start=1):
