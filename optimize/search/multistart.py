@@ -106,7 +106,7 @@ def _run_restart(evaluations: Evaluations, at: SearchState, floor: Callable[[Pos
     last."""
     for number in range(at.stage, len(evaluations.stages)):
         if number > at.stage or not at.searches:
-            at.searches = _enter(evaluations, number, at.searches or searches_from(evaluations, 0, at.first))
+            at.searches = _enter(evaluations, number, at.searches or screened(evaluations, at.first))
             at.stage = number
             save_state(evaluations, at)
         while (going := [s for s in at.searches if not s.done]) and evaluations.may_begin(number):
@@ -136,17 +136,19 @@ def searches_from(evaluations: Evaluations, number: int, first: int) -> list[Loc
     spaces = [evaluations.space(i, number) for i in numbers]
     xs = [mine.encode(*space.decode(x)) for mine, (space, x) in zip(spaces, evaluations.starts[first:], strict=True)]
     values = evaluations.evaluate(number, list(zip(numbers, xs, strict=True)))
-    searches = [
+    return [
         LocalSearch(i, space, x, value, shape=shape)
         for i, space, x, (value, shape) in zip(numbers, spaces, xs, values, strict=True)
     ]
-    objective = evaluations.objective_of(number)
-    return searches if len(objective.targets) == 1 else _with_nearest_poses(objective, searches)
 
 
-def _with_nearest_poses(objective: Objective, searches: Sequence[LocalSearch]) -> list[LocalSearch]:
-    """Return a search from each layout, whose poses take the pressures that come nearest to their targets, of all that
-    were valued on that layout: a pose's shape depends on its own pressures alone."""
+def screened(evaluations: Evaluations, first: int) -> list[LocalSearch]:
+    """Return the searches from start number `first` on. Of several poses there is one from each layout, whose poses
+    take the pressures that come nearest to their targets, of all that were valued on that layout: a pose's shape
+    depends on its own pressures alone."""
+    searches, objective = searches_from(evaluations, 0, first), evaluations.objective_of(0)
+    if len(objective.targets) == 1:
+        return searches
     layouts: dict[tuple[Muscle, ...], list[LocalSearch]] = {}
     for local in searches:
         layouts.setdefault(local.space.decode(local.x)[0].muscles, []).append(local)

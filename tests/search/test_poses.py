@@ -14,7 +14,8 @@ from fabdesign.study_files.study_file import MuscleChoice, Study, read_study
 from optimize.search.design_space import DesignSpace, Limits
 from optimize.search.evaluations import Evaluations, Stage
 from optimize.search.history import History
-from optimize.search.multistart import searches_from
+from optimize.search.local_search import LocalSearch
+from optimize.search.multistart import screened
 from optimize.search.objective import Objective, Target
 from optimize.search.starts import Start, catalogue_starts, layout_starts
 from studies.layout_search.first_layouts import further_starts
@@ -47,10 +48,10 @@ def objective_of(times: tuple[float | None, ...] = (None, None)) -> Objective:
     return Objective([Target(shape, time) for shape, time in zip(shapes, times, strict=True)])
 
 
-def screened(objective: Objective, starts: list[Start]) -> list:
+def searches_of(objective: Objective, starts: list[Start]) -> list[LocalSearch]:
     with History(":memory:", "a") as history:
         stage = Stage("first", AnalyticCloth(11), keep=2, rounds=1)
-        return searches_from(Evaluations(objective, starts, [stage], history, seconds=60, evaluations=99), 0, 0)
+        return screened(Evaluations(objective, starts, [stage], history, seconds=60, evaluations=99), 0)
 
 
 @pytest.mark.parametrize("seed", [1, 4])
@@ -75,18 +76,18 @@ def test_each_pose_takes_the_nearest_of_a_layouts_shapes() -> None:
     """In the wrong poses, and in two starts: one search begins where both are right, without a simulation more."""
     objective = objective_of()
     swapped = start_under(TRUTH[::-1])
-    [local] = screened(objective, [swapped])
+    [local] = searches_of(objective, [swapped])
     np.testing.assert_allclose(local.space.decode(local.x)[1], TRUTH)
     assert local.value == pytest.approx(0.0, abs=1e-9)
     apart = [start_under([TRUTH[0], TRUTH[0]]), start_under([[150e3, 0.0], TRUTH[1]])]
-    [local] = screened(objective, apart)
+    [local] = searches_of(objective, apart)
     np.testing.assert_allclose(local.space.decode(local.x)[1], TRUTH)
     other = start_under(TRUTH, replace(DESIGN, muscles=(BACK, FRONT)))
-    assert len(screened(objective, [swapped, other])) == 2  # two layouts
+    assert len(searches_of(objective, [swapped, other])) == 2  # two layouts
 
 
 def test_a_pose_takes_no_shape_of_another_instant() -> None:
-    [local] = screened(objective_of((None, 0.5)), [start_under(TRUTH[::-1])])
+    [local] = searches_of(objective_of((None, 0.5)), [start_under(TRUTH[::-1])])
     np.testing.assert_allclose(local.space.decode(local.x)[1], TRUTH[::-1])
 
 
