@@ -26,7 +26,7 @@ _files: dict[str, str] = {}  # text of the files that were registered, by stem
 
 
 def register(effect: Effect, where: str = "register") -> None:
-    """One more. Raises InputError for a name that another effect has."""
+    """Register one more. Raises InputError for a name that another effect has."""
     if EFFECTS.setdefault(effect.name, effect) is not effect:
         raise InputError(f"{where}: effect {effect.name}: there is one of this name already; expected another name")
 
@@ -109,7 +109,7 @@ def check_values(effect: Effect, values: Values, where: str) -> None:
                 f"{where}: {effect.name} {name} = {value:g} {parameter.unit}; expected {low:g} to {high:g} "
                 f"{parameter.unit}"
             )
-        if parameter.whole and value != int(value):
+        if parameter.integer and value != int(value):
             raise InputError(f"{where}: {effect.name} {name} = {value:g}; expected a whole number")
 
 

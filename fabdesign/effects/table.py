@@ -51,7 +51,7 @@ def one_as_text(effect: Effect) -> str:
 def in_words(p: EffectParameter) -> str:
     unit = "" if p.unit == "1" else f" {p.unit}"
     low, high = p.bounds
-    if p.whole:
+    if p.integer:
         return f"{p.what}; a whole number, chosen, not fitted; {p.typical:g} by default"
     spread = f"a factor of e^{p.deviation:g}" if p.transform == "log" else f"{p.deviation:g}{unit}"
     off = "" if p.off is None else f", off at {p.off:g}"

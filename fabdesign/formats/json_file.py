@@ -8,7 +8,7 @@ that a file of others can do no harm.
 
 import base64
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from math import isfinite
 from pathlib import Path
@@ -44,29 +44,43 @@ def read_json(path: Path, kind: type = dict) -> Any:
     return content
 
 
-def plain(value: Any, *, exact: bool = False) -> Any:
+def plain(value: Any) -> Any:
     """Return what JSON holds of a value: of a dataclass a table of its fields, as they declare it."""
     if is_dataclass(value) and not isinstance(value, type):
         table = {}
         for field in fields(value):
-            name, item, notes = field.name, getattr(value, field.name), annotated(field.type)[1]
-            if not exact:
-                item = float(notes.unit.write(item)) if notes.unit and isinstance(item, float) else item
-                name = notes.key.name or name
-            table[name] = plain(item, exact=exact)
+            item, notes = getattr(value, field.name), annotated(field.type)[1]
+            item = float(notes.unit.write(item)) if notes.unit and isinstance(item, float) else item
+            table[notes.key.name or field.name] = plain(item)
         return table
     if hasattr(value, "tolist"):  # of numpy, which is not loaded for a help
-        if exact and value.ndim:
-            data = base64.b64encode(value.tobytes()).decode()
-            return {"dtype": value.dtype.str, "shape": list(value.shape), "data": data}
-        return plain(value.tolist(), exact=exact)
-    if isinstance(value, Mapping):
-        return {key: plain(item, exact=exact) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item, exact=exact) for item in value]
+        return plain(value.tolist())
+    if isinstance(value, Mapping | list | tuple):
+        return _each(plain, value)
     if isinstance(value, Path):
         return str(value)
-    return None if not exact and isinstance(value, float) and not isfinite(value) else value
+    return None if isinstance(value, float) and not isfinite(value) else value
+
+
+def exact(value: Any) -> Any:
+    """Return what JSON holds of a value from which `of_exact` makes the same value."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: exact(getattr(value, field.name)) for field in fields(value)}
+    if hasattr(value, "tolist"):
+        if value.ndim:
+            data = base64.b64encode(value.tobytes()).decode()
+            return {"dtype": value.dtype.str, "shape": list(value.shape), "data": data}
+        return exact(value.tolist())
+    if isinstance(value, Mapping | list | tuple):
+        return _each(exact, value)
+    return str(value) if isinstance(value, Path) else value
+
+
+def _each(convert: Callable[[Any], Any], value: Any) -> Any:
+    """Return a table or list of what its items are converted to."""
+    if isinstance(value, Mapping):
+        return {key: convert(item) for key, item in value.items()}
+    return [convert(item) for item in value]
 
 
 def of_exact(kind: type[T], value: Any) -> T:

@@ -20,7 +20,7 @@ from fabdesign.study_files.study_targets import Robust, TargetFile
 from optimize.search.design_space import DesignSpace, Limits
 from optimize.search.objective import Objective, Target
 from optimize.search.starts import Start
-from studies.layouts.robustness import as_json, first_order, most_robust, robustness_of, said
+from studies.layouts.robustness import as_json, first_order, in_words, most_robust, robustness_of
 from studies.layouts.run import run_study
 from studies.layouts.scatter import Scatter, linear
 from studies.prediction.forward_model import forward_model
@@ -150,7 +150,7 @@ def test_near_a_fold_copies_stand_in_place_of_derivatives(objective: Objective, 
     assert found.delicate[1] == pytest.approx(true.delicate[1], rel=0.05)
     kept = as_json(found, ROBUST)
     assert kept["first_order"]["holds"] is False  # type: ignore[index]
-    assert "The values above are those of the copies." in said(found)[-1]
+    assert "The values above are those of the copies." in in_words(found)[-1]
 
 
 class Recording(AnalyticCloth):
