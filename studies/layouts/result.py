@@ -93,8 +93,8 @@ class StudyResult(Tabled):
         spent = f"{self.wall_s:.0f} of at most {self.study.limits.seconds:g} s of search time (without compilation)"
         if not self.kept or self.reach.lacking is None:
             return spent
-        more = "a larger --seconds goes on" if self.stop_reason.startswith(TIME_USED) else "a larger limit goes on"
-        return f"{spent}, all in earlier calls on this folder, which count together: {more}"
+        limit = "--seconds" if self.stop_reason.startswith(TIME_USED) else "limit"
+        return f"{spent}, all in earlier calls on this folder, which count together: a larger {limit} goes on"
 
     @property
     def interrupted(self) -> bool:
