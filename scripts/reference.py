@@ -260,6 +260,9 @@ def _absent(each: FileKey) -> str:
     if isinstance(default, float | int) and abs(default) != float("inf"):
         unit = each.notes.unit
         return f"`{float(unit.write(default)):g}`" if unit and isinstance(default, float) else f"`{default:g}`"
+    if isinstance(default, tuple) and default and all(isinstance(one, float) for one in default):
+        unit = unit_of(each.type, each.notes)
+        return f"`[{', '.join(f'{float(unit.write(one)) if unit else one:g}' for one in default)}]`"
     return f"`{default}`" if isinstance(default, str) and default else ""
 
 

@@ -74,7 +74,7 @@ def _read_key(each: FileKey, table: Table, there: list[str]) -> bool:
         raise holder.error(f"expected {key.expected}")
     if not there:
         if each.name and each.default is MISSING and key.absent is None and not key.rest:
-            raise holder.missing(each.name)
+            raise holder.missing(each.name, key.expected)
         return False
     usual = each.default if is_dataclass(each.default) else None
     values = []

@@ -72,10 +72,11 @@ class Table:
         """Return the error that says so of the table."""
         return InputError(f"{self.where}: {text}")
 
-    def missing(self, key: str) -> InputError:
-        """Return the error for a key that must be there, with an unknown one that may be meant."""
+    def missing(self, key: str, expected: str = "") -> InputError:
+        """Return the error for a key that must be there, with what was expected and an unknown one that is meant."""
         similar = get_close_matches(key, self._values.keys() - self._known, n=1, cutoff=0.85)
-        return self.error(f"{key} is missing" + "".join(f" (is {word} meant?)" for word in similar))
+        says = f"{key} is missing" + "".join(f" (is {word} meant?)" for word in similar)
+        return self.error(f"{says}; expected {expected}" if expected else says)
 
     def __contains__(self, key: str) -> bool:
         return self._values.get(key) is not None

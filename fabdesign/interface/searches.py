@@ -102,7 +102,7 @@ def optimize(
     A STUDY is a TOML file. Ctrl-C keeps the best so far; the same command goes on from there.
 
     out: Folder to write to, or to continue in.
-    seconds: Time limit of the search, s; by default the study's.
+    seconds: Time limit of the search in all calls on a folder together, s; by default the study's.
 
     In Python `design` is what the search begins with, and whatever is not varied; without a target it is the study.
     target: points (n, 3) m, or the file of a cloud, a mesh or a trial; several files are poses that share one layout.

@@ -29,7 +29,7 @@ class Cell:
         return fewer and {*SIDES[other.sides]} <= {*SIDES[self.sides]}
 
 
-_EXPECTED = f"numbers of muscles from 1 to {MUSCLES}, such as [1, 2, 4]"
+_EXPECTED = f"numbers of muscles from 1 to {MUSCLES}, such as [1, 2, 4], and none in [variables]"
 _Counts = Annotated[tuple[int, ...], Within(least=1, most=MUSCLES), Key(expected=_EXPECTED)]
 _COUNTS = Key("grid.muscles", form=_Counts, read=lambda value, _: tuple(sorted({*value})) or None, expected=_EXPECTED)
 _TYPES = Key("grid.types", absent=lambda table: tuple(table.decoded["search"].design.muscle_types))

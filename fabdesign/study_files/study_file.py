@@ -99,7 +99,12 @@ _LOW_HIGH = "[lowest, highest] in kPa, from 0"
 class StudyLimits:
     """The limits of a layout and its pressures, and when a search ends."""
 
-    pressure: Annotated[tuple[Kilopascal, Kilopascal], FROM_0, Key(expected=_LOW_HIGH)] = (0.0, HIGHEST)  # Pa
+    pressure: Annotated[
+        tuple[Kilopascal, Kilopascal],
+        FROM_0,
+        Key(expected=_LOW_HIGH),
+        "lowest, highest; absent: at most the muscles'",
+    ] = (0.0, HIGHEST)  # Pa
     spacing: Annotated[Metre, FROM_0, "between muscles on one face"] = 0.006
     edge: Annotated[Metre, FROM_0, "between a muscle's corner points and the cloth's edge"] = 0.005
     seconds: Annotated[Second, ABOVE_0, "of search; then the best so far"] = 600.0

@@ -22,6 +22,7 @@ BATCH = 32  # designs a forward call: four times the simulator's lanes
 MARGIN = 0.02  # of the best value: so near is as near
 FINALISTS = 3
 SLOPES = ", slopes"  # what a stage's entries are called that serve derivatives alone
+TIME_USED = "time used"  # how a reason to end begins that is the limit of seconds
 PENALTY = 1.0  # m, for a diverged design, or twice the worst seen: worse than all others, and finite
 
 
@@ -219,7 +220,7 @@ class Evaluations:
             part = f"the search's part, {self.seconds:g} of {self.limit:g} s,"
             what = part if self.seconds < self.limit else f"the limit of {self.limit:g} s"
             ends = "is reached" if self.elapsed >= self.seconds else "would be passed by the next step"
-            raise Stop(f"time used: {what} {ends}")
+            raise Stop(f"{TIME_USED}: {what} {ends}")
 
     def set_down(self, reason: str = "") -> None:
         """Keep the best, and what was spent, at an end within a round. reason: of an end by a limit."""

@@ -9,14 +9,16 @@ limits cut depends on time or order, so that a seed gives one result.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.muscle import Muscle
 from optimize.search.design_space import Vector
 from optimize.search.evaluations import Evaluations, Stop
 from optimize.search.local_search import LocalSearch
-from optimize.search.objective import Poses
+from optimize.search.objective import Objective, Poses
 from optimize.search.search_state import FurtherStarts, SearchState, add_starts, load_state, save_state
 
 INTERRUPTED = "interrupted; the same command goes on from here"
@@ -104,7 +106,7 @@ def _run_restart(evaluations: Evaluations, at: SearchState, floor: Callable[[Pos
     last."""
     for number in range(at.stage, len(evaluations.stages)):
         if number > at.stage or not at.searches:
-            at.searches = _enter(evaluations, number, at.searches or searches_from(evaluations, 0, at.first))
+            at.searches = _enter(evaluations, number, at.searches or screened(evaluations, at.first))
             at.stage = number
             save_state(evaluations, at)
         while (going := [s for s in at.searches if not s.done]) and evaluations.may_begin(number):
@@ -138,6 +140,37 @@ def searches_from(evaluations: Evaluations, number: int, first: int) -> list[Loc
         LocalSearch(i, space, x, value, shape=shape)
         for i, space, x, (value, shape) in zip(numbers, spaces, xs, values, strict=True)
     ]
+
+
+def screened(evaluations: Evaluations, first: int) -> list[LocalSearch]:
+    """Return the searches from start number `first` on. Of several poses there is one from each layout, whose poses
+    take the pressures that come nearest to their targets, of all that were valued on that layout: a pose's shape
+    depends on its own pressures alone."""
+    searches, objective = searches_from(evaluations, 0, first), evaluations.objective_of(0)
+    if len(objective.targets) == 1:
+        return searches
+    layouts: dict[tuple[Muscle, ...], list[LocalSearch]] = {}
+    for local in searches:
+        layouts.setdefault(local.space.decode(local.x)[0].muscles, []).append(local)
+    return [_with_nearest(objective, alike) for alike in layouts.values()]
+
+
+def _with_nearest(objective: Objective, alike: Sequence[LocalSearch]) -> LocalSearch:
+    """Return the best of searches from one layout, with the nearest poses of all of them where that is a gain."""
+    best = min(alike, key=lambda s: s.value)
+    kept = [(s.shape, s) for s in alike if s.shape is not None and s.space.keeps(s.x, s.shape)]
+    if not kept or not best.space.vary_pressures:
+        return best
+    shapes = [shape for shape, _ in kept]
+    pressures_of = [s.space.decode(s.x)[1] for _, s in kept]
+    places = objective.nearest(shapes)
+    design, _ = best.space.decode(best.x)
+    pressures = np.array([pressures_of[k][pose] for k, pose in places])
+    shape = np.array([shapes[k][pose] for k, pose in places])
+    value = objective.value(shape)
+    if not value < best.value:
+        return best
+    return replace(best, x=best.space.encode(design, pressures), value=value, shape=shape)
 
 
 def _moved(evaluations: Evaluations, number: int, searches: Sequence[LocalSearch]) -> list[LocalSearch]:

@@ -107,6 +107,18 @@ class Objective:
             return float("nan")
         return float(self.shares @ [self._distance(t, pose) for t, pose in zip(self.targets, shape, strict=True)])
 
+    def nearest(self, shapes: Sequence[Poses]) -> list[tuple[int, int]]:
+        """Return for each target which of the shapes, and which pose of it, comes nearest to it, of those computed for
+        its instant; its own pose of the first where none is finite."""
+        chosen = []
+        for number, target in enumerate(self.targets):
+            places = [(k, pose) for k in range(len(shapes)) for pose in range(len(self.targets))]
+            places = [(k, pose) for k, pose in places if self.targets[pose].time == target.time]
+            finite = [(k, pose) for k, pose in places if np.all(np.isfinite(shapes[k][pose]))]
+            distance = {place: self._distance(target, shapes[place[0]][place[1]]) for place in finite}
+            chosen.append(min(finite, key=distance.__getitem__, default=(0, number)))
+        return chosen
+
     def _distance(self, target: Target, pose: Array) -> float:
         if target.landmarks is not None:
             return target.landmarks.mean(pose)

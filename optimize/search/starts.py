@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from fabdesign.errors import InputError
@@ -40,20 +41,19 @@ def catalogue_starts(
     design: Design, limits: Limits, poses: int, *, counts: range, sides: Sequence[Side]
 ) -> list[Start]:
     """Return the catalogue's layouts and even lines on each side, through the whole cloth and through two thirds of it
-    from either end, of the most and of about half as many muscles, all at the highest pressure and at the middle; those
-    that keep the limits."""
+    from either end, of the most and of about half as many muscles, at the highest pressure and at the middle; those
+    that keep the limits. Several poses have different pressures, and pull on each face alone too."""
     space = DesignSpace(design, limits, np.zeros((poses, 0)))
     kind = next(iter(design.muscle_types.values()))
     starts: list[Start | None] = []
     for count in sorted({max(counts), max(counts[0], (max(counts) + 1) // 2)}, reverse=True):
-        levels = [np.full((poses, count), level) for level in (limits.pressure[1], np.mean(limits.pressure))]
         gaps = (np.arange(count) + 0.5) / count - 0.5
         starts += [
             _start(space, _part(lines, *part), [next(iter(design.muscle_types))] * count, [side] * count, pressures)
             for side in sides
             for lines in (_lines(space, gaps, angle) for angle in (0.0, np.pi / 2))
             for part in PARTS
-            for pressures in levels
+            for pressures in _levels(limits, poses, [side] * count)
         ]
         for layout in LAYOUTS:
             try:
@@ -63,8 +63,24 @@ def catalogue_starts(
             except InputError:  # no such count, or no room for it
                 continue
             if {muscle.side for muscle in drawn} <= set(sides):
+                levels = _levels(limits, poses, [muscle.side for muscle in drawn])
                 starts += [start_of((drawn, pressures), space) for pressures in levels]
     return [start for start in starts if start is not None]
+
+
+def _levels(limits: Limits, poses: int, sides: Sequence[str]) -> list[Array]:
+    """Return (poses, muscles) Pa each: for one pose all muscles at the highest pressure and at the middle; for several
+    these, and those with one face idle, spread over the poses, since each takes the nearest of a layout's shapes."""
+    faces = _faces(sides) if poses > 1 else [np.ones(len(sides), dtype=bool)]
+    low, high = limits.pressure
+    rows = [np.where(face, level, low) for level in (high, (low + high) / 2) for face in faces]
+    return [np.resize(rows[k : k + poses], (poses, len(sides))) for k in range(0, len(rows), poses)]
+
+
+def _faces(sides: Sequence[str]) -> list[NDArray[np.bool_]]:
+    """Return which muscles (muscles,) pull: all, and where both faces have some, those of each alone."""
+    front = np.array(sides) == "front"
+    return [np.full(len(sides), True), *([front, ~front] if front.any() and not front.all() else [])]
 
 
 def layout_starts(
@@ -74,7 +90,8 @@ def layout_starts(
 
     A count comes as often as it is large: there is more to draw. Half are parallel lines (upright, level, diagonal or
     at any angle), half loose lines; more than half have all muscles on one face and one pressure, as large shapes
-    want them; all keep the limits, so that counts that do not fit the cloth are absent.
+    want them, or of several poses one in each, of muscles that pull there; all keep the limits, so that counts that do
+    not fit the cloth are absent.
     """
     space, rng = DesignSpace(design, limits, np.zeros((poses, 0))), np.random.default_rng(seed)
     turns = [n for lowest in range(max(counts), 0, -1) for n in counts if n >= lowest]
@@ -118,10 +135,25 @@ def _draw(space: DesignSpace, count: int, sides: Sequence[Side], rng: Generator)
             drawn = drawn[:1] * count
         if rng.random() < ONE_WAY:
             pressures[:] = limits.pressure[0] + rng.uniform(0.5, 1.0) * np.ptp(limits.pressure)
+            if len(pressures) > 1:
+                pressures = _parts_pull(limits, len(pressures), drawn, rng)
         start = _start(space, lines, kinds, drawn, pressures)
         if start is not None:
             return start
     return None
+
+
+def _parts_pull(limits: Limits, poses: int, sides: Sequence[str], rng: Generator) -> Array:
+    """Return (poses, muscles) Pa: in each pose one pressure in a part of the muscles; on two faces one after the other,
+    else by chance."""
+    _, *faces = _faces(sides)
+    parts = rng.random((poses, len(sides))) < 0.5
+    parts[~parts.any(axis=1)] = True
+    if faces:
+        first = int(rng.integers(2))
+        parts = np.array([faces[(first + pose) % 2] for pose in range(poses)])
+    low, high = limits.pressure
+    return np.where(parts, low + rng.uniform(0.5, 1.0, (poses, 1)) * (high - low), low)
 
 
 def _start(

@@ -2,6 +2,7 @@
 check them: targets opened, start against limits, columns needed."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from itertools import combinations, pairwise
 from pathlib import Path
@@ -29,6 +30,7 @@ from optimize.search.margins import bend_radius, clearance
 from studies.benches import SIZES, require_columns, require_sizes
 from studies.check.findings import BLOCKED, FABRIC, FREE_CONTRACTION, GRAVITY, MUSCLE_TYPE, Findings, beyond, failures
 from studies.follow import wanted_of
+from studies.layout_search.first_layouts import first_starts
 from studies.layout_search.target import load_target
 
 SPACING = 0.006  # m, that `optimize` keeps between muscles on one face where a study says nothing
@@ -200,9 +202,14 @@ def study_findings(path: Path) -> Findings:
     if kind == "follow":
         follow = FollowStudy.read(path)
         return design_findings(follow.design, f"{path}: design") + failures([partial(wanted_of, follow)])
-    study = LayoutsStudy.read(path).search if kind == "layouts" else read_study(path)
+    grid = LayoutsStudy.read(path) if kind == "layouts" else None
+    study = read_study(path) if grid is None else grid.search
     findings = design_findings(study.design, f"{path}: design")
     findings += failures(partial(load_target, target, study.design, seed=study.seed) for target in study.targets)
+    if grid is not None:  # which goes on without the searches that have no layout
+        without = failures(partial(first_starts, cell.study) for cell in grid.cells)
+        return findings + Findings.warned(path, without.problems)
+    findings += failures([partial(first_starts, replace(study, name=str(path)))])
     _, close = spacing(study.design, study.limits.spacing)
     outside = study.muscles is None and study.positions
     return findings + Findings.warned(

@@ -177,14 +177,15 @@ def as_text(shipped: ShippedErrors) -> str:
     """Return a table for people; mm."""
     lines = [
         f"measured: {shipped.measured.description}",
-        f"{'mm':16}{'Chamfer':>9}{'floor':>8}{'surface RMS':>13}{'floor':>8}{'removed':>9}",
+        f"{'mm':16}{'Chamfer':>9}{'floor':>8}{'surface RMS':>13}{'floor':>8}{'removed*':>10}",
     ]
     for name, e, share in shipped.rows():
         shown = "" if share is None else f"{share:.0%}"
         lines.append(
             f"{name:16}{in_mm(e.chamfer):9.2f}{in_mm(e.chamfer_floor):8.2f}{in_mm(e.surface_rms):13.2f}"
-            f"{in_mm(e.surface_floor):8.2f}{shown:>9}"
+            f"{in_mm(e.surface_floor):8.2f}{shown:>10}"
         )
+    lines.append(f"* share of the excess error (surface RMS over its floor) of {CALIBRATED} that is removed")
     return "\n".join([*lines, *shipped.far_off, shipped.effects_in_words])
 
 

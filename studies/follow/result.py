@@ -48,6 +48,13 @@ class Limitation:
     channels: tuple[int, ...] = ()
 
     @property
+    def so_far(self) -> str:
+        """Return it of a motion whose windows are not all solved, which says nothing of what the layout can reach."""
+        if self.by != "reach":
+            return self.sentence
+        return f"from {self.begin:.2f} to {self.end:.2f} s the shape is not reached so far"
+
+    @property
     def sentence(self) -> str:
         """Return it for people."""
         when = f"from {self.begin:.2f} to {self.end:.2f} s"
@@ -127,7 +134,7 @@ class FollowResult:
     @property
     def sentences(self) -> list[str]:
         """Return what limits the motion, and how sure it is, for people."""
-        lines = [one.sentence for one in self.limitations]
+        lines = [one.sentence if self.complete else one.so_far for one in self.limitations]
         if self.copies is not None and (snap := self.copies.snap) is not None:
             lines.append(f"near a snap at {snap:.2f} s: pressures that differ by 2 % then lead to another stable shape")
         if not self.complete:

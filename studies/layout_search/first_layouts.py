@@ -112,12 +112,12 @@ def further_starts(study: Study) -> FurtherStarts | None:
 
         def added(best: Start, seed: int) -> list[Start]:
             """Return layouts with one muscle more at a share of the pressure: what it promises shows when these are
-            screened."""
+            screened. Of several poses each takes it pulling or idle."""
             count = len(best[0].design.muscles)
             if count + 1 not in choice.counts:
                 return []
             more = with_idle(best, count=count + 1, sides=choice.sides, number=ADDITIONS, seed=seed)
-            return pulling(more, count, PULL)
+            return [*(more if poses > 1 else []), *pulling(more, count, PULL)]
 
         def layouts(restart: int, best: Start) -> tuple[list[Start], bool]:
             seed, counts, sides = study.seed + 1000 * restart, choice.counts, choice.sides

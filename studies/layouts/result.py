@@ -22,7 +22,7 @@ from fabdesign.runtime.fingerprint import content_of
 from fabdesign.study_files.study_file import Study
 from fabdesign.units import in_kpa, in_mm
 from fabdesign.version import SIMULATOR, __version__
-from optimize.search.evaluations import SLOPES
+from optimize.search.evaluations import SLOPES, TIME_USED
 from optimize.search.history import Entry, History
 from optimize.search.multistart import INTERRUPTED
 from optimize.search.search_state import of_rows
@@ -56,6 +56,7 @@ class StudyResult(Tabled):
     robust: Robustness | None = None  # where the study asks for it
     within: float | None = None  # m, half of a 90 % interval along the normal; None: the model has no intervals
     fewer: Fewer | None = None  # what leaving muscles out came to, where their number may vary
+    kept: bool = False  # whether it was there before, and nothing was searched
 
     @property
     def pressures(self) -> Array:
@@ -87,8 +88,13 @@ class StudyResult(Tabled):
 
     @property
     def search_time(self) -> str:
-        """Return in words the time searched against its limit, both without compiling and loading."""
-        return f"{self.wall_s:.0f} of at most {self.study.limits.seconds:g} s of search time (without compilation)"
+        """Return in words the time searched against its limit, both without compiling and loading, and what goes on
+        where earlier calls have used the limit up."""
+        spent = f"{self.wall_s:.0f} of at most {self.study.limits.seconds:g} s of search time (without compilation)"
+        if not self.kept or self.reach.lacking is None:
+            return spent
+        limit = "--seconds" if self.stop_reason.startswith(TIME_USED) else "limit"
+        return f"{spent}, all in earlier calls on this folder, which count together: a larger {limit} goes on"
 
     @property
     def interrupted(self) -> bool:
@@ -226,9 +232,10 @@ def write_best(
 
 
 VERSIONS = f"fabdesign {__version__}, simulator {SIMULATOR}"
-_MADE_AGAIN = ("study", "design", "pressure", "targets", "history", "fewer")
+_MADE_AGAIN = ("study", "design", "pressure", "targets", "history", "fewer", "kept")
 _KEPT = [field.name for field in fields(StudyResult) if field.name not in _MADE_AGAIN]  # as they are
 _RAISED = ("limits.seconds", "limits.evaluations")  # without another result up to there
+STARTS_OF_POSES = 2  # raised where a search of several poses no longer begins where it did, so that none goes on
 _NO_MATTER = ("name", "targets", "outputs")  # the targets' points count, not their files
 _ABSENT = ("limits.contraction", "limits.channels", "limits.air")  # where there is no such limit
 
@@ -237,6 +244,8 @@ def study_content(study: Study, targets: Sequence[LoadedTarget]) -> dict[str, st
     """Return field (`limits.spacing`, `design.fabric.thickness`, `target.points`) to value, as text; pressures in
     kPa."""
     more: dict[str, Any] = {"limits.pressure": [in_kpa(pressure) for pressure in study.limits.pressure]}
+    if len(targets) > 1:
+        more["starts"] = STARTS_OF_POSES
     if study.start_pressures is not None:
         more["start_pressures"] = in_kpa(study.start_pressures).tolist()
     for number, target in enumerate(targets, start=1):
@@ -304,4 +313,5 @@ def answer(
         history=tuple(history.entries()),
         **values,
         fewer=kept_fewer(study, history.load()),
+        kept=True,
     )

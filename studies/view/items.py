@@ -28,6 +28,7 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.trial import Trial
+from fabdesign.output import read_mark
 from fabdesign.units import in_mm
 from studies.prediction.forward_model import laced_motions, sensed_model
 
@@ -85,6 +86,8 @@ def items_of(
     """
     items: list[Item] = []
     for file in files:
+        if file.is_dir() and not (file / "set.toml").is_file():
+            raise InputError(_no_set(file))
         if file.is_dir() or file.name == "set.toml":
             items += _of_set(file, trial, model, forward)
         elif file.suffix.lower() == ".npz" and (kind := _kind(file)) != "cloud":
@@ -109,6 +112,22 @@ def items_of(
         if any(np.abs(frame).max(initial=0.0) > LARGEST for frame in item.frames):
             raise InputError(f"{item.title}: points are beyond {LARGEST:g} m; expected metres")
     return items
+
+
+def _no_set(folder: Path) -> str:
+    """Return that a folder is no set, what it is, and what of it can be looked at."""
+    mark, wanted = read_mark(folder), "a motion, a measurement set, a trial, a cloud or a mesh"
+    if mark is None:
+        return f"{folder}: a folder without set.toml; expected {wanted}"
+    design, pressures, page = (folder / name for name in ("design.toml", "pressures.csv", "report.html"))
+    looked = [f"{page} shows it"] if page.is_file() else []
+    if design.is_file() and pressures.is_file():
+        motion = f"fabdesign simulate {design} --pressures {pressures} -o MOTION.npz"
+        looked.append(f"its motion, to view, comes from: {motion}")
+    elif motions := sorted(folder.rglob("*.npz")):
+        looked.append(f"{motions[0]} can be viewed")
+    what = f"{folder}: holds what fabdesign {mark.made_by} made, no measurement set"
+    return f"{what}; {'; '.join(looked)}" if looked else f"{what}; expected {wanted}"
 
 
 def _kind(file: Path) -> str:

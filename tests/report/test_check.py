@@ -212,6 +212,20 @@ def test_a_study_opens_its_targets_and_weighs_its_start(kinds: Path) -> None:
     assert any("the search starts outside its limits" in line for line in found.warnings)
 
 
+def test_a_study_of_more_muscles_than_fit_is_judged_as_its_command_does(kinds: Path) -> None:
+    """A search refuses it; a grid goes on without that cell, and does not begin at the design's crossed muscles."""
+    write_design(build("cross"), kinds / "cross.toml")
+    head = 'design = "cross.toml"\n[target]\nfile = "cloud.ply"\n'
+    (kinds / "many.toml").write_text(f'kind = "optimize"\n{head}[variables]\nmuscles = {{ min = 60, max = 60 }}\n')
+    (line,) = inspect(kinds / "many.toml").problems
+    assert line.endswith("many.toml: no layout of 60 muscles keeps the limits; expected wider ones")
+    (kinds / "grid.toml").write_text(f'kind = "layouts"\n{head}[grid]\nmuscles = [2, 60]\nsides = ["front"]\n')
+    found = inspect(kinds / "grid.toml")
+    assert not found.problems
+    assert [line for line in found.warnings if "60_EM20_front: no layout of 60 muscles" in line]
+    assert not any("outside its limits" in line for line in found.warnings)
+
+
 def test_pressures_that_are_no_kilopascals_or_seconds_are_warned_of(tmp_path: Path) -> None:
     for rows, line in (
         ("0,0.1\n0.5,0.4", "is it in MPa"),

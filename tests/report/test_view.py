@@ -19,6 +19,7 @@ from fabdesign.files.trial_file import TrialData, write_trial
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model
+from fabdesign.output import write_mark
 from studies.view.items import distances, items_of
 from studies.view.page import LEVELS, render_page
 from studies.view.shapes import OVERLAY, key_of
@@ -65,6 +66,30 @@ def test_a_trial_stands_beside_its_prediction(files: tuple[Path, Path], tmp_path
     np.testing.assert_allclose(predicted.frames[0][0::2], measured.frames[0], atol=1e-3)
     with pytest.raises(InputError, match="a lone trial; expected --design"):
         items_of(files[1:], model=Model(), forward=AnalyticCloth(9))
+
+
+def test_a_folder_that_is_no_set_says_what_it_is_and_what_of_it_can_be_viewed(tmp_path: Path) -> None:
+    (tmp_path / "own").mkdir()
+    with pytest.raises(InputError, match=r"own: a folder without set\.toml; expected a motion, a measurement set"):
+        items_of([tmp_path / "own"])
+    result = tmp_path / "result"
+    result.mkdir()
+    write_mark(result, "optimize", ["report.html"])
+    for name in ("report.html", "design.toml", "pressures.csv"):
+        (result / name).touch()
+    with pytest.raises(InputError) as refused:
+        items_of([result])
+    said = str(refused.value)
+    assert said.startswith(f"{result}: holds what fabdesign optimize made, no measurement set; ")
+    assert f"{result / 'report.html'} shows it" in said
+    simulate = f"fabdesign simulate {result / 'design.toml'} --pressures {result / 'pressures.csv'} -o MOTION.npz"
+    assert said.endswith(simulate) and "\n" not in said
+    predicted = tmp_path / "predicted" / "trials"
+    predicted.mkdir(parents=True)
+    write_mark(predicted.parent, "predict", [])
+    (predicted / "000.npz").touch()
+    with pytest.raises(InputError, match=r"fabdesign predict made, .*trials/000\.npz can be viewed"):
+        items_of([predicted.parent])
 
 
 def test_a_corrector_has_a_panel_of_its_own(

@@ -277,6 +277,9 @@ def test_what_cannot_be_reached_is_answered_by_the_nearest_motion_and_the_reason
     assert said([300e3, 300e3]).endswith("s channels 0, 1 are at the highest pressure")
     assert said([50e3, 90e3], [0, 90e3]).endswith("s channel 0 is at the lowest pressure, after falling to it")
     assert "no limit of the regulator is met" in said([50e3, 0], [50e3, 0])
+    unmoved = replace(free, pressures=np.full_like(free.pressures, 50e3))
+    assert "the layout does not reach the shape" in unmoved.sentences[0]
+    assert replace(unmoved, complete=False).sentences[0].endswith("s the shape is not reached so far")
 
 
 def test_between_poses_the_pressures_swing_nothing_to_its_goal(tmp_path, quick, monkeypatch):

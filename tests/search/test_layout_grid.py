@@ -211,7 +211,8 @@ def test_a_cell_has_one_type_and_its_share(folder: Path) -> None:
     ("old", "new", "problem"),
     [
         ("muscles = [1, 2]", "muscles = [0]", "numbers of muscles from 1"),
-        ("muscles = [1, 2]", "", "muscles is missing"),
+        ("muscles = [1, 2]", "", "muscles is missing; expected numbers of muscles from 1 to 256, such as [1, 2, 4]"),
+        ("muscles = [1, 2]", "[variables]\nmuscles = { max = 2 }", "such as [1, 2, 4], and none in [variables]"),
         ('sides = ["front"]', 'sides = ["top"]', '"front", "back", "both"'),
         ("height of corner (0.2, 0.2)", "height of corner (0.3, 0.2)", "expected places on the cloth, 0.2 by 0.2 m"),
         ("height of corner (0.2, 0.2)", "height of corner", 'expected "height of NAME (u, v)"'),

@@ -96,6 +96,12 @@ def test_a_finished_study_answers_at_once(trial: Path, tmp_path: Path) -> None:
     written = {name: (out / name).read_bytes() for name in FILES}
     again = run_study(cut, out, forward=Refusing())
     assert again.as_json() == first.as_json() and again.history == first.history
+    assert again.search_time.endswith(
+        "all in earlier calls on this folder, which count together: a larger limit goes on"
+    )
+    used = replace(again, stop_reason="time used: the limit of 600 s is reached")
+    assert used.search_time.endswith("a larger --seconds goes on")
+    assert first.search_time.endswith("(without compilation)")
     assert again.points.tobytes() == first.points.tobytes() and again.rest.tobytes() == first.rest.tobytes()
     assert again.pressure.tobytes() == first.pressure.tobytes() and again.design == first.design
     assert {name: (out / name).read_bytes() for name in FILES} == written
@@ -105,7 +111,8 @@ def test_a_finished_study_answers_at_once(trial: Path, tmp_path: Path) -> None:
     further = replace(cut, limits=StudyLimits(evaluations=2000))
     done = run_study(further, out, forward=AnalyticCloth())
     assert len(done.history) > 60 and done.history[:60] == first.history and "limit" not in done.stop_reason
-    run_study(replace(cut, limits=StudyLimits(evaluations=4000)), out, forward=Refusing())  # it has converged
+    converged = run_study(replace(cut, limits=StudyLimits(evaluations=4000)), out, forward=Refusing())
+    assert converged.search_time.endswith("(without compilation)")
     with pytest.raises(AssertionError, match="finished study asks"):
         run_study(cut, out, forward=Refusing(), force=True)
 
@@ -252,6 +259,7 @@ def test_the_demo_runs_both_searches_on_embedded_data(tmp_path: Path, monkeypatc
     assert all(run["chamfer_floor"] < run["chamfer"] < 30 for run in runs)  # a closed form is no cloth
     assert [len(results[0].design.muscles), len(results[1].design.muscles) <= 4] == [8, True]
     assert "synthetic rig" in as_text(found)
+    assert "* share of the excess error (surface RMS over its floor) of calibrated that is removed" in as_text(found)
     page = (tmp_path / "report.html").read_text()
     assert "synthetic rig" in page
     assert "not hardware" in page.replace("\n", " ")
