@@ -1,28 +1,6 @@
 """Effects as people read them: a list, and each with its parameters."""
 
-from collections.abc import Sequence
-from typing import Any
-
 from fabdesign.effects.declaration import Effect, EffectParameter
-
-_KEYS = ("name", "site", "scope", "what", "signature", "looks_like", "source", "remembers")
-_OF_A_PARAMETER = ("unit", "what", "typical", "off", "bounds")
-
-
-def as_json(effects: dict[str, Effect]) -> list[dict[str, Any]]:
-    """Return what files hold of effects."""
-    return [
-        {**_picked(e, _KEYS), "parameters": {k: _parameter(p) for k, p in e.parameters.items()}}
-        for e in effects.values()
-    ]
-
-
-def _parameter(parameter: EffectParameter) -> dict[str, Any]:
-    return _picked(parameter, _OF_A_PARAMETER) | {"prior": _picked(parameter, ("centre", "deviation", "transform"))}
-
-
-def _picked(of: object, keys: Sequence[str]) -> dict[str, Any]:
-    return {key: getattr(of, key) for key in keys}
 
 
 def as_text(effects: dict[str, Effect]) -> str:

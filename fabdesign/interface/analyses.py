@@ -104,12 +104,6 @@ class Unseen(dict[str, Any], Tabled):
 
     __str__, __repr__ = Tabled.__str__, dict.__repr__
 
-    def as_json(self) -> dict[str, Any]:
-        """Return it without the middle lines, which are for the picture."""
-        from studies.unseen.report import without_lines
-
-        return {**without_lines(self)}  # type: ignore[arg-type]
-
     def columns(self) -> Columns:
         """Return a row a pose and output: pose, output, unit, and its 5, 50 and 95 % over the drawn models."""
         rows: list[dict[str, Any]] = []

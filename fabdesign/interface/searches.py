@@ -37,7 +37,7 @@ def study_verb(module: str, interval: float = _INTERVAL) -> Callable[[Function],
     between the lines of progress."""
 
     def shown(result: Any, given: Mapping[str, Any]) -> Shown:
-        return Shown(result.as_json(), reported(import_module(module).as_text(result), given))
+        return Shown(result, reported(import_module(module).as_text(result), given))
 
     return verb(shown, "STUDY", interval=interval)
 
@@ -64,7 +64,7 @@ def _optimized(result: StudyResult, given: Mapping[str, Any]) -> Shown:
     from fabdesign.nouns.pressure import poses_in_words
     from studies.layout_search.target import errors_in_words
 
-    content = result.as_json()
+    content = result.to_json()
     text = (
         f"{given['out']}: {content['objective_mm']:.3f} mm ({errors_in_words(result.study, result.errors)}) after "
         f"{content['evaluations']} evaluations, {result.search_time}; {content['stop_reason']}"
@@ -245,9 +245,9 @@ def follow(
 
 
 def _shown(outcome: Demo, given: Mapping[str, Any]) -> Shown:
-    from studies.demo.run import as_json, as_text
+    from studies.demo.run import as_text
 
-    return Shown(as_json(outcome), reported(as_text(outcome), given))
+    return Shown(outcome, reported(as_text(outcome), given))
 
 
 @verb(_shown, interval=_INTERVAL, search=True, title="demo")

@@ -66,7 +66,7 @@ class BenchOutcome(Tabled):
         names = {"name": [c.effect for c in self.candidates], "held_out": [c.held_out for c in self.candidates]}
         return {**names, "gain": [c.gain for c in self.candidates]}
 
-    def as_json(self) -> dict[str, Any]:
+    def json_content(self) -> dict[str, Any]:
         """Return `trace.json`."""
         added = self.verdict == "effect"
         crossed = (self.evidence.before, self.evidence.after)
@@ -77,7 +77,7 @@ class BenchOutcome(Tabled):
              "adequate": c.held_out <= float(np.hypot(self.tolerance, self.floor))}
             for c in (none, *self.candidates)
         ]  # fmt: skip
-        trace = {
+        return {
             "format": "fabdesign.trace/1",
             "verdict": self.verdict,
             "effects": [effect_entry(e, self.shares.get(e.name)) for e in self.effects if added],
@@ -86,8 +86,7 @@ class BenchOutcome(Tabled):
             "error": {
                 "metric": "rms",
                 "unit": self.unit,
-                "noise_floor": self.floor,
-                "noise_from": self.noise.source,
+                **plain(self.noise),
                 "tolerance": self.tolerance,
                 "ceiling": float(np.hypot(self.evidence.box_before, self.floor)),
                 "before": {"fit": self.fit[0], "held_out": held_out[0]},
@@ -99,7 +98,6 @@ class BenchOutcome(Tabled):
             "discovered": None,
             "next_experiment": None,
         }
-        return dict(plain(trace))
 
 
 def bench_in_words(outcome: BenchOutcome) -> str:
@@ -161,7 +159,7 @@ def _blocks(outcome: BenchOutcome) -> Iterator[page.Block]:
     yield page.Title(f"{outcome.bench.name}: what its quasi-static law lacks", 1)
     yield page.Text(Markup("<b>{}.</b> {}").format(outcome.verdict.capitalize(), bench_in_words(outcome)), "verdict")
     yield from page.texts("quiet", [page.sentence(x) for x in (outcome.bench.description, outcome.bench.source) if x])
-    yield charts.error_bars(outcome.as_json()["error"], "noise", unit, "RMS of records left out", scale)
+    yield charts.error_bars(outcome.to_json()["error"], "noise", unit, "RMS of records left out", scale)
     yield page.Title("Candidates")
     chosen = {effect.name for effect in outcome.effects}
     gains = [

@@ -52,7 +52,7 @@ def trace_bench(
     fewer than three records."""
     with new_folder(out, made_by="trace", force=force, inputs=[path]) as files:
         outcome = examine(read_bench(path), tolerance, progress)
-        write_json(files / "trace.json", outcome.as_json())
+        write_json(files / "trace.json", outcome)
         write_model(_model(outcome), files / "model.toml")
         write_text(files / "report.html", render_bench(outcome))
     return outcome

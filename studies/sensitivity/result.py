@@ -224,7 +224,7 @@ class SensitivityResult(Tabled):
     def indices(self, output: str) -> dict[str, dict[str, Any]]:
         """Return first, total and their intervals of an output, by parameter. Raises InputError where there are
         none."""
-        entry = self.as_json()["outputs"].get(output, {})
+        entry = self.to_json()["outputs"].get(output, {})
         if "sobol" not in entry:
             known = ", ".join(column.name for column in self.watched)
             raise InputError(f"{output}: no indices; expected an output that varies, of {known}")
@@ -235,13 +235,13 @@ class SensitivityResult(Tabled):
         return by_name(
             [
                 {"output": output, "unit": entry["unit"], "parameter": name, "method": method} | _flat(numbers)
-                for output, entry in self.as_json()["outputs"].items()
+                for output, entry in self.to_json()["outputs"].items()
                 for method in _FIGURES
                 for name, numbers in entry.get(method, {}).items()
             ]
         )
 
-    def as_json(self) -> dict[str, Any]:
+    def json_content(self) -> dict[str, Any]:
         """Return what result.json holds."""
         return {
             "outputs": {c.name: self._output(k) for k, c in enumerate(self.watched)},
@@ -267,7 +267,7 @@ class SensitivityResult(Tabled):
         for method, (measure, names) in measured.items():
             if measure is not None:
                 entry[method] = {
-                    name: {key: getattr(measure, figure)[i].tolist() for key, figure in _FIGURES[method].items()}
+                    name: {key: getattr(measure, figure)[i] for key, figure in _FIGURES[method].items()}
                     for i, name in enumerate(names)
                 }
         return entry

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from fabdesign.effects import EFFECTS
+from fabdesign.effects.learned import formula
 from fabdesign.effects.registry import effects_of
-from fabdesign.formats.json_file import plain
 from fabdesign.formats.result_tables import OfModel, Summary
 from fabdesign.geometry.metrics import over
 from fabdesign.nouns.forward import ForwardModel
@@ -151,10 +151,10 @@ class Outcome(OfModel):
         """Return the verdict, and the model's parameters."""
         return Summary([f"Outcome: {self.verdict}"], self.columns())
 
-    def as_json(self) -> dict[str, Any]:
+    def json_content(self) -> dict[str, Any]:
         """Return `trace.json`; mm."""
-        excess = self.evidence
-        trace = {
+        excess, decoys = self.evidence, self.selection.decoys
+        return {
             "format": FORMAT,
             "verdict": self.verdict,
             "effects": [
@@ -177,11 +177,21 @@ class Outcome(OfModel):
                 "when_s": self.remains.when,
                 "follows": self.follows,
             },
-            "unjudged": [stretch.as_json() for stretch in self.data.used.stretches or ()],
+            "unjudged": self.data.used.stretches or (),
             "unjudged_share": self.data.used.share_left_out,
             "weights": {"share_below_tenth": self.share_below_tenth, "input_accuracy": self.data.accuracy},
-            "decoys": None if self.selection.decoys is None else self.selection.decoys.as_json(self.tolerance),
-            "discovered": None if self.discovered is None else self.discovered.as_json(self.model.effects[-1]),
+            "decoys": decoys
+            and {
+                "tried": len(decoys.gains),
+                "taken": decoys.taken(self.tolerance),
+                "chance_mm": in_mm(decoys.chance),
+            },
+            "discovered": self.discovered
+            and {
+                "formula": formula(self.model.effects[-1].term.values),
+                "parameters": {name: q for name, q in self.model.effects[-1].parameters.items() if q.value},
+                "excess_mm": {"before": in_mm(self.discovered.before), "after": in_mm(self.discovered.excess)},
+            },
             "next_experiment": self.next_experiment,
             "excess": {
                 "unit": "mm",
@@ -193,7 +203,6 @@ class Outcome(OfModel):
             "detectable": {c.name: c.detectable for c in self.candidates if not c.chosen},
             "said": self.said,
         }
-        return dict(plain(trace))
 
     @cached_property
     def explained(self) -> dict[str, float]:

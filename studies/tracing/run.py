@@ -228,6 +228,6 @@ def _write(work: WorkFolder, outcome: Outcome) -> None:
     from studies.tracing.report import render_report
 
     with work.adding() as files:
-        write_json(files / "trace.json", outcome.as_json())
+        write_json(files / "trace.json", outcome)
         write_model(outcome.model, files / "model.toml")
         write_text(files / "report.html", render_report(outcome))

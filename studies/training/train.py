@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from corrector.field import load_corrector, write_weights
 from fabdesign.files.model_file import write_model
+from fabdesign.formats.json_file import plain
 from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.geometry.distances import chamfer
 from fabdesign.geometry.metrics import Closed, Errors, closed, mean_errors, trial_errors
@@ -69,7 +70,7 @@ class TrainingResult(Tabled):
     intervals: str  # how good they are, or why there are none
     skipped: tuple[str, ...] = ()
 
-    def as_json(self) -> dict[str, Any]:
+    def json_content(self) -> dict[str, Any]:
         """Return what `train --json` prints: mm."""
 
         def millimetres(errors: Errors) -> dict[str, float]:
@@ -94,12 +95,12 @@ class TrainingResult(Tabled):
                 for name, of in self.held_out.items()
             },
             "spread": spread_json(self.model),
-            **self.used.as_json(),
+            **plain(self.used),
         }
 
     def columns(self) -> Columns:
         """Return errors in mm of each design that was held out: design, trials, then each error before and after."""
-        held = self.as_json()["held_out"]
+        held = self.to_json()["held_out"]
         columns: Columns = {"design": [*held], "trials": [of["trials"] for of in held.values()]}
         for when in ("before", "after"):
             for name in sorted({name for of in held.values() for name in of[when]}):

@@ -10,6 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from fabdesign.errors import InputError
+from fabdesign.formats.json_file import plain
 from fabdesign.formats.toml_file import file_stem
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
@@ -39,7 +40,7 @@ from studies.unseen.prediction import (
     measurement,
     predicted,
 )
-from studies.unseen.report import Measurement, UnseenResult, write_report
+from studies.unseen.report import Measurement, UnseenResult, without_lines, write_report
 
 _UNSEWN = 0.5  # of the work, that predictions of a layout that is not sewn take beside measured designs
 _DERIVATIVES = 0.3  # of it, after which measurements are compared
@@ -77,7 +78,7 @@ def run_unseen(
         result["wall_s"] = checkpoint.spent
         with work.adding() as files:
             write_report(result, files, pictures=work.folder)
-    return result
+    return without_lines(result)
 
 
 def unseen_in_words(study: UnseenStudy) -> str:
@@ -201,12 +202,12 @@ def left_out(
 
     evaluation = evaluated(model, "")
     _overlay(*_shown(tests, measured, evaluation), model, forward, picture)
-    said = evaluation.as_json()["designs"][name] | evaluation.used.as_json()
+    said = evaluation.to_json()["designs"][name] | plain(evaluation.used)
     if model.effects:
-        said["without_effects"] = evaluated(calibration.model.before, ", factors alone").as_json()["designs"][name][
+        said["without_effects"] = evaluated(calibration.model.before, ", factors alone").to_json()["designs"][name][
             "after"
         ]
-    content = calibration.as_json()
+    content = calibration.to_json()
     return said | {
         "factors": {k: {key: p[key] for key in ("factor", "interval90")} for k, p in content["parameters"].items()},
         "effects": content["effects"],
