@@ -72,7 +72,7 @@ def plain(value: Any, unit: FileUnit | None = None, *, exact: bool = False) -> A
 def _table(value: Any, unit: FileUnit | None) -> dict[str, Any]:
     """Return the table of a dataclass. unit: of the numbers that declare none."""
     table: dict[str, Any] = {}
-    for each in _keys(type(value)):
+    for each in _keys(cast(Any, type(value))):
         item, key = getattr(value, each.field), each.notes.key
         if not each.name or (key.brief and item == each.default):
             continue

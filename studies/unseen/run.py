@@ -10,7 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from fabdesign.errors import InputError
-from fabdesign.formats.json_file import plain
+from fabdesign.formats.json_file import of_exact, plain
 from fabdesign.formats.toml_file import file_stem
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
@@ -40,7 +40,7 @@ from studies.unseen.prediction import (
     measurement,
     predicted,
 )
-from studies.unseen.report import Measurement, UnseenResult, without_lines, write_report
+from studies.unseen.report import Measurement, PoseResult, UnseenResult, UnsewnResult, write_report
 
 _UNSEWN = 0.5  # of the work, that predictions of a layout that is not sewn take beside measured designs
 _DERIVATIVES = 0.3  # of it, after which measurements are compared
@@ -69,16 +69,16 @@ def run_unseen(
         progress(unseen_in_words(study), None)
         if forward is None:
             forward, coarse = simulator(study.points_per_side, study), coarse or simulator(GRID)
-        result: UnseenResult = {"name": study.name, "seed": study.seed, "points_per_side": study.points_per_side}
         before = parts(progress, _UNSEWN)[0] if study.measured is not None else progress
-        result = with_unsewn(result, study, forward, checkpoint, before)
+        unsewn = unsewn_result(study, forward, checkpoint, before)
+        result = UnseenResult(study.name, study.seed, study.points_per_side, unsewn)
         if study.measured is not None:
-            result["free"] = list(study.free)
-            result["left_out"] = _left_out(study, work, forward, coarse or forward, checkpoint, progress)
-        result["wall_s"] = checkpoint.spent
+            designs = _left_out(study, work, forward, coarse or forward, checkpoint, progress)
+            result = replace(result, free=study.free, left_out=designs)
+        result = replace(result, wall_s=checkpoint.spent)
         with work.adding() as files:
             write_report(result, files, pictures=work.folder)
-    return without_lines(result)
+    return result
 
 
 def unseen_in_words(study: UnseenStudy) -> str:
@@ -98,12 +98,12 @@ def unseen_in_words(study: UnseenStudy) -> str:
     return in_words(seconds, *what, on_cores())
 
 
-def with_unsewn(
-    result: UnseenResult, study: UnseenStudy, engine: ForwardModel, checkpoint: Checkpoint, progress: Progress
-) -> UnseenResult:
-    """Return the result with what there is to say of a layout before it is sewn."""
+def unsewn_result(
+    study: UnseenStudy, engine: ForwardModel, checkpoint: Checkpoint, progress: Progress
+) -> UnsewnResult | None:
+    """Return what there is to say of a layout before it is sewn; None where the study has none."""
     if (unsewn := study.unsewn) is None:
-        return result
+        return None
     draws = Draws(unsewn.model, unsewn.design)
     bare = replace(unsewn.model, parameters={}, effects=())  # a case brings all of it
     forward = replace(forward_model(engine, unsewn.model), model=bare)
@@ -115,18 +115,18 @@ def with_unsewn(
         progress(f"what {len(candidates)} measurements would tell", _DERIVATIVES)
         return measurement(unsewn, draws, forward, candidates)
 
-    return {
-        **result,
-        "design": unsewn.design.name,
-        "model_points_per_side": unsewn.model.points_per_side,
-        "doubted": list(unsewn.model.unreliable),
-        "poses": poses,
-        "unknown": list(draws.unknown),
-        "calibrated": spread_of(unsewn.model) is not None,
-        "intervals": intervals_statement(unsewn.model),
-        "corrector": corrector_statement(unsewn.model, unsewn),
-        "measurement": checkpoint.get("measurement", measure),
-    }
+    measured = checkpoint.get("measurement", measure)
+    return UnsewnResult(
+        design=unsewn.design.name,
+        model_points_per_side=unsewn.model.points_per_side,
+        doubted=unsewn.model.unreliable,
+        poses=poses and of_exact(list[PoseResult], poses),
+        unknown=draws.unknown,
+        calibrated=spread_of(unsewn.model) is not None,
+        intervals=intervals_statement(unsewn.model),
+        corrector=corrector_statement(unsewn.model, unsewn),
+        measurement=measured and of_exact(Measurement, measured),
+    )
 
 
 def _left_out(

@@ -42,8 +42,7 @@ class Distance:
 
     def json_content(self) -> dict[str, object]:
         """Return the distance as JSON, in mm; null: not known."""
-        shown = {"from": self.reference, "of": self.when or "still shapes", "unit": "mm"}
-        return shown | self.whole.millimetres()
+        return {"from": self.reference, "of": self.when or "still shapes", "unit": "mm", **self.whole.millimetres()}
 
 
 def errors_in_words(errors: Errors) -> str:
