@@ -118,7 +118,7 @@ def _bar(with_rest: bool) -> "Progress":
             self.max_refresh = -1.0  # s: never kept, for that clock stands still
 
         def render(self, task: Task) -> Text:
-            if working_time.compiling():
+            if working_time.wall.stops:
                 return Text("compiling the simulator")
             return Text.assemble(super().render(task), " left") if with_rest else Text()
 
