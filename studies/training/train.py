@@ -25,13 +25,11 @@ from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.output import others_in, work_folder
 from fabdesign.runtime.fingerprint import sha256
 from fabdesign.runtime.store import Checkpoint
-from fabdesign.units import in_mm
 from fabdesign.version import SIMULATOR, __version__
 from optimize.fit.parameters import FitVector
 from studies.intervals.calibrate import spread_json, with_spread
 from studies.measured.fit_data import noise_of
 from studies.measured.used_frames import UsedFrames
-from studies.prediction.evaluation_report import ERRORS
 from studies.training.data import (
     Chosen,
     KeptMotions,
@@ -74,8 +72,7 @@ class TrainingResult(Tabled):
         """Return what `train --json` prints: mm."""
 
         def millimetres(errors: Errors) -> dict[str, float]:
-            values = {name: in_mm(getattr(errors, name)) for name in ERRORS}
-            return {name: value for name, value in values.items() if np.isfinite(value)}
+            return {name: value for name, value in errors.millimetres().items() if np.isfinite(value)}
 
         return {
             "network": self.about["network"],
