@@ -91,8 +91,7 @@ class Files:
                 self._clear()
             elif self._autosaves and history.layout != self._autosaved:
                 layout = history.layout
-                muscles = [dataclasses.asdict(muscle) for muscle in layout.design.muscles]
-                content = {"format": FORMAT, "begun_on": content_hash(self._file), "muscles": muscles}
+                content = {"format": FORMAT, "begun_on": content_hash(self._file), "muscles": layout.design.muscles}
                 write_json(self.autosave, content | {"pressures_pa": list(layout.pressures)})
                 self._autosaved = layout
         except InputError as error:
