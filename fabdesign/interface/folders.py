@@ -145,7 +145,7 @@ def schema(kind: str) -> dict[str, Any]:
 
 
 def _described(effects: dict[str, Effect], given: Mapping[str, Any]) -> Shown:
-    from fabdesign.effects.table import as_text, one_as_text
+    from fabdesign.effects.registry import as_text, one_as_text
 
     name = given["name"]
     return Shown({"effects": [*effects.values()]}, as_text(effects) if name is None else one_as_text(effects[name]))

@@ -202,11 +202,9 @@ def left_out(
 
     evaluation = evaluated(model, "")
     _overlay(*_shown(tests, measured, evaluation), model, forward, picture)
-    said = evaluation.to_json()["designs"][name] | plain(evaluation.used)
+    said = plain(evaluation.designs[name]) | plain(evaluation.used)
     if model.effects:
-        said["without_effects"] = evaluated(calibration.model.before, ", factors alone").to_json()["designs"][name][
-            "after"
-        ]
+        said["without_effects"] = plain(evaluated(calibration.model.before, ", factors alone").designs[name])["after"]
     content = calibration.to_json()
     return said | {
         "factors": {k: {key: p[key] for key in ("factor", "interval90")} for k, p in content["parameters"].items()},
