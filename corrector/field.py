@@ -24,9 +24,9 @@ from fabdesign.nouns.corrector import Corrector, Trust, central_hash, with_histo
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model
-from fabdesign.output import whole_file
+from fabdesign.output import atomic_file
 
-NEAR = 0.2  # distance over which a design stops being one of those learned from
+FAMILIAR = 0.2  # distance over which a design stops being one of those learned from
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ class FieldCorrector:
 
     def coefficients(self, distance: float) -> NDArray[np.float64]:
         """Return (K,) for a design so far from those learned from."""
-        nearness = max(1 - distance / NEAR, 0.0)
+        nearness = max(1 - distance / FAMILIAR, 0.0)
         return nearness * self.seen + (1 - nearness) * self.unseen
 
     def _known(self, design: Design) -> tuple[MuscleFields, Trust]:
@@ -98,7 +98,7 @@ Weights = Mapping[str, NDArray[np.float32]]
 def write_weights(path: Path, weights: Weights, about: Mapping[str, Any]) -> None:
     """Write arrays by name and what is to be known about them (JSON), whole."""
     content = json.dumps({"format": FORMAT} | dict(about), allow_nan=False)
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         temporary.write_bytes(save({k: np.ascontiguousarray(v) for k, v in weights.items()}, {_KEY: content}))
 
 

@@ -33,10 +33,10 @@ def intervals_of(design: Design) -> list[Interval]:
     """Return all intervals, muscle by muscle."""
     intervals = []
     for m, muscle in enumerate(design.muscles):
-        done, whole = 0.0, muscle.length
+        done, total = 0.0, muscle.length
         for a, b in pairwise(muscle.fixed_points()):
             length = float(np.linalg.norm(b - a))
-            intervals.append(Interval(m, a, b, (done + length / 2) / whole))
+            intervals.append(Interval(m, a, b, (done + length / 2) / total))
             done += length
     return intervals
 

@@ -131,7 +131,7 @@ class PaperCorrector:
 
     @property
     def starts(self) -> float:
-        """s, from which on it answers."""
+        """Return s, from which on it answers."""
         return (FRAMES + 0.5) / self.frame_rate
 
     def history(self) -> tuple[float, ...]:

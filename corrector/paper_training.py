@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from corrector.paper import FRAMES, LENGTH, OUTPUT_POINTS, Autoencoder, NextCode, chamfer_squared, drawn, to_unit
-from fabdesign.output import whole_file
+from fabdesign.output import atomic_file
 from fabdesign.runtime.store import read_kept
 from fabdesign.units import in_mm
 
@@ -98,10 +98,10 @@ def train_paper(
         return (network(before) - after).norm(dim=1).mean()
 
     _descend("following", following, apart, (seen, looked_at), plan, folder, progress)
-    whole = {**parts, "following": following}
+    networks = {**parts, "following": following}
     return {
         f"{name}.{key}": value.detach().cpu().numpy().astype(np.float32)
-        for name, part in whole.items()
+        for name, part in networks.items()
         for key, value in part.state_dict().items()
     }
 
@@ -123,7 +123,8 @@ def _descend(
     folder: Path,
     progress: Callable[[str, int, int], None],
 ) -> None:
-    """Adam with early stopping; the network ends as it was at its best. rows: learned from, and looked at for that."""
+    """Train a network by Adam with early stopping; it ends as it was at its best. rows: learned from, and looked at for
+    that."""
     (learned, checked), stage = rows, int(name == "following")  # 0: an autoencoder
     file = folder / f"paper-{name}.pt"
     optimizer = torch.optim.Adam(network.parameters(), lr=plan.rates[stage])
@@ -157,7 +158,7 @@ def _descend(
         state["best"] = min(value, state["best"])
         state["epoch"] += 1
         saved = state | {"network": network.state_dict(), "optimizer": optimizer.state_dict()}
-        with whole_file(file) as temporary:
+        with atomic_file(file) as temporary:
             torch.save(saved, temporary)
         unit = "mm^2" if stage == 0 else "of the codes"
         progress(f"paper, {name}, {value:.3g} {unit}, epoch", state["epoch"], epochs)

@@ -115,7 +115,7 @@ class Examples:
 
     @cached_property
     def equations(self) -> tuple[Array, Array]:
-        """(K, K) and (K,): normal equations of all frames, each by its error before."""
+        """Return (K, K) and (K,): normal equations of all frames, each by its error before."""
         matrix, right = 0.0, 0.0
         for heights, goal, weight, error in zip(self.heights, self.goal, self.weight, self.errors(), strict=True):
             single = heights.astype(np.float32)

@@ -55,13 +55,14 @@ def note(line: str) -> None:
     warnings.warn(InputNote(line), stacklevel=2)
 
 
-def require_number(name: str, value: Any, least: float, most: float, *, whole: bool = False, unit: str = "") -> None:
+def require_number(
+    name: str, value: Any, least: float, most: float, *, kind: type[float] = float, unit: str = ""
+) -> None:
     """Raise InputError where an option is no number of that range."""
-    sort = numbers.Integral if whole else numbers.Real
-    number = isinstance(value, sort) and not isinstance(value, bool)
+    number = isinstance(value, numbers.Integral if kind is int else numbers.Real) and not isinstance(value, bool)
     if not number or not least <= value <= most:
-        kind = " whole" if whole else ""
-        raise InputError(f"{name} is {value!r}; expected a{kind} number from {least:g} to {most:g}{unit}")
+        integer = " whole" if kind is int else ""
+        raise InputError(f"{name} is {value!r}; expected a{integer} number from {least:g} to {most:g}{unit}")
 
 
 def why_not_loaded(error: ImportError) -> str:

@@ -42,22 +42,30 @@ class Start(Enum):
     DAMPED = auto()  # a damped motion
 
 
-def start_of(case: Case, *, patient: bool) -> Start:
-    """Return the state at the start and the steps to it. patient: by a damped motion, where the cloth leaves its
+class Approach(Enum):
+    """How a cloth is brought to rest by a damped motion."""
+
+    USUAL = auto()
+    PATIENT = auto()  # by shorter steps, and for 2 s more
+
+
+def start_of(case: Case, approach: Approach) -> Start:
+    """Return the state at the start and the steps to it: with patience by a damped motion, where the cloth leaves its
     plane."""
     support = Support.of(case.design.fabric)
     if support == Support.NONE:
         return Start.FLAT
     if not swings_to_rest(specimen_of(case)):
         return Start.LONG_STEPS
-    return Start.DAMPED if patient or not support.is_edge else Start.CHECKED
+    return Start.DAMPED if approach is Approach.PATIENT or not support.is_edge else Start.CHECKED
 
 
 def to_start(batch: Batch, start: Start, solve: Solve, channels: int) -> Stages:
     """Return the steps to rest without pressure in so many channels, velocities then zero."""
     nothing = np.zeros((batch.blocks, channels, LANES), np.float32)
     if start is Start.DAMPED:
-        yield from damped_motion(batch, nothing, solve, patient=True, halts=True)
+        *stages, (last, how) = damped_motion(batch, nothing, solve, approach=Approach.PATIENT)
+        yield from (*stages, (replace(last, halts=True), how))
     elif start is not Start.FLAT:
         yield from long_steps(batch, nothing, solve, FROM_FLAT)
 
@@ -81,23 +89,21 @@ def damped_motion(
     *,
     rise: float = RISE,
     hold: float | None = None,
-    patient: bool = False,
-    halts: bool = False,
+    approach: Approach = Approach.USUAL,
 ) -> Stages:
     """Return a damped motion to rest under `pressure`, which rises linearly within `rise` s. Memory of forces ages by
-    the rise and `hold` s more (LEAST_HOLD at least: none at all would say that it is at rest); None: it stays at rest.
-    patient: with shorter steps, and 2 s more. halts: velocities are zeroed at its end."""
+    the rise and `hold` s more (LEAST_HOLD at least: none at all would say that it is at rest); None: it stays at
+    rest."""
     (h, loose), rest = (RISING, STAGES) if batch.support.is_edge else (RISING_FREE, STAGES_FREE)
     stages = [(min(h, rise / 24), rise, loose), *rest]
-    if patient:
+    if approach is Approach.PATIENT:
         stages = [*((h / 2, duration, 1) for h, duration, _ in stages), (stages[-1][0] / 2, 2.0, 1)]
     counts = [round(duration / h) for h, duration, _ in stages]
     for k, ((h, _, loose), steps) in enumerate(zip(stages, counts, strict=True)):
         share = (np.arange(1, steps + 1) / steps if k == 0 else np.ones(steps)).astype(np.float32)
         ages = 0.0 if hold is None else rise / steps if k == 0 else max(hold, LEAST_HOLD) / sum(counts[1:])
         scheme = Scheme(h, Integrator.BACKWARD_EULER, ages=ages)
-        last = k == len(stages) - 1
-        schedule = alike(batch, scheme, share[:, None, None, None] * pressure, halts=halts and last)
+        schedule = alike(batch, scheme, share[:, None, None, None] * pressure)
         iterations = solve.iterations if loose == 1 else 3 * solve.iterations // 4
         yield schedule, replace(solve, iterations=iterations, tolerance=loose * solve.tolerance)
 

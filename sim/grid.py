@@ -28,7 +28,7 @@ class Support(IntEnum):
 
     @property
     def is_edge(self) -> bool:
-        """Whether the preconditioner knows what is held: it does not know single nodes."""
+        """Return whether the preconditioner knows what is held: it does not know single nodes."""
         return self < EDGES
 
     @property
@@ -120,7 +120,7 @@ def muscle_masses(muscles: Sequence[tuple[Muscle, float]], spacing: tuple[float,
 
 
 def _add_masses(mass: Array, x: Array, y: Array, each: float | Array) -> None:
-    """Masses of `each` kg at columns x and rows y, to the nodes around, bilinearly."""
+    """Add masses of `each` kg at columns x and rows y to the nodes around, bilinearly."""
     i, j = (np.minimum(t.astype(int), n - 2) for t, n in ((x, mass.shape[1]), (y, mass.shape[0])))
     for row, down in ((j, j + 1 - y), (j + 1, y - j)):
         for column, across in ((i, i + 1 - x), (i + 1, x - i)):

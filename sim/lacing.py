@@ -67,7 +67,7 @@ def line_weights(t: ArrayLike, nodes: int, spacing: float | Array, count: int) -
 
 
 def interpolation_weights(t: float, nodes: int) -> tuple[int, Array]:
-    """First of four nodes and their weights at `t` node spacings along a line: Catmull-Rom."""
+    """Return the first of four nodes and their weights at `t` node spacings along a line: Catmull-Rom."""
     around = _around(np.array([t]), nodes, 4)
     first, fold = _fold(around, nodes)
     return int(first), fold @ _catmull_rom(np.asarray(around - t))[0]
@@ -80,8 +80,8 @@ def _around(t: Array, nodes: int, count: int) -> NDArray[np.int_]:
 
 
 def _spline(x: Array, scale: Array) -> tuple[Array, Array]:
-    """Cubic B-spline weights of nodes at x [m] from the loop's middle, and their derivatives [1/m] when the loop moves
-    up the line; linear functions of x are reproduced for any ratio of scale and spacing."""
+    """Return cubic B-spline weights of nodes at x [m] from the loop's middle, and their derivatives [1/m] when the loop
+    moves up the line; linear functions of x are reproduced for any ratio of scale and spacing."""
 
     def total(values: Array) -> Array:
         return np.asarray(values.sum(axis=-1, keepdims=True))

@@ -73,7 +73,8 @@ def contents_of(cases: Sequence[Case], n: int, *, support: Support, blocks: int)
 
 
 def _require_room(points: int, blocks: int) -> None:
-    """Every fixed point acts on every other: memory goes with the square of their number."""
+    """Raise InputError for too many fixed points: each acts on every other, so memory goes with their number's
+    square."""
     pair = blocks * LANES * 4 * (GREEN + 1)
     if points**2 * pair > MEMORY:
         raise InputError(
@@ -89,9 +90,9 @@ def constants_of(specimens: Sequence[Specimen], n: int) -> NDArray[np.float32]:
 def side_by_side(values: Sequence[NDArray]) -> NDArray:
     """Return one array of each lane to (blocks, entries, LANES); of vectors (3, entries) to (blocks, entries, 3,
     LANES)."""
-    whole = values[0].dtype.kind == "i"
+    integers = values[0].dtype.kind == "i"
     vectors = values[0].ndim == 2 and len(values[0]) == 3
-    lanes = np.array([value.T if vectors else value.ravel() for value in values], np.int32 if whole else np.float32)
+    lanes = np.array([value.T if vectors else value.ravel() for value in values], np.int32 if integers else np.float32)
     return np.ascontiguousarray(np.moveaxis(lanes.reshape(len(lanes) // LANES, LANES, *lanes.shape[1:]), 1, -1))
 
 

@@ -69,12 +69,12 @@ class Lane:
 
     @property
     def spacing(self) -> tuple[float, float]:
-        """m, along u and v"""
+        """Return m, along u and v"""
         return self.fabric.width / (self.n - 1), self.fabric.height / (self.n - 1)
 
     @cached_property
     def membrane(self) -> tuple[float, float, float]:
-        """K_1, K_2, K_12 [N/m]"""
+        """Return K_1, K_2, K_12 [N/m]"""
         (k1, _, _), (k2, _, _) = self.polynomials
         nu21 = self.fabric.poisson * k2 / k1
         scale = self.factor("membrane") / (1 - self.fabric.poisson * nu21)
@@ -92,7 +92,7 @@ class Lane:
 
     @cached_property
     def mean_mass(self) -> float:
-        """kg/m^2, muscles and added masses included"""
+        """Return kg/m^2, muscles and added masses included"""
         design = self.specimen.design
         laced = sum(design.muscle_types[m.type].mass_per_length * m.length for m in design.muscles)
         cloth = self.factor("areal_density") * self.fabric.areal_density
@@ -101,7 +101,7 @@ class Lane:
 
     @property
     def weight_tension(self) -> float:
-        """N/m, mean tension of a cloth under its weight, hung by its top"""
+        """Return N/m, mean tension of a cloth under its weight, hung by its top"""
         if self.support != Support.TOP:
             return 0.0
         return max(0.0, -0.5 * self.mean_mass * self.fabric.gravity[1] * self.fabric.height)
@@ -165,7 +165,7 @@ M = Numbers(**{name: index for index, name in enumerate(CONSTANTS)})
 
 
 def declare(name: str, constant: Constant) -> None:
-    """One more, by an effect's own file: before the first batch, or the fields are made anew."""
+    """Declare one more, by an effect's own file: before the first batch, or the fields are made anew."""
     if CONSTANTS.setdefault(name, constant) is not constant:
         raise ValueError(f"constant {name!r}: there is one of this name already")
     setattr(M, name, list(CONSTANTS).index(name))

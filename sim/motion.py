@@ -54,7 +54,7 @@ class SimulatedMotion:
 
     @cached_property
     def points(self) -> NDArray[np.float32]:
-        """(T, 3362, 3) m: front face, then back face, 41 x 41 each by rising v, then rising u."""
+        """Return (T, 3362, 3) m: front face, then back face, 41 x 41 each by rising v, then rising u."""
         return faces(self.middle, self.thickness)
 
 

@@ -103,9 +103,9 @@ def of_motions(
     (motions + 1,) where the frames of each begin among all."""
     lanes = [motions[i] for i in packed]
     count = max(len(motion.ticks) for motion in lanes)
-    whole = np.minimum(np.arange(count)[:, None], [len(m.ticks) - 1 for m in lanes])  # (S, lanes) their own steps
+    step_of = np.minimum(np.arange(count)[:, None], [len(m.ticks) - 1 for m in lanes])  # (S, lanes) their own steps
     numbered = list(enumerate(lanes))
-    scheme_of = np.stack([2 * m.ticks[whole[:, k]] + m.jumps[whole[:, k]] for k, m in numbered], axis=1)
+    scheme_of = np.stack([2 * m.ticks[step_of[:, k]] + m.jumps[step_of[:, k]] for k, m in numbered], axis=1)
     distinct, code = np.unique(scheme_of, return_inverse=True)
     schemes = [
         Scheme(tick * float(k // 2), Integrator.MIDPOINT if k % 2 else Integrator.GENERALISED_ALPHA, rho)
@@ -115,7 +115,7 @@ def of_motions(
     channels = max(1, *(m.pressure.shape[1] for m in lanes))
     pressure = np.zeros((count, channels, len(lanes)))
     for k, m in numbered:
-        pressure[:, : m.pressure.shape[1], k] = m.pressure[whole[:, k]]
+        pressure[:, : m.pressure.shape[1], k] = m.pressure[step_of[:, k]]
     begins = np.concatenate([[0], np.cumsum([len(m.due) for m in motions])])
     first = np.zeros((count + 1, len(lanes)), np.int32)
     for i, m in enumerate(motions):

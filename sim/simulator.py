@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from fabdesign.runtime.cluster import current
 from fabdesign.runtime.effort import COARSEST, FINEST, LONGEST, require_motion
 from sim import equilibrium
 from sim.chunks import Chunk, chunks_of, has_added_force, laid
+from sim.equilibrium import Approach
 from sim.kernels.fields import F, lock
 from sim.kernels.transfer import put
 from sim.loading import constants_of
@@ -73,11 +75,11 @@ class Simulator:
     hold: float = HOLD  # s, for which they then hold, where effects remember
 
     def __post_init__(self) -> None:
-        require_number("points_per_side", self.points_per_side, COARSEST, FINEST, whole=True)
+        require_number("points_per_side", self.points_per_side, COARSEST, FINEST, kind=int)
         require_number("time_step", self.time_step, *TIME_STEPS, unit=" s")
         if self.calm_steps is not None:
-            require_number("calm_steps", self.calm_steps, 1, MOST_CALM, whole=True)
-        require_number("iterations", self.iterations, 1, MOST_ITERATIONS, whole=True)
+            require_number("calm_steps", self.calm_steps, 1, MOST_CALM, kind=int)
+        require_number("iterations", self.iterations, 1, MOST_ITERATIONS, kind=int)
         require_number("tolerance", self.tolerance, *TOLERANCES, unit=" m")
         require_number("rho", self.rho, 0, 1)
         require_number("rise", self.rise, *RISES, unit=" s")
@@ -100,19 +102,19 @@ class Simulator:
         return [motion.points for motion in self.run(cases, times)]
 
     def run(self, cases: Sequence[Case], times: Sequence[Array]) -> list[SimulatedMotion]:
-        """Motions with mid-surfaces, contractions and tensions; each starts from equilibrium at zero pressure, a free
-        cloth flat and at rest. One that diverges, or has not come to rest where it starts, is tried once more with half
-        the steps and twice the iterations, from where a damped motion comes to rest."""
+        """Return motions with mid-surfaces, contractions and tensions; each starts from equilibrium at zero pressure, a
+        free cloth flat and at rest. One that diverges, or has not come to rest where it starts, is tried once more with
+        half the steps and twice the iterations, from where a damped motion comes to rest."""
         self._require_room(cases, times)
         if (cluster := current()) is not None:
             return OnCluster(self, cluster).ask("run", cases, times)
         motions = dict[int, SimulatedMotion]()
         wanted = [np.asarray(t, dtype=float) for t in times]
         with lock:
-            for engine, patient, asked in self.tries(motions, len(cases)):
+            for engine, approach, asked in self.tries(motions, len(cases)):
                 steps = {i: engine.steps(cases[i], wanted[i]) for i in asked}
                 for chunk in chunks_of(cases, self.points_per_side, {i: one.pattern for i, one in steps.items()}):
-                    batch, still = engine.started(chunk, patient=patient)
+                    batch, still = engine.started(chunk, approach)
                     moved = engine.moved(batch, chunk, steps, wanted)
                     for k, (i, motion) in enumerate(moved.items()):
                         lost = still is not None and not still[chunk.packed.index(k)]
@@ -121,10 +123,10 @@ class Simulator:
 
     sheets = run  # as fabdesign.geometry.shape asks for them: such a motion is one
 
-    def started(self, chunk: Chunk, *, patient: bool = False) -> tuple[Batch, NDArray[np.bool_] | None]:
+    def started(self, chunk: Chunk, approach: Approach = Approach.USUAL) -> tuple[Batch, NDArray[np.bool_] | None]:
         """Return the chunk in the fields, at rest without pressure; and, where it may not have come there, (lanes,)
         whether it has."""
-        start = equilibrium.start_of(chunk.cases[0], patient=patient)
+        start = equilibrium.start_of(chunk.cases[0], approach)
         batch = laid(
             chunk.damped() if start is equilibrium.Start.DAMPED else chunk, self.points_per_side, self.self_contact
         )
@@ -151,11 +153,11 @@ class Simulator:
 
     def tries(
         self, results: Mapping[int, SimulatedMotion], count: int
-    ) -> Iterator[tuple["Simulator", bool, list[int]]]:
+    ) -> Iterator[tuple["Simulator", Approach, list[int]]]:
         """Yield all of the cases; then, finer and with patience, those whose result by then is lost."""
-        yield self, False, [*range(count)]
+        yield self, Approach.USUAL, [*range(count)]
         if lost := [i for i in range(count) if results[i].diverged]:
-            yield self.finer(), True, lost
+            yield self.finer(), Approach.PATIENT, lost
 
     def steps(self, case: Case, times: Array, *, begin: int = 0, jumps: Jumps | None = None) -> Steps:
         """Return the steps of a motion with frames at `times` [s], from tick `begin` on. jumps: after which steps are
@@ -198,16 +200,16 @@ class Simulator:
         return [shape.points[0] for shape in self.rest(cases)]
 
     def rest(self, cases: Sequence[Case]) -> list[SimulatedMotion]:
-        """Shapes at rest under each program's last pressures, as motions of one frame at 0 s with its tensions. The
-        last step of a damped motion moved it by less than RESTED; NaN where no such shape was found, with half the
+        """Return shapes at rest under each program's last pressures, as motions of one frame at 0 s with its tensions.
+        The last step of a damped motion moved it by less than RESTED; NaN where no such shape was found, with half the
         steps and 2 s more neither."""
         if (cluster := current()) is not None:
             return OnCluster(self, cluster).ask("rest", cases)
         shapes: dict[int, SimulatedMotion] = {}
         with lock:
-            for engine, patient, asked in self.tries(shapes, len(cases)):
+            for engine, approach, asked in self.tries(shapes, len(cases)):
                 for chunk in chunks_of(cases, self.points_per_side, dict.fromkeys(asked, ())):
-                    batch = engine._at_rest(chunk, patient=patient)
+                    batch = engine._at_rest(chunk, approach)
                     middle, states = batch.positions(F.x0), batch.states()
                     middle[~equilibrium.rested(batch)] = np.nan
                     for k, (i, case) in enumerate(zip(chunk.places, chunk.cases, strict=True)):
@@ -215,18 +217,23 @@ class Simulator:
                         shapes[i] = motion_of(case, np.zeros(1), middle[lane : lane + 1], states[lane : lane + 1])
         return [shapes[i] for i in range(len(cases))]
 
-    def shape_jacobian(self, cases: Sequence[Case], columns: Sequence[Column], *, exact: bool = True) -> list[Jacobian]:
-        """Shapes at rest and how they change with each column (docs/model.md): by the tangent of the forces where that
-        is positive definite, else by differences of shapes, which each Jacobian says (`exact`). Differences too for a
-        free cloth, with self_contact, where an effect adds a force, and everywhere with exact=False, for reference.
-        NaN where no shape was found."""
-        solvable = [i for i, case in enumerate(cases) if exact and not self.self_contact and _has_tangent(case)]
+    def shape_jacobian(self, cases: Sequence[Case], columns: Sequence[Column]) -> list[Jacobian]:
+        """Return shapes at rest and how they change with each column (docs/model.md): by the tangent of the forces
+        where that is positive definite, else by differences of shapes, which each Jacobian says (`exact`). Differences
+        too for a free cloth, with self_contact, and where an effect adds a force. NaN where no shape was found."""
+        solvable = [i for i, case in enumerate(cases) if not self.self_contact and _has_tangent(case)]
         solved = self._solve_shapes([cases[i] for i in solvable], columns) if solvable else []
+        return self.shape_differences(cases, columns, dict(zip(solvable, solved, strict=True)))
+
+    def shape_differences(
+        self, cases: Sequence[Case], columns: Sequence[Column], solved: Mapping[int, Solved] = MappingProxyType({})
+    ) -> list[Jacobian]:
+        """Return the same by differences of shapes, but for what is `solved` already, by the case's place."""
 
         def shapes(_: Sequence[int], moved: Sequence[Case]) -> list[NDArray[np.float32]]:
             return [shape.middle[0] for shape in self.rest(moved)]
 
-        return completed(shapes, cases, columns, dict(zip(solvable, solved, strict=True)))
+        return completed(shapes, cases, columns, solved)
 
     def faces_jacobian(self, cases: Sequence[Case], columns: Sequence[Column]) -> list[FacesJacobian]:
         """Return the same of both faces' points, as `equilibria` gives them."""
@@ -238,7 +245,8 @@ class Simulator:
     def motion_jacobian(
         self, cases: Sequence[Case], times: Sequence[Array], columns: Sequence[Column]
     ) -> list[Jacobian]:
-        """Motions at their `times` and how they change with each column, by differences of motions: two a column."""
+        """Return motions at their `times` and how they change with each column, by differences of motions: two a
+        column."""
 
         def frames(places: Sequence[int], moved: Sequence[Case]) -> list[NDArray[np.float32]]:
             return [motion.middle for motion in self.run(moved, [times[i] for i in places])]
@@ -262,7 +270,7 @@ class Simulator:
                     results[lanes[i][0]].append(solved[chunk.packed.index(k)])
         return [together(parts) for parts in results]
 
-    def _at_rest(self, chunk: Chunk, *, patient: bool = False) -> Batch:
+    def _at_rest(self, chunk: Chunk, approach: Approach = Approach.USUAL) -> Batch:
         """Return the chunk in the fields, after a damped motion to rest under its last pressures."""
         batch = laid(chunk.damped(), self.points_per_side, self.self_contact)
         pressure = np.zeros((chunk.channels, len(chunk.packed)))
@@ -270,7 +278,7 @@ class Simulator:
             acting = self._at_rest_pressure(case)
             pressure[: len(acting), lane] = acting
         for stage in equilibrium.damped_motion(
-            batch, by_block(pressure), self.solve(batch), rise=self.rise, hold=self.hold, patient=patient
+            batch, by_block(pressure), self.solve(batch), rise=self.rise, hold=self.hold, approach=approach
         ):
             advance(batch, *stage)
         return batch
@@ -302,7 +310,7 @@ class Simulator:
 
 
 def _ticks(times: Array, tick: float) -> int:
-    """Ticks until the last of `times` [s]."""
+    """Return ticks until the last of `times` [s]."""
     return max(1, int(np.ceil(times[-1] / tick - 1e-6))) if len(times) else 1
 
 

@@ -70,7 +70,7 @@ class Array:
     life: Life
     what: str
     vector: bool = False
-    whole: bool = False  # of integers
+    integer: bool = False  # of integers
 
 
 def _node(name: str, unit: str, life: Life, what: str, *, on: Entity = "node") -> Plane:
@@ -175,9 +175,9 @@ COARSE_SHARED = {
 }  # fmt: skip
 
 ARRAYS: list[Array] = [
-    Array("base", lambda s: s.points, LOADED, "first node that a fixed point touches", whole=True),
-    Array("channel", lambda s: s.points, LOADED, "pressure channel of an interval", whole=True),
-    Array("muscle_type", lambda s: s.points, LOADED, "of an interval: which table of the law", whole=True),
+    Array("base", lambda s: s.points, LOADED, "first node that a fixed point touches", integer=True),
+    Array("channel", lambda s: s.points, LOADED, "pressure channel of an interval", integer=True),
+    Array("muscle_type", lambda s: s.points, LOADED, "of an interval: which table of the law", integer=True),
     Array("across", lambda s: 4 * s.points * s.modes, LOADED, "loops by modes across (sim/solver/muscle_modes.py)"),
     Array("down", lambda s: 4 * s.points * s.modes, LOADED, "loops by rows"),
     Array("coarse_down", lambda s: 3 * s.points * COARSE_DOWN, LOADED, "loops by the coarse space's modes down"),
@@ -195,8 +195,8 @@ ARRAYS: list[Array] = [
     Array("dual", lambda s: s.points**2, SCRATCH, "factors of the intervals' compliance matrix [m/N]"),
     Array("coarse", lambda s: sum(COARSE_PARTS.values()), SCRATCH, "the coarse space's matrices and vectors"),
     # in contact: each node meets two layers at most
-    Array("pair_node", lambda s: 2 * s.nodes, SCRATCH, "node of a pair in contact", whole=True),
-    Array("pair_cell", lambda s: 2 * s.nodes, SCRATCH, "its cell", whole=True),
+    Array("pair_node", lambda s: 2 * s.nodes, SCRATCH, "node of a pair in contact", integer=True),
+    Array("pair_cell", lambda s: 2 * s.nodes, SCRATCH, "its cell", integer=True),
     Array("pair", lambda s: 2 * s.nodes * PAIR, SCRATCH, "place, side, thickness, stiffness"),
 ]
 
@@ -233,7 +233,7 @@ def added(on: Entity) -> list[str]:
 
 
 def declare(*more: Plane) -> None:
-    """Planes of an added force, by its own file: before the first batch, or the fields are made anew."""
+    """Declare planes of an added force, by its own file: before the first batch, or the fields are made anew."""
     for plane in more:
         if plane not in PLANES:
             if any(plane.name == other.name and plane.field == other.field for other in PLANES):

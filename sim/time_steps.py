@@ -54,7 +54,7 @@ class Scheme:
 
     @property
     def coefficients(self) -> tuple[float, ...]:
-        """h, alpha_m, alpha_f, gamma, 1 / (beta h^2), 1 / (1 - alpha_f), 1 / (2 beta) - 1."""
+        """Return h, alpha_m, alpha_f, gamma, 1 / (beta h^2), 1 / (1 - alpha_f), 1 / (2 beta) - 1."""
         if self.rule is Integrator.BACKWARD_EULER:
             return self.h, 0.0, 0.0, 1.0, 1.0 / self.h**2, 1.0, 0.0
         if self.rule is Integrator.MIDPOINT:
@@ -65,13 +65,13 @@ class Scheme:
 
     @property
     def ca(self) -> float:
-        """d a / d q [1/s^2]."""
+        """Return d a / d q [1/s^2]."""
         _, am, _, _, ia, ry, _ = self.coefficients
         return (1 - am) * ia * ry
 
     @property
     def cv(self) -> float:
-        """d v / d q [1/s]."""
+        """Return d v / d q [1/s]."""
         h, _, _, gamma, ia, _, _ = self.coefficients
         return h * gamma * ia
 
@@ -120,8 +120,8 @@ class Steps:
 
 
 def steps_of(acting: ActingPressure, times: Array, jumps: Jumps, *, calm: int, begin: int = 0) -> Steps:
-    """Steps of whole ticks of `acting`, `calm` ticks far from jumps, from tick `begin` to its end; frames at `times`
-    (T,) s."""
+    """Return the steps of whole ticks of `acting`, `calm` ticks far from jumps, from tick `begin` to its end; frames at
+    `times` (T,) s."""
     edges = step_edges(acting.ticks, jumps.large, tick=acting.tick, calm=calm, begin=begin)
     instants = np.asarray(acting.tick * edges, dtype=np.float64)
     due = np.clip(np.searchsorted(instants, times - 1e-9) - 1, 0, len(edges) - 2)

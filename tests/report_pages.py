@@ -23,7 +23,7 @@ from studies.layout_grid.report import render
 from studies.layout_grid.turns import CellResult, GridResult
 from studies.layout_search.target import LoadedTarget, load_target
 from studies.layouts.report import Section, render_report
-from studies.layouts.result import StudyResult
+from studies.layouts.result import StudyResult, Verification
 from studies.layouts.run import study_result
 from studies.prediction.forward_model import forward_model
 from tests.analytic_cloth import AnalyticCloth
@@ -48,7 +48,10 @@ def search_result(width: float, height: float, *, wish: bool = False) -> StudyRe
         evaluations = Evaluations(Objective([loaded]), starts, stages, history, seconds=100, evaluations=100)
         evaluations.evaluate(0, [(k, x) for k, (_, x) in enumerate(starts)])
         model = forward_model(AnalyticCloth(), None)
-        return study_result(study, (loaded,), evaluations, model, "the limit of 5 evaluations is reached", follow=False)
+        return study_result(
+            study, (loaded,), evaluations, model, "the limit of 5 evaluations is reached",
+            verification=Verification.AT_REST,
+        )  # fmt: skip
 
 
 def wished(design: Design) -> TargetFile:

@@ -5,6 +5,7 @@ import pytest
 
 from fabdesign.effects import ActingPressure
 from sim.chunks import Chunk
+from sim.equilibrium import Approach
 from sim.kernels import fields
 from sim.kernels.fields import LANES, F
 from sim.schedule import of_motions
@@ -14,10 +15,10 @@ from sim.time_steps import Jumps, steps_of
 from tests.sim_designs import held
 
 
-def tried_once(simulator: Simulator, cases, times, *, patient=False):
-    """Its motions, as the first try has them, or with `patient` the second."""
+def tried_once(simulator: Simulator, cases, times, approach=Approach.USUAL):
+    """Its motions, as the first try has them, or with patience the second."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(Simulator, "tries", lambda own, _, count: [(own, patient, [*range(count)])])
+        patched.setattr(Simulator, "tries", lambda own, _, count: [(own, approach, [*range(count)])])
         return simulator.run(cases, times)
 
 
@@ -27,7 +28,7 @@ def thrown(simulator: Simulator, design, velocity, times, *, positions=None):
     case, n = held(design, (0,)), simulator.points_per_side
     with fields.lock:
         packed = [0] * LANES
-        batch = _at_rest(simulator, [case], packed, patient=True)
+        batch = _at_rest(simulator, [case], packed, Approach.PATIENT)
         state = F.node3.to_numpy()
         for first, values in ((F.v0, velocity), (F.x0, positions)):
             if values is not None:
@@ -47,7 +48,7 @@ def off_in_the_last_digit(simulator: Simulator, cases, times, first):
     from the float32 next to their own, above or below by chance."""
     case_of = [*range(len(cases)), *[len(cases) - 1] * (LANES - len(cases))]
     with fields.lock:
-        batch = _at_rest(simulator, cases, case_of, patient=False)
+        batch = _at_rest(simulator, cases, case_of, Approach.USUAL)
         state, nodes = F.node3.to_numpy(), slice(F.x0, F.x0 + (simulator.points_per_side + 2) ** 2)
         for lane in range(first, len(cases)):
             rng = np.random.default_rng(lane)
@@ -59,9 +60,9 @@ def off_in_the_last_digit(simulator: Simulator, cases, times, first):
         return _moved(simulator, batch, case_of, [simulator.steps(case, times) for case in cases])
 
 
-def _at_rest(simulator, cases, packed, *, patient):
+def _at_rest(simulator, cases, packed, approach):
     """The batch of the cases in the fields, at equilibrium without pressure."""
-    batch, _ = simulator.started(Chunk([*range(len(cases))], cases, packed), patient=patient)
+    batch, _ = simulator.started(Chunk([*range(len(cases))], cases, packed), approach)
     return batch
 
 

@@ -24,7 +24,7 @@ from optimize.search.evaluations import SLOPES
 from optimize.search.objective import Objective, Target
 from studies.layout_grid.run import run_layouts
 from studies.layout_search.first_layouts import forward_models
-from studies.layouts.result import StudyResult
+from studies.layouts.result import StudyResult, Verification
 from studies.layouts.robustness import robustness_of
 from studies.layouts.run import run_study
 from studies.layouts.scatter import Scatter
@@ -109,7 +109,11 @@ def reach(truth: Truth, folder: Path, share: float) -> Row:
     """One target of the rig, one search; the kernels of its first shapes are compiled before."""
     study = study_of(truth, [measured(truth, 0, folder)], share * SECONDS)
     with TemporaryDirectory() as other:
-        run_study(replace(study, limits=replace(study.limits, evaluations=1)), Path(other) / "out", follow=False)
+        run_study(
+            replace(study, limits=replace(study.limits, evaluations=1)),
+            Path(other) / "out",
+            verification=Verification.AT_REST,
+        )
     _, row = timed(study, folder / "out")
     return row | {"truth": truth.muscles}
 

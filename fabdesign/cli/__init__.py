@@ -14,7 +14,7 @@ from typing import Any
 import click
 
 from fabdesign.cli.command import add_commands
-from fabdesign.cli.console import commands, notes_told, tell
+from fabdesign.cli.console import commands, notes_shown, tell
 from fabdesign.errors import EXTRAS, InputError, SimulationError, needs
 from fabdesign.runtime.shortage import line_of
 from fabdesign.runtime.supervisor import SIGNALS, ended_by, is_supervised, record
@@ -35,7 +35,7 @@ def main() -> None:
     by Ctrl-C and by SIGTERM, each with one line."""
     printed = _lasting_streams()
     try:
-        with _ended_by_signals(), notes_told():
+        with _ended_by_signals(), notes_shown():
             commands.main(prog_name="fabdesign", standalone_mode=False)
         if printed is not None and (failure := printed.failure) is not None:
             if failure.errno == errno.EPIPE:  # who read has seen enough

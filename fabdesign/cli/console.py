@@ -47,7 +47,7 @@ def tell(line: str) -> None:
 
 
 @contextmanager
-def notes_told() -> Iterator[None]:
+def notes_shown() -> Iterator[None]:
     """Show each `InputNote` once, as "note: ...", and MOST of them; other warnings as Python does."""
     shown: set[str] = set()
 
@@ -110,7 +110,7 @@ def _bar(with_rest: bool) -> "Progress":
     from rich.progress import BarColumn, Progress, Task, TextColumn, TimeRemainingColumn
     from rich.text import Text
 
-    class Left(TimeRemainingColumn):
+    class Remaining(TimeRemainingColumn):
         """The time left by the clock that stands still while kernels compile, or that they do."""
 
         def __init__(self) -> None:
@@ -125,7 +125,7 @@ def _bar(with_rest: bool) -> "Progress":
     return Progress(
         TextColumn("{task.description}", markup=False),  # names may look like it
         BarColumn(),
-        Left(),
+        Remaining(),
         console=Console(stderr=True),
         transient=True,
         speed_estimate_period=_PERIOD,

@@ -20,7 +20,7 @@ from fabdesign.clouds.xyz import read_pts, read_xyz
 from fabdesign.errors import InputError
 from fabdesign.files.trial_file import read_trial
 from fabdesign.formats.npz_file import open_npz, read_npy
-from fabdesign.formats.toml_file import read_bytes, require_few
+from fabdesign.formats.toml_file import read_bytes, require_count
 from fabdesign.geometry.placement import Unit
 from fabdesign.geometry.surface import Surface
 
@@ -92,7 +92,7 @@ def _npz(path: Path, frame: int) -> Geometry:
                 raise InputError(
                     f"{path}: has {beside} beside points, and no offsets as a trial has; expected points alone"
                 )
-            require_few(math.prod(arrays.shape("points")) // 3, path, "points")
+            require_count(math.prod(arrays.shape("points")) // 3, path, "points")
             points = arrays.sound("points", "numbers (n, 3)", lambda a: a.ndim <= 2)
             require_one_instant({name: arrays.get(name) for name in filter(names_instants, arrays.names)}, str(path))
     if trial:

@@ -69,11 +69,11 @@ def read_mcap(path: Path) -> Mapping[str, McapTopic]:
 
 
 def messages_of(
-    path: Path, schemas: Sequence[str], what: str, *, required: bool = True
+    path: Path, schemas: Sequence[str], what: str | None
 ) -> Iterator[tuple[str, Any, Callable[[], Any], str]]:
     """Yield topic and record of every message of these schemas, what decodes it, and its schema's name.
 
-    what: is said to be expected where there is none and one is required. Raises InputError.
+    what: is said to be expected where there is none; None: none is. Raises InputError.
     """
     try:
         from mcap.reader import make_reader
@@ -111,7 +111,7 @@ def messages_of(
         raise
     except Exception as error:  # mcap raises whatever its parsers meet
         raise _unreadable(path, error) from None
-    if not count and required:
+    if not count and what is not None:
         raise InputError(f"{path}: holds {held}; expected {what}, {schemas[0]}")
 
 

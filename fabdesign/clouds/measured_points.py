@@ -34,10 +34,10 @@ _REMOVED = ("not finite", "without depth", "far off")  # at the sensor's origin:
 def note_removed(removed: NDArray[np.intp], of: int, where: str) -> None:
     """Say what was left out of so many points; nothing where nothing was."""
     if removed.any():
-        note(f"{where}: {removed.sum()} of {of} points are left out ({_said(removed)})")
+        note(f"{where}: {removed.sum()} of {of} points are left out ({_removed_in_words(removed)})")
 
 
-def _said(removed: NDArray[np.intp]) -> str:
+def _removed_in_words(removed: NDArray[np.intp]) -> str:
     return ", ".join(f"{count} {what}" for count, what in zip(removed, _REMOVED, strict=True) if count)
 
 
@@ -76,7 +76,9 @@ def sound_points(
             close = ~far
     removed = np.array([(~sound).sum() for sound in (finite, depth, close)])
     if 2 * removed.sum() > len(points):
-        raise InputError(f"{where}: of {len(points)} points {_said(removed)}; expected at least half of them sound")
+        raise InputError(
+            f"{where}: of {len(points)} points {_removed_in_words(removed)}; expected at least half of them sound"
+        )
     points = points[kept & close]
     require_cloud(points, where, size=size if unit_known else np.inf)
     return points, removed
@@ -148,8 +150,8 @@ def _require_image(image: NDArray[Any], where: str) -> None:
     for lines in np.nonzero(sound):
         sums = np.stack([np.bincount(lines, column) for column in scaled.T], axis=1)
         counts = np.maximum(np.bincount(lines), 1)
-        told_apart = float(np.linalg.eigvalsh(sums.T @ (sums / counts[:, None]))[-1])
-        if told_apart < _ORDERED:
+        separation = float(np.linalg.eigvalsh(sums.T @ (sums / counts[:, None]))[-1])
+        if separation < _ORDERED:
             raise InputError(
                 f"{where}: is {image.shape}, whose rows or columns lie on each other; expected points (n, 3) of one "
                 "frame, or a depth image (are they frames?)"

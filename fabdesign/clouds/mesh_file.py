@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, note
-from fabdesign.formats.toml_file import LARGEST, MOST_POINTS, decode_any, read_bytes, require_few
+from fabdesign.formats.toml_file import LARGEST, MOST_POINTS, decode_any, read_bytes, require_count
 from fabdesign.geometry.surface import fans_of
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else it prints the stacks of what it tries
@@ -65,7 +65,7 @@ def _bad(path: Path, why: str) -> InputError:
 
 def _obj(content: bytes, path: Path) -> Mesh:
     text = decode_any(content, path).replace("\\\r\n", " ").replace("\\\n", " ")
-    require_few(text.count("\n"), path, "lines")
+    require_count(text.count("\n"), path, "lines")
     vertices: list[tuple[float, ...]] = []
     corners: list[int] = []  # of all faces
     lengths: list[int] = []  # of each face
@@ -179,7 +179,7 @@ def _gltf(content: bytes, path: Path) -> Mesh:
         counts = [accessor["count"] for accessor in tree["accessors"]]
         if any(type(count) is not int or count < 0 for count in counts):
             raise ValueError
-        require_few(max(counts, default=0), path, "values in an accessor")
+        require_count(max(counts, default=0), path, "values in an accessor")
         if (why := next(_missed(tree), None)) is None:
             _require_bounded(tree, counts, path)
     except InputError:
@@ -240,8 +240,8 @@ def _require_bounded(tree: dict[str, Any], counts: list[int], path: Path) -> Non
             corners = counts[primitive.get("indices", position)]
             points += several * counts[position]
             triangles += several * (corners // 3 if primitive.get("mode", _TRIANGLES) == _TRIANGLES else corners)
-    require_few(points, path, "points in all its nodes")
-    require_few(triangles, path, "triangles in all its nodes")
+    require_count(points, path, "points in all its nodes")
+    require_count(triangles, path, "triangles in all its nodes")
     folder = path.parent.resolve()
     uris = (buffer["uri"] for buffer in tree.get("buffers", []) if "uri" in buffer)
     beside = [(folder / uri.strip()).resolve() for uri in uris if "base64," not in uri]

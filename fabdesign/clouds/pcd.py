@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fabdesign.clouds.measured_points import require_one_instant
 from fabdesign.errors import InputError
-from fabdesign.formats.toml_file import LARGEST, read_bytes, require_few
+from fabdesign.formats.toml_file import LARGEST, read_bytes, require_count
 
 _KINDS = {"F4", "F8", *(f"{letter}{size}" for letter in "IU" for size in (1, 2, 4, 8))}
 _KEYS = {"VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"}
@@ -69,8 +69,8 @@ def _header(content: bytes, path: Path) -> _Header:
     if not names or not len(names) == len(sizes) == len(types) == len(counts):
         _refuse(path, "its header does not name as many fields, sizes, types and counts")
     kinds = [letter + size for letter, size in zip(types, sizes, strict=True)]
-    whole = [*counts, *(values[key][0] for key in ("WIDTH", "HEIGHT", "POINTS") if values.get(key))]
-    if not _KINDS.issuperset(kinds) or not all(number.isdecimal() and len(number) < 10 for number in whole):
+    integers = [*counts, *(values[key][0] for key in ("WIDTH", "HEIGHT", "POINTS") if values.get(key))]
+    if not _KINDS.issuperset(kinds) or not all(number.isdecimal() and len(number) < 10 for number in integers):
         _refuse(path, "its header has a size, type or number that is none")
     if [names.count(axis) for axis in "xyz"] != [1, 1, 1]:
         _refuse(path, "its fields are not x, y, z")
@@ -91,7 +91,7 @@ def _header(content: bytes, path: Path) -> _Header:
     points = int(values["WIDTH"][0]) * int(values["HEIGHT"][0])
     if values.get("POINTS") and int(values["POINTS"][0]) != points:
         _refuse(path, f"its header says {values['POINTS'][0]} points, and width times height is {points}")
-    require_few(points, path, "points")
+    require_count(points, path, "points")
     fields = [*zip(names, (f"<{kind.lower()}" for kind in kinds), map(int, counts), strict=True)]
     if sum(values * np.dtype(kind).itemsize for _, kind, values in fields) > LARGEST:
         _refuse(path, "its header says that a point is larger than a file may be")

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from fabdesign.clouds.measured_points import require_one_instant
 from fabdesign.errors import InputError
 from fabdesign.formats.csv_table import is_number
-from fabdesign.formats.toml_file import read_bytes, require_few
+from fabdesign.formats.toml_file import read_bytes, require_count
 from fabdesign.geometry.surface import fans_of
-from fabdesign.output import whole_file
+from fabdesign.output import atomic_file
 
 _TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
 _TYPES |= {"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"}
@@ -57,7 +57,7 @@ def read_ply(path: Path | str) -> Ply:
         _refuse(path, "has no PLY header")
     order, elements = _header(content[: end.start()].decode("latin-1"), path)
     for name, count, _ in elements:
-        require_few(count, path, f"{name} rows")
+        require_count(count, path, f"{name} rows")
     body, ends = content[end.end() :], None
     if not order:
         body, ends, unread = _packed(body, elements, path)
@@ -92,7 +92,7 @@ def read_ply(path: Path | str) -> Ply:
 def write_ply(path: Path | str, points: NDArray[np.floating], triangles: NDArray[np.integer] | None = None) -> None:
     """Write points (n, 3) as float32, and triangles (t, 3) where given, in binary little-endian. InputError where the
     file cannot be written."""
-    with whole_file(Path(path)) as temporary:
+    with atomic_file(Path(path)) as temporary:
         temporary.write_bytes(ply_bytes(points, triangles))
 
 
@@ -167,7 +167,7 @@ class _Packed(NamedTuple):
 
 
 def _packed(body: bytes, elements: Sequence[Element], path: Path) -> _Packed:
-    require_few(body.count(b"\n"), path, "lines")
+    require_count(body.count(b"\n"), path, "lines")
     text = body.decode("latin-1").replace("_", "?")  # Python takes 1_000 for a number
     lines = [line for line in text.splitlines() if line.strip()]
     names = [(name, count) for name, count, _ in elements]

@@ -238,12 +238,12 @@ def _of_mcap(keys: RecordingKeys, mcap: Path) -> _Frames:
     else:
         if rate is not None and not 1 / _OTHER_RATE < rate * pairs.interval < _OTHER_RATE:
             raise InputError(f"{mcap}: a cloud every {pairs.interval:.4g} s by their stamps; expected {1 / rate:.4g} s")
-        if given is not None and len(given) != len(pairs.whole):
-            raise InputError(f"{mcap}: {len(pairs.whole)} frames by their stamps; expected {len(given)}, one a time")
+        if given is not None and len(given) != len(pairs.complete):
+            raise InputError(f"{mcap}: {len(pairs.complete)} frames by their stamps; expected {len(given)}, one a time")
         times = given if given is not None else np.round(1 / (rate or 1.0) + pairs.time, 6)
         if left_out := left_out_line(pairs, topics, times, str(mcap)):
             note(left_out)
-        times, kept = times[pairs.whole], pairs.clouds[pairs.whole]
+        times, kept = times[pairs.complete], pairs.clouds[pairs.complete]
     columns = zip(keys.sensors, topics, kept.T, strict=True)
     clouds = {s.name: [by_topic[topic].clouds[k] for k in numbers] for s, topic, numbers in columns}
     return _Frames(times, clouds, left_out)

@@ -32,7 +32,7 @@ class PlacedTarget:
 
     @property
     def markers(self) -> bool:
-        """Whether there are so few points that only the distances from them to the cloth say something."""
+        """Return whether there are so few points that only the distances from them to the cloth say something."""
         return not self.geometry.is_mesh and len(self.points) < MARKERS
 
 

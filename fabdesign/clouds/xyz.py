@@ -12,7 +12,7 @@ from fabdesign.clouds.measured_points import names_instants, require_one_instant
 from fabdesign.errors import InputError, note
 from fabdesign.formats.csv_table import is_number, require_decimals, separator, without_separator_line
 from fabdesign.formats.lab_table import parse_heading, parse_units_row
-from fabdesign.formats.toml_file import LARGEST, decode_any, read_bytes, require_few
+from fabdesign.formats.toml_file import LARGEST, decode_any, read_bytes, require_count
 from fabdesign.geometry.placement import Unit
 
 _COMMENTS = ("#", "//")
@@ -96,7 +96,7 @@ def _require_no_numbering(points: Points, width: int, path: Path) -> None:
 
 def _lines(path: Path) -> Lines:
     text = without_separator_line(decode_any(read_bytes(path, "a cloud"), path))
-    require_few(text.count("\n"), path, "lines")
+    require_count(text.count("\n"), path, "lines")
     numbered = ((number, line.strip()) for number, line in enumerate(text.splitlines(), start=1))
     return [(number, line) for number, line in numbered if line]
 

@@ -45,7 +45,7 @@ class Intrinsics:
 
     @cached_property
     def slopes(self) -> Array:
-        """(height, width, 2) x / z and y / z of each pixel's ray, y down."""
+        """Return (height, width, 2) x / z and y / z of each pixel's ray, y down."""
         u, v = np.meshgrid(np.arange(self.width, dtype=np.float64), np.arange(self.height, dtype=np.float64))
         return self.slopes_of(np.stack([u, v], axis=-1))
 

@@ -141,12 +141,12 @@ def _stream(depth: BagStream, colour: BagStream | None, path: Path, serial: str)
         counters.append(None if depth.reader.is2 else number)
     metadata = depth.metadata()
 
-    def said(key: str) -> list[str | None]:
+    def values_of(key: str) -> list[str | None]:
         return [metadata.get(time, {}).get(key) for time in times]
 
-    if None not in (milliseconds := said("timestamp")):
+    if None not in (milliseconds := values_of("timestamp")):
         stamps = [1e-3 * float(str(each)) for each in milliseconds]
-    if None not in (numbers := said("Frame number")):
+    if None not in (numbers := values_of("Frame number")):
         counters = [int(str(number)) for number in numbers]
     domains = {each["timestamp_domain"].strip().lower() for each in metadata.values() if "timestamp_domain" in each}
     units = [float(each["depth_units"]) for each in metadata.values() if "depth_units" in each]

@@ -61,7 +61,7 @@ def read_mcap_depth(path: Path, topic: str, *, unit: float | None = None) -> Dep
 
 def has_depth(path: Path, topic: str) -> bool:
     """Return whether a topic holds images rather than clouds. Raises InputError."""
-    return any(name == topic for name, *_ in messages_of(path, IMAGES, "", required=False))
+    return any(name == topic for name, *_ in messages_of(path, IMAGES, None))
 
 
 def cdr_stamp(raw: bytes) -> float:

@@ -50,7 +50,7 @@ class Sensor:
 
     @property
     def has_depth(self) -> bool:
-        """Whether depth images are named in place of clouds."""
+        """Return whether depth images are named in place of clouds."""
         return self.bag is not None or self.images is not None
 
     @property
@@ -59,7 +59,7 @@ class Sensor:
 
     @property
     def side(self) -> Literal["front", "back"]:
-        """The face that the sensor looks at."""
+        """Return the face that the sensor looks at."""
         return "front" if self.position[2] > 0 else "back"
 
     def resolved(self, table: Table) -> "Sensor":

@@ -83,8 +83,8 @@ def paired_as_stamped(
     shared = all(s.clock == "global" for s in timed)
     first = [timed[0].stamps.min() if shared else s.stamps.min() for s in timed]
     pairs = pair_frames([np.round(1e9 * (s.stamps - t)).astype(np.int64) for s, t in zip(timed, first, strict=True)])
-    if pairs is not None and pairs.whole.any():
-        return timed, pairs.clouds[pairs.whole]
+    if pairs is not None and pairs.complete.any():
+        return timed, pairs.clouds[pairs.complete]
     count = min(len(s.stamps) for s in timed)
     return timed, np.tile(np.arange(count)[:, None], (1, len(timed)))
 
@@ -99,7 +99,7 @@ class FramePairs:
     interval: float  # s between frames, the median
 
     @property
-    def whole(self) -> NDArray[np.bool_]:
+    def complete(self) -> NDArray[np.bool_]:
         """Return (T,) whether every sensor has a cloud."""
         return np.asarray((self.clouds >= 0).all(axis=1))
 
@@ -161,6 +161,6 @@ def left_out_line(pairs: FramePairs, topics: Sequence[str], times: Array, where:
     """Return a line on the frames that are left out since a sensor lost them, and on what stands twice; "" for none."""
     lost = [f"{topics[column]} at {times[k]:.3g} s" for k, column in np.argwhere(pairs.clouds < 0)]
     shown = f" (no cloud on {', '.join(lost[:3])}{', ...' * (len(lost) > 3)})" if lost else ""
-    counts = f"{int((~pairs.whole).sum())} of {len(times)} frames are left out{shown}"
+    counts = f"{int((~pairs.complete).sum())} of {len(times)} frames are left out{shown}"
     line = f"{where}: by the stamps {counts}, and {pairs.repeated} clouds that repeat the one before"
     return line if lost or pairs.repeated else ""

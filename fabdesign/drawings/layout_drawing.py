@@ -57,10 +57,10 @@ def layout_svg(design: "Design", pressures: NDArray[np.float64] | None = None, h
     return f'<svg viewBox="{box}" class="layout" role="img" aria-label="{name}">{STYLE}{"".join(parts)}</svg>'
 
 
-def _muscle(number: int, path: NDArray[np.float64], said: tuple[str, str], width: float) -> list[str]:
+def _muscle(number: int, path: NDArray[np.float64], label: tuple[str, str], width: float) -> list[str]:
     points = " ".join(f"{u:.1f},{v:.1f}" for u, v in path)
     u, v = path[0] + (path[-1] - path[0]) * (0.3 + 0.4 * (number % 2))
-    text, colour = said
+    text, colour = label
     half = 3.4 * len(text)
     u = min(max(u, half), max(width - half, half))  # within the cloth
     return [

@@ -23,7 +23,7 @@ from fabdesign.drawings.template import (
 )
 from fabdesign.errors import InputError
 from fabdesign.nouns.design import Design
-from fabdesign.output import whole_file
+from fabdesign.output import atomic_file
 
 PAPERS = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}  # mm, upright
 NAMES = {"a4": "A4", "letter": "Letter"}
@@ -160,7 +160,7 @@ def write_pages(design: Design, path: Path, *, paper: str, seam_allowance: float
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import PdfPages
 
-    with whole_file(path) as unfinished, rc_context({"pdf.fonttype": 42}):  # words stay words
+    with atomic_file(path) as unfinished, rc_context({"pdf.fonttype": 42}):  # words stay words
         about = {"Title": f"{design.name}, sewing template", "CreationDate": None}
         with PdfPages(unfinished, metadata=about) as pdf:
             pdf.savefig(overview_figure(design, list(zip(sides, faces, tilings, strict=True)), paper, count))
@@ -183,8 +183,8 @@ def page_figure(face: Drawing, tiling: Tiling, row: int, column: int, words: tup
     within = page_axes(figure, page, (MARGIN, HEAD, page[0] - MARGIN, page[1] - FOOT), part)
     draw_shapes(within, [*face.shapes, *inside])
     # the whole page, in the drawing's frame
-    whole = (part[0] - MARGIN, part[1] - HEAD, part[2] + MARGIN, part[3] + FOOT)
-    around = page_axes(figure, page, (0, 0, *page), whole)
+    page_box = (part[0] - MARGIN, part[1] - HEAD, part[2] + MARGIN, part[3] + FOOT)
+    around = page_axes(figure, page, (0, 0, *page), page_box)
     left, top, right, bottom = part
     left += 8 if column else 0  # beside the crop mark
     title, shown = (size_within(text, right - left - 8, size) for text, size in zip(words, (4.0, 2.7), strict=False))

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.drawings.pages import PAPERS, write_pages
-from fabdesign.drawings.template import Drawing, laced_sides, whole_template
+from fabdesign.drawings.template import Drawing, laced_sides, template_sheet
 from fabdesign.errors import InputError, note
 from fabdesign.files.pressure_file import pressure_file_of, read_pressures, write_pressures
 from fabdesign.formats.csv_table import write_rows
 from fabdesign.nouns.design import Design
-from fabdesign.output import Inputs, new_folder, whole_file, write_text
+from fabdesign.output import Inputs, atomic_file, new_folder, write_text
 from fabdesign.units import in_mm
 
 COLUMNS = ["muscle", "type", "side", "channel", "laced_mm", "tail_mm", "cut_mm", "fixed_points"]
@@ -68,7 +68,7 @@ def write_dxf(design: Design, path: Path, *, seam_allowance: float) -> None:
         u, v = muscle.path[0]
         label = space.add_text(f"{number} (channel {muscle.channel})", height=2.5, dxfattribs=face)
         label.set_placement((in_mm(u), -in_mm(v) + 2))
-    with whole_file(path) as unfinished:
+    with atomic_file(path) as unfinished:
         drawing.saveas(unfinished)
 
 
@@ -156,7 +156,7 @@ def export_design(
         for pose, program in enumerate(programs, start=1):
             write_pressures(program, unfinished / f"{stem}_{pressure_file_of(pose)}")
         for side in laced_sides(design):
-            drawing = whole_template(design, side, seam_allowance=seam_allowance)
+            drawing = template_sheet(design, side, seam_allowance=seam_allowance)
             write_svg(drawing, unfinished / f"{stem}_{side}.svg", title=f"{design.name}, {side}")
         if paper is not None:
             write_pages(design, unfinished / f"{stem}_{paper}.pdf", paper=paper, seam_allowance=seam_allowance)

@@ -163,7 +163,7 @@ def face_drawing(design: Design, side: str, *, seam_allowance: float) -> Drawing
     return Drawing(tuple(shapes), (-around, -around, width + around, height + around))
 
 
-def whole_template(design: Design, side: str, *, seam_allowance: float) -> Drawing:
+def template_sheet(design: Design, side: str, *, seam_allowance: float) -> Drawing:
     """Return a face with its title and a bar of 100 mm to check the print by, on one sheet."""
     face = face_drawing(design, side, seam_allowance=seam_allowance)
     left, top, right, bottom = face.box

@@ -35,8 +35,8 @@ class MuscleRecord:
 
     @cached_property
     def rate(self) -> Array:
-        """(n,) 1/s, of contraction: slope of the line through the rows around each one, for noise makes neighbours'
-        differences useless."""
+        """Return (n,) 1/s, of contraction: slope of the line through the rows around each one, for noise makes
+        neighbours' differences useless."""
         half = min(_RATE_WINDOW, (len(self.time) - 1) // 2)
         kernel = np.arange(half, -half - 1, -1.0)
         inner = np.convolve(self.contraction, kernel, "valid") / np.convolve(self.time, kernel, "valid")
@@ -107,7 +107,7 @@ class ActingPressure:
 
     @cached_property
     def means(self) -> Array:
-        """(ticks, channels) Pa, over every tick."""
+        """Return (ticks, channels) Pa, over every tick."""
         if self.smooth is not None:
             return self.smooth
         return self.between(np.arange(self.ticks + 1))
@@ -165,7 +165,7 @@ class EffectParameter:
     deviation: Annotated[float, Key("prior.deviation")]
     off: float | None = None
     transform: Annotated[Literal["linear", "log"], Key("prior.transform")] = "linear"
-    whole: bool = False  # a number of something, such as a channel: chosen, not fitted
+    integer: bool = False  # a number of something, such as a channel: chosen, not fitted
     tried: tuple[float, ...] = ()  # where a fit of all effects has it, of a place as shares of the cloth: chosen too
     json_keys: ClassVar = "unit", "what", "typical", "off", "bounds", "centre", "deviation", "transform"
 
@@ -216,19 +216,19 @@ class Effect:
 
     @property
     def strengths(self) -> tuple[str, ...]:
-        """The parameters that switch it off."""
+        """Return the parameters that switch it off."""
         return tuple(name for name, parameter in self.parameters.items() if parameter.off is not None)
 
     @property
     def chosen(self) -> tuple[str, ...]:
-        """The parameters that a fit of all effects tries at some values: channels, and places."""
-        return tuple(name for name, parameter in self.parameters.items() if parameter.whole or parameter.tried)
+        """Return the parameters that a fit of all effects tries at some values: channels, and places."""
+        return tuple(name for name, parameter in self.parameters.items() if parameter.integer or parameter.tried)
 
     def choices(self, channels: int, size: Mapping[str, float]) -> list[dict[str, float]]:
         """Return all combinations of what is chosen: a whole number is a channel of `channels`, a place a share of the
         cloth's `size` [m] along u and v."""
         values = [
-            range(channels) if p.whole else [value * size.get(name, 1.0) for value in p.tried]
+            range(channels) if p.integer else [value * size.get(name, 1.0) for value in p.tried]
             for name, p in ((name, self.parameters[name]) for name in self.chosen)
         ]
         return [dict(zip(self.chosen, map(float, combination), strict=True)) for combination in product(*values)]

@@ -174,7 +174,7 @@ ODD_MUSCLE = Effect(
     looks_like="a regulator of this channel that is out by a share, or a looser lacing; exchange two channels' hoses",
     source="repeat variation of woven muscles, 2 to 4 %; docs/effects.md",
     parameters={
-        "channel": EffectParameter("1", "the odd channel, from 0", 0.0, (0.0, 255.0), 1.0, whole=True),
+        "channel": EffectParameter("1", "the odd channel, from 0", 0.0, (0.0, 255.0), 1.0, integer=True),
         "factor": EffectParameter("1", "on its gain", 0.8, (0.05, 5.0), 0.2, off=1.0, transform="log"),
     },
     specimen=_odd_muscle_specimen,

@@ -27,7 +27,7 @@ _files: dict[str, str] = {}  # text of the files that were registered, by stem
 
 
 def register(effect: Effect, where: str = "register") -> None:
-    """One more. Raises InputError for a name that another effect has."""
+    """Register one more. Raises InputError for a name that another effect has."""
     if EFFECTS.setdefault(effect.name, effect) is not effect:
         raise InputError(f"{where}: effect {effect.name}: there is one of this name already; expected another name")
 
@@ -110,7 +110,7 @@ def check_values(effect: Effect, values: Values, where: str) -> None:
                 f"{where}: {effect.name} {name} = {value:g} {parameter.unit}; expected {low:g} to {high:g} "
                 f"{parameter.unit}"
             )
-        if parameter.whole and value != int(value):
+        if parameter.integer and value != int(value):
             raise InputError(f"{where}: {effect.name} {name} = {value:g}; expected a whole number")
 
 
@@ -176,7 +176,7 @@ def in_words(p: EffectParameter) -> str:
     """Return unit, bounds and prior of a parameter."""
     unit = "" if p.unit == "1" else f" {p.unit}"
     low, high = p.bounds
-    if p.whole:
+    if p.integer:
         return f"{p.what}; a whole number, chosen, not fitted; {p.typical:g} by default"
     spread = f"a factor of e^{p.deviation:g}" if p.transform == "log" else f"{p.deviation:g}{unit}"
     off = "" if p.off is None else f", off at {p.off:g}"

@@ -119,8 +119,8 @@ def read_record(file: Path, needed: tuple[str, ...] = (), rest_length: float | N
     for name in needed:
         quantity = _bare(name)[0]
         dimension = lab_table.DIMENSIONS.get(quantity)
-        said = quantity != name or dimension == "ratio"  # in which unit
-        if name not in table.header and not (said and quantity in columns):
+        unit_stated = quantity != name or dimension == "ratio"  # in which unit
+        if name not in table.header and not (unit_stated and quantity in columns):
             plain = [h.text for h in table.headings if h.symbol is None and h.quantity == quantity]
             unit = f" ({lab_table.without_unit(plain[0], dimension)})" if plain and dimension else _RATIOS.get(name, "")
             raise InputError(f"{file}: no column {name}; it has {', '.join(table.header)}{unit}")

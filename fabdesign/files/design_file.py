@@ -14,13 +14,13 @@ from fabdesign.effects.registry import effect_named
 from fabdesign.errors import InputError
 from fabdesign.files import law_tables
 from fabdesign.formats.codec import Encoder, decode, decode_key, decode_part
-from fabdesign.formats.table import DESIGN, Table, load_toml
+from fabdesign.formats.table import DESIGN, Table, load_part, load_toml
 from fabdesign.formats.toml_file import file_name, parse_toml
 from fabdesign.nouns.design import MUSCLE_TYPES, Design, Term
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.model import EffectTerm, Quantity
 from fabdesign.nouns.muscle import Muscle, MuscleType
-from fabdesign.output import whole_file
+from fabdesign.output import atomic_file
 from fabdesign.runtime.effort import MUSCLES
 
 FORMAT = DESIGN
@@ -95,15 +95,15 @@ def is_part(path: Path) -> bool:
 
 def read_part(path: Path | str) -> DesignPart:
     """Read a file that designs include. Raises InputError for what no design that includes it could read."""
-    root = load_toml(Path(path), FORMAT, partial=True)
+    root = load_part(Path(path), FORMAT)
     fabrics, types, effects = _contents(root, ())
     root.finish()
     if not fabrics:
         return DesignPart(types, None, frozenset(), tuple(effects))
     given = _merged(fabrics, {})
     keys = given.names()
-    whole = Table(_STAND_IN | {key: given[key] for key in keys}, given.where)
-    return DesignPart(types, decode(Fabric, whole), frozenset(keys), tuple(effects))
+    complete = Table(_STAND_IN | {key: given[key] for key in keys}, given.where)
+    return DesignPart(types, decode(Fabric, complete), frozenset(keys), tuple(effects))
 
 
 class _Contents(NamedTuple):
@@ -127,7 +127,7 @@ def _contents(root: Table, above: tuple[Path, ...]) -> _Contents:
             raise InputError(f"{path}: include {name} comes back to a file that includes it")
         if parse_toml(included).get("format") == law_tables.FORMAT:
             raise InputError(f"{path}: include {name}: {included} {law_tables.why_not_included(included)}")
-        table = load_toml(included, FORMAT, partial=True)
+        table = load_part(included, FORMAT)
         more_fabrics, more_types, more_effects = _contents(table, above)
         table.finish()
         fabrics += more_fabrics
@@ -183,7 +183,7 @@ def write_design(design: Design, path: Path | str) -> None:
     a membrane curve as `STEM_membrane.csv`. Raises InputError where `path` cannot be written.
     """
     path = Path(path)
-    with whole_file(path) as unfinished:  # first, so that nothing lies beside a file that cannot be written
+    with atomic_file(path) as unfinished:  # first, so that nothing lies beside a file that cannot be written
         unfinished.write_text(_text(design, path), encoding="utf-8", newline="\n")
 
 

@@ -69,10 +69,10 @@ def write_set(
             if trial.timing is not None:
                 timings[file.stem] = trial.timing
             listed.append(Trial(file, trial.design_name, designs[trial.design_name], trial.order, trial.role))
-        whole = MeasurementSet(name, designs, tuple(listed), description, frame_rate, accuracy, recording=timings)
+        measured = MeasurementSet(name, designs, tuple(listed), description, frame_rate, accuracy, recording=timings)
         document = tomlkit.document()
         document["format"] = FORMAT
-        document.update(Encoder(unfinished / "set.toml", {Design: lambda design: next(files)}).encode(whole))
+        document.update(Encoder(unfinished / "set.toml", {Design: lambda design: next(files)}).encode(measured))
         if frame_rate is not None:
             cast(Item, document.item("frame_rate")).comment("Hz")
         (unfinished / "set.toml").write_text(tomlkit.dumps(document), encoding="utf-8", newline="\n")

@@ -50,7 +50,7 @@ class Motion(Tabled):
 
     @property
     def faces(self) -> NDArray[np.float32]:
-        """(T, face, row, column, 3) m: face 0 in front, 1 behind; rows from the top edge, columns from the left.
+        """Return (T, face, row, column, 3) m: face 0 in front, 1 behind; rows from the top edge, columns from the left.
 
         >>> import numpy as np
         >>> Motion(np.zeros(5), np.zeros((5, 3362, 3), np.float32)).faces.shape
@@ -61,13 +61,13 @@ class Motion(Tabled):
 
     @property
     def tension(self) -> NDArray[np.float32] | None:
-        """(T, intervals) N, between the muscles' fixed points; `muscles.owners` says of which muscle each is. None
-        where it is not known."""
+        """Return (T, intervals) N, between the muscles' fixed points; `muscles.owners` says of which muscle each is.
+        None where it is not known."""
         return None if self.muscles is None else self.muscles.tension
 
     @property
     def contraction(self) -> NDArray[np.float32] | None:
-        """(T, intervals), 1 - l / l0 of the same intervals."""
+        """Return (T, intervals), 1 - l / l0 of the same intervals."""
         return None if self.muscles is None else self.muscles.contraction
 
     def to_array(self) -> xarray.DataArray:

@@ -12,10 +12,10 @@ from fabdesign.clouds.measured_points import note_removed, require_room, sound_p
 from fabdesign.errors import InputError
 from fabdesign.formats.lab_table import require_measured_pressures, require_seconds
 from fabdesign.formats.npz_file import NpzArrays, open_npz
-from fabdesign.formats.toml_file import require_few
+from fabdesign.formats.toml_file import require_count
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.pressure import PressureProgram
-from fabdesign.output import whole_file
+from fabdesign.output import atomic_file
 from fabdesign.runtime.effort import LONGEST
 from fabdesign.units import from_kpa, in_kpa
 
@@ -52,7 +52,7 @@ def read_trial(path: Path, *, size: float | None = None) -> TrialData:
         raise InputError(f"{path}: scale has shape {scale.shape}; expected one number above 0, metres per unit")
     if offsets[0] != 0 or offsets[-1] != len(points) or (np.diff(offsets.astype(np.int64)) < 0).any():
         raise InputError(f"{path}: offsets do not rise from 0 to the number of points, {len(points)}")
-    require_few(int(np.diff(offsets.astype(np.int64)).max()), path, "points in a frame")
+    require_count(int(np.diff(offsets.astype(np.int64)).max()), path, "points in a frame")
     require_room(points, str(path))
     frames: list[Array] = []
     removed, hit = np.zeros(3, dtype=np.intp), 0
@@ -87,7 +87,7 @@ def write_trial(data: TrialData, path: Path) -> None:
         raise InputError(
             f"trial {path.stem}: points {farthest:.3g} m from the middle of the top edge; expected at most {most:.3g} m"
         )
-    with whole_file(path) as temporary, temporary.open("wb") as stream:
+    with atomic_file(path) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(
             stream,
             time=data.time.astype(np.float64),
@@ -100,7 +100,7 @@ def write_trial(data: TrialData, path: Path) -> None:
 
 def _time_and_pressure(arrays: NpzArrays, path: Path) -> tuple[Array, Array]:
     for name in ("time", "pressure"):
-        require_few(math.prod(arrays.shape(name)), path, f"values of {name}")
+        require_count(math.prod(arrays.shape(name)), path, f"values of {name}")
     seconds = arrays.sound("time", "(T,) float64", lambda a: a.ndim == 1 and len(a)).astype(np.float64)
     if not np.isfinite(seconds).all() or seconds[0] < 0 or (np.diff(seconds) <= 0).any():
         raise InputError(f"{path}: time does not rise from 0 s or later, frame by frame")

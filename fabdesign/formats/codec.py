@@ -176,8 +176,8 @@ def _scalar(kind: Any, value: Any, notes: Notes, table: Table) -> Any:
     if kind is bool:
         return value if isinstance(value, bool) else None
     if kind is int:
-        whole = isinstance(value, Integral) and not isinstance(value, bool)
-        return int(value) if whole and notes.within.holds(value) else None
+        integer = isinstance(value, Integral) and not isinstance(value, bool)
+        return int(value) if integer and notes.within.holds(value) else None
     if kind is Path and isinstance(value, Path):
         return value
     if not isinstance(value, str):

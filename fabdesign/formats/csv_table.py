@@ -86,10 +86,10 @@ def require_decimals(path: Path, rows: Iterable[tuple[int, Sequence[str]]], mark
         return
     where, number = first.where, first.number
     if first.beside_others or (commas and mark not in (";", "\t")):
-        whole, decimal = (number.replace("," if commas else ".", sign) for sign in ("", "."))
+        thousands, decimal = (number.replace("," if commas else ".", sign) for sign in ("", "."))
         raise InputError(
-            f"{where} may be {whole} or {decimal}; expected numbers that part no thousands, and semicolons between the "
-            "columns with as many decimals in every number"
+            f"{where} may be {thousands} or {decimal}; expected numbers that part no thousands, and semicolons between "
+            "the columns with as many decimals in every number"
         )
     if commas:
         note(f"{where} is read as {number.replace(',', '.')}, and so are all commas")

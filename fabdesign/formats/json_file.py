@@ -10,9 +10,9 @@ Nothing but what a declared type says is made of it again, so that a file of oth
 
 import base64
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
-from functools import cache
+from functools import cache, partial
 from math import isfinite
 from pathlib import Path
 from types import NoneType
@@ -47,24 +47,17 @@ def read_json(path: Path, kind: type = dict) -> Any:
     return content
 
 
-def plain(value: Any, unit: FileUnit | None = None, *, exact: bool = False) -> Any:
+def plain(value: Any, unit: FileUnit | None = None) -> Any:
     """Return what JSON holds of a value: of a dataclass a table. unit: of numbers that declare none."""
     if is_dataclass(value) and not isinstance(value, type):
-        if exact:
-            return {field.name: plain(getattr(value, field.name), exact=True) for field in fields(value)}
         return plain(value.json_content()) if hasattr(value, "json_content") else _table(value, unit)
     if hasattr(value, "tolist"):  # of numpy, which is not loaded for a help
-        if exact and value.ndim:
-            data = base64.b64encode(value.tobytes()).decode()
-            return {"dtype": value.dtype.str, "shape": list(value.shape), "data": data}
-        return plain(value.tolist(), unit, exact=exact)
-    if isinstance(value, Mapping):
-        return {key: plain(item, unit, exact=exact) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item, unit, exact=exact) for item in value]
+        return plain(value.tolist(), unit)
+    if isinstance(value, Mapping | list | tuple):
+        return _each(partial(plain, unit=unit), value)
     if isinstance(value, Path):
         return str(value)
-    if not isinstance(value, float) or exact:
+    if not isinstance(value, float):
         return value
     return (float(unit.write(value)) if unit else value) if isfinite(value) else None
 
@@ -97,6 +90,27 @@ def _keys(form: type) -> tuple[FileKey, ...]:
             returned = (getattr(member, "fget", None) or member.func).__annotations__["return"]
             keys.append(file_key(name, returned))
     return tuple(keys)
+
+
+def exact(value: Any) -> Any:
+    """Return what JSON holds of a value from which `of_exact` makes the same value."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: exact(getattr(value, field.name)) for field in fields(value)}
+    if hasattr(value, "tolist"):
+        if value.ndim:
+            data = base64.b64encode(value.tobytes()).decode()
+            return {"dtype": value.dtype.str, "shape": list(value.shape), "data": data}
+        return exact(value.tolist())
+    if isinstance(value, Mapping | list | tuple):
+        return _each(exact, value)
+    return str(value) if isinstance(value, Path) else value
+
+
+def _each(convert: Callable[[Any], Any], value: Any) -> Any:
+    """Return a table or list of what its items are converted to."""
+    if isinstance(value, Mapping):
+        return {key: convert(item) for key, item in value.items()}
+    return [convert(item) for item in value]
 
 
 def of_exact(kind: type[T], value: Any) -> T:

@@ -105,7 +105,7 @@ class Heading:
 
     @property
     def number(self) -> int | None:
-        """The number at the end of its name, as in `p1` or `muscle 3`."""
+        """Return the number at the end of its name, as in `p1` or `muscle 3`."""
         matched = _NUMBERED.fullmatch(self.name)
         return None if matched is None else int(matched[1][:9])
 

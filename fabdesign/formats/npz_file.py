@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from fabdesign.errors import InputError
-from fabdesign.formats.toml_file import read_bytes, require_few
+from fabdesign.formats.toml_file import read_bytes, require_count
 
 _NPY = b"\x93NUMPY"
 LARGEST = 600_000_000  # bytes of all arrays as they lie in the file, unpacked
@@ -129,7 +129,7 @@ def read_npy(path: Path) -> NDArray[Any]:
         raise InputError(
             f"{path}: has {len(content) - stream.tell()} bytes of points and not {size}; expected {expected}"
         )
-    require_few(math.prod(shape) // 3, path, "points")
+    require_count(math.prod(shape) // 3, path, "points")
     stream.seek(0)
     return np.asarray(np.load(stream, allow_pickle=False))
 

@@ -6,7 +6,7 @@ a key is for. `codec` reads and writes such files; `json_schema` is for editors.
 A dataclass may have `resolved(table)`: what is checked across keys once all are read, and returned in its place.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from decimal import Decimal
 from functools import cache
@@ -188,12 +188,12 @@ _PLAIN = {float: "number", int: "integer", bool: "boolean", str: "string", Path:
 _LIMITS = {"above": "exclusiveMinimum", "least": "minimum", "most": "maximum"}
 
 
-def json_schema(kind: str, forms: tuple[type, ...], *, format_line: bool = True) -> dict[str, Any]:
-    """Return the schema of a file of that kind, whose keys are those of all forms. format_line: it must have one."""
+def json_schema(kind: str, forms: tuple[type, ...], required: Sequence[str] = ("format",)) -> dict[str, Any]:
+    """Return the schema of a file of that kind, whose keys are those of all forms. required: keys beside them."""
     form = f"fabdesign.{kind}/1"
     table = _table(forms)
     table["properties"] = {"format": {"const": form}} | table["properties"]
-    table["required"] = ["format"] * format_line + table["required"]
+    table["required"] = [*required] + table["required"]
     return {"$schema": "http://json-schema.org/draft-07/schema#", "title": form} | table
 
 

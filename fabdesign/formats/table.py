@@ -103,15 +103,20 @@ class Table:
 DESIGN, STUDY = "fabdesign.design/1", "fabdesign.study/1"
 
 
-def load_toml(path: Path, form: str, *, partial: bool = False) -> Table:
-    """Return the root table of a file whose `format` is `form`; with `partial` (an included file) `format` may be
-    absent."""
+def load_toml(path: Path, form: str) -> Table:
+    """Return the root table of a file whose `format` is `form`."""
+    root = load_part(path, form)
+    if not root.has("format"):
+        raise InputError(f'{path}: no format line; expected format = "{form}"')
+    return root
+
+
+def load_part(path: Path, form: str) -> Table:
+    """Return the root table of a file, such as an included one, whose `format` is `form` or absent."""
     root = Table(parse_toml(path), str(path), path)
     given = root["format"] if root.has("format") else None
     if not isinstance(given, str | None):
         raise root.bad("format", "a text")
-    if given is None and not partial:
-        raise InputError(f'{path}: no format line; expected format = "{form}"')
     if given == DESIGN and form == STUDY:
         raise InputError(
             f'{path}: a design; expected a study, a file with kind = "optimize" or another, design = "{path.name}" and '

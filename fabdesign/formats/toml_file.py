@@ -44,7 +44,7 @@ def read_bytes(path: Path, what: str, *, largest: int = LARGEST) -> bytes:
     return content
 
 
-def require_few(count: int, path: Path, what: str) -> None:
+def require_count(count: int, path: Path, what: str) -> None:
     """Raise InputError for more points or faces than a cloud or mesh may have, before there is an array of them."""
     if count > MOST_POINTS:
         raise InputError(f"{path}: has {count} {what}; expected at most {MOST_POINTS}")

@@ -22,7 +22,7 @@ _SMALL = 0.3  # of the held length, that the cloud spans at least
 _OFF = 0.1  # of the shorter side: how far from the held places its nearest points may lie in the mean
 # the same for nine tenths of the held places, 1.5 times as far; of a cloud about as large as the cloth, whose unit is
 # therefore right, the ends of the edge may be bent in as far as a half tube's
-_BENT_IN, _WHOLE = 0.3, 0.8  # of the shorter side; of the diagonal
+_BENT_IN, _SPREAD = 0.3, 0.8  # of the shorter side; of the diagonal
 _CLOSE = 0.1  # of the shorter side: a centre so near the held edge has no direction
 # degrees between gravity and the way from the held edge to the centre: 18 at most in the synthetic rigs' motions;
 # exchanged axes make 90 or more, less what the shape itself leans: a half tube by one of its straight edges makes 57
@@ -53,7 +53,7 @@ def misplaced(points: Array, fabric: Fabric, *, part: bool = False, free: bool =
         return None
     spacing = np.sqrt(fabric.width * fabric.height / len(points))
     gaps = cKDTree(points).query(held)[0]
-    ends = (_BENT_IN if span >= _WHOLE * largest else 1.5 * _OFF) * short
+    ends = (_BENT_IN if span >= _SPREAD * largest else 1.5 * _OFF) * short
     if gaps.mean() > _OFF * short + 2 * spacing or np.quantile(gaps, 0.9) > ends + 2 * spacing:
         gap = _length(float(gaps.mean()))
         return f"it lies {gap} from where the cloth is held, in the mean; expected points along all of that edge"
@@ -107,7 +107,7 @@ _ALONG = 30.0  # degrees, within which the flat cloth itself must hang for that 
 _MIDDLE = 0.15  # of the cloth's height: a tight roll's centre is too near the edge to have a direction
 _HELD = 0.25  # of the cloth's shorter side: three quarters of the hung edge have a point nearer than that
 _ABOVE = 0.25  # of the shorter side above the hung edge, where ...
-_FEW = 0.2  # ... no more than this share of the points may be
+_BEYOND = 0.2  # ... no more than this share of the points may be
 _SPANNED = 0.5  # of the hung edge, that the points span at least: it is held straight
 _ACROSS = 1.3  # of the cloth's diagonal: elastic cloth that muscles shorten
 _REACH = 1.5  # of the farthest place of the flat cloth from the hung edge
@@ -190,6 +190,6 @@ def _fault(points: Array, middle: Array, hung: Array, fabric: Fabric, leaning: f
     if far and angle > leaning:
         return f"the cloth lies {angle:.0f} degrees off gravity, seen from where it is held; expected it to hang"
     height = (hung.mean(axis=0) - points) @ gravity / np.linalg.norm(gravity)
-    if np.mean(height > _ABOVE * short) > _FEW:
+    if np.mean(height > _ABOVE * short) > _BEYOND:
         return f"{100 * np.mean(height > 0):.0f} % of the points lie above where the cloth is held; expected it to hang"
     return None

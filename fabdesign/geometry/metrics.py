@@ -39,7 +39,7 @@ class Errors:
 
     @property
     def excess(self) -> float:
-        """m of surface RMS over its floor, in quadrature; 0 within it."""
+        """Return m of surface RMS over its floor, in quadrature; 0 within it."""
         return over(self.surface_rms, self.surface_floor)
 
     def millimetres(self) -> dict[str, float]:
@@ -58,8 +58,8 @@ def mean_errors(each: Sequence[Errors]) -> Errors:
 
 
 def surface_rms(measured: Floats, model: Floats, face: Face = "both", weighting: Weighting | None = None) -> float:
-    """Root mean square [m] of the distances of measured points (n, 3) to the faces of a model frame (2 rows cols, 3),
-    or to one of them.
+    """Return the root mean square [m] of the distances of measured points (n, 3) to the faces of a model frame (2 rows
+    cols, 3), or to one of them.
 
     Each distance, to the nearest triangle, is capped at 10 mm. weighting: how much the places count that they go to.
     """
@@ -67,8 +67,8 @@ def surface_rms(measured: Floats, model: Floats, face: Face = "both", weighting:
 
 
 def distance_to_faces(markers: Floats, model: Floats, face: Face = "both", weighting: Weighting | None = None) -> float:
-    """Mean distance [m] of a few markers (n, 3) to the faces of a model frame (2 rows cols, 3), or to one of them, one
-    way and uncapped.
+    """Return the mean distance [m] of a few markers (n, 3) to the faces of a model frame (2 rows cols, 3), or to one of
+    them, one way and uncapped.
 
     In place of Chamfer: most of the model has no marker near it.
     """
@@ -93,7 +93,7 @@ def _distances(
 
 
 def _rms(surface: Surface, points: Floats, weighting: Weighting | None) -> float:
-    """Capped, m."""
+    """Return the root mean square [m] of capped distances."""
     off, shares = _distances(surface, points, weighting, within=CAP)
     return capped_rms(off, shares=shares)
 
@@ -104,12 +104,12 @@ def _mean(surface: Surface, weighting: Weighting | None, points: Floats) -> floa
     return float(off @ shares)
 
 
-def shares_at(surface: Surface, near: Nearest, weighting: Weighting | None) -> NDArray[np.float64]:
+def shares_at(surface: Surface, nearest: Nearest, weighting: Weighting | None) -> NDArray[np.float64]:
     """Return (n,) of the places nearest to points on a surface of a cloth, in a mean over the points; they sum to 1."""
     if weighting is None:
-        return np.full(len(near.distance), 1 / len(near.distance))
-    at_corners = weighting.of_points(len(surface.vertices))[surface.triangles[near.triangle]]
-    weights = np.einsum("nk,nk->n", near.weights, at_corners)
+        return np.full(len(nearest.distance), 1 / len(nearest.distance))
+    at_corners = weighting.of_points(len(surface.vertices))[surface.triangles[nearest.triangle]]
+    weights = np.einsum("nk,nk->n", nearest.weights, at_corners)
     return np.asarray(weights / weights.sum())
 
 
@@ -165,7 +165,7 @@ def frame_errors(measured: Sequence[Floats], predicted: Floats, noise: SensorNoi
 def _by_frame(
     measured: Sequence[Floats], predicted: Floats, noise: SensorNoise, kind: CloudKind, seed: int, draws: int
 ) -> tuple[list[tuple[float, float, float]], list[tuple[float, float]]]:
-    """Chamfer, surface RMS and share beyond the cap of every frame; Chamfer and surface RMS of every draw."""
+    """Return Chamfer, surface RMS and share beyond the cap of every frame; Chamfer and surface RMS of every draw."""
     if len(measured) != len(predicted):
         raise ValueError(f"{len(measured)} measured frames, {len(predicted)} predicted")
     rng = np.random.default_rng(seed)
@@ -187,10 +187,10 @@ def _by_frame(
 MANY_BEYOND = 0.05  # share of the points from which on a capped figure hides how far off they are
 
 
-def told_beyond(share: float) -> str:
+def beyond_in_words(share: float) -> str:
     """Say how many points lie beyond the cap, and what that means where they are many."""
-    said = f"{share:.1%} of the points lie more than {in_mm(CAP):g} mm off"
-    return said + ("; the surface RMS is capped there, so the real error is larger" if share >= MANY_BEYOND else "")
+    sentence = f"{share:.1%} of the points lie more than {in_mm(CAP):g} mm off"
+    return sentence + ("; the surface RMS is capped there, so the real error is larger" if share >= MANY_BEYOND else "")
 
 
 @dataclass(frozen=True)

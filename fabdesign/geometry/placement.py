@@ -32,7 +32,7 @@ _ALIKE = 1e-3  # m, in the mean, beside the points' spacing, by which shapes tha
 OVER = Rotation.from_euler("y", 180, degrees=True)  # changes front and back
 SAME = np.radians(20)  # turns that differ by less find the same edge
 MARKERS = 200  # points; a cloud of fewer is markers: what lies between them is not measured
-_OWN = 0.25  # of the markers' spacing, that another origin must gain over the file's own
+_ORIGIN_GAIN = 0.25  # of the markers' spacing, that another origin must gain over the file's own
 _POINTS = 400  # of either cloud: the motion of a sheet is known from few
 _TURNS = 60
 _STILL = 1e-7  # m, RMS, by which a further round moves less is the last
@@ -54,7 +54,7 @@ class Placement:
 
     @property
     def turn(self) -> str:
-        """The rotation as a study file has it."""
+        """Return the rotation as a study file has it."""
         return "[" + ", ".join(f"{angle:g}" for angle in self.rotation) + "]"
 
     def __str__(self) -> str:
@@ -231,7 +231,7 @@ def fit_markers(
         laid.append((float(_off_cloth(turned + shift, fabric, fabric.height).mean()) + tie, turn * given, shift))
     spacing = float(np.sqrt(fabric.width * fabric.height / len(points)))
     best = min(gap for gap, _, _ in laid)
-    sound = [candidate for candidate in sizes if candidate[0] <= best + _OWN * spacing] or laid
+    sound = [candidate for candidate in sizes if candidate[0] <= best + _ORIGIN_GAIN * spacing] or laid
     least, turn, shift = min(sound, key=lambda candidate: candidate[0])
     candidates = [(gap, other, placement_of(factor, other, s)) for gap, other, s in sound if gap < least + CLEAR]
     over = [p for _, other, p in candidates if differ(other, OVER * turn) < SAME]

@@ -71,7 +71,7 @@ class Weighting:
         return _of_points(self, count)
 
     @property
-    def said(self) -> str:
+    def in_words(self) -> str:
         """Return the regions in words."""
         words = []
         for region in self.regions:

@@ -92,7 +92,7 @@ def estimate_noise(frames: Sequence[Floats], thickness: float) -> SensorNoise:
             break
     hidden = _HIDDEN * sigma
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        strays_by_frame = threads.map(lambda n: _near_strays(n, half, sigma, strays), around)
+        strays_by_frame = threads.map(lambda n: _crowded_strays(n, half, sigma, strays), around)
         off = np.concatenate([*(n.alone[n.alone > hidden] for n in around), *strays_by_frame])
     if not len(off):
         return SensorNoise(sigma, 0.0, 0.0)
@@ -164,7 +164,7 @@ class _Sheets:
         return np.abs(self.z[:, 0] - self.fitted[:, 0])
 
 
-def _near_strays(around: _Neighbours, half: float, sigma: float, strays: float) -> Array:
+def _crowded_strays(around: _Neighbours, half: float, sigma: float, strays: float) -> Array:
     """Return how far [m] off their faces the points lie that are strays and yet not alone."""
     every = around.patches(slice(None))
     off = _Sheets.of(every, half, middle=False).off()

@@ -24,12 +24,12 @@ class Sheet(Protocol):
 
     @property
     def middle(self) -> Floats:
-        """(T, n, n, 3) m, nodes of the mid-surface by rising v, then rising u."""
+        """Return (T, n, n, 3) m, nodes of the mid-surface by rising v, then rising u."""
         ...
 
     @property
     def points(self) -> Floats:
-        """(T, 2 m, 3) m: front face, then back face, as `ForwardModel.motions` gives them."""
+        """Return (T, 2 m, 3) m: front face, then back face, as `ForwardModel.motions` gives them."""
         ...
 
 
@@ -55,12 +55,12 @@ class Shape:
 
     @property
     def faces(self) -> NDArray[Any]:
-        """(..., face, row, column, 3) m, the front face first."""
+        """Return (..., face, row, column, 3) m, the front face first."""
         return self.points.reshape(*self.points.shape[:-2], 2, self.side, self.side, 3)
 
     @cached_property
     def middle(self) -> NDArray[Any]:
-        """(..., row, column, 3) m between the faces."""
+        """Return (..., row, column, 3) m between the faces."""
         faces = self.faces
         return 0.5 * (faces[..., 0, :, :, :] + faces[..., 1, :, :, :])
 
@@ -142,13 +142,13 @@ class LacedMuscles:
 
     @property
     def intervals(self) -> NDArray[np.int64]:
-        """(p - muscles, 2) the two points of every interval."""
+        """Return (p - muscles, 2) the two points of every interval."""
         starts = np.delete(np.arange(self.begins[-1]), self.begins[1:] - 1)
         return np.stack([starts, starts + 1], axis=1)
 
     @property
     def owners(self) -> NDArray[np.int64]:
-        """(p - muscles,) which muscle each interval belongs to."""
+        """Return (p - muscles,) which muscle each interval belongs to."""
         return np.repeat(np.arange(len(self.sides)), np.diff(self.begins) - 1)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from fabdesign.errors import InputError
-from fabdesign.formats.toml_file import require_few
+from fabdesign.formats.toml_file import require_count
 from fabdesign.geometry.distances import Cells
 from fabdesign.geometry.shape import Face, Shape
 from fabdesign.nouns.array import Array, Floats, Indices
@@ -36,7 +36,7 @@ def fans_of(vertices: Array, corners: NDArray[Any], lengths: Indices, path: Path
     covers: where a triangle is turned over, as at a corner that points inwards.
     """
     count = np.maximum(lengths - 2, 0)  # triangles of a polygon
-    require_few(int(count.sum()), path, "triangles")
+    require_count(int(count.sum()), path, "triangles")
     start = np.repeat(np.cumsum(lengths) - lengths, count)
     second = start + np.arange(len(start)) - np.repeat(np.cumsum(count) - count, count) + 1
     triangles = corners.astype(np.intp)[np.stack([start, second, second + 1], axis=1)]
@@ -83,7 +83,7 @@ class Surface:
 
     @cached_property
     def areas(self) -> Array:
-        """(t,) m^2."""
+        """Return (t,) m^2."""
         return np.sqrt(np.einsum("ti,ti->t", self._normals, self._normals)) / 2
 
     def normals_of(self, triangle: Indices) -> Array:
@@ -92,7 +92,7 @@ class Surface:
 
     @cached_property
     def _normals(self) -> Array:
-        """(t, 3), twice the area long."""
+        """Return (t, 3), twice the area long."""
         _, ab, ac = self._corners()
         return _cross(ab, ac)
 
@@ -126,7 +126,7 @@ class Surface:
 
     @cached_property
     def _shares(self) -> Array:
-        """(t,) of the area, that a triangle and those before it have."""
+        """Return (t,) of the area, that a triangle and those before it have."""
         sums = np.cumsum(self.areas / self.areas.sum())
         return np.asarray(sums / sums[-1])
 

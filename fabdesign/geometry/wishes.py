@@ -30,7 +30,7 @@ _STRETCH = 1.15  # of the flat cloth's lengths, as of a cloud (fabdesign/geometr
 class Wish:
     """Where places of the cloth are to come. given: which of x, y, z count."""
 
-    said: str  # for people
+    words: str  # for people
     places: tuple[tuple[float, float], ...]  # (u, v) m
     goals: tuple[Point, ...]  # m, a place each; where a coordinate does not count, that of the flat cloth
     given: tuple[bool, bool, bool]
@@ -75,7 +75,7 @@ class WishKeys:
             if not ((places >= 0) & (places <= np.array([fabric.width, fabric.height]) + 1e-9)).all():
                 raise table.bad("at", f"a place on the cloth, {fabric.width:g} by {fabric.height:g} m")
             where = f"({self.place[0]:g}, {self.place[1]:g})"
-        goals, given, said = on_flat_cloth(places, fabric), [False] * 3, []
+        goals, given, words = on_flat_cloth(places, fabric), [False] * 3, []
         for axis, (world, beside) in enumerate(zip(WORLD, FROM_FLAT, strict=True)):
             absolute, relative = getattr(self, world), getattr(self, beside)
             if absolute is not None and relative is not None:
@@ -83,14 +83,14 @@ class WishKeys:
             given[axis] = absolute is not None or relative is not None
             if absolute is not None:
                 goals[:, axis] = absolute
-                said.append(f"{world} = {in_mm(absolute):g} mm")
+                words.append(f"{world} = {in_mm(absolute):g} mm")
             elif relative is not None:
                 goals[:, axis] += relative
-                said.append(f"{in_mm(relative):g} mm {beside}")
+                words.append(f"{in_mm(relative):g} mm {beside}")
         if not any(given):
             raise table.error(f"no goal; expected some of {', '.join((*WORLD, *FROM_FLAT))}, in m")
         axes: Any = tuple(given)
-        wish = Wish(f"{where}: {', '.join(said)}", _tuples(places), _tuples(goals), axes, self.weight)
+        wish = Wish(f"{where}: {', '.join(words)}", _tuples(places), _tuples(goals), axes, self.weight)
         _require_reachable(wish, fabric, table.where)
         return wish
 
@@ -116,8 +116,8 @@ class TubeKeys:
         goals = np.stack([u - fabric.width / 2, -self.radius * np.sin(turn), out], axis=-1)
         places = np.stack([u, v], axis=-1).reshape(-1, 2)
         turned = np.degrees(fabric.height / self.radius)
-        said = f"a tube of radius {in_mm(self.radius):g} mm, {turned:.0f} degrees of it, towards the {self.towards}"
-        return Wish(said, _tuples(places), _tuples(goals.reshape(-1, 3)), (True, True, True))
+        words = f"a tube of radius {in_mm(self.radius):g} mm, {turned:.0f} degrees of it, towards the {self.towards}"
+        return Wish(words, _tuples(places), _tuples(goals.reshape(-1, 3)), (True, True, True))
 
 
 def _tuples(rows: Array) -> Any:

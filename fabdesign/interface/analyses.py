@@ -81,7 +81,7 @@ def sensitivity(
     def show(now: Any) -> None:
         run.progress(str(now), now.done / now.total)
 
-    return run.study(run_sensitivity, study, out, seconds, progress=show, interruptible=True)
+    return run.study(run_sensitivity, study, out, seconds, progress=show, on_interrupt="end")
 
 
 def _texts(names: str | Sequence[str] | Mapping[str, Any]) -> list[str]:

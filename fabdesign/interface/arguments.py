@@ -11,7 +11,7 @@ import numpy as np
 from fabdesign.errors import InputError
 from fabdesign.files.design_file import read_design
 from fabdesign.files.pressure_file import constant_program, read_pressures
-from fabdesign.interface.run import as_said, many_of, require_kind, several
+from fabdesign.interface.run import as_given, many_of, require_kind, several
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import PressureProgram, require_pressures
 from fabdesign.units import from_kpa
@@ -84,7 +84,7 @@ def functions_of(outputs: Any) -> dict[str, Callable[..., float]]:
         raise InputError("outputs: none; expected functions of a motion, by name")
     for name, function in functions.items():
         if not callable(function):
-            raise InputError(f"outputs: {name}: {as_said(function)}; expected a function of a motion")
+            raise InputError(f"outputs: {name}: {as_given(function)}; expected a function of a motion")
     return functions
 
 
@@ -92,7 +92,7 @@ def ends_of(what: str, given: Any) -> tuple[Any, Any]:
     """Return the least and the most. Raises InputError for what is no pair."""
     ends = [*given] if isinstance(given, Iterable) and not isinstance(given, Mapping) else []
     if len(ends) != 2:
-        raise InputError(f"{what}: {as_said(given)}; expected two, the least and the most")
+        raise InputError(f"{what}: {as_given(given)}; expected two, the least and the most")
     return ends[0], ends[1]
 
 
@@ -103,5 +103,5 @@ def _numbers(what: str, given: Any) -> np.ndarray:
     except (TypeError, ValueError):
         row = np.empty((0, 0))
     if row.ndim != 1:
-        raise InputError(f"{what}: {as_said(given)}; expected kPa of every channel")
+        raise InputError(f"{what}: {as_given(given)}; expected kPa of every channel")
     return row

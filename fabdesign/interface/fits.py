@@ -90,10 +90,11 @@ def calibrate(
     from fabdesign.nouns.model import Model
     from fabdesign.runtime.effort import CALIBRATION, fit_in_words, fit_seconds
     from studies.calibration.calibrate import DRAWN, CalibrationOptions, calibrate_sets, orders_of
+    from studies.measured.splits import Tolerance
     from studies.measured.used_frames import GRID as COARSE
 
     orders = None if fit is None else orders_of(",".join(map(str, fit)))
-    sets, skipped = run.sound(all_sets(measured), skip_bad)
+    sets, skipped = run.sound(all_sets(measured), Tolerance(skip_bad))
     base = run.model(model) or Model()
     vector = unknowns_of(free, fix, base, sets)
     taken = [t for one in sets for t in one.trials if (t.role == "fit" if orders is None else t.order in orders)]
@@ -223,13 +224,14 @@ def train(
     from fabdesign.nouns.model import Model
     from fabdesign.output import new_files
     from fabdesign.runtime.effort import CALIBRATION, TRAINING, fit_seconds, in_words, on_cores, trials_seconds
+    from studies.measured.splits import Tolerance
     from studies.measured.used_frames import GRID as COARSE
     from studies.training.data import TrainingOptions
     from studies.training.train import train_on
 
     run, out = Run(**given), Path(out)
     base = run.model(model) or Model()
-    sets, skipped = run.sound(all_sets(measured), skip_bad)
+    sets, skipped = run.sound(all_sets(measured), Tolerance(skip_bad))
     base = replace(base, points_per_side=grid or base.points_per_side)
     vector = unknowns_of(free, (), base, sets) if free else None
     beside = out.with_suffix(".safetensors").name

@@ -54,19 +54,20 @@ def evaluate(
     Raises InputError where no trial is left.
     """
     run = Run(**given)
+    roles: tuple[Role, ...] = ("test", "fit") if all_trials else ("test",)
     if benches := benches_of(measured):
         if len(benches) > 1:
             raise InputError(f"{benches[0]}: a bench among {len(benches)} sources; expected a bench alone, or sets")
-        return _evaluate_bench(run, benches[0], model, out, all_trials)
+        return _evaluate_bench(run, benches[0], model, out, roles)
     from fabdesign.runtime.effort import EVALUATION, in_words, on_cores, trials_seconds
+    from studies.measured.splits import Tolerance
     from studies.measured.used_frames import GRID as COARSE
     from studies.prediction.evaluate import evaluate_sets
     from studies.prediction.evaluation_report import write_evaluation
     from studies.prediction.forward_model import enough_points, forward_model
 
     fitted = run.known_model(model, without)
-    roles: tuple[Role, ...] = ("test", "fit") if all_trials else ("test",)
-    sets, skipped = run.sound(all_sets(measured), skip_bad, roles)
+    sets, skipped = run.sound(all_sets(measured), Tolerance(skip_bad), roles)
     done, of = 0, 0
 
     def count(now: int, of_all: int) -> None:
@@ -86,8 +87,8 @@ def evaluate(
             forward_model(forward, fitted),
             sets,
             coarse=simulator(COARSE),
-            all_trials=all_trials,
-            interruptible=True,
+            roles=roles,
+            on_interrupt="end",
             progress=count,
         )
         if done < of:
@@ -97,14 +98,14 @@ def evaluate(
     return replace(evaluation, skipped=tuple(skipped))
 
 
-def _evaluate_bench(run: Run, bench: Path, law: Any, out: Folder | None, all_records: bool) -> BenchEvaluation:
+def _evaluate_bench(run: Run, bench: Path, law: Any, out: Folder | None, roles: Sequence[Role]) -> BenchEvaluation:
     from fabdesign.formats.json_file import write_json
     from fabdesign.output import write_text
     from studies.benches.evaluate import evaluate_bench
 
     if not isinstance(law, Path | str):
         raise InputError("model: a model of a bench; expected the file that calibrate wrote")
-    evaluation = evaluate_bench(bench, Path(law), all_records=all_records)
+    evaluation = evaluate_bench(bench, Path(law), roles)
     with run.folder(out, "evaluate", [bench, Path(law)]) as unfinished:
         if unfinished is not None:
             write_json(unfinished / "evaluation.json", evaluation)
@@ -240,13 +241,14 @@ def trace(
             return of_bench.trace_bench(benches[0], folder, tolerance=share, force=run.force, progress=run.progress)
     from fabdesign.nouns.model import Model
     from fabdesign.runtime.effort import TRACE, Pace, fit_in_words, fit_seconds
+    from studies.measured.splits import Tolerance
     from studies.model_selection.verdict import SO_FAR
     from studies.tracing.run import DRAWN, GRID, TOLERANCE, TRIALS, Options, trace_set
 
     fitted, sets = run.model(model), all_sets(measured)
     if len(sets) != 1:
         raise InputError(f"{len(sets)} measurement sets; expected one")
-    (sound,), _ = run.sound(sets, skip_bad=False)
+    (sound,), _ = run.sound(sets, Tolerance(skip_bad=False))
     motion = [min(t.times[-1], DRAWN.until) for t in sound.trials if t.role == "fit"][:TRIALS]
     unknowns = len(unknowns_of(["all"], (), fitted or Model(), [sound]).parameters)
     seconds = fit_seconds(TRACE, motion, unknowns, grid or GRID)

@@ -247,7 +247,7 @@ def sweep(
     from fabdesign.interface.arguments import functions_of, pairs
     from fabdesign.nouns.forward import HOLD, RISE, Case
     from fabdesign.units import in_kpa
-    from studies.prediction.forward_model import laced_motions, laced_rests
+    from studies.prediction.forward_model import forward_model, laced_motions, laced_rests
 
     run, functions = Run(**given), functions_of(outputs)
     asked, _ = pairs(designs, pressures)
@@ -260,7 +260,7 @@ def sweep(
             for part in _parts(run, asked, "swept"):
                 cases, time = [Case(*pair, order=order) for pair in asked[part]], np.asarray(at, dtype=float)
                 shapes = (
-                    laced_motions(forward, fitted, cases, [time] * len(cases))
+                    laced_motions(forward_model(forward, fitted), cases, [time] * len(cases))
                     if len(time)
                     else laced_rests(forward, fitted, cases)
                 )

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from fabdesign.nouns.model import Model
     from fabdesign.nouns.pressure import PressureProgram
     from fabdesign.nouns.trial import MeasurementSet, Role, Trial
+    from studies.measured.splits import Tolerance
 
 
 Result = TypeVar("Result")
@@ -80,13 +81,13 @@ class Run:
         return read
 
     def sound(
-        self, sets: Iterable[MeasurementSet], skip_bad: bool, roles: Collection[Role] = ("fit", "test")
+        self, sets: Iterable[MeasurementSet], tolerance: Tolerance, roles: Collection[Role] = ("fit", "test")
     ) -> tuple[list[MeasurementSet], list[str]]:
         """Return the sets with their sound trials of these roles, and a line on each other one. Raises InputError for
-        the first unless `skip_bad`."""
+        the first unless it is tolerated."""
         from studies.measured.splits import sound_trials
 
-        checked = [sound_trials(one, skip_bad=skip_bad, roles=roles) for one in sets]
+        checked = [sound_trials(one, tolerance, roles) for one in sets]
         return [one for one, _ in checked], [line for _, lines in checked for line in lines]
 
     def warn_beyond(
@@ -209,17 +210,17 @@ def several(what: str, given: Any, kind: type) -> Sequence[Any]:
 def many_of(what: str, given: Any) -> Sequence[Any]:
     """Return a list of what came. Raises InputError for what is none."""
     if isinstance(given, str | dict) or not isinstance(given, Iterable):
-        raise InputError(f"{what}: {as_said(given)}; expected a list of them")
+        raise InputError(f"{what}: {as_given(given)}; expected a list of them")
     return [*given]
 
 
 def require_kind(what: str, given: Any, kind: type) -> None:
     """Raise InputError for what is neither of a kind nor the name of a file."""
     if not isinstance(given, kind | Path | str):
-        raise InputError(f"{what}: {as_said(given)}; expected a {kind.__name__} or its file")
+        raise InputError(f"{what}: {as_given(given)}; expected a {kind.__name__} or its file")
 
 
-def as_said(given: Any) -> str:
+def as_given(given: Any) -> str:
     """Return what came, in at most 60 letters."""
     text = " ".join(repr(given).split())
     return text if len(text) <= 60 else f"{text[:57]}..."

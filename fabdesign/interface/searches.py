@@ -60,7 +60,7 @@ def followed(run: Run) -> Callable[..., None]:
 
 
 def _optimized(result: StudyResult, given: Mapping[str, Any]) -> Shown:
-    from fabdesign.geometry.metrics import MANY_BEYOND, told_beyond
+    from fabdesign.geometry.metrics import MANY_BEYOND, beyond_in_words
     from fabdesign.nouns.pressure import poses_in_words
     from studies.layout_search.target import errors_in_words
 
@@ -71,11 +71,11 @@ def _optimized(result: StudyResult, given: Mapping[str, Any]) -> Shown:
     )
     outputs = [f"{name}: {', '.join(values)}" for name, values in result.outputs.items()]
     after = [content["fewer"]["said"]] if content["fewer"] else []
-    after += [result.within_said] if result.within_said else []
+    after += [result.within_in_words] if result.within_in_words else []
     after += content["robust"]["said"] if content["robust"] else []
     after += [*content["reach"]["said"], *content["way"]["said"]]
     if content["surface_beyond"] >= MANY_BEYOND:
-        after.append(told_beyond(content["surface_beyond"]))
+        after.append(beyond_in_words(content["surface_beyond"]))
     targets = [f"target: {target}" for target in content["targets"]]
     return Shown(content, "\n".join([*targets, text, *poses_in_words([*result.pressure]), *outputs, *after]))
 

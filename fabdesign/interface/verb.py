@@ -176,7 +176,7 @@ def verb(
 
 
 def unheard(line: str, share: float | None) -> None:
-    """Progress that nobody follows."""
+    """Drop progress that nobody follows."""
 
 
 def warn(line: str) -> None:

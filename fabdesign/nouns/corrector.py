@@ -32,12 +32,12 @@ class Corrector(Protocol):
 
     @property
     def ordered(self) -> bool:
-        """Whether the answer keeps the order of the points; an unordered cloud is compared by Chamfer alone."""
+        """Return whether the answer keeps the order of the points; an unordered cloud is compared by Chamfer alone."""
         ...
 
     @property
     def starts(self) -> float:
-        """s after rest, from which on it corrects; before, the answer is the simulator's."""
+        """Return s after rest, from which on it corrects; before, the answer is the simulator's."""
         ...
 
     def history(self) -> tuple[float, ...]:

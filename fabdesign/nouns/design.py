@@ -48,7 +48,7 @@ class Design:
 
     @property
     def channels(self) -> int:
-        """Number of pressure channels: the highest channel in use, plus one."""
+        """Return the number of pressure channels: the highest channel in use, plus one."""
         return max((m.channel for m in self.muscles), default=-1) + 1
 
     def __str__(self) -> str:

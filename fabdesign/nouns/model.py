@@ -209,7 +209,7 @@ class Model:
 
     @property
     def factors(self) -> dict[str, float]:
-        """The factors that `forward.Case` takes: a muscle type's own by that type's name."""
+        """Return the factors that `forward.Case` takes: a muscle type's own by that type's name."""
         factors = {}
         for name, parameter in self.parameters.items():
             of_a_type = name in OF_MUSCLES and (parameter.scope or "").startswith(MUSCLE_TYPES)
@@ -228,8 +228,8 @@ class Model:
 
     @property
     def before(self) -> "Model":
-        """The model that `evaluate` calls before: no effects and no corrector, with the factors fitted without them;
-        the data sheet of a model that has neither."""
+        """Return the model that `evaluate` calls before: no effects and no corrector, with the factors fitted without
+        them; the data sheet of a model that has neither."""
         if not self.effects and self.corrector is None:
             return Model(points_per_side=self.points_per_side)
         plain = self.parameters if self.without_effects is None else self.without_effects

@@ -87,7 +87,7 @@ class Muscle:
 
     @property
     def length(self) -> float:
-        """Rest length [m]: that of the path on the flat cloth."""
+        """Return the rest length [m]: that of the path on the flat cloth."""
         return float(np.linalg.norm(np.diff(np.array(self.path), axis=0), axis=1).sum())
 
     def fixed_points(self) -> NDArray[np.float64]:

@@ -162,8 +162,8 @@ def _cross_validated_penalty(a: Array, b: Array, m: int, n: int) -> Array:
         return float(np.sum((a @ solved[:, 0] - b) ** 2) / max(freedom, 1e-9) ** 2)
 
     best = min(product(_PENALTIES, _PENALTIES), key=lambda weights: score(*weights))
-    near_p, near_e = ((w / 10, w, w * 10) for w in best)
-    best = min(product(near_p, near_e), key=lambda weights: score(*weights))
+    around_p, around_e = ((w / 10, w, w * 10) for w in best)
+    best = min(product(around_p, around_e), key=lambda weights: score(*weights))
     return np.vstack([np.sqrt(best[0]) * along_p, np.sqrt(best[1]) * along_e, rest])
 
 

@@ -72,8 +72,8 @@ class Predictor:
 
     @property
     def faces_jacobian(self) -> Jacobians | None:
-        """Shapes at rest, as `equilibria` gives them, and how they change with each column; None where the simulator
-        does not offer it."""
+        """Return shapes at rest, as `equilibria` gives them, and how they change with each column; None where the
+        simulator does not offer it."""
         bare: Jacobians | None = getattr(self.simulator, "faces_jacobian", None)
         if bare is None:
             return None

@@ -175,15 +175,15 @@ def standard_programs(design: "Design", rig: RigLimits = USUAL_LIMITS) -> dict[s
     faces = {s: np.array([(c, s) in on for c in range(design.channels)]) for s in ("front", "back")}
     groups = {f"the {side}": where for side, where in faces.items() if where.any()}
     candidates: dict[str, PressureProgram] = {}
-    for said, where in groups.items():
+    for named, where in groups.items():
         p = np.where(where, most, 0.0)
-        candidates[f"step of {said}, held"] = _rows([0.0], [p], seconds)
-        candidates[f"step of {said} on and off"] = _rows([0.0, seconds / 2], [p, 0 * p], seconds)
+        candidates[f"step of {named}, held"] = _rows([0.0], [p], seconds)
+        candidates[f"step of {named} on and off"] = _rows([0.0, seconds / 2], [p, 0 * p], seconds)
         shares = 1 - np.abs(2 * np.arange(1, stairs + 1) / stairs - 1)
         times = np.arange(stairs) * seconds / stairs
-        candidates[f"staircase of {said}, up and down"] = _rows(times, shares[:, None] * p, seconds)
+        candidates[f"staircase of {named}, up and down"] = _rows(times, shares[:, None] * p, seconds)
         times = np.arange(60) * seconds / 60
-        candidates[f"slow ramp of {said}, up and down"] = _rows(
+        candidates[f"slow ramp of {named}, up and down"] = _rows(
             times, (1 - np.abs(times / seconds * 2 - 1))[:, None] * p, seconds
         )
     for channels in np.array_split(np.arange(count), -(-count // levels)) if count else ():

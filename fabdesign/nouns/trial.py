@@ -44,12 +44,12 @@ class Trial:
 
     @cached_property
     def times(self) -> NDArray[np.float64]:
-        """(T,) s after rest."""
+        """Return (T,) s after rest."""
         return read_trial_pressures(self.file)[0]
 
     @cached_property
     def program(self) -> PressureProgram:
-        """The set points, checked against the design's channels and the muscles' limits."""
+        """Return the set points, checked against the design's channels and the muscles' limits."""
         program = program_of(*read_trial_pressures(self.file))
         require_pressures(program, self.design, str(self.file))
         return program

@@ -7,14 +7,14 @@ A command opens its output before it computes anything:
     with new_folder(path, made_by="rig", force=force, inputs=[design]) as unfinished:
 
 and writes to `unfinished`, which becomes `path` when the block ends well. `work_folder` is for what goes on in its
-folder. `whole_file` and `write_text` replace: they are for a piece of one's own unfinished output.
+folder. `atomic_file` and `write_text` replace: they are for a piece of one's own unfinished output.
 
 Others import from here alone. Inside: `atomic.py` (a temporary file, a rename, one lock), `ownership.py` (the mark of
 what is this program's, and inputs), `unfinished.py` (the functions above).
 """
 
-from fabdesign.output.atomic import cannot_write, sweep, whole_file, write_text
-from fabdesign.output.ownership import MARK, always_input, others_in, own_files, read_mark, write_mark
+from fabdesign.output.atomic import atomic_file, cannot_write, sweep, write_text
+from fabdesign.output.ownership import MARK, always_input, marked_files, others_in, read_mark, write_mark
 from fabdesign.output.unfinished import Inputs, WorkFolder, given_up, new_file, new_files, new_folder, work_folder
 
 __all__ = [
@@ -22,16 +22,16 @@ __all__ = [
     "Inputs",
     "WorkFolder",
     "always_input",
+    "atomic_file",
     "cannot_write",
     "given_up",
+    "marked_files",
     "new_file",
     "new_files",
     "new_folder",
     "others_in",
-    "own_files",
     "read_mark",
     "sweep",
-    "whole_file",
     "work_folder",
     "write_mark",
     "write_text",

@@ -19,7 +19,7 @@ from fabdesign.runtime.supervisor import record
 
 PREFIX = ".unfinished"
 _LOCK = "lock"
-_OWN = b"fabdesign"  # in a lock: folders of others may have one too
+_LOCK_CONTENT = b"fabdesign"  # in a lock: folders of others may have one too
 _LONE = re.compile(re.escape(PREFIX) + r"-[0-9a-f]{32}(\..*)?")  # names of unfinished files
 _OLD = 3600.0  # s: a lone unfinished file takes a moment to write
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP)
@@ -39,16 +39,19 @@ def try_lock(stream: IO[bytes]) -> bool | None:
 
 
 class Scratch:
-    """A folder `at`, this process's until `release`."""
+    """A folder `at`, this process's until `release` or `discard`."""
 
     def __init__(self, at: Path, lock: IO[bytes], made: list[Path]) -> None:
         self.at, self._lock, self._made = at, lock, made
 
-    def release(self, *, keep: bool = False) -> None:
-        """Give it up; without `keep` it goes, and so do folders above that were made for it and hold nothing."""
-        if not keep:
-            _remove(self.at, self._lock)
-            unmake(self._made)
+    def release(self) -> None:
+        """Give it up, as it is."""
+        self._lock.close()
+
+    def discard(self) -> None:
+        """Remove it, and folders above that were made for it and hold nothing."""
+        _remove(self.at, self._lock)
+        unmake(self._made)
         self._lock.close()
 
 
@@ -79,7 +82,7 @@ def scratch(goal: Path, at: Path) -> Iterator[Scratch]:
         raise cannot_write(goal, error, written=_bytes_in(at)) from error
     finally:
         if not lock.closed:
-            held.release()
+            held.discard()
 
 
 def _acquire(at: Path) -> IO[bytes] | None:
@@ -99,7 +102,7 @@ def _acquire(at: Path) -> IO[bytes] | None:
             return None
         if os.fstat(lock.fileno()).st_nlink:  # its last holder may have removed it before letting go
             if not lock.tell():
-                lock.write(_OWN)
+                lock.write(_LOCK_CONTENT)
                 lock.flush()
             return lock
         lock.close()
@@ -112,7 +115,7 @@ def abandoned(at: Path) -> Scratch | None:
 
 
 def _remove(at: Path, lock: IO[bytes]) -> None:
-    """The lock goes last, so that whoever takes it meanwhile finds all of the folder or none of it."""
+    """Remove the lock last, so that whoever takes it meanwhile finds all of the folder or none of it."""
     for entry in at.iterdir():
         if entry.is_dir() and not entry.is_symlink():
             shutil.rmtree(entry, ignore_errors=True)
@@ -136,7 +139,7 @@ def sweep(folder: Path, *, but: Path | None = None) -> None:
             if entry.is_file():
                 if _LONE.fullmatch(entry.name) and time.time() - entry.stat().st_mtime > _OLD:
                     entry.unlink()
-            elif _is_users(entry / _LOCK) and (entry / _LOCK).read_bytes() == _OWN:
+            elif _is_users(entry / _LOCK) and (entry / _LOCK).read_bytes() == _LOCK_CONTENT:
                 with (entry / _LOCK).open("ab") as lock:
                     if try_lock(lock):  # where there are no locks, nothing says that it was left
                         _remove(entry, lock)
@@ -237,7 +240,7 @@ def _flush(folder: Path) -> None:
 
 
 @contextmanager
-def whole_file(path: Path | str, *, needed: int | None = None) -> Iterator[Path]:
+def atomic_file(path: Path | str, *, needed: int | None = None) -> Iterator[Path]:
     """Return a temporary path beside `path`; it replaces `path` when the block ends well, and goes when it does not.
 
     Folders above `path` are made. needed: bytes, where they are known. Raises InputError where nothing can be written
@@ -274,5 +277,5 @@ def write_text(path: Path | str, text: str) -> None:
     A file's name in the text keeps its bytes, also where they are no UTF-8.
     """
     content = text.encode("utf-8", "surrogateescape")
-    with whole_file(path, needed=len(content)) as temporary:
+    with atomic_file(path, needed=len(content)) as temporary:
         temporary.write_bytes(content)

@@ -68,7 +68,7 @@ def others_in(folder: Path) -> Iterator[str]:
             yield name
 
 
-def own_files(folder: Path) -> set[str]:
+def marked_files(folder: Path) -> set[str]:
     """Return those of `files_in` that this program made."""
     return set(files_in(folder)) - set(others_in(folder))
 

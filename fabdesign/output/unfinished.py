@@ -9,7 +9,7 @@ from typing import Any
 
 from fabdesign.errors import InputError
 from fabdesign.output import atomic
-from fabdesign.output.ownership import MARK, files_in, others_in, own_files, read_mark, require_apart, write_mark
+from fabdesign.output.ownership import MARK, files_in, marked_files, others_in, read_mark, require_apart, write_mark
 from fabdesign.runtime.supervisor import record
 
 Inputs = Iterable[Path | str]
@@ -116,7 +116,7 @@ def work_folder(path: Path | str, *, made_by: str, force: bool = False, inputs: 
         if mark is None or mark.made_by != made_by or force:
             _require_free_folder(path, force)
         anew = _anew(held, path)
-        staged = force and own_files(path) > {MARK}
+        staged = force and marked_files(path) > {MARK}
         folder = anew if staged else path
         try:
             work = WorkFolder(folder, made_by, held.at, anew=staged)
@@ -129,17 +129,17 @@ def work_folder(path: Path | str, *, made_by: str, force: bool = False, inputs: 
             raise
         if staged and work.complete:
             _replace_content(held.at, anew, made_by)
-        held.release(keep=staged and not work.complete)
+        (held.release if staged and not work.complete else held.discard)()
 
 
 def _leave(held: atomic.Scratch, path: Path) -> list[str]:
     """Give up a work folder before its work has ended. Return what is to be said of what it keeps."""
     anew = _anew(held, path)
-    folder = anew if own_files(anew) else path
-    kept = own_files(folder) > {MARK}
+    folder = anew if marked_files(anew) else path
+    kept = marked_files(folder) > {MARK}
     if not kept:  # nothing was done
         (folder / MARK).unlink(missing_ok=True)
-    held.release(keep=bool(own_files(anew)))
+    (held.release if marked_files(anew) else held.discard)()
     return [f"{path} keeps what was done, and the same command goes on from there"] if kept else []
 
 
@@ -152,7 +152,7 @@ def given_up(records: Sequence[Mapping[str, Any]]) -> list[str]:
         if (held := atomic.abandoned(at)) is not None:
             _finish_move(at)
             if work is None:
-                held.release()
+                held.discard()
             else:
                 kept += _leave(held, Path(work))
     for one in reversed(records):
@@ -215,7 +215,7 @@ def _anew(held: atomic.Scratch, path: Path) -> Path:
 
 
 def _clear(folder: Path, goal: Path) -> None:
-    """An empty folder, whatever a killed process left there."""
+    """Make an empty folder, whatever a killed process left there."""
     try:
         if folder.exists():
             shutil.rmtree(folder)
@@ -225,11 +225,11 @@ def _clear(folder: Path, goal: Path) -> None:
 
 
 def _replace_content(hidden: Path, new: Path, made_by: str) -> None:
-    """The content of `new`, which lies in the hidden folder of its goal, becomes that of the goal."""
+    """Replace the content of a goal by that of `new`, which lies in the goal's hidden folder."""
     write_mark(new, made_by, {*files_in(new)} - {MARK})
     for name in files_in(new):
         atomic.flush_file(new / name)
-    with atomic.whole_file(hidden / _COMPLETE) as marker:
+    with atomic.atomic_file(hidden / _COMPLETE) as marker:
         marker.write_bytes(os.fsencode(new.name))
     _finish_move(hidden)
 
@@ -241,7 +241,7 @@ def _finish_move(hidden: Path) -> None:
     goal, new = hidden.parent, hidden / "new" / os.fsdecode((hidden / _COMPLETE).read_bytes())
     mark = read_mark(new)
     if mark is not None:
-        for name in own_files(goal) - mark.files - {MARK}:
+        for name in marked_files(goal) - mark.files - {MARK}:
             (goal / name).unlink(missing_ok=True)
             with suppress(OSError):
                 for above in Path(name).parents:

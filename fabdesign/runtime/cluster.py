@@ -120,10 +120,10 @@ class Cluster:
     address: str
     client: Any
     say: Say = lambda line: None
-    _told: set[str] = field(default_factory=set)
+    _warned: set[str] = field(default_factory=set)
 
     def prepare(self) -> None:
-        """Raises InputError for a worker with other versions. A batch that two workers died with is not tried a third
+        """Raise InputError for a worker with other versions. A batch that two workers died with is not tried a third
         time, on this scheduler."""
         here = this_worker()
         try:
@@ -140,14 +140,14 @@ class Cluster:
 
     @property
     def workers(self) -> int:
-        """Number of workers now, each of which may have a task: at least 1, for where there are none work waits for the
-        first."""
+        """Return the number of workers now, each of which may have a task: at least 1, for where there are none work
+        waits for the first."""
         try:
             count = len(self.client.nthreads())
         except _lost() as error:
             raise self._gone() from error
-        if not count and "no workers" not in self._told:
-            self._told.add("no workers")
+        if not count and "no workers" not in self._warned:
+            self._warned.add("no workers")
             self.say(f"{self.address}: no workers; waiting for one")
         return max(1, count)
 

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import note
-from fabdesign.formats.json_file import plain, read_json
-from fabdesign.output import WorkFolder, cannot_write, sweep, whole_file, write_text
+from fabdesign.formats.json_file import exact, read_json
+from fabdesign.output import WorkFolder, atomic_file, cannot_write, sweep, write_text
 from fabdesign.runtime import working_time
 from fabdesign.runtime.fingerprint import OtherContent, require_same
 from fabdesign.runtime.shortage import free_bytes
@@ -76,7 +76,7 @@ def read_arrays(file: Path) -> Arrays:
 
 def write_arrays(file: Path, arrays: Arrays) -> None:
     """Write an npz file whole or not at all."""
-    with whole_file(file, needed=sum(array.nbytes for array in arrays.values())) as new, new.open("wb") as stream:
+    with atomic_file(file, needed=sum(array.nbytes for array in arrays.values())) as new, new.open("wb") as stream:
         np.savez(stream, **arrays)  # type: ignore[arg-type]
 
 
@@ -103,7 +103,7 @@ class Checkpoint:
 
     @property
     def spent(self) -> float:
-        """s of computing, all sessions together, in pieces by `get`."""
+        """Return s of computing, all sessions together, in pieces by `get`."""
         total = 0.0
         for file in self._folder.glob("*.json"):
             if file.name != _CONTENT:
@@ -149,7 +149,7 @@ class Checkpoint:
         return kept(self.claim(file) / file, compute, read_arrays, write_arrays)
 
     def _write(self, name: str, content: Any) -> None:
-        write_text(self.claim(name) / name, json.dumps(plain(content, exact=True)) + "\n")
+        write_text(self.claim(name) / name, json.dumps(exact(content)) + "\n")
 
 
 def _file_name(name: str, ending: str) -> str:

@@ -27,7 +27,7 @@ class Stopwatch:
 
     @property
     def excluded(self) -> float:
-        """s for which it has stood still."""
+        """Return s for which it has stood still."""
         with self._lock:
             return self._excluded + (self._clock() - self._stopped_at if self.stops else 0.0)
 

@@ -132,5 +132,5 @@ class LoopStudy(StudyFile):
 
     @property
     def highest(self) -> float:
-        """Pa, of any set point."""
+        """Return Pa, of any set point."""
         return min(self.search.limits.pressure[1], self.rig_limits.pressure)

@@ -139,7 +139,7 @@ def _meaning(name: str, where: str, design: Design, model: Model) -> _Meaning:
         if rest[1] not in effect.parameters:
             check_values(effect, {rest[1]: 0.0}, where)  # which says what there is
         parameter = effect.parameters[rest[1]]
-        if parameter.whole:
+        if parameter.integer:
             raise InputError(f"{where}: {name} is a choice, not a quantity; expected one that can be varied")
         intervals = [
             e.parameters[rest[1]].interval90 for e in model.effects if e.name == rest[0] and rest[1] in e.parameters

@@ -14,7 +14,7 @@ from fabdesign.files.model_file import read_model
 from fabdesign.files.pressure_file import note_slight, pressure_file_of, read_pressures
 from fabdesign.formats.codec import decode, decode_part
 from fabdesign.formats.schema import ABOVE_0, FROM_0, FileUnit, Key, Kilopascal, Metre, Second, Within
-from fabdesign.formats.table import STUDY, Table, load_toml
+from fabdesign.formats.table import STUDY, Table, load_part
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import HOLD, RISE
 from fabdesign.nouns.model import Model
@@ -50,7 +50,7 @@ class StudyFile:
         relative to the file; targets are opened when it runs. Raises InputError, also for a study of another kind."""
         if isinstance(source, Mapping):
             return decode(cls, Table(source, cls.kind, Path(cls.kind)))
-        root = load_toml(Path(source), STUDY, partial=True)
+        root = load_part(Path(source), STUDY)
         if decode_part(StudyHead, root).kind != cls.kind:
             raise root.bad("kind", f'"{cls.kind}", the kind that this command runs')
         return decode(cls, root)
@@ -237,7 +237,7 @@ def read_study(path: Path | str | Mapping[str, Any]) -> Study:
 
 def read_head(path: Path | str) -> StudyHead:
     """Return what studies of all kinds have. Raises InputError."""
-    return decode_part(StudyHead, load_toml(Path(path), STUDY, partial=True))
+    return decode_part(StudyHead, load_part(Path(path), STUDY))
 
 
 def require_searchable(study: Study, where: str) -> None:

@@ -20,7 +20,7 @@ from fabdesign.geometry.wishes import TubeKeys, Wish, WishKeys
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.units import in_mm
 
-_NEAR_RADIANS = 0.002  # of a quarter turn: 1.57 and 3.1416 degrees are no angles that anybody turns by
+_QUARTER_TOLERANCE = 0.002  # of a quarter turn: 1.57 and 3.1416 degrees are no angles that anybody turns by
 _OF_WISHES = ("description", "weight", "wishes", "tube", "time")  # keys that a target of wishes may have
 
 
@@ -95,7 +95,7 @@ class TargetFile:
                 raise table.bad(other, "none beside wishes, which stand in the place of a file and have weights")
             return self
         turns = self.rotation or ()
-        if any(abs(abs(turn) - k * np.pi / 2) < _NEAR_RADIANS for turn in turns for k in (1, 2, 3)):
+        if any(abs(abs(turn) - k * np.pi / 2) < _QUARTER_TOLERANCE for turn in turns for k in (1, 2, 3)):
             note(f"{table.where}: rotation = {[*turns]} is read in degrees (is it in radians?)")
         if self.free and self.weighting:
             raise table.bad("free", "false beside regions, which are weighed where the target stands")

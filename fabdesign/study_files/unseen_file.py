@@ -23,7 +23,7 @@ from fabdesign.units import pascals
 
 GRID = 21  # points a side, where there is no model whose factors belong to a grid
 FREE = "measured.free:"  # as an error says it
-_OWN_DESIGN = Key(file=read_design, absent=lambda table: table.find("design"))
+_DESIGN_FILE = Key(file=read_design, absent=lambda table: table.find("design"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class CandidateMeasurement:
     """A measurement that could be made: a program on a design."""
 
     name: Annotated[str, Key(absent=lambda table: str(table["program"])), "absent: the program"]
-    design: Annotated[Design, _OWN_DESIGN, "absent: the study's"]
+    design: Annotated[Design, _DESIGN_FILE, "absent: the study's"]
     program: Annotated[PressureProgram, Key(form=str, read=read_program), "a file or a row, as simulate takes it"]
 
 

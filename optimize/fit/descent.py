@@ -221,16 +221,16 @@ class _Work:
         return _Descent(problem, inputs, evaluations[-1].misfit.rms, self.policy.hopeless, self.policy.content), best
 
     def _all_rows(self, descent: _Descent, state: Linearisation, line: str, progress: Progress) -> _Course:
-        """Return where the near steps and, where these leave little enough, the last ones lead."""
-        near, end, exact = self.policy.near, self.policy.end, self.start.jacobian is None
+        """Return where the first steps and, where these leave little enough, the last ones lead."""
+        begin, end, exact = self.policy.begin, self.policy.end, self.start.jacobian is None
         if end is None:
             return self._descend(
-                descent, _Course(state, exact), replace(near, exact_end=near.exact_end and exact), line, progress
+                descent, _Course(state, exact), replace(begin, exact_end=begin.exact_end and exact), line, progress
             )
         first, second = parts(progress, 0.5)
-        state = self._descend(descent, _Course(state, exact), near, line, first).state
+        state = self._descend(descent, _Course(state, exact), begin, line, first).state
         if state.misfit.rms > constants.WRONG * self.problem.expected:
-            end = replace(near, exact_end=end.exact_end)
+            end = replace(begin, exact_end=end.exact_end)
         return self._descend(descent, _Course(state, exact=False), end, line, second)
 
     def _descend(self, descent: _Descent, course: _Course, stage: FitStage, line: str, progress: Progress) -> _Course:

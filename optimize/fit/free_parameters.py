@@ -79,7 +79,7 @@ class _Effects:
         for k in places or [self._added(effect, {})]:
             self.terms[k] = replace(self.terms[k], values={**self.terms[k].values, **chosen})
             keys = [only] if only else [key for key in effect.parameters if key not in chosen]
-            self._begin(k, effect, [key for key in keys if not effect.parameters[key].whole])
+            self._begin(k, effect, [key for key in keys if not effect.parameters[key].integer])
 
     def free_all(self, designs: Sequence[Design]) -> None:
         """Free the strengths of every effect that has a name. What has a choice and no term yet begins at nothing, at

@@ -114,18 +114,18 @@ def normal_equations(
         raise SimulationError("every motion of the trials to fit diverged")
     r, j = misfit.residual[sound], jacobian[sound]
     _, cluster = np.unique(misfit.block[sound], return_inverse=True)
-    left, sharp = r + j @ step, np.ones(len(r))
-    scale = misfit.loss.scale(left)
+    residual, sharp = r + j @ step, np.ones(len(r))
+    scale = misfit.loss.scale(residual)
     if inputs is not None:
         u, bent = inputs.columns[sound], inputs.bent[sound]
         sharp = 1 / (1 + np.square(BENT * bent / scale))
-        left = _cleaned(left, u, sharp, cluster, scale, misfit.loss)
-        scale = misfit.loss.scale(left[sharp > 0.5]) if (sharp > 0.5).any() else scale
+        residual = _cleaned(residual, u, sharp, cluster, scale, misfit.loss)
+        scale = misfit.loss.scale(residual[sharp > 0.5]) if (sharp > 0.5).any() else scale
         sharp = 1 / (1 + np.square(BENT * bent / scale))
-    frames = sharp * _frame_weights(misfit, sound, left * np.sqrt(sharp), max(far, misfit.loss.far))
+    frames = sharp * _frame_weights(misfit, sound, residual * np.sqrt(sharp), max(far, misfit.loss.far))
     most = MODES * (cluster.max() + 1) / max(float(frames.sum()), 1e-12)
     frames = frames * min(1.0, most)  # before errors of the inputs take their part, which bounds what is left by itself
-    size = np.maximum(np.abs(left) * np.sqrt(sharp), 1e-12)
+    size = np.maximum(np.abs(residual) * np.sqrt(sharp), 1e-12)
     w = frames * np.minimum(1.0, misfit.loss.huber * scale / size) / scale**2
     white = j if inputs is None else j - _explained(j, u, w, cluster)[0]
     scores = np.zeros((cluster.max() + 1, len(weight)))
@@ -180,10 +180,10 @@ def whitened(columns: Array, block: Indices, normal: Normal, inputs: InputErrors
     return out
 
 
-def _cleaned(left: Array, u: Array, sharp: Array, cluster: Indices, scale: float, counted: Loss) -> Array:
+def _cleaned(residual: Array, u: Array, sharp: Array, cluster: Indices, scale: float, counted: Loss) -> Array:
     """Return the residual less what errors of the inputs explain of it, (N,) m."""
-    bounded = sharp * np.minimum(1.0, counted.huber * scale / np.maximum(np.abs(left), 1e-12)) / scale**2
-    return np.asarray(left - _explained(left[:, None], u, bounded, cluster)[0][:, 0])
+    bounded = sharp * np.minimum(1.0, counted.huber * scale / np.maximum(np.abs(residual), 1e-12)) / scale**2
+    return np.asarray(residual - _explained(residual[:, None], u, bounded, cluster)[0][:, 0])
 
 
 def _share(j: Array, white: Array, w: Array, cluster: Indices, prior: Array) -> Array:
@@ -234,8 +234,8 @@ def _size(
     u = inputs.columns[rows]
     bounded = frames * np.minimum(1.0, counted.huber * scale / np.maximum(np.abs(residual), 1e-12)) / scale**2
     explained, paid = _explained(residual[:, None], u, bounded, cluster)
-    left = residual - explained[:, 0]
-    return float((frames * counted.of(left / scale)).sum()) + 0.5 * float(paid[0])
+    remaining = residual - explained[:, 0]
+    return float((frames * counted.of(remaining / scale)).sum()) + 0.5 * float(paid[0])
 
 
 def _frame_weights(misfit: Misfit, sound: NDArray[np.bool_], residual: Array, most: float) -> Array:

@@ -181,11 +181,11 @@ class FitVector:
         return np.diag(np.where(x + sizes <= high, sizes, -np.minimum(sizes, x - low)))
 
     def _step(self, x: Array, row: Array) -> Array:
-        ways = [self.inside(x + sign * row) - x for sign in (1.0, -1.0)]
-        whole = [np.allclose(np.abs(way), np.abs(row)) for way in ways]
-        if whole[0] or not any(whole):
-            return max(ways, key=lambda way: float(np.abs(way / self.scale).sum())) if not whole[0] else ways[0]
-        return ways[1]
+        steps = [self.inside(x + sign * row) - x for sign in (1.0, -1.0)]
+        unclipped = [np.allclose(np.abs(step), np.abs(row)) for step in steps]
+        if unclipped[0] or not any(unclipped):
+            return max(steps, key=lambda step: float(np.abs(step / self.scale).sum())) if not unclipped[0] else steps[0]
+        return steps[1]
 
 
 _ILL = 1e6

@@ -34,13 +34,13 @@ class FitStage:
 
 @dataclass(frozen=True)
 class Policy:
-    """How a fit goes on and ends. name: for people. near: the first steps on all rows. end: those after them; None:
+    """How a fit goes on and ends. name: for people. begin: the first steps on all rows. end: those after them; None:
     another fit goes on. finer: the last ones, of a problem with a finer engine. hopeless: m RMS: where a horizon leaves
     more, or on all rows the minimum of the linearised residuals, the fit ends. content: m RMS: where steps that gain
     too little leave no more, no Jacobian is made anew."""
 
     name: str
-    near: FitStage
+    begin: FitStage
     finer: FitStage
     end: FitStage | None = None
     hopeless: float = np.inf
@@ -49,8 +49,8 @@ class Policy:
 
 # What a model has not got yet may show in a few frames alone, so none counts less for being far off. A step under 3 %,
 # or one that promises under 2 % of what is left, is mended by the fit that goes on.
-_NEARLY = FitStage(slight=0.03, least=3.0, least_share=0.02, far=np.inf)
-UNSURE = replace(_NEARLY, exact_end=False)
+_ROUGH_STAGE = FitStage(slight=0.03, least=3.0, least_share=0.02, far=np.inf)
+UNSURE = replace(_ROUGH_STAGE, exact_end=False)
 # Values are told to 1 %; 0.007 of log likelihood is a tenth of a standard deviation.
 _PRECISE = FitStage(slight=0.01, least_each=0.007)
 
@@ -60,6 +60,6 @@ def to_the_end(name: str, end: FitStage) -> Policy:
     return Policy(name, UNSURE, replace(end, exact_end=False), end)
 
 
-NEAR = Policy("near", _NEARLY, UNSURE)
+ROUGH = Policy("rough", _ROUGH_STAGE, UNSURE)
 AT_REST = Policy("at rest", UNSURE, UNSURE)  # a column costs little, but motions go on from there
 END = to_the_end("to its end", _PRECISE)

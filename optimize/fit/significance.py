@@ -85,8 +85,8 @@ def alike(sensitivity: Array, vector: FitVector, label: str, others: Iterable[st
     ]
 
 
-def does(left: Array, columns: Indices, change: Array, size: float) -> bool:
+def does(products: Array, columns: Indices, change: Array, size: float) -> bool:
     """Return whether unknowns `columns` can do what a change does whose products with all unknowns are `change` (p,),
-    and with itself `size`. left: (p, p), products of the unknowns."""
-    inverse = np.linalg.pinv(left[np.ix_(columns, columns)], rcond=1e-9, hermitian=True)
+    and with itself `size`. products: (p, p), products of the unknowns."""
+    inverse = np.linalg.pinv(products[np.ix_(columns, columns)], rcond=1e-9, hermitian=True)
     return bool(change[columns] @ inverse @ change[columns] > ALIKE**2 * size > 0)

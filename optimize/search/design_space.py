@@ -40,7 +40,7 @@ class DesignSpace:
 
     @property
     def dimension(self) -> int:
-        """n: positions first, muscle by muscle and corner by corner, then pressures pose by pose."""
+        """Return n: positions first, muscle by muscle and corner by corner, then pressures pose by pose."""
         return self.position_count + self.start_pressures.size * self.vary_pressures
 
     @property
@@ -53,22 +53,22 @@ class DesignSpace:
 
     @property
     def size(self) -> Vector:
-        """(2,) m, of the cloth."""
+        """Return (2,) m, of the cloth."""
         return np.array([self.design.fabric.width, self.design.fabric.height])
 
     @property
     def step(self) -> Vector:
-        """(n,) finite-difference steps."""
+        """Return (n,) finite-difference steps."""
         return self._by_kind(POSITION_STEP, PRESSURE_STEP)
 
     @property
     def reach(self) -> Vector:
-        """(n,) half widths of a trust region of radius 1."""
+        """Return (n,) half widths of a trust region of radius 1."""
         return self._by_kind(POSITION_REACH, PRESSURE_REACH)
 
     @property
     def units(self) -> Vector:
-        """(n,) m of positions and Pa of pressures that a variable from 0 to 1 is."""
+        """Return (n,) m of positions and Pa of pressures that a variable from 0 to 1 is."""
         _, span = self._position_range()
         lowest, highest = self.limits.pressure
         pressures = self.dimension - self.position_count
@@ -134,7 +134,7 @@ class DesignSpace:
 
     @property
     def limited(self) -> int:
-        """How many variables, from the first on, `margins` depend on."""
+        """Return how many variables, from the first on, `margins` depend on."""
         return self.position_count if self.limits.air is None else self.dimension
 
     def _airs(self, design: Design, shares: Vector) -> Vector:

@@ -19,7 +19,7 @@ from optimize.search.slopes import Slopes, jacobians_for, slopes_of
 Point = tuple[int, Vector]  # the number of the start, for its space, and the vector
 
 BATCH = 32  # designs a forward call: four times the simulator's lanes
-NEAR = 0.02  # of the best value: so near is as near
+MARGIN = 0.02  # of the best value: so near is as near
 FINALISTS = 3
 SLOPES = ", slopes"  # what a stage's entries are called that serve derivatives alone
 PENALTY = 1.0  # m, for a diverged design, or twice the worst seen: worse than all others, and finite
@@ -98,7 +98,7 @@ class Evaluations:
         self.stage = "start"  # under way
         self.message = ""  # for people, once there is something to tell
         self.objective, self._at_rest = objective, objective.at_rest
-        self._on_progress, self.near = on_progress, NEAR
+        self._on_progress, self.margin = on_progress, MARGIN
         self.seconds, self._most = seconds, evaluations
         self.limit = seconds
         self._began = working_time.seconds() - history.seconds
@@ -107,7 +107,7 @@ class Evaluations:
 
     @property
     def elapsed(self) -> float:
-        """s spent, earlier sessions of this history included."""
+        """Return s spent, earlier sessions of this history included."""
         return working_time.seconds() - self._began
 
     @property
@@ -214,7 +214,7 @@ class Evaluations:
             self._noting = True
 
     def require_time(self, needed: float = 0.0) -> None:
-        """Raises Stop where less than `needed` s are left."""
+        """Raise Stop where less than `needed` s are left."""
         if self.elapsed + needed > self.seconds:
             part = f"the search's part, {self.seconds:g} of {self.limit:g} s,"
             what = part if self.seconds < self.limit else f"the limit of {self.limit:g} s"
@@ -280,13 +280,13 @@ class Evaluations:
             if known is None or rival.value < known.value:
                 self.rivals[rival.start] = rival
             if self.best is not None:
-                most = (1 + self.near) * self.best.value
+                most = (1 + self.margin) * self.best.value
                 self.rivals = {start: rival for start, rival in self.rivals.items() if rival.value <= most}
 
     @property
     def front(self) -> list[tuple[int, float]]:
-        """Numbers of muscles and the nearest value [m] of each on the last stage's model: those that come nearer than
-        all smaller numbers."""
+        """Return numbers of muscles and the nearest value [m] of each on the last stage's model: those that come nearer
+        than all smaller numbers."""
         front: list[tuple[int, float]] = []
         for count, value in sorted(self.by_count.items()):
             if not front or value < front[-1][1]:

@@ -79,11 +79,11 @@ create table if not exists answer (id integer primary key check (id = 0), evalua
 
     @property
     def worst(self) -> float:
-        """Largest objective [m] seen; 0 before the first."""
+        """Return the largest objective [m] seen; 0 before the first."""
         return float(self.rows("select max(objective) from evaluations")[0][0] or 0.0)
 
     def save(self, state: Any, seconds: float) -> None:
-        """Checkpoint: a state that JSON holds exactly."""
+        """Save a checkpoint: a state that JSON holds exactly."""
         row = (self.evaluations, seconds, json.dumps(state))
         with self.writing() as file:
             file.execute("insert or replace into checkpoint values (0, ?, ?, ?)", row)

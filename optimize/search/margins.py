@@ -113,7 +113,7 @@ class LinearContraction:
     muscles' fixed points stay where they are at the centre."""
 
     def __init__(self, design: Design, allowed: float, centre: Array, shape: Array, slopes: Array) -> None:
-        """shape (poses, 2 n n, 3) m at the centre (n,), slopes (n, poses, 2 n n, 3) m."""
+        """Keep the linear shape. shape: (poses, 2 n n, 3) m at the centre (n,), slopes (n, poses, 2 n n, 3) m."""
         self._intervals, self._allowed, self._centre = Intervals.of(design), allowed, centre
         self._chords, self._slopes = self._intervals.chords(shape), self._intervals.chords(slopes)
         self._muscles = range(len(design.muscles))

@@ -45,7 +45,7 @@ class Target:
     weighting: Weighting | None = None  # how much each place of the cloth counts
 
     def motion(self, pose: Array) -> RigidMotion:
-        """That brings a shape (2 n, 3) m onto it where it is free."""
+        """Return the motion that brings a shape (2 n, 3) m onto it where it is free."""
         return onto(half_of(pose, self.face), self.points, one_way=self.markers)
 
 
@@ -70,7 +70,7 @@ class Objective:
 
     @property
     def shares(self) -> Array:
-        """(poses,) of the targets in the mean; they sum to 1."""
+        """Return (poses,) of the targets in the mean; they sum to 1."""
         weights = np.array(self.weights or [1.0] * len(self.targets))
         return np.asarray(weights / weights.sum())
 
@@ -120,12 +120,13 @@ class Objective:
 
     @property
     def thin(self) -> int:
-        """Stride through a shape's points that `gradient` can do with."""
-        whole = any(t.markers or t.landmarks is not None or t.weighting is not None for t in self.targets)
-        return THIN if self.measure == "chamfer" and not whole else 1
+        """Return the stride through a shape's points that `gradient` can do with."""
+        every_point = any(t.markers or t.landmarks is not None or t.weighting is not None for t in self.targets)
+        return THIN if self.measure == "chamfer" and not every_point else 1
 
     def gradient(self, shape: Poses) -> tuple[float, Poses]:
-        """Value [m] against the thinned targets, and its derivative by each coordinate (nearest neighbours held)."""
+        """Return the value [m] against the thinned targets, and its derivative by each coordinate (nearest neighbours
+        held)."""
         gradients = [self._gradient(t, pose) for t, pose in zip(self.targets, shape, strict=True)]
         slopes = np.array([slope for _, slope in gradients])
         return float(self.shares @ [value for value, _ in gradients]), self.shares[:, None, None] * slopes

@@ -62,7 +62,7 @@ class AddedForce:
 
     @property
     def has_cloth_memory(self) -> bool:
-        """Whether `cloth` may write memory, so that it is asked once more where a step ends."""
+        """Return whether `cloth` may write memory, so that it is asked once more where a step ends."""
         return self.has_cloth and any(plane.life == state.REMEMBERED for plane in self.planes)
 
     @property

@@ -96,7 +96,7 @@ def put(nb: ti.i32, index: ints(4), value: floats(4)):
 Ints = NDArray[np.int_]
 LAYERS = 2  # a node meets the nearest two: one before it, one behind
 STIFFNESS = 0.03  # of the membrane's, k / t^2 [N/m^3], of each layer's nodes against the other
-NEAR_CELLS, NEAR_THICKNESSES = 3, 3  # along the cloth: nearer is the same layer
+LAYER_CELLS, LAYER_THICKNESSES = 3, 3  # along the cloth: nearer is the same layer
 SLIP = 0.25  # thicknesses that a node may move before pairs are found anew
 
 
@@ -133,9 +133,9 @@ class ContactSheet:
         return cls(spacing, fabric.thickness, STIFFNESS * membrane / fabric.thickness**2)
 
     @property
-    def near(self) -> float:
-        """m along the cloth within which nodes belong to the same layer."""
-        return max(NEAR_CELLS * max(self.spacing), NEAR_THICKNESSES * self.thickness)
+    def layer_distance(self) -> float:
+        """Return m along the cloth within which nodes belong to the same layer."""
+        return max(LAYER_CELLS * max(self.spacing), LAYER_THICKNESSES * self.thickness)
 
 
 def find(x: Array, sheet: ContactSheet, cutoff: float, before: ContactPairs) -> ContactPairs:
@@ -206,7 +206,7 @@ def _candidates(x: Array, sheet: ContactSheet, cutoff: float) -> Ints:
 
 def _close(rows: Ints, columns: Ints, sheet: ContactSheet) -> NDArray[np.bool_]:
     """Return whether so many rows and columns apart is the same layer."""
-    return np.asarray(np.hypot(columns * sheet.spacing[0], rows * sheet.spacing[1]) <= sheet.near)
+    return np.asarray(np.hypot(columns * sheet.spacing[0], rows * sheet.spacing[1]) <= sheet.layer_distance)
 
 
 class Touching:
@@ -217,13 +217,13 @@ class Touching:
         self.packed = packed
         self.sheets, self.n = [ContactSheet.of(case, n) for case in cases], n
         self.pairs = [ContactPairs.none(n * n) for _ in cases]
-        self.found_at: list[Array | None] = [None] * len(cases)
+        self.paired_at: list[Array | None] = [None] * len(cases)
         self.last: list[Array | None] = [None] * len(cases)
         self.far = [0.0] * len(cases)  # m, from where on a pair cannot touch before pairs are found anew
         self.h: NDArray[np.floating[Any]] = np.ones(len(cases))  # s, the step that went before
 
     def refresh(self, blocks: int, h: NDArray[np.floating[Any]]) -> None:
-        """Before a step of h (lanes,) s."""
+        """Find pairs anew, where they have moved, before a step of h (lanes,) s."""
         n = self.n
         lanes = [self.packed.index(i) for i in range(len(self.sheets))]
         out = np.empty((blocks, LANES, n * n, 3), np.float32)
@@ -240,7 +240,7 @@ class Touching:
     def _refresh(self, index: int, x: Array, ratio: float) -> bool:
         """Find the pairs of one design in the shape x (n, n, 3) if it has moved; whether there were or are any.
         ratio: of the step to come to the one before."""
-        sheet, last, at = self.sheets[index], self.last[index], self.found_at[index]
+        sheet, last, at = self.sheets[index], self.last[index], self.paired_at[index]
         self.last[index] = x
         if not np.abs(x).max() < 10.0:  # diverged
             anew = bool(self.pairs[index].side.any())
@@ -253,9 +253,9 @@ class Touching:
             moved = float(np.linalg.norm(x - at, axis=-1).max())
             if moved + (0 if paired else step) < (SLIP * sheet.thickness if paired else slack / 2):
                 return False
-        cutoff = min(sheet.thickness + max(slack, 2.5 * step), 0.8 * sheet.near)
+        cutoff = min(sheet.thickness + max(slack, 2.5 * step), 0.8 * sheet.layer_distance)
         self.pairs[index] = find(x, sheet, cutoff, self.pairs[index])
-        self.found_at[index] = x
+        self.paired_at[index] = x
         self.far[index] = sheet.thickness + 2 * (SLIP * sheet.thickness + 1.25 * step)
         return paired or bool(self.pairs[index].side.any())
 

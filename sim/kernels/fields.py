@@ -139,8 +139,8 @@ class Following:
 def _make_fields(sizes: state.Sizes, blocks: int) -> None:
     """Make the fields that each lane has of its own."""
 
-    def field(size: int, *, vector: bool = False, whole: bool = False) -> Any:
-        return ti.Vector.field(WIDE if vector else LANES, ti.i32 if whole else ti.f32, shape=(blocks, size))
+    def field(size: int, *, vector: bool = False, integer: bool = False) -> Any:
+        return ti.Vector.field(WIDE if vector else LANES, ti.i32 if integer else ti.f32, shape=(blocks, size))
 
     for space, names, places in ((F, OF_NODES, sizes.nodes), (X, OF_POINTS, sizes.points)):
         for name in names:
@@ -149,7 +149,7 @@ def _make_fields(sizes: state.Sizes, blocks: int) -> None:
             setattr(F, name, field(total, vector=name.endswith("3")))
     F.lane, F.scheme = field(len(CONSTANTS)), field(len(ENTRIES))
     for array in state.ARRAYS:
-        setattr(F, array.name, field(array.size(sizes), vector=array.vector, whole=array.whole))
+        setattr(F, array.name, field(array.size(sizes), vector=array.vector, integer=array.integer))
     C.__dict__.update(_begins(state.COARSE_PARTS))
 
 
@@ -184,7 +184,7 @@ def allocate_tangent() -> None:
         T.node3 = planes(("d_tu", "d_tv", "d_n", "x"), F.nodes, WIDE)
         T.point3 = planes(("d_normal", "d_force"), F.points, WIDE)
         T.columns = ti.Vector.field(WIDE, ti.f32, shape=(F.blocks, SLOTS * F.nodes))
-        T.found = ti.Vector.field(LANES, ti.i32, shape=(F.blocks, SLOTS))  # what came of a column
+        T.outcome = ti.Vector.field(LANES, ti.i32, shape=(F.blocks, SLOTS))  # what came of a column
     finally:
         mark(T)
     T.start = F.node

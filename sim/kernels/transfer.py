@@ -91,10 +91,16 @@ def _place(name: str) -> tuple[str, int]:
 
 
 # fields of each lane by name; numbers, vectors and integers that can be put in, and those that a batch zeroes
-NUMBERS = ("node", "point", "lane", "reduce", *(a.name for a in state.ARRAYS if a.life == state.LOADED and not a.whole))
+NUMBERS = (
+    "node",
+    "point",
+    "lane",
+    "reduce",
+    *(a.name for a in state.ARRAYS if a.life == state.LOADED and not a.integer),
+)
 VECTORS = ("node3",)
-WHOLE = tuple(a.name for a in state.ARRAYS if a.life == state.LOADED and a.whole)
-FIELDS = (*NUMBERS, *VECTORS, *WHOLE)
+INTEGERS = tuple(a.name for a in state.ARRAYS if a.life == state.LOADED and a.integer)
+FIELDS = (*NUMBERS, *VECTORS, *INTEGERS)
 OTHERS = tuple(a for a in state.ARRAYS if a.life not in (state.LOADED, state.SCRATCH))
 ZEROED = ("node", "point", *(a.name for a in OTHERS if not a.vector))
 ZEROED3 = ("node3", "point3", *(a.name for a in OTHERS if a.vector))
@@ -102,7 +108,7 @@ ZEROED3 = ("node3", "point3", *(a.name for a in OTHERS if a.vector))
 
 @Timed
 @ti.kernel
-def _put(nb: ti.i32, anew: ti.i32, spans: ints(2), numbers: floats(3), vectors: floats(3), whole: ints(3)):
+def _put(nb: ti.i32, anew: ti.i32, spans: ints(2), numbers: floats(3), vectors: floats(3), integers: ints(3)):
     """spans (n, 4): field, its first entry, the first entry of the values, how many."""
     ti.loop_config(serialize=True)
     for b in range(nb):
@@ -117,8 +123,8 @@ def _put(nb: ti.i32, anew: ti.i32, spans: ints(2), numbers: floats(3), vectors: 
                 copy(b, ti.static(FIELDS.index(name)), ti.static(getattr(F, name)), s, spans, numbers, LANES)
             for name in ti.static(VECTORS):
                 copy(b, ti.static(FIELDS.index(name)), ti.static(getattr(F, name)), s, spans, vectors, WIDE)
-            for name in ti.static(WHOLE):
-                copy(b, ti.static(FIELDS.index(name)), ti.static(getattr(F, name)), s, spans, whole, LANES)
+            for name in ti.static(INTEGERS):
+                copy(b, ti.static(FIELDS.index(name)), ti.static(getattr(F, name)), s, spans, integers, LANES)
 
 
 def take(blocks: int, names: Sequence[str]) -> Values:

@@ -106,7 +106,7 @@ def tables(across: Modes, down: Array, eigen_down: Array) -> tuple[NDArray[np.fl
         (u_slope, w_mean), (u_mean, w_mean), (u, w), (w_mean, w_mean), (w, w), (u_mean, u_slope),
         (v, v), (v_slope, v_mean), (v_mean, v_mean),
     )  # fmt: skip
-    shared = [np.einsum("sk,sl->kls", left[nodes], right[nodes]) for left, right in pairs]
+    shared = [np.einsum("sk,sl->kls", one[nodes], other[nodes]) for one, other in pairs]
     second = np.diff(v, n=2, axis=0)
     shared += [eigen_down[rows], second.T @ second, np.outer(v[1], v[1]), np.pad(v, ((0, -n % 4), (0, 0)))]
     numbers = np.concatenate([np.ravel(a) for a in shared]).astype(np.float32)

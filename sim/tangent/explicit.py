@@ -45,7 +45,7 @@ class LaidCase:
 
     @cached_property
     def mass(self) -> Array:
-        """(n n,) kg"""
+        """Return (n n,) kg"""
         return masses(self.specimen, self.n)
 
     @cached_property
@@ -124,7 +124,7 @@ class Explicit:
 
     @cached_property
     def _scale(self) -> Array:
-        """(lanes, constants): against which changes of a constant are large."""
+        """Return (lanes, constants) against which changes of a constant are large."""
         scale = np.abs([lane.constants for lane in self._lanes])
         scale[:, [M.CURVED1, M.CURVED2, M.CURVED12]] += CURVED
         scale[:, [M.GX, M.GY, M.GZ]] += 1.0

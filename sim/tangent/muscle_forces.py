@@ -120,11 +120,11 @@ def _pulls(pulls: Sequence[Pull], at: Array, of: NDArray[np.int_], points: Array
     rest = np.linalg.norm(at[begin + 1] - at[begin], axis=1)
     apart = points[begin + 1] - points[begin]
     length = np.linalg.norm(apart, axis=1)
-    whole = np.bincount(of, rest, len(pulls))
-    through = np.cumsum(rest) - rest / 2 - (np.cumsum(whole) - whole)[of]  # to the interval's middle
+    rest_lengths = np.bincount(of, rest, len(pulls))
+    through = np.cumsum(rest) - rest / 2 - (np.cumsum(rest_lengths) - rest_lengths)[of]  # to the interval's middle
     pressure, gain, loss = np.array([(p.strand.pressure, p.strand.gain, p.strand.loss) for p in pulls])[of].T
     tension = _tensions(
-        [pull.strand.type.bench for pull in pulls], of, pressure * (1 - loss * through / whole[of]), gain,
+        [pull.strand.type.bench for pull in pulls], of, pressure * (1 - loss * through / rest_lengths[of]), gain,
         1 - length / rest,
     )  # fmt: skip
     pull = (tension / length)[:, None] * apart

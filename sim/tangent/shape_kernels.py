@@ -36,7 +36,7 @@ def apply_tangent(b, nu, nv, npt, support):
 @ti.func
 def conjugate_gradients(b, nu, nv, npt, support, slot, iterations, tolerance):
     """T.x += the solution of -tangent x = F.r, until the preconditioned residual is below `tolerance` times that. What
-    came of it to T.found at `slot`; a lane whose tangent is not positive definite stops."""
+    came of it to T.outcome at `slot`; a lane whose tangent is not positive definite stops."""
     count = (nu + 2) * (nv + 2)
     k = 0
     while k < count:
@@ -69,10 +69,10 @@ def conjugate_gradients(b, nu, nv, npt, support, slot, iterations, tolerance):
             F.reduce[b, 1][lane] = beta
             F.reduce[b, RZ][lane] = rz
             if F.reduce[b, ACTIVE][lane] > 0:
-                T.found[b, slot][lane] = UNSOLVED
+                T.outcome[b, slot][lane] = UNSOLVED
                 if small or not rz > 0:
                     F.reduce[b, ACTIVE][lane] = 0.0
-                    T.found[b, slot][lane] = SOLVED if small else INDEFINITE
+                    T.outcome[b, slot][lane] = SOLVED if small else INDEFINITE
                 else:
                     going += 1
             lane = F.after[lane]
@@ -108,7 +108,7 @@ def advance(b, nu, nv, npt, support, slot):
             if F.reduce[b, 2][lane] > 0:
                 alpha = F.reduce[b, RZ][lane] / F.reduce[b, 2][lane]
             else:
-                T.found[b, slot][lane] = INDEFINITE
+                T.outcome[b, slot][lane] = INDEFINITE
                 F.reduce[b, ACTIVE][lane] = 0.0
         F.reduce[b, 3][lane] = alpha
         lane = F.after[lane]
@@ -215,7 +215,7 @@ def _solve_kernel(
     settles: ti.i32, turns: ti.i32, iterations: ti.i32, tolerance: ti.f32, stiffened: ti.f32,
     pressure: floats(3),
 ):  # fmt: skip
-    """Linear solves with the tangent at F.q, `turns` one after another; what came of them to T.found.
+    """Linear solves with the tangent at F.q, `turns` one after another; what came of them to T.outcome.
 
     settles = 1: Newton steps of F.q to where the forces balance, before which the preconditioner is built, with
     `stiffened` 1/s^2 times the mass in it. settles = 0: T.columns, the right sides, become solutions.
@@ -281,13 +281,13 @@ def read_columns(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, out: floats(
 
 @Timed
 @ti.kernel
-def read_found(nb: ti.i32, slots: ti.i32, out: ints(3)):
+def read_outcomes(nb: ti.i32, slots: ti.i32, out: ints(3)):
     """out (nb, slots, LANES): what came of the last solves."""
     ti.loop_config(serialize=True)
     for b in range(nb):
         for slot in range(slots):
             for lane in range(LANES):
-                out[b, slot, lane] = T.found[b, slot][lane]
+                out[b, slot, lane] = T.outcome[b, slot][lane]
 
 
 solve_columns = Timed(_solve_kernel, "derivatives")

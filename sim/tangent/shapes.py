@@ -16,7 +16,7 @@ from sim.kernels.transfer import put
 from sim.motion import faces
 from sim.schedule import Batch
 from sim.tangent.explicit import Explicit
-from sim.tangent.shape_kernels import SOLVED, explicit, read_columns, read_found, solve_columns, still, write_columns
+from sim.tangent.shape_kernels import SOLVED, explicit, read_columns, read_outcomes, solve_columns, still, write_columns
 
 ITERATIONS = 100  # at most, of a solve: some 25 are usual
 TOLERANCE = 1e-4  # of the preconditioned residual to the solution: soft modes then lack up to 1e-2 of a column
@@ -89,7 +89,7 @@ def _solve(batch: Batch, host: Explicit, settles: bool, turns: int) -> NDArray[n
         STIFFENED, host.pressure,
     )  # fmt: skip
     iterations = np.empty((batch.blocks, turns, LANES), np.int32)
-    read_found(batch.blocks, turns, iterations)
+    read_outcomes(batch.blocks, turns, iterations)
     return iterations.swapaxes(1, 2).reshape(-1, turns)
 
 

@@ -53,7 +53,8 @@ class StaticCurve(Law):
 
     @staticmethod
     def fit(records: Sequence[BenchRecord]) -> "StaticCurve":
-        """Raises InputError for fewer than two pressures and for levels that do not rise with pressure."""
+        """Return the fitted law. Raises InputError for fewer than two pressures and for levels that do not rise with
+        pressure."""
         holds = tuple(sorted((hold_of(record) for record in records), key=lambda hold: hold.pressure))
         pressures = np.unique([hold.pressure for hold in holds if hold.pressure > 0])
         if len(pressures) < 2:
@@ -111,7 +112,7 @@ class StaticCurve(Law):
 
     @property
     def creep_per_decade(self) -> float:
-        """Share of the level by which it grows in ten times the time, mean over the holds."""
+        """Return the share of the level by which it grows in ten times the time, mean over the holds."""
         return float(np.mean([hold.creep / hold.level for hold in self.holds]))
 
 

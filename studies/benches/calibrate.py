@@ -19,7 +19,7 @@ from fabdesign.runtime.effort import bench_fit_seconds, in_words
 from optimize.fit.parameters import FitVector
 from studies.benches.evaluate import errors_of
 from studies.benches.law import Law, rms
-from studies.benches.muscle import BenchMuscle, only_speed, rows_of, travels
+from studies.benches.muscle import REFITS, BenchMuscle, only_speed, rows_of, travels
 from studies.benches.muscle_effects import FittedEffects, bench_vector, fit_effects
 from studies.benches.records import LAWS, LEAST_SHOWN, BenchNoise, for_people, noise_of, require_columns, shown, unit_of
 
@@ -106,7 +106,7 @@ def calibrate_bench(
     left_out = []
     for i, tell in enumerate(later):
         others = chosen[:i] + chosen[i + 1 :]
-        left_out.append(_error(bench, _fit(bench, others, vector, tell, intervals=False)[0], [chosen[i]]))
+        left_out.append(_error(bench, _fit(bench, others, vector, tell, refits=0)[0], [chosen[i]]))
     return BenchCalibration(
         bench=bench,
         law=law,
@@ -123,7 +123,7 @@ def calibrate_bench(
 
 
 def errors_in_words(calibration: BenchCalibration) -> str:
-    """Root mean squares for people: of the fit, of records left out of it, of those of role test."""
+    """Return the root mean squares for people: of the fit, of records left out of it, of those of role test."""
     lines = [
         ("on the fit", calibration.error_fit),
         ("on records left out of it", calibration.error_left_out),
@@ -193,14 +193,12 @@ def _fit(
     records: Sequence[BenchRecord],
     vector: FitVector | None,
     tell: Callable[[float], None],
-    *,
-    intervals: bool = True,
+    refits: int = REFITS,
 ) -> tuple[Law, tuple[EffectTerm, ...]]:
     tell(0.0)
     if bench.specimen == "muscle":
         fitted = FittedEffects() if vector is None else fit_effects(partial(rows_of, records), vector, tell)
-        options: dict[str, Any] = {} if intervals else {"refits": 0}
-        return BenchMuscle.fit(records, terms=fitted.terms, **options), fitted.effects
+        return BenchMuscle.fit(records, terms=fitted.terms, refits=refits), fitted.effects
     return LAWS[bench.specimen].fit(records), ()
 
 

@@ -50,7 +50,8 @@ class CylinderLaw(Law):
 
     @staticmethod
     def fit(records: Sequence[BenchRecord]) -> "CylinderLaw":
-        """Least squares in the form and presliding distance that predict left-out records best, among these alone.
+        """Fit by least squares in the form and presliding distance that predict left-out records best, among these
+        alone.
 
         Raises InputError for fewer than two records.
         """
@@ -101,7 +102,7 @@ class CylinderLaw(Law):
         return _prediction(law.terms, law.columns["coefficient_n"], law.presliding or 1.0)
 
     def predict(self, record: BenchRecord) -> Array:
-        """N at every row of a record, in its order."""
+        """Return N at every row of a record, in its order."""
         return terms_of(record, self.terms, self.presliding) @ self.coefficients
 
 

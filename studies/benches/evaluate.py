@@ -19,6 +19,7 @@ from fabdesign.formats.toml_file import parse_toml
 from fabdesign.geometry.metrics import Statistics
 from fabdesign.nouns.bench import Bench, BenchRecord
 from fabdesign.nouns.muscle_law import law_of
+from fabdesign.nouns.trial import Role
 from studies.benches.law import Predict, rms
 from studies.benches.muscle import of_type
 from studies.benches.records import LAWS, LEAST_SHOWN, BenchNoise, for_people, noise_of, require_columns, unit_of
@@ -110,7 +111,7 @@ class BenchEvaluation(Tabled):
         }
 
     def as_markdown(self) -> str:
-        """Tables for people, in N or mm."""
+        """Return tables for people, in N or mm."""
         factor, unit = for_people(self.unit)
 
         def shown(value: float) -> str:
@@ -130,9 +131,9 @@ class BenchEvaluation(Tabled):
         return "\n".join([*lines, *(["", f"{self.bench.name}: {origin}"] if origin else [])])
 
 
-def evaluate_bench(path: Path, law: Path, *, all_records: bool = False) -> BenchEvaluation:
-    """Errors on the records of role `test`, with `all_records` on those of role `fit` too, in a table of their own, of
-    the law in the file `law`, which `calibrate` wrote. Raises InputError, also where there is no such record."""
+def evaluate_bench(path: Path, law: Path, roles: Sequence[Role] = ("test",)) -> BenchEvaluation:
+    """Return the errors on the records of these roles, those of each in a table of their own, of the law in the file
+    `law`, which `calibrate` wrote. Raises InputError, also where there is no such record."""
     bench = read_bench(path)
     require_columns(bench, bench.records)
     predict = prediction(law, bench)
@@ -140,8 +141,8 @@ def evaluate_bench(path: Path, law: Path, *, all_records: bool = False) -> Bench
     def errors(records: Sequence[BenchRecord]) -> dict[str, RecordErrors]:
         return dict(zip((r.name for r in records), errors_of(predict, bench, records), strict=True))
 
-    tests = bench.of_role("test")
-    others = errors(bench.of_role("fit") if all_records else [])
+    tests, fitted = (bench.of_role(role) if role in roles else [] for role in ("test", "fit"))
+    others = errors(fitted)
     if not tests and not others:
         raise InputError(f"{bench.file}: no record of role test; expected one, or --all for those of role fit")
     return BenchEvaluation(bench, unit_of(bench), noise_of(bench), errors(tests), others)

@@ -38,7 +38,8 @@ class Rows:
 
 
 def rows_of(records: Sequence[BenchRecord], terms: Sequence[Term] = ()) -> Rows:
-    """Raises InputError where a record lacks pressure, contraction or force, or time where effects want it."""
+    """Return the rows of records. Raises InputError where one lacks pressure, contraction or force, or time where
+    effects want it."""
     parts: list[Rows] = []
     for i, record in enumerate(records):
         columns = record.columns
@@ -82,7 +83,7 @@ def motion_columns(rate: Array, *, friction: bool = True) -> Array:
     return np.stack([rate, sign if friction else np.zeros(len(rate))], axis=1)
 
 
-_REFITS = 20  # of the block bootstrap
+REFITS = 20  # of the block bootstrap
 _ROUNDS = 3  # law and rates in turn
 _CELLS = (12, 24)  # of pressure and contraction, that a time series is averaged over before the law is fitted
 _PRESSURES, _CONTRACTIONS = 9, 16  # of the table in a file
@@ -109,7 +110,7 @@ class BenchMuscle(Law):
 
     @staticmethod
     def fit(
-        records: Sequence[BenchRecord], *, terms: tuple[Term, ...] = (), refits: int = _REFITS, seed: int = 0
+        records: Sequence[BenchRecord], *, terms: tuple[Term, ...] = (), refits: int = REFITS, seed: int = 0
     ) -> "BenchMuscle":
         """Return the law and what damps. terms: effects that are held. Raises InputError where a record lacks pressure,
         contraction or force, or where all have too few rows."""
@@ -137,7 +138,7 @@ class BenchMuscle(Law):
         )
 
     def interval90(self, pressure_pa: ArrayLike, contraction: ArrayLike) -> tuple[Array, Array]:
-        """N, of the law."""
+        """Return N, of the law."""
         forces = [refit.tension(pressure_pa, contraction) for refit in self.refits]
         low, high = np.quantile(forces, (0.05, 0.95), axis=0)
         return low, high
@@ -157,7 +158,7 @@ class BenchMuscle(Law):
         return of_type(law_of(self.table()), self.viscosity, [term for term in self.terms if travels(term)])
 
     def predict(self, record: BenchRecord) -> Array:
-        """N at every row of a record, from its pressure, contraction and time."""
+        """Return N at every row of a record, from its pressure, contraction and time."""
         rows = rows_of([record], self.terms)
         force = self.law.tension(rows.pressure, rows.contraction) - rows.friction
         if self.viscosity is None:
@@ -209,7 +210,7 @@ def _fitted(rows: Rows, constants: Array, rounds: int, *, friction: bool = True)
 
 
 def _averaged(rows: Rows, force: Array) -> BenchTable:
-    """Means over cells of pressure and contraction, stretch and contraction apart; few rows stay as they are."""
+    """Return means over cells of pressure and contraction, stretch and contraction apart; few rows stay as they are."""
     columns = [rows.pressure, rows.contraction, force]
     if len(force) > _CELLS[0] * _CELLS[1]:
         places = [

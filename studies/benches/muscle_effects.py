@@ -61,7 +61,7 @@ def fit_effects(
     spans, acting = _Spans.of(plain), {term.name for term in vector.terms}
 
     def unexplained(x: Array) -> Array:
-        return spans.left(rows_of(vector.terms_at(vector.inside(x))), acting)
+        return spans.unexplained(rows_of(vector.terms_at(vector.inside(x))), acting)
 
     problem = BenchProblem(unexplained, np.zeros_like(plain.block), plain.block, vector)
     fitted = fit(problem, progress=lambda _, share: tell(share))
@@ -85,7 +85,7 @@ class _Spans:
         start, end = min(float(rows.contraction.min()), 0.0), max(float(rows.contraction.max()), 0.0)
         return _Spans(float(rows.pressure.max()) / _SPANS[0], start, (end - start) / _SPANS[1])
 
-    def left(self, rows: Rows, acting: Collection[str]) -> Array:
+    def unexplained(self, rows: Rows, acting: Collection[str]) -> Array:
         """Return (n,) N that law and damping do not explain; no damping that one of the effects `acting` is by
         itself."""
         p = design_matrix(rows.pressure / self.pressure, _SPANS[0] + 3)

@@ -39,7 +39,7 @@ class StripLaw(Law):
 
     @staticmethod
     def fit(records: Sequence[BenchRecord], *, recency: float = RECENCY) -> "StripLaw":
-        """Least squares over records in the order of testing; `recency`: weight of one over that of the next.
+        """Fit by least squares over records in the order of testing; `recency`: weight of one over that of the next.
 
         Raises InputError below eight rows in a record.
         """
@@ -55,7 +55,7 @@ class StripLaw(Law):
         return replace(law, spread=np.std(alone, axis=0, ddof=1)) if len(records) > 1 else law
 
     def force(self, stretch: ArrayLike) -> Array:
-        """N over stretch, l / l0."""
+        """Return N over stretch, l / l0."""
         return self._at(np.asarray(stretch, dtype=float) - 1)
 
     def _at(self, strain: Array) -> Array:
@@ -83,7 +83,7 @@ class StripLaw(Law):
         return of_strip(law.columns["strain"], law.columns["force_n"])
 
     def interval90(self, stretch: ArrayLike) -> tuple[Array, Array]:
-        """N, where another record would lie in 9 of 10 cases, by how the fitted ones differ (Student's t)."""
+        """Return N, where another record would lie in 9 of 10 cases, by how the fitted ones differ (Student's t)."""
         from scipy.stats import t
 
         n = max(self.records, 2)
@@ -93,13 +93,13 @@ class StripLaw(Law):
         return force - half, force + half
 
     def samples(self) -> tuple[Array, Array]:
-        """Strain from 0 on and force [N] above that at 0, both rising."""
+        """Return the strain from 0 on and force [N] above that at 0, both rising."""
         strain = np.linspace(0, self.start + _SPANS * self.step, _SAMPLES)
         force = self.force(1 + strain)
         return strain, force - force[0]
 
     def membrane_curve(self, width: float, *, across: bool = True, down: bool = True) -> MembraneCurve:
-        """Tension per width [N/m] of a strip of this width [m], for the directions asked for."""
+        """Return tension per width [N/m] of a strip of this width [m], for the directions asked for."""
         strain, force = self.samples()
         empty: tuple[float, ...] = ()
         pairs = [
@@ -131,7 +131,7 @@ def _fitted(records: Sequence[BenchRecord], recency: float) -> StripLaw:
 
 
 def _j_shaped(x: Array, force: Array, weight: Array) -> Array:
-    """Coefficients of a rising convex P-spline through (x in spans, force)."""
+    """Return coefficients of a rising convex P-spline through (x in spans, force)."""
     count = _SPANS + 3
     scale = np.abs(force).max() or 1.0
     bend = np.diff(np.eye(count), 2, axis=0)

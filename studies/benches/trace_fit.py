@@ -125,6 +125,7 @@ def _softening(trials: float) -> Callable[[Signals], Mapping[str, Array]]:
 
 
 _WIDE = 3.0  # prior deviation of a strength, times the one that moves the records as much as all that the law leaves
+Bound = Callable[[str], float]  # the least of a strength by its name, EFFECT.PARAMETER
 _AT_LIMIT = 1e-6  # of the prior's deviation
 _ROUNDS = 3  # of the search for shapes
 
@@ -162,12 +163,12 @@ class BenchTask(Refits):
         keys = [(shape.effect, shape.values) for shape in self.shapes]
         return [keys.index((term.name, term.values)) for term in fit.vector.terms]
 
-    def fit(self, places: Sequence[int] = (), *, any_sign: bool = False) -> Judged:
+    def fit(self, places: Sequence[int] = (), bound: Bound | None = None) -> Judged:
         """Return the effects at these shapes, together, from off. Residuals are linear in these, so the second step is
-        the last. any_sign: without bounds."""
+        the last. bound: by default `lowest`."""
         strengths = [(self.shapes[k], key, column) for k in places for key, column in self.tables[k].items()]
         columns = np.reshape([column for *_, column in strengths], (-1, len(self.record))).T
-        parameters = tuple(self._strength(*strength, any_sign) for strength in strengths)
+        parameters = tuple(self._strength(*strength, bound or lowest) for strength in strengths)
         vector = FitVector(parameters, (), tuple(Term(self.shapes[k].effect, self.shapes[k].values) for k in places))
         problem = BenchProblem(lambda x: self.residual + columns @ x, self.record, self.record, vector)
         x, before = vector.start, rms(self.residual)
@@ -177,17 +178,17 @@ class BenchTask(Refits):
             x = fitted.minimum
         return self.judged(fitted)
 
-    def _strength(self, shape: ShapedEffect, key: str, column: Array, any_sign: bool) -> FitParameter:
+    def _strength(self, shape: ShapedEffect, key: str, column: Array, bound: Bound) -> FitParameter:
         size = np.sqrt(np.mean(self.residual**2) / max(float(np.mean(column**2)), 1e-30))
-        bounds = -np.inf if any_sign else lowest(f"{shape.effect}.{key}"), np.inf
+        bounds = bound(f"{shape.effect}.{key}"), np.inf
         return FitParameter(f"{shape.effect}.{key}", _WIDE * float(size), 0.0, "linear", shape.units[key], bounds)
 
-    def deviation(self, joint: Fit, *, any_sign: bool = False) -> Array:
+    def deviation(self, joint: Fit, bound: Bound | None = None) -> Array:
         """Return (p,) of the unknowns, by their covariance and by how far leaving out each record moves them
         (jackknife): its rows share the law's error."""
         records = np.unique(self.record)
         places = self.places(joint)
-        alone = np.array([self._without(k).fit(places, any_sign=any_sign).fit.x for k in records])
+        alone = np.array([self._without(k).fit(places, bound).fit.x for k in records])
         return np.asarray(np.sqrt(np.diag(joint.covariance) + (len(records) - 1) * alone.var(axis=0)))
 
     def _without(self, record: int) -> "BenchTask":
@@ -195,17 +196,17 @@ class BenchTask(Refits):
         tables = [{key: column[kept] for key, column in table.items()} for table in self.tables]
         return replace(self, tables=tables, residual=self.residual[kept], record=self.record[kept])
 
-    def shaped(self, effects: Sequence[str], beside: Sequence[int] = (), *, any_sign: bool = False) -> Judged:
+    def shaped(self, effects: Sequence[str], beside: Sequence[int] = (), bound: Bound | None = None) -> Judged:
         """Return each effect at the shape that leaves least of records left out, the others being at theirs; beside:
         shapes that stay."""
         places_of = {effect: [k for k, shape in enumerate(self.shapes) if shape.effect == effect] for effect in effects}
         chosen = {effect: places[0] for effect, places in places_of.items()}
-        best = self.fit([*beside, *chosen.values()], any_sign=any_sign)
+        best = self.fit([*beside, *chosen.values()], bound)
         for _ in range(_ROUNDS):
             before = dict(chosen)
             for effect, places in places_of.items():
                 for place in places if len(places) > 1 else ():
-                    tried = self.fit([*beside, *(chosen | {effect: place}).values()], any_sign=any_sign)
+                    tried = self.fit([*beside, *(chosen | {effect: place}).values()], bound)
                     if tried.scored.squares.sum() < best.scored.squares.sum():
                         best, chosen = tried, chosen | {effect: place}
             if chosen == before:
@@ -218,6 +219,11 @@ def lowest(name: str) -> float:
     effect, _, key = name.partition(".")
     declared = EFFECTS[effect].parameters.get(key)
     return -np.inf if declared is not None and declared.bounds[0] < 0 else 0.0
+
+
+def either_sign(name: str) -> float:
+    """Return no bound of a strength."""
+    return -np.inf
 
 
 def select(task: BenchTask) -> Judged:
@@ -253,7 +259,7 @@ def candidates_of(task: BenchTask) -> tuple[BenchCandidate, ...]:
     rows = []
     before = task.fit().excess
     for effect in task.effects:
-        alone = task.shaped([effect], any_sign=True)
+        alone = task.shaped([effect], bound=either_sign)
         gain, interval = alone.gains_without(())[effect]
         takes = interval[0] > 0 and alone.excess <= (1 - STRUCTURE) * before
         rows.append(BenchCandidate(effect, gain, interval, alone.scored.rms(), takes and _wrong_sign(task, alone)))
@@ -262,12 +268,12 @@ def candidates_of(task: BenchTask) -> tuple[BenchCandidate, ...]:
 
 def _wrong_sign(task: BenchTask, alone: Judged) -> bool:
     """Return whether a strength is less than it can be for certain."""
-    most = alone.fit.x + QUANTILE * task.deviation(alone.fit, any_sign=True)
+    most = alone.fit.x + QUANTILE * task.deviation(alone.fit, either_sign)
     return any(m < lowest(name) for m, name in zip(most.tolist(), alone.fit.vector.names, strict=True))
 
 
 def alike(task: BenchTask, chosen: Judged) -> tuple[str, ...]:
-    """Effects that in the place of one of those chosen do as well, as far as records left out can say."""
+    """Return effects that in the place of one of those chosen do as well, as far as records left out can say."""
     names, places = [], task.places(chosen.fit)
     for place in places:
         others = [k for k in places if k != place]

@@ -58,7 +58,7 @@ class BenchOutcome(Tabled):
 
     @property
     def shares(self) -> dict[str, float]:
-        """The share of the gap that each effect closes; of several, by what its absence costs."""
+        """Return the share of the gap that each effect closes; of several, by what its absence costs."""
         return shared_out(self.evidence, self.gains)
 
     def columns(self) -> Columns:

@@ -76,12 +76,12 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
     second(f"{len(task.effects)} effects together on {len(records)} records", 0.0)
     none, chosen = task.fit(), select(task)
     refitted = _with_law(sampled, task, chosen, partial(third, "law and effects in turn"))
-    left = refitted.fit.state.misfit.residual
+    remaining = refitted.fit.state.misfit.residual
     box = sampled.baseline(residual)
-    beside = sampled.baseline(left) if chosen.parts else box
+    beside = sampled.baseline(remaining) if chosen.parts else box
     evidence = Evidence(
         none.excess, refitted.excess, len(chosen.fit.vector.labels), box.excess(floor),
-        left=1 - float(beside.squares.sum() / np.square(left).sum()), typical=none.scored.typical(floor),
+        structure=1 - float(beside.squares.sum() / np.square(remaining).sum()), typical=none.scored.typical(floor),
     )  # fmt: skip
     return BenchOutcome(
         bench=bench,
@@ -94,9 +94,9 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
         effects=_effects(task, refitted),
         gains={label: gain for label, (gain, _) in chosen.gains.items()},
         indistinguishable=alike(task, chosen),
-        fit=(rms(residual), rms(left)),
+        fit=(rms(residual), rms(remaining)),
         test=_tested(bench, [shapes[k] for k in task.places(chosen.fit)], refitted.fit.x),
-        curves=sampled.curves(residual, left),
+        curves=sampled.curves(residual, remaining),
     )
 
 
@@ -142,7 +142,7 @@ class _Sampled:
 
     @cached_property
     def record(self) -> Indices:
-        """(N,) of which record each row is."""
+        """Return (N,) of which record each row is."""
         return np.repeat(np.arange(len(self.rows)), [len(k) for k in self.rows])
 
     def residual(self, laws: Sequence[Array]) -> Array:
@@ -171,8 +171,8 @@ class _Sampled:
         kernels, wanted = [kernel_of(features, width) for width in WIDTHS], residual[some][:, None]
         squares = np.zeros(len(self.rows))
         for out in range(len(squares)):
-            left = wanted[record == out] - left_out(kernels, wanted, [np.array([True])], record, out)
-            squares[out] = float(np.mean(left**2)) * np.sum(self.record == out)
+            remaining = wanted[record == out] - left_out(kernels, wanted, [np.array([True])], record, out)
+            squares[out] = float(np.mean(remaining**2)) * np.sum(self.record == out)
         return Scored(squares, np.bincount(self.record).astype(np.float64))
 
     def curves(self, before: Array, after: Array) -> tuple[Curve, ...]:

@@ -16,11 +16,11 @@ from optimize.fit.clouds import Density, evenly
 from optimize.fit.descent import FitStart, Interrupted, Progress, silent
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import DECLARED, FitVector
-from optimize.fit.policy import NEAR, FitStage, Policy, to_the_end
+from optimize.fit.policy import ROUGH, FitStage, Policy, to_the_end
 from studies.calibration.result import Calibration, ambiguities
 from studies.calibration.trial_checks import implausible
 from studies.fitting.fits import Fits, fit_at_rest, with_shapes_at_rest
-from studies.fitting.fitted_model import EXCESS, far_factors, fitted_model, interval_warnings, with_engines
+from studies.fitting.fitted_model import EXCESS, doubted, far_factors, fitted_model, interval_warnings, with_engines
 from studies.fitting.joint_fit import joint_fit, joint_fit_from_rest
 from studies.intervals.calibrate import chosen as chosen_trials
 from studies.intervals.calibrate import with_spread
@@ -33,8 +33,8 @@ MOST_TRIALS = 48  # with effects, whose last fit takes 10 CPU s a trial; never m
 DRAWN = Density(until=1.5, frames=30, points=300)
 _MANY = 20  # unknowns, of which last steps gain less than the noise of their differences promises, at minutes each
 _CLOSE = FitStage(slight=0.01, least_each=0.1)  # of log likelihood: under half a standard deviation
-_FEW_UNKNOWNS = to_the_end("calibration", _CLOSE)
-_MANY_UNKNOWNS = replace(NEAR, finer=replace(NEAR.finer, least=0.0, least_share=0.0, least_each=_CLOSE.least_each))
+_UP_TO_MANY = to_the_end("calibration", _CLOSE)
+_MANY_UNKNOWNS = replace(ROUGH, finer=replace(ROUGH.finer, least=0.0, least_share=0.0, least_each=_CLOSE.least_each))
 _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
 
 
@@ -83,7 +83,7 @@ def calibrate_sets(
     sensed = Predictor(forward, sensing=True)
     slopes = slopes and Predictor(slopes, sensing=True)
     fits = Fits(sensed, EXCESS, slopes, checkpoint, lambda named, vector: progress, last=_last)
-    fitted, skipped = _fit(data, fits, vector, interruptible=options.interruptible), tuple(options.skipped)
+    fitted, skipped = _fit(data, fits, vector, options), tuple(options.skipped)
     if lines := {} if fitted.interrupted else implausible(fitted, data.samples, sensed):
         tolerance = Tolerance(options.skip_bad, [*skipped])
         for line in lines.values():
@@ -91,24 +91,25 @@ def calibrate_sets(
         data, skipped = data.without(lines), tuple(tolerance.skipped)
         if not data.samples:
             raise InputError(f"{', '.join(s.name for s in sets)}: no trial to fit is left; the first: {skipped[0]}")
-        fitted = _fit(data, fits, vector, interruptible=options.interruptible)
+        fitted = _fit(data, fits, vector, options)
     covariance = with_engines(fitted, options.engines)
     deviation = np.sqrt(np.diag(covariance))
     why = [*interval_warnings(fitted.after, fitted.outlying, data.noise), *far_factors(fitted)]
     if fitted.interrupted:
         why.append(f"interrupted after {fitted.iterations} iterations, before the best values were reached")
-    model, said = (
+    model, spread_in_words = (
         fitted_model(
-            fitted, covariance, trials=data.trials, reliable=not why, points_per_side=options.points_per_side,
+            fitted, covariance, trials=data.trials, points_per_side=options.points_per_side,
             provenance=data.provenance(),
         ),
         None,
     )  # fmt: skip
+    model = doubted(model) if why else model
     if options.intervals and not fitted.interrupted:
-        model, said = _with_spread(model, sets, data, forward, options.coarse, progress)
+        model, spread_in_words = _with_spread(model, sets, data, forward, options.coarse, progress)
     correlation = covariance / np.outer(deviation, deviation)
     statements = ambiguities(fitted, covariance)
-    return Calibration(model, fitted, correlation, statements, tuple(why), skipped, data, said)
+    return Calibration(model, fitted, correlation, statements, tuple(why), skipped, data, spread_in_words)
 
 
 def _drawn(
@@ -130,7 +131,7 @@ def _drawn(
 
 def _last(vector: FitVector) -> Policy:
     """Return how the last fit of a vector goes."""
-    return _MANY_UNKNOWNS if len(vector.parameters) > _MANY else _FEW_UNKNOWNS
+    return _MANY_UNKNOWNS if len(vector.parameters) > _MANY else _UP_TO_MANY
 
 
 def most_trials(allowed: int, *, effects: bool) -> int:
@@ -164,7 +165,7 @@ def _with_spread(
     )
 
 
-def _fit(data: MeasuredData, fits: Fits, vector: FitVector, *, interruptible: bool) -> Fit:
+def _fit(data: MeasuredData, fits: Fits, vector: FitVector, options: CalibrationOptions) -> Fit:
     """Return the fit. With effects, it begins at the data sheet too: where the fit without them, of TRIALS, ends may be
     far off, in a false minimum. Where that is interrupted, the better of both is kept."""
     plain: Fit | None = None
@@ -173,18 +174,18 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, *, interruptible: bo
         if not vector.terms:
             return fits.fit(fits.problem(data, vector), FitStart(), _last(vector))
         factors, early = vector.without_effects, fits.within(0.0, _WITHOUT_EFFECTS)
-        few = data.only(evenly(len(data.trials), TRIALS).tolist())
+        some = data.only(evenly(len(data.trials), TRIALS).tolist())
         rested = [fit_at_rest(data, early, unknowns) for unknowns in (factors, vector)]
 
         def no_effects(named: str, vector: FitVector) -> Progress:
             return lambda line, share: early.progress_of(named, vector)(f"no effects, {line}", share)
 
         alone = replace(early, named=f"factors of {len(data.trials)} trials", progress_of=no_effects)
-        plain = _joint(few, factors, alone, rested[0])
+        plain = _joint(some, factors, alone, rested[0])
         fitted = _joint(data, vector, fits.within(_WITHOUT_EFFECTS, 1.0), rested[1])
     except KeyboardInterrupt as stop:
-        reached = stop.fit() if interruptible and isinstance(stop, Interrupted) else None
-        if not interruptible or (reached is None and plain is None):
+        reached = stop.fit() if options.interruptible and isinstance(stop, Interrupted) else None
+        if not options.interruptible or (reached is None and plain is None):
             raise
         if plain is None:
             assert reached is not None

@@ -38,7 +38,7 @@ class Calibration(OfModel):
 
     @property
     def used(self) -> UsedFrames:
-        """Frames that took part: not those of sensitive stretches."""
+        """Return frames that took part: not those of sensitive stretches."""
         return self.data.used
 
     @property
@@ -111,8 +111,8 @@ def _effects(calibration: Calibration) -> list[str]:
     for effect in calibration.model.effects:
         for name, q in effect.parameters.items():
             low, high = q.interval90 or (q.value, q.value)
-            said = f"90 % {low:.4g} to {high:.4g}" if q.interval90 else "held"
-            lines.append(f"{effect.name}.{name}: {q.value:.4g} {q.unit}   {said}")
+            interval = f"90 % {low:.4g} to {high:.4g}" if q.interval90 else "held"
+            lines.append(f"{effect.name}.{name}: {q.value:.4g} {q.unit}   {interval}")
     return lines
 
 

@@ -46,7 +46,7 @@ def schema_of(kind: str) -> dict[str, Any]:
     if kind not in KINDS:
         raise InputError(f"schema {kind}: expected one of {', '.join(KINDS)}{nearest(kind, [*KINDS])}")
     if kind == "study":
-        studies = [json_schema("study", (StudyHead, form), format_line=False) for form in STUDIES.values()]
+        studies = [json_schema("study", (StudyHead, form), required=()) for form in STUDIES.values()]
         for name, study in zip(STUDIES, studies, strict=True):
             study["properties"]["kind"] = {"const": name}
         return {"$schema": studies[0].pop("$schema"), "title": studies[0]["title"], "oneOf": studies}

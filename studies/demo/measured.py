@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fabdesign.effects.registry import acting_effects
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.model_file import read_model
-from fabdesign.formats.json_file import of_exact, plain
+from fabdesign.formats.json_file import exact, of_exact
 from fabdesign.geometry.metrics import Errors, closed, mean_errors, trial_errors
 from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.nouns.forward import Case, ForwardModel
@@ -25,7 +25,7 @@ from fabdesign.units import in_mm
 from studies.layouts import ERRORS, error_cells
 from studies.measured.fit_data import noise_of
 from studies.measured.used_frames import GRID, find_used_frames
-from studies.prediction.forward_model import forward_model
+from studies.prediction.forward_model import sensed_model
 from studies.prediction.stability import CURLS, TILTS, Branches, branches_of
 from studies.report import page
 
@@ -55,7 +55,8 @@ class ShippedErrors:
 
     @property
     def far_off(self) -> list[str]:
-        """A sentence on each trial whose corrected motion is off by twice as much as the others': a mean hides it."""
+        """Return a sentence on each trial whose corrected motion is off by twice as much as the others': a mean hides
+        it."""
         surface = {name: e.surface_rms for name, e in self.by_trial.items()}
         return [
             f"Trial {name} is off by {in_mm(surface[name]):.2f} mm, the others by {in_mm(others):.2f}. "
@@ -67,7 +68,7 @@ class ShippedErrors:
         """Return what `of_kept` takes: JSON, to the last bit."""
         branches = {name: {"own": one.unchanged, "others": one.others} for name, one in self.branches.items()}
         content = {"errors": self.errors, "by_trial": self.by_trial, "branches": branches}
-        return {"share_left_out": self.share_left_out, **plain(content, exact=True)}
+        return {"share_left_out": self.share_left_out, **exact(content)}
 
     @staticmethod
     def of_kept(kept: Mapping[str, Any]) -> "ShippedErrors":
@@ -101,7 +102,7 @@ class ShippedErrors:
             "unjudged_share": self.share_left_out,
             "effects": acting_effects(self.shipped.terms),
             "by_trial": {name: e.millimetres() for name, e in self.by_trial.items()},
-            "another_branch": {name: branch.much_nearer for name, branch in self.branches.items()},
+            "another_branch": {name: branch.is_nearer for name, branch in self.branches.items()},
             "models": [{"name": name, **errors.millimetres(), "closed": share} for name, errors, share in self.rows()],
         }
 
@@ -117,7 +118,7 @@ def branch_in_words(branch: Branches) -> str:
     """Return whether a trial that is far off lies on another branch, as simulated from starts that differ a little."""
     changed = f"the frame tilted by up to {max(TILTS):g} degrees or the cloth curved by up to {max(CURLS):g} 1/m more"
     nearest = f"{in_mm(branch.nearest):.2f} mm, without the change {in_mm(branch.unchanged):.2f} mm"
-    if branch.much_nearer:
+    if branch.is_nearer:
         return (
             "It took another stable shape (branch): a small change of the start leads there. With "
             f"{changed}, the model without its corrector comes to {nearest}."
@@ -148,13 +149,11 @@ def evaluate_shipped(*, forward: ForwardModel | None = None) -> ShippedErrors:
     frames = {trial.name: np.flatnonzero(used.at(measured, trial)) for trial in measured.trials}
     trials = [trial for trial in measured.trials if len(frames[trial.name])]
     noise = noise_of(measured.trials)
-    each = {
-        name: _each(trials, frames, noise, forward_model(fine, model, sensing=True)) for name, model in models.items()
-    }
+    each = {name: _each(trials, frames, noise, sensed_model(fine, model)) for name, model in models.items()}
     by_trial = {trial.name: errors for trial, errors in zip(trials, each[CORRECTED], strict=True)}
     means = {name: mean_errors(errors) for name, errors in each.items()}
     far = far_off({name: e.surface_rms for name, e in by_trial.items()})
-    other = branches_of([t for t in trials if t.name in far], forward_model(fine, uncorrected, sensing=True))
+    other = branches_of([t for t in trials if t.name in far], sensed_model(fine, uncorrected))
     return ShippedErrors(
         measured, shipped, means, used.share_left_out, by_trial, {branch.trial.name: branch for branch in other}
     )

@@ -17,11 +17,11 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from fabdesign.drawings.layout_drawing import HALF, HIGH, LOW
 from fabdesign.drawings.oblique import box_of
 from fabdesign.formats.json_file import plain, read_json, write_json
-from fabdesign.geometry.metrics import MANY_BEYOND, told_beyond
+from fabdesign.geometry.metrics import MANY_BEYOND, beyond_in_words
 from fabdesign.geometry.shape import Shape
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import ForwardModel
-from fabdesign.output import whole_file, work_folder, write_text
+from fabdesign.output import atomic_file, work_folder, write_text
 from fabdesign.runtime.fingerprint import OtherContent, sha256
 from fabdesign.runtime.store import read_kept
 from fabdesign.study_files.study_file import MuscleChoice, Study, StudyLimits
@@ -166,7 +166,9 @@ def as_text(demo: Demo) -> str:
         )
         rows.append(f"{run['name']:8}{distances}{run['evaluations']:13}{run['wall_s']:9.0f}")
     rows += [
-        f"{run.study.name}: {told_beyond(run.errors.beyond)}" for run in demo.runs if run.errors.beyond >= MANY_BEYOND
+        f"{run.study.name}: {beyond_in_words(run.errors.beyond)}"
+        for run in demo.runs
+        if run.errors.beyond >= MANY_BEYOND
     ]
     return "\n".join([*rows, *([] if demo.shipped is None else ["", shipped_as_text(demo.shipped)])])
 
@@ -186,7 +188,7 @@ def save_picture(results: Sequence[tuple[str, StudyResult]], path: Path) -> None
             _draw_face(axes, side, result)
         highest = in_kpa(result.study.limits.pressure[1])
         figure.colorbar(ScalarMappable(Normalize(0, highest), COLOURS), ax=flat, label="kPa", shrink=0.7)
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         figure.savefig(temporary, dpi=90, format="png")
     plt.close(figure)
 

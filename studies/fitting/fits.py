@@ -17,7 +17,7 @@ from optimize.fit.clouds import evenly
 from optimize.fit.descent import FitStart, Progress, fit, parts, silent
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitVector
-from optimize.fit.policy import AT_REST, NEAR, Policy
+from optimize.fit.policy import AT_REST, ROUGH, Policy
 from optimize.fit.problem import FitProblem
 from studies.fitting.fitted_model import expected_rms
 from studies.measured.fit_data import MeasuredData
@@ -36,7 +36,7 @@ class Fits:
     checkpoint: Checkpoint | None = None
     progress_of: Callable[[str, FitVector], Progress] = lambda named, vector: silent
     named: str = ""
-    last: Callable[[FitVector], Policy] = lambda vector: NEAR
+    last: Callable[[FitVector], Policy] = lambda vector: ROUGH
     patient: bool = False
 
     @property

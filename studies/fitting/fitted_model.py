@@ -9,6 +9,7 @@ for its factors.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -82,16 +83,16 @@ def excess(rms: float, noise: SensorNoise) -> float:
     return over(rms, noise_rms(noise))
 
 
-def expected_rms(noise: SensorNoise, left: float = EXCESS) -> float:
-    """Return the capped RMS, m, of which `left` [m] is over the noise, in quadrature."""
-    return float(np.hypot(noise_rms(noise), left))
+def expected_rms(noise: SensorNoise, model_error: float = EXCESS) -> float:
+    """Return the capped RMS, m, of which `model_error` [m] is over the noise, in quadrature."""
+    return float(np.hypot(noise_rms(noise), model_error))
 
 
 def interval_warnings(rms: float, outlying: float, noise: SensorNoise) -> list[str]:
     """Return why the intervals of a fit that leaves `rms` [m] and a share of frames far off are not reliable."""
     warnings = []
-    if not (left := excess(rms, noise)) <= EXCESS:
-        warnings.append(f"the fit leaves {in_mm(left):.2f} mm over the noise, expected at most {in_mm(EXCESS):g}")
+    if not (remaining := excess(rms, noise)) <= EXCESS:
+        warnings.append(f"the fit leaves {in_mm(remaining):.2f} mm over the noise, expected at most {in_mm(EXCESS):g}")
     if outlying >= OUTLYING:
         warnings.append(f"{outlying:.0%} of the frames fitted are far off, expected under {OUTLYING:.0%}")
     return warnings
@@ -118,7 +119,6 @@ def fitted_model(
     covariance: np.ndarray,
     *,
     trials: Sequence[Trial],
-    reliable: bool,
     points_per_side: int,
     provenance: Provenance,
 ) -> Model:
@@ -127,7 +127,7 @@ def fitted_model(
     muscles = muscle_scope([trial.design for trial in trials])
     quantities = quantities_of(fit.vector, fit.x, deviation)
     parameters = {
-        p.name: Parameter(quantities[p.name].value, quantities[p.name].interval90, reliable, _scope_of(p, muscles))
+        p.name: Parameter(quantities[p.name].value, quantities[p.name].interval90, scope=_scope_of(p, muscles))
         for p in fit.vector.parameters
         if p.is_factor
     }
@@ -146,6 +146,12 @@ def fitted_model(
         covariance=Covariance(fit.vector.names, covariance),
         learned_range=LearnedRange.of(trial.program for trial in trials) if unnamed else None,
     )
+
+
+def doubted(model: Model) -> Model:
+    """Return a model whose fit left too much for the intervals of its factors to hold."""
+    factors = {k: p if p.interval90 is None else replace(p, reliable=False) for k, p in model.parameters.items()}
+    return replace(model, parameters=factors)
 
 
 def quantities_of(vector: FitVector, x: np.ndarray, deviation: np.ndarray) -> dict[str, Quantity]:

@@ -20,7 +20,7 @@ from optimize.fit.clouds import evenly
 from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitParameter, FitVector
-from optimize.fit.policy import NEAR
+from optimize.fit.policy import ROUGH
 from optimize.fit.problem import horizons_of, widened
 from optimize.fit.significance import needed
 from studies.fitting.fits import Fits, beginning, shown
@@ -39,14 +39,14 @@ def joint_fit(data: MeasuredData, vector: FitVector, start: Array, fits: Fits) -
     model gave, what cannot matter beside the tolerance takes part in the last fit alone."""
     right = expected_rms(data.noise, fits.tolerance)
     enough = right if fits.patient else expected_rms(data.noise, 2 * fits.tolerance)
-    few = _few(data)
+    some = _early_trials(data)
     lengths = horizons_of(data.samples)
     lengths = [horizon for horizon in lengths if horizon <= EARLY or horizon == lengths[-1]]
-    share = _AT_LAST if len(few.trials) < len(data.trials) else _AT_LAST / 4
+    share = _AT_LAST if len(some.trials) < len(data.trials) else _AT_LAST / 4
     ends = [0.0, *((1 - share) * np.cumsum(lengths) / sum(lengths)).tolist()]
     expected = np.inf if vector.terms else right  # effects at nothing leave much
     stages = [
-        _Stage(few.until(horizon), horizon, horizon == lengths[-1], fits.coarse.within(*part), expected)
+        _Stage(some.until(horizon), horizon, horizon == lengths[-1], fits.coarse.within(*part), expected)
         for horizon, part in zip(lengths, pairwise(ends), strict=True)
     ]
     descent, untried = _Descent(vector, start), bool(vector.terms)
@@ -57,7 +57,7 @@ def joint_fit(data: MeasuredData, vector: FitVector, start: Array, fits: Fits) -
             for before in stages[: k + 1]:
                 other = before.after(other)
             descent = min(descent, other, key=lambda one: one.remaining)
-    jacobian = descent.jacobian if len(few.trials) == len(data.trials) else None
+    jacobian = descent.jacobian if len(some.trials) == len(data.trials) else None
     last = fits.within(ends[-1], 1.0)
     problem, named = last.problem(data, vector, expected), f"{descent.named} at last".strip()
     return last.fit(problem, FitStart(descent.x, jacobian), fits.last(vector), named)
@@ -68,10 +68,10 @@ def joint_fit_from_rest(data: MeasuredData, vector: FitVector, fits: Fits, at_re
     what does not act at rest, takes no part in the last fit."""
     nothing = unneeded(at_rest)
     there, index = vector.only(set(vector.labels) - nothing)
-    x, few = beginning(vector, at_rest, nothing)[index], _few(data)
-    if len(few.trials) < len(data.trials):
+    x, some = beginning(vector, at_rest, nothing)[index], _early_trials(data)
+    if len(some.trials) < len(data.trials):
         early = fits.coarse.within(0.0, _AT_LAST)
-        begun = early.fit(early.problem(few, there), FitStart(x), NEAR, "of few trials")
+        begun = early.fit(early.problem(some, there), FitStart(x), ROUGH, "of few trials")
         at_rest_too = {label_effect(label) for label in shown(at_rest)}
         idle = {label for label in unneeded(begun) if label_effect(label) not in at_rest_too}
         x = begun.x.copy()
@@ -81,7 +81,7 @@ def joint_fit_from_rest(data: MeasuredData, vector: FitVector, fits: Fits, at_re
     return fits.fit(fits.problem(data, there), FitStart(x), fits.last(there), "at last")
 
 
-def _few(data: MeasuredData) -> MeasuredData:
+def _early_trials(data: MeasuredData) -> MeasuredData:
     """Return EARLY_TRIALS of the data, spread over them."""
     return data.only(evenly(len(data.trials), EARLY_TRIALS).tolist())
 
@@ -119,7 +119,7 @@ class _Descent:
         """Return the descent with more terms inactive, by their labels among those that take part, and at nothing."""
         dropped = {*labels}
         every = [label for label in self.vector.labels if label not in self.inactive]
-        more = {whole for whole, label in zip(every, self.part[0].labels, strict=True) if label in dropped}
+        more = {name for name, label in zip(every, self.part[0].labels, strict=True) if label in dropped}
         x = self.x.copy()
         x[self.vector.parts(more)] = 0.0
         return replace(self, x=x, inactive=self.inactive | more)
@@ -138,7 +138,7 @@ class _Stage:
     def fit(self, vector: FitVector, start: Array, named: str) -> Fit:
         """Return the fit of a vector over the horizon. named: before the horizon."""
         problem = self.fits.problem(self.data, vector, self.expected)
-        return self.fits.fit(problem, FitStart(start), NEAR, f"{named} to {self.horizon:g} s".strip())
+        return self.fits.fit(problem, FitStart(start), ROUGH, f"{named} to {self.horizon:g} s".strip())
 
     def after(self, descent: _Descent) -> _Descent:
         """Return the descent over the horizon; what cannot matter takes no part in the next."""

@@ -35,7 +35,7 @@ class Regulator:
 
     @property
     def change(self) -> float:
-        """Pa, from one cycle to the next, at most; a rounding's room is kept."""
+        """Return Pa, from one cycle to the next, at most; a rounding's room is kept."""
         return self.rate * self.cycle - self.resolution if np.isfinite(self.rate) else np.inf
 
     def program(self, pressures: Array) -> PressureProgram:

@@ -99,7 +99,7 @@ class FollowResult:
 
     @property
     def limitations(self) -> list[Limitation]:
-        """Where the motion is off by more than noise, and why."""
+        """Return where the motion is off by more than noise, and why."""
         far = self.rms > np.maximum(OUT_OF_REACH * self.floor, FLOORLESS)
         times = self.wanted.times
         spans: list[Limitation] = []
@@ -133,12 +133,12 @@ class FollowResult:
     @property
     def sentences(self) -> list[str]:
         """Return what limits the motion, and how sure it is, for people."""
-        said = [one.sentence for one in self.limitations]
+        lines = [one.sentence for one in self.limitations]
         if self.copies is not None and (snap := self.copies.snap) is not None:
-            said.append(f"near a snap at {snap:.2f} s: pressures that differ by 2 % then lead to another stable shape")
+            lines.append(f"near a snap at {snap:.2f} s: pressures that differ by 2 % then lead to another stable shape")
         if not self.complete:
-            said.append("the time was used before all windows were solved; the same command goes on")
-        return said
+            lines.append("the time was used before all windows were solved; the same command goes on")
+        return lines
 
     def json_content(self) -> dict[str, Any]:
         """Return what result.json holds."""

@@ -86,7 +86,7 @@ def _held(case: Case, row: Array) -> Case:
 
 
 def _apart(times: Array) -> Sequence[int]:
-    """Numbers of instants at least APART s apart, the last one among them."""
+    """Return numbers of instants at least APART s apart, the last one among them."""
     chosen: list[int] = []
     for k in range(len(times) - 1, -1, -1):
         if not chosen or times[chosen[-1]] - times[k] >= APART - 1e-9:

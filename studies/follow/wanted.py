@@ -46,18 +46,18 @@ class Distances:
 
     @cached_property
     def robust(self) -> Array:
-        """(N,) 1/m^2: the weights where outlying distances count less (Huber 1981)."""
+        """Return (N,) 1/m^2: the weights where outlying distances count less (Huber 1981)."""
         scale = max(1.4826 * float(np.median(np.abs(self.off))), self.scale)
         return self.weight / np.maximum(1.0, np.abs(self.off) / (HUBER * scale))
 
     @property
     def of_noise(self) -> float:
-        """The cost that noise alone has."""
+        """Return the cost that noise alone has."""
         return float(self.weight.sum()) * self.noise**2
 
     @property
     def cost(self) -> float:
-        """The sum of weighted squares, beyond FARTHEST of Huber's lines."""
+        """Return the sum of weighted squares, beyond FARTHEST of Huber's lines."""
         size = np.abs(self.off)
         return float(self.weight @ np.where(size < FARTHEST, size**2, FARTHEST * (2 * size - FARTHEST)))
 
@@ -91,7 +91,7 @@ class Wanted:
         target = self.targets[moment]
         if target.landmarks is not None:
             return _of_wishes(target, points, side)
-        return _of_cloud(target, self._few[moment], points, side)
+        return _of_cloud(target, self._thinned[moment], points, side)
 
     def thinned(self, count: int) -> "Wanted":
         """Return the same with about so many points of each cloud."""
@@ -123,7 +123,7 @@ class Wanted:
         return float(np.mean([0.0 if target.landmarks is not None else target.noise.sigma for target in self.targets]))
 
     @cached_property
-    def _few(self) -> list[Array]:
+    def _thinned(self) -> list[Array]:
         return [target.points[:: -(-len(target.points) // POINTS)] for target in self.targets]
 
     def until(self, begin: float, end: float) -> Indices:
@@ -197,7 +197,7 @@ def _of_motion(target: MovingTarget, design: Design, seed: int) -> Wanted:
         trial = read_trial(target.file, size=max(design.fabric.width, design.fabric.height))
         require_on_cloth(trial.frames, trial.time, design.fabric, str(target.file))
         some = trial.frames[:: -(-len(trial.frames) // NOISE_FRAMES)]
-        noise = estimate_noise([_few(frame) for frame in some], design.fabric.thickness)
+        noise = estimate_noise([_thinned(frame) for frame in some], design.fabric.thickness)
         return _wanted(trial.time, trial.frames, target, noise)
     motion = read_motion(target.file)
     if motion.triangles is None:
@@ -224,7 +224,7 @@ def _of_folder(target: MovingTarget, design: Design, seed: int) -> Wanted:
 def _wanted(times: Array, frames: list[Array] | tuple[Array, ...], target: MovingTarget, noise: SensorNoise) -> Wanted:
     targets = [
         LoadedTarget(
-            _few(frame), description=target.file.name, noise=noise, face=target.face, weighting=target.weighting
+            _thinned(frame), description=target.file.name, noise=noise, face=target.face, weighting=target.weighting
         )
         for frame in frames
     ]
@@ -237,7 +237,7 @@ def _until(times: Array, targets: list[LoadedTarget], target: MovingTarget) -> W
     return Wanted(np.asarray(times[kept], np.float64), tuple(targets[int(k)] for k in kept))
 
 
-def _few(points: Array) -> Array:
+def _thinned(points: Array) -> Array:
     return points[:: -(-len(points) // KEPT)]
 
 

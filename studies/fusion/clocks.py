@@ -130,11 +130,11 @@ def best_lag(one: tuple[Array, Array], other: tuple[Array, Array], most: float) 
     for lag in range(least - len(b), len(a) - least + 1):  # b[k] lies on a[k + lag]
         if abs(lag * GRID + base) > most:
             continue
-        left, right = max(lag, 0), min(len(a), len(b) + lag)
-        x, y = a[left:right], b[left - lag : right - lag]
+        begin, end = max(lag, 0), min(len(a), len(b) + lag)
+        x, y = a[begin:end], b[begin - lag : end - lag]
         x, y = x - x.mean(), y - y.mean()
         size = float(np.sqrt((x @ x) * (y @ y)))
         score = float(x @ y) / size if size > 0 else -1.0
-        if score * np.sqrt(right - left) > best:  # a short overlap agrees by chance
-            best, at, correlation = score * np.sqrt(right - left), lag, score
+        if score * np.sqrt(end - begin) > best:  # a short overlap agrees by chance
+            best, at, correlation = score * np.sqrt(end - begin), lag, score
     return at * GRID + base, correlation

@@ -112,7 +112,7 @@ def _designs(recordings: Sequence[Recording]) -> tuple[list[str], dict[str, Desi
 def fused_recording(
     recording: Recording, tolerance: Tolerance, options: FusionOptions, progress: Callable[[int, int], None]
 ) -> tuple[Fusion, FusionReport]:
-    """Raises InputError."""
+    """Return a fused recording. Raises InputError."""
     started = working_time.seconds()
     target = dict[str, float]()
     if recording.depth:

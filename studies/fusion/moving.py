@@ -28,7 +28,7 @@ class StampedView:
 
     @property
     def mean_speed(self) -> float:
-        """Mean of how fast [m/s] the cloth moves, along the rays."""
+        """Return the mean of how fast [m/s] the cloth moves, along the rays."""
         known = np.abs(self.speed[np.isfinite(self.speed)])
         return float(known.mean()) if len(known) > LEAST_SHARE * len(self.speed) else float("nan")
 

@@ -27,7 +27,7 @@ SOON = 0.08  # s after a step
 SLOW = 0.03  # m/s: a cloth faster than that before a step says nothing of its instant
 POWER = 1.5
 NOISE, SHAPE = 3e-4, 0.05  # m, and of the way: how far a cloth comes otherwise than that
-SURE = 5e-4  # s: no step says it better
+RESOLUTION = 5e-4  # s: no step says it better
 
 
 class PressureBegin(NamedTuple):
@@ -122,4 +122,4 @@ def _start(curves: Sequence[Array], expected: float) -> tuple[float, float] | No
     misfit = max(1.0, 2 * float(best.cost) / (points - len(curves) - 2 or 1))
     if abs(best.x[0]) > BEFORE or np.linalg.cond(information) > 1e12:
         return None
-    return expected + float(best.x[0]), max(SURE, float(misfit * np.linalg.inv(information)[0, 0]) ** 0.5)
+    return expected + float(best.x[0]), max(RESOLUTION, float(misfit * np.linalg.inv(information)[0, 0]) ** 0.5)

@@ -50,7 +50,7 @@ def moved(matrix: Array, small: Array) -> Array:
 
 
 def off(a: Array, b: Array) -> tuple[float, float]:
-    """Distance [m] and angle [degrees] between two poses."""
+    """Return the distance [m] and angle [degrees] between two poses."""
     turn = Rotation.from_matrix(a[:3, :3] @ b[:3, :3].T).magnitude()
     return float(np.linalg.norm(a[:3, 3] - b[:3, 3])), float(np.degrees(turn))
 
@@ -105,7 +105,8 @@ def _coarse(sensor: Sensor, cleaned: Array, fabric: Fabric, z: float) -> Array:
 
 
 def _border(cloud: Array) -> tuple[Array, Array]:
-    """Ray slopes (n, 2) of pixels that meet the cloth next to its outline, and of their neighbours that pass it."""
+    """Return ray slopes (n, 2) of pixels that meet the cloth next to its outline, and of their neighbours that pass
+    it."""
     slope = cloud[:, :2] / cloud[:, 2:]
     tree = cKDTree(slope)
     nearest, _ = tree.query(slope, k=2)
@@ -123,7 +124,7 @@ def _border(cloud: Array) -> tuple[Array, Array]:
 
 
 def _surprise(agreement: Array, wrong: float) -> Array:
-    """Square roots of twice the negative log-likelihood of pixels that agree with the outline, in noise units.
+    """Return square roots of twice the negative log-likelihood of pixels that agree with the outline, in noise units.
 
     A share `wrong` of pixels says nothing of the outline.
     """
@@ -142,6 +143,6 @@ def _outside(slope: Array, pose: Array, fabric: Fabric) -> Array:
 
 
 def _beyond(points: Array, fabric: Fabric) -> Array:
-    """Distance [m] beyond the nearest border of the rectangle; negative inside."""
+    """Return the distance [m] beyond the nearest border of the rectangle; negative inside."""
     x, y = points[:, 0], points[:, 1]
     return np.asarray(np.max([np.abs(x) - fabric.width / 2, y, -y - fabric.height], axis=0))

@@ -128,7 +128,7 @@ def _timeline(stamped: "StampedFrames") -> Figure:
 
 
 def draw(before: Mapping[str, Array], after: Mapping[str, Array], path: Path, *, title: str) -> None:
-    """Clouds (n, 3) m by sensor name, placed by the nominal and by the registered poses, as a PNG."""
+    """Draw clouds (n, 3) m by sensor name, placed by the nominal and by the registered poses, as a PNG."""
     figure = Figure(figsize=(12, 9), layout="constrained")
     axes = figure.subplots(2, 2)
     middle = float(np.median(np.concatenate(list(after.values()))[:, 1]))

@@ -42,12 +42,12 @@ class Ripple:
 
     @property
     def disparity(self) -> float:
-        """Amplitude in pixels of disparity."""
+        """Return the amplitude in pixels of disparity."""
         return float(np.hypot(self.sine, self.cosine)) * self.frequency
 
     @property
     def depth(self) -> float:
-        """Amplitude [m] at the cloth's middle."""
+        """Return the amplitude [m] at the cloth's middle."""
         return float(np.hypot(self.sine, self.cosine)) * (self.focal * self.pixel) ** 2
 
     def without(self, depth: Array) -> Array:

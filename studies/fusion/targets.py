@@ -140,19 +140,19 @@ def sphere_middle(cloud: Array, radius: float, pixel: float, rng: np.random.Gene
     if len(cloud) < 100:
         return None
     best: tuple[int, Array] | None = None
-    few = cloud[rng.choice(len(cloud), min(SAMPLE, len(cloud)), replace=False)]
+    sample = cloud[rng.choice(len(cloud), min(SAMPLE, len(cloud)), replace=False)]
     for _ in range(TRIES):
-        first = few[rng.integers(len(few))]
-        beside = few[np.linalg.norm(few - first, axis=1) < 1.6 * radius]
+        first = sample[rng.integers(len(sample))]
+        beside = sample[np.linalg.norm(sample - first, axis=1) < 1.6 * radius]
         if len(beside) < 10:
             continue
         second, third = beside[rng.choice(len(beside), 2, replace=False)]
         middle = _through(first, second, third, radius)
         if middle is not None:
-            count = int((np.abs(np.linalg.norm(few - middle, axis=1) - radius) < OFF_SPHERE).sum())
+            count = int((np.abs(np.linalg.norm(sample - middle, axis=1) - radius) < OFF_SPHERE).sum())
             if best is None or count > best[0]:
                 best = count, middle
-                if count > PLENTY * np.pi * (radius / middle[2] / pixel) ** 2 * len(few) / len(cloud):
+                if count > PLENTY * np.pi * (radius / middle[2] / pixel) ** 2 * len(sample) / len(cloud):
                     break
     if best is None:
         return None

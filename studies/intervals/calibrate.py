@@ -19,7 +19,7 @@ from fabdesign.units import in_mm
 from optimize.fit.clouds import evenly
 from studies.intervals.draws import RegionResiduals, Used, looked_at, residuals
 from studies.measured.splits import program_of
-from studies.prediction.forward_model import forward_model
+from studies.prediction.forward_model import sensed_model
 
 MOST = 10  # of a design
 Width = Callable[[Array, RegionResiduals], Array]  # of what shapes it: (n,) m, standard deviations
@@ -64,9 +64,9 @@ def calibrated(others: Sequence[RegionResiduals], width: Width, start: Array) ->
     ratios: dict[str, list[Array]] = {}
     for one in others:
         ratios.setdefault(one.design, []).append(np.abs(one.residual) / width(shape, one))
-    whole = float(np.quantile(np.concatenate([r for parts in ratios.values() for r in parts]), INSIDE))
+    overall = float(np.quantile(np.concatenate([r for parts in ratios.values() for r in parts]), INSIDE))
     factors = {name: float(np.quantile(np.concatenate(r), INSIDE)) for name, r in ratios.items() if len(r) >= LEAST}
-    return Widths(width, shape, whole / TWO_SIDED, {name: value / whole for name, value in factors.items()})
+    return Widths(width, shape, overall / TWO_SIDED, {name: value / overall for name, value in factors.items()})
 
 
 def left_out(every: Sequence[RegionResiduals], folds: Sequence[int], width: Width, start: Array) -> list[Array]:
@@ -91,7 +91,7 @@ class IntervalScore:
 
     @property
     def shown(self) -> tuple[float, float, float]:
-        """Share inside, width and CRPS in mm."""
+        """Return the share inside, width and CRPS in mm."""
         return self.inside, in_mm(self.width), in_mm(self.crps)
 
     @staticmethod
@@ -138,7 +138,7 @@ def with_spread(
     trials: that the model was not fitted to. coarse: a cheap simulator for the drawn models, by default `simulator`.
     """
     bare = replace(model, spread=None)
-    predictor = forward_model(simulator, bare, sensing=True)
+    predictor = sensed_model(simulator, bare)
     if predictor.corrector is not None and not predictor.corrector.ordered:
         return bare, "intervals of motions are not calibrated: the corrector's points have no order"
     usable = [trial for trial in chosen(trials) if len(looked_at(trial, used))]

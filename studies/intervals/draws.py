@@ -86,7 +86,7 @@ _SEED = 0  # the same draws wherever a model is asked: what a few of them miss i
 
 
 def drawn_models(model: Model, draws: int = DRAWS) -> list[Model]:
-    """None without a covariance."""
+    """Return the drawn models; None without a covariance."""
     return Ensemble(model).drawn(draws, _SEED)
 
 
@@ -113,7 +113,7 @@ def rests(predictor: Predictor, cases: Sequence[Case]) -> list[Motion]:
 
 
 def looked_at(trial: Trial, used: Used | None = None) -> NDArray[np.intp]:
-    """Frames of a trial by which intervals are calibrated and judged: every sixth, of those used."""
+    """Return frames of a trial by which intervals are calibrated and judged: every sixth, of those used."""
     count = len(trial.times)
     frames = np.arange(min(FIRST, count - 1), count, EVERY)
     return frames if used is None else frames[used(trial)[frames]]

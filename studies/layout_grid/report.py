@@ -48,7 +48,7 @@ def _blocks(result: GridResult) -> Iterator[page.Block]:
     head = ("muscles", "type", "sides", "reached\nmm", "muscles used", *(WISHED if wished else ERRORS))
     rows = [_row(result, f, wished=wished) for f in result.cells]
     best = [k for k, f in enumerate(result.cells) if f in front]
-    yield page.TableBlock((*head, "evaluations", "seconds", ""), rows, left=(1, 2, 4, len(head) + 2), bold=best)
+    yield page.TableBlock((*head, "evaluations", "seconds", ""), rows, left_aligned=(1, 2, 4, len(head) + 2), bold=best)
     yield from page.texts("note", [line for f in result.cells for line in result.statements(f.cell)])
     yield page.Title("Shapes of all cells and the target")
     others = [f for f in result.cells if f.result and f not in front]
@@ -88,8 +88,8 @@ def _shape(entry: CellResult) -> Iterator[page.Block]:
     motion = path.sentences if path else ["The motion to this shape was not simulated."]
     layout = page.LayoutBlock(result.design, result.pressure[0], result.study.limits.pressure[1])
     outputs = page.texts("", [f"{name}: {', '.join(values)}" for name, values in result.outputs.items()])
-    said = page.texts("quiet", [page.sentence(result.stop_reason), *result.reach.sentences, *motion])
-    yield page.Columns([pictures, [layout, *outputs, *said]], "cell")
+    texts = page.texts("quiet", [page.sentence(result.stop_reason), *result.reach.sentences, *motion])
+    yield page.Columns([pictures, [layout, *outputs, *texts]], "cell")
 
 
 def front_figure(result: GridResult) -> Figure:

@@ -18,7 +18,7 @@ from studies.layout_grid.report import write_report
 from studies.layout_grid.turns import CellResult, CellTurns, GridResult, best_beneath, next_turn, recent_gain, seeds_of
 from studies.layout_search.first_layouts import first_starts
 from studies.layout_search.target import load_target
-from studies.layouts import StudyResult, run_study
+from studies.layouts import StudyResult, Verification, run_study
 from studies.study import Simulated, StudyRun
 
 CELLS = "cells"  # the folder of the searches' folders
@@ -72,7 +72,7 @@ class GridSearch:
     def __init__(self, work: WorkFolder, study: LayoutsStudy, how: Simulated, progress: Progress) -> None:
         self._work, self._study, self._how, self._progress = work, study, how, progress
         self._cells = [*study.cells]
-        self._found: list[CellResult] = []
+        self._results: list[CellResult] = []
         self._turns, spent = turns_kept(work.folder / TURNS)
         self._began = working_time.seconds() - spent
         self._end = 0.0  # s that a turn took beyond its search
@@ -84,8 +84,8 @@ class GridSearch:
             if self._result().interrupted:
                 return self._result()
         result = self._result()
-        if not any(f.result for f in self._found):
-            raise SimulationError(f"{self._study.search.name}: no cell has a result; the first: {self._found[0].why}")
+        if not any(f.result for f in self._results):
+            raise SimulationError(f"{self._study.search.name}: no cell has a result; the first: {self._results[0].why}")
         while not result.interrupted and (further := self._time_for_another()):
             chosen = next_turn(result, self._turns, further)
             if chosen is None:
@@ -103,21 +103,24 @@ class GridSearch:
                 return result
             turns = self._turns[ahead[0].cell.name]
             followed = self._run(
-                ahead[0].cell, turns, first_starts(ahead[0].cell.study) if turns.drawn else [], follow=True
+                ahead[0].cell,
+                turns,
+                first_starts(ahead[0].cell.study) if turns.drawn else [],
+                verification=Verification.MOTION,
             )
-            self._found[self._found.index(ahead[0])] = CellResult(ahead[0].cell, followed, "")
+            self._results[self._results.index(ahead[0])] = CellResult(ahead[0].cell, followed, "")
             self._longest = max(self._longest, working_time.seconds() - begin)
             result = self._result()
         return result
 
     @property
     def _limit(self) -> float:
-        """s for all but the page."""
+        """Return s for all but the page."""
         return self._study.search.limits.seconds - PAGE * len(self._cells)
 
     @property
     def _to_follow(self) -> float:
-        """s that it is thought to take to follow the motions to one result."""
+        """Return s that it is thought to take to follow the motions to one result."""
         return self._longest or FIRST_FOLLOWED * self._end
 
     @property
@@ -125,7 +128,7 @@ class GridSearch:
         return working_time.seconds() - self._began
 
     def _result(self) -> GridResult:
-        return GridResult(self._study, tuple(self._found), len(self._cells), self._spent)
+        return GridResult(self._study, tuple(self._results), len(self._cells), self._spent)
 
     def _time_for_another(self) -> float:
         """Return the seconds of search in another turn, 0 where there is no time."""
@@ -139,12 +142,12 @@ class GridSearch:
         try:
             drawn = first_starts(cell.study)
         except InputError as error:
-            self._found.append(CellResult(cell, None, str(error)))
+            self._results.append(CellResult(cell, None, str(error)))
             return
         if turns is None:
             share = FIRST * self._study.search.limits.seconds / len(self._cells)
             turns = CellTurns(
-                seeds=as_rows(seeds_of(cell, self._found)),
+                seeds=as_rows(seeds_of(cell, self._results)),
                 seconds=max(share / 4, share - (self._end or END * share)),
                 beneath=best_beneath(cell, self._result()),
             )
@@ -153,10 +156,10 @@ class GridSearch:
         try:
             result = self._run(cell, turns, drawn)
         except SimulationError as error:
-            self._found.append(CellResult(cell, None, str(error)))
+            self._results.append(CellResult(cell, None, str(error)))
             return
         searched = CellResult(cell, result, "")
-        self._found.append(searched)
+        self._results.append(searched)
         if not turns.turns and not result.interrupted:
             turns.turns, turns.value, turns.gained = 1, searched.objective, recent_gain(searched)
         self._keep()
@@ -167,25 +170,31 @@ class GridSearch:
         beneath = best_beneath(cell, self._result())
         anew = chosen.objective - beneath > 0 and beneath < turns.beneath
         if anew:
-            seeds = seeds_of(cell, self._found)
+            seeds = seeds_of(cell, self._results)
             turns.seeds, turns.drawn, turns.seconds, turns.beneath = as_rows(seeds), False, 0.0, beneath
         turns.seconds += seconds
-        result = self._run(cell, turns, first_starts(cell.study) if turns.drawn else [], anew=anew)
+        result = self._run(cell, turns, first_starts(cell.study) if turns.drawn else [], force=anew)
         searched = CellResult(cell, result, "")
-        self._found[self._found.index(chosen)] = searched
+        self._results[self._results.index(chosen)] = searched
         turns.turns += 1
         turns.gained, turns.value = max(0.0, turns.value - searched.objective), searched.objective
         self._keep()
 
     def _run(
-        self, cell: Cell, turns: CellTurns, drawn: list[Start], *, anew: bool = False, follow: bool = False
+        self,
+        cell: Cell,
+        turns: CellTurns,
+        drawn: list[Start],
+        *,
+        verification: Verification = Verification.AT_REST,
+        force: bool = False,
     ) -> StudyResult:
         last = working_time.seconds()
 
         def heard(evaluations: Evaluations) -> None:
             nonlocal last
             last = working_time.seconds()
-            if follow:  # no search
+            if verification is Verification.MOTION:  # no search
                 return
             self._progress(cell, self._cells.index(cell) + 1, len(self._cells), evaluations)
 
@@ -196,11 +205,11 @@ class GridSearch:
             coarse=self._how.get("coarse"),
             seconds=turns.seconds,
             starts=[*of_rows(turns.seeds, cell.study.design, cell.study.limits), *(drawn if turns.drawn else [])],
-            force=anew,
-            follow=follow,
+            force=force,
+            verification=verification,
             progress=heard,
         )
-        if not follow:
+        if verification is Verification.AT_REST:
             self._end = max(self._end, working_time.seconds() - last)
         return result
 

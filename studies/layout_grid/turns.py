@@ -33,12 +33,12 @@ class CellResult:
 
     @property
     def objective(self) -> float:
-        """m; infinite without a result."""
+        """Return m, of the result; infinite without a result."""
         return self.result.objective if self.result else float("inf")
 
     @cached_property
     def pulling(self) -> tuple[int, ...]:
-        """Muscles of the result, from 0, that do something in some pose."""
+        """Return muscles of the result, from 0, that do something in some pose."""
         if self.result is None:
             return ()
         low, high = self.result.study.limits.pressure
@@ -47,7 +47,7 @@ class CellResult:
 
     @property
     def sides_used(self) -> str:
-        """ "front", "back" or "both": the faces of the muscles that pull; empty where none does."""
+        """Return "front", "back" or "both": the faces of the muscles that pull; empty where none does."""
         used = {self.result.design.muscles[k].side for k in self.pulling} if self.result else set()
         return "both" if len(used) == 2 else next(iter(used), "")
 
@@ -73,7 +73,7 @@ class GridResult(Tabled):
 
     @property
     def front(self) -> list[CellResult]:
-        """Cells that no other beats with as many muscles or fewer, by rising number of muscles."""
+        """Return cells that no other beats with as many muscles or fewer, by rising number of muscles."""
         kept: list[CellResult] = []
         for f in sorted(self.cells, key=lambda f: (f.cell.muscles, f.objective)):
             if f.result and (not kept or f.objective < kept[-1].objective):

@@ -31,7 +31,7 @@ PULL = 0.4  # of the pressure range: past the threshold of a braided muscle, so 
 THINNED_STARTS = 72  # of the design's own muscles, where it has more than the layout may
 
 
-def own_start(study: Study) -> tuple[DesignSpace, Vector]:
+def stated_start(study: Study) -> tuple[DesignSpace, Vector]:
     """Return the study's own design under its start pressures, by default the middle of the limits."""
     middle = np.mean(study.limits.pressure)
     stated = np.full(study.design.channels, middle) if study.start_pressures is None else study.start_pressures
@@ -75,7 +75,7 @@ def first_starts(study: Study) -> list[Start]:
     """Return the study's own design, an earlier result, the catalogue's layouts, and what is drawn by the study's
     seed."""
     limits, poses = study.limits, len(study.targets)
-    space, stated = own_start(study)
+    space, stated = stated_start(study)
     if study.muscles is None:
         drawn = pressure_starts(space, PRESSURE_STARTS if study.pressures else 0, study.seed)
         return [*earlier_starts(study), *drawn]
@@ -136,7 +136,7 @@ def further_starts(study: Study) -> FurtherStarts | None:
         return layouts
     if not study.pressures:
         return None
-    space, _ = own_start(study)
+    space, _ = stated_start(study)
 
     def pressures(restart: int, best: Start) -> tuple[list[Start], bool]:
         return pressure_starts(space, PRESSURE_STARTS, study.seed + 1000 * restart)[1:], True

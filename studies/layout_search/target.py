@@ -40,8 +40,8 @@ class LoadedTarget(Target):
             return self
         motion = self.motion(shape)
         placed = placement_of(1.0, Rotation.from_matrix(motion.turn.T), -motion.shift @ motion.turn)
-        said = f"{self.description}, moved by {placed} while searching"
-        return replace(self, points=motion.back(self.points), description=said, free=False)
+        moved = f"{self.description}, moved by {placed} while searching"
+        return replace(self, points=motion.back(self.points), description=moved, free=False)
 
     @property
     def measured(self) -> bool:
@@ -75,7 +75,7 @@ def load_target(target: TargetFile, design: Design, *, seed: int = 0) -> LoadedT
     if target.face != "both":
         parts.append(f"of the {target.face} face")
     if target.weighting is not None:
-        parts.append(f"counts {target.weighting.said}")
+        parts.append(f"counts {target.weighting.in_words}")
     if frame.trial:
         parts.append(_set_description(path))
     return LoadedTarget(
@@ -118,10 +118,10 @@ def _errors(target: LoadedTarget, shape: Array, *, seed: int, draws: int) -> Err
 
 
 def _wished(target: TargetFile, design: Design) -> LoadedTarget:
-    said = "; ".join(wish.said for wish in target.wishes)
-    parts = [target.description, f"wishes ({said}), measured by the mean distance of these places"]
-    landmarks, said = Landmarks.of(target.wishes, design.fabric), ", ".join(filter(None, parts))
-    return LoadedTarget(landmarks.goals, landmarks=landmarks, description=said, weight=target.weight)
+    wishes = "; ".join(wish.words for wish in target.wishes)
+    parts = [target.description, f"wishes ({wishes}), measured by the mean distance of these places"]
+    landmarks, description = Landmarks.of(target.wishes, design.fabric), ", ".join(filter(None, parts))
+    return LoadedTarget(landmarks.goals, landmarks=landmarks, description=description, weight=target.weight)
 
 
 def _placed(target: TargetFile, placed: PlacedTarget) -> list[str]:

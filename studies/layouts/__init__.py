@@ -2,10 +2,10 @@
 of kind "optimize" asks for, around the search in `optimize`."""
 
 from studies.layouts.report import ERRORS, WISHED, Section, error_cells, render_report, target_texts
-from studies.layouts.result import VERSIONS, StudyResult, study_content
+from studies.layouts.result import VERSIONS, StudyResult, Verification, study_content
 from studies.layouts.run import run_study
 
 __all__ = [
-    "ERRORS", "VERSIONS", "WISHED", "Section", "StudyResult", "error_cells", "render_report", "run_study",
-    "study_content", "target_texts",
+    "ERRORS", "VERSIONS", "WISHED", "Section", "StudyResult", "Verification", "error_cells", "render_report",
+    "run_study", "study_content", "target_texts",
 ]  # fmt: skip

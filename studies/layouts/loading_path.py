@@ -48,43 +48,43 @@ class LoadingPath:
 
     @property
     def on_another_branch(self) -> list[Copy]:
-        """Copies that end on another branch than the motion does."""
+        """Return copies that end on another branch than the motion does."""
         return [copy for copy in self.copies if copy.on_another_branch]
 
     @property
     def worst(self) -> Annotated[Millimetre, Key("worst_mm")]:
-        """m; infinite where one diverged."""
+        """Return m, at most; infinite where one diverged."""
         values = [self.motion.value, *(copy.value for copy in self.copies)]
         return float(np.max(np.where(np.isfinite(values), values, np.inf)))
 
     @property
     def sensitive(self) -> Annotated[bool, Key("hangs_on_it")]:
-        """Whether small changes of the inputs lead to another stable shape."""
+        """Return whether small changes of the inputs lead to another stable shape."""
         return not self.reached or bool(self.on_another_branch)
 
     @property
     def sentences(self) -> Annotated[list[str], Key("said")]:
         mm, worst = f"{in_mm(self.motion.value):.2f}", f"{in_mm(self.worst):.2f} mm"
-        said = []
+        lines = []
         if not self.reached:
-            said.append(
+            lines.append(
                 f"No simple rise of the pressures reaches the shape of the search: {self.motion.name} ends at another "
                 f"stable shape, at {mm} mm. The report shows that shape."
             )
         if self.on_another_branch:
             names = ", ".join(copy.name for copy in self.on_another_branch)
-            said.append(
+            lines.append(
                 f"The result is near a bifurcation: {names} end at another stable shape, at worst at {worst} instead "
                 f"of {mm} mm."
             )
         nearer = [copy for copy in self.on_another_branch if copy.value < NEARER * self.motion.value]
         if nearer:
             best = min(nearer, key=lambda copy: copy.value)
-            said.append(
+            lines.append(
                 f"The target lies near a stable shape that {self.motion.name} does not reach: {best.name} ends at "
                 f"{in_mm(best.value):.2f} mm."
             )
-        return said or [
+        return lines or [
             f"{self.motion.name[0].upper()}{self.motion.name[1:]} ends at this shape, {mm} mm from the target. So do "
             f"all {len(self.copies)} motions with changed inputs ({', '.join(copy.name for copy in self.copies)}); the "
             f"worst is {worst} from the target."
@@ -119,7 +119,7 @@ def loading_path(
 def _plans(
     objective: Objective, design: Design, pressures: Array, rise: float
 ) -> list[tuple[str, list[PressureProgram]]]:
-    """Name of the motion and of each copy, and their programs, one a pose."""
+    """Return the name of the motion and of each copy, and their programs, one a pose."""
     signs = sides(design)
     at_rest = any(target.time is None for target in objective.targets)
     chosen = [(f"the rise within {rise:g} s" if at_rest else "the motion", np.zeros(len(signs)), rise)]

@@ -32,7 +32,7 @@ AREA = 0.15  # of the cloth's sides, over which a distance is averaged: single p
 BY = 0.2  # of a declared value
 WIDER = 0.1  # of the pressure range
 WORTH = 0.02  # of the objective, under which a change is not worth a word
-SAID = 3
+SHOWN = 3
 CHANGED_FACTORS = {
     "membrane": "membrane stiffness",
     "shear": "shear stiffness",
@@ -63,7 +63,7 @@ class Helps:
     def sentences(self) -> list[str]:
         if not self.nearer:
             return [f"By derivatives no limit or constant that is changed by {BY:.0%} gains {WORTH:.0%}."]
-        gains = [f"{change.what}: {in_mm(self.before - change.value):.1f} mm" for change in self.nearer[:SAID]]
+        gains = [f"{change.what}: {in_mm(self.before - change.value):.1f} mm" for change in self.nearer[:SHOWN]]
         return [f"What would bring it nearer, by derivatives: {'; '.join(gains)}."]
 
     def json_content(self) -> list[dict[str, Any]]:
@@ -134,14 +134,14 @@ def spaces_by_type(space: DesignSpace) -> dict[str, DesignSpace]:
     return spaces
 
 
-def missed_said(missed: Sequence[Missed]) -> list[str]:
+def missed_in_words(missed: Sequence[Missed]) -> list[str]:
     """Return where the shape misses, in words."""
-    said = []
+    lines = []
     for pose, miss in enumerate(missed, start=1):
         of = f" in pose {pose}" if len(missed) > 1 else ""
         u, v = (in_mm(x) for x in miss.place)
-        said.append(f"It misses the target most{of} around u {u:.0f}, v {v:.0f} mm: {in_mm(miss.off):.1f} mm.")
-    return said
+        lines.append(f"It misses the target most{of} around u {u:.0f}, v {v:.0f} mm: {in_mm(miss.off):.1f} mm.")
+    return lines
 
 
 LEAST_GAP = 1e-3  # m over the floor from which noise does not explain it,
@@ -207,29 +207,29 @@ class Reach:
 
     @property
     def sentences(self) -> list[str]:
-        said, over = [], "from what was asked for" if self.wished else "over the noise floor"
+        lines, over = [], "from what was asked for" if self.wished else "over the noise floor"
         if self.out_of_reach:
             if self.held_by:
-                said.append(
+                lines.append(
                     f"Out of reach: {in_mm(self.gap):.1f} mm {over}. What holds it back: {', '.join(self.held_by)}."
                 )
             else:  # then it may be the search that stood still
-                said.append(
+                lines.append(
                     f"Not reached: {in_mm(self.gap):.1f} mm {over}, though no limit holds it back. "
                     "Another seed, number of muscles or kind of layout may come nearer."
                 )
-            said += missed_said(self.missed) + (self.helps.sentences if self.helps else [])
+            lines += missed_in_words(self.missed) + (self.helps.sentences if self.helps else [])
         elif self.lacking:
             gap = f", {in_mm(self.gap):.1f} mm {over}" if self.beyond_noise else ""
-            said.append(f"The search ended before it converged{gap}. {self.lacking.sentence}")
+            lines.append(f"The search ended before it converged{gap}. {self.lacking.sentence}")
             if self.beyond_noise and self.held_by:
-                said.append(f"So far it has come up against: {', '.join(self.held_by)}.")
+                lines.append(f"So far it has come up against: {', '.join(self.held_by)}.")
         for pose, place in enumerate(self.crossing, start=1):
             if place is not None:
                 of = f" of pose {pose}" if len(self.crossing) > 1 else ""
                 where = f"around u {in_mm(place[0]):.0f}, v {in_mm(place[1]):.0f} mm"
-                said.append(f"No real cloth takes this shape{of}: it passes through itself {where}.")
-        return said
+                lines.append(f"No real cloth takes this shape{of}: it passes through itself {where}.")
+        return lines
 
     def json_content(self) -> dict[str, Any]:
         """Return what `reach` in result.json holds: mm; u and v in m."""

@@ -21,7 +21,7 @@ SHRINKING = 0.2  # of the seconds, kept for leaving muscles out where the study 
 
 ROBUST = 0.3  # and for a robust layout, where the study asks for one
 POOL = 8  # layouts that such a choice is made among, at most
-NEAR = 0.1  # of the nearest value: so near they lie
+ROBUST_MARGIN = 0.1  # of the nearest value: so near they lie
 
 
 def search_seconds(study: Study) -> float:
@@ -120,7 +120,7 @@ def _channels(count: int) -> str:
     return "1 channel" if count == 1 else f"{count} channels"
 
 
-def fewer_said(study: Study, fewer: Fewer, *, converged: bool = True) -> str:
+def fewer_in_words(study: Study, fewer: Fewer, *, converged: bool = True) -> str:
     """Return how many muscles serve, in words. converged: whether the search ended by itself, so that what it did not
     find is not enough."""
     space = fewer.start[0]
@@ -144,7 +144,7 @@ def fewer_said(study: Study, fewer: Fewer, *, converged: bool = True) -> str:
     return f"Fewer than {fewer.count} muscles are not enough: no smaller layout came {bound}."
 
 
-def front_said(fewer: Fewer) -> str:
+def front_in_words(fewer: Fewer) -> str:
     """Return the front in words; empty where there is one number of muscles."""
     each = ", ".join(f"{count}: {in_mm(value):.2f}" for count, value in fewer.front)
     return f"Reached, in mm, by number of muscles: {each}." if len(fewer.front) > 1 else ""

@@ -9,7 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from fabdesign.geometry.distances import nearest_distances
-from fabdesign.geometry.metrics import MANY_BEYOND, Errors, told_beyond
+from fabdesign.geometry.metrics import MANY_BEYOND, Errors, beyond_in_words
 from fabdesign.geometry.shape import Shape, at_places
 from fabdesign.geometry.wishes import Landmarks
 from fabdesign.nouns.array import Array
@@ -25,7 +25,7 @@ from studies.report.page import Chart, kpa
 from studies.report.shape_picture import shape_png
 
 SAMPLED = 2.4  # mm from the nearest point of a dense cloud, that sampling alone makes: one colour up to there
-NEAR, MIDDLE, FAR = "#dbe7f3", "#fdae61", "#b40426"
+CLOSE_COLOUR, MIDDLE_COLOUR, FAR_COLOUR = "#dbe7f3", "#fdae61", "#b40426"
 TICKS = [1, 2, 3, 4, 5, 6, 8, 10, 15, 20, 30, 50, 100, 200, 500, 1000]  # mm
 FRONT, BACK, ASKED = "#b2182b", "#2166ac", "#222222"
 
@@ -35,7 +35,7 @@ def overlay(name: str, result: StudyResult, pose: int) -> Chart:
     them."""
     points, target = result.points[pose], result.targets[pose]
     asked = target.landmarks
-    colours = _by_distance(points, target.points) if asked is None else {"color": NEAR}
+    colours = _by_distance(points, target.points) if asked is None else {"color": CLOSE_COLOUR}
     traces = [
         *([target_cloud(target.points)] if asked is None else _wished(asked, points)),
         cloth_mesh("result", points, **colours),
@@ -72,8 +72,8 @@ def _wished(landmarks: Landmarks, points: Array) -> list[Any]:
     between = np.stack([reached, asked, np.full_like(asked, np.nan)], axis=1).reshape(-1, 3)
     return [
         cloud("asked for", asked, ASKED, 4.5),
-        cloud("reached", reached, FAR, 3.5),
-        path("from one to the other", between, FAR, 4, hover="skip"),
+        cloud("reached", reached, FAR_COLOUR, 3.5),
+        path("from one to the other", between, FAR_COLOUR, 4, hover="skip"),
     ]
 
 
@@ -81,8 +81,8 @@ def colour_scale(top: float) -> list[list[float | str]]:
     """Return Plotly's, from 0 to `top` mm."""
     begin = SAMPLED / top
     if begin >= 1:
-        return [[0.0, NEAR], [1.0, NEAR]]
-    return [[0.0, NEAR], [begin, NEAR], [begin + 0.43 * (1 - begin), MIDDLE], [1.0, FAR]]
+        return [[0.0, CLOSE_COLOUR], [1.0, CLOSE_COLOUR]]
+    return [[0.0, CLOSE_COLOUR], [begin, CLOSE_COLOUR], [begin + 0.43 * (1 - begin), MIDDLE_COLOUR], [1.0, FAR_COLOUR]]
 
 
 def convergence(name: str, result: StudyResult) -> Chart:
@@ -137,7 +137,7 @@ def render_report(title: str, sections: Sequence[Section], *, more: Sequence[pag
     """Return the HTML of one or several studies of the same targets: errors, 3D overlay, layout, convergence,
     provenance; `more` comes before the last."""
     studies = [block for s, section in enumerate(sections) for block in _study(s, section.title, section.result)]
-    last = page.Title("Provenance"), page.TableBlock((), [*_provenance(sections).items()], left=(1,))
+    last = page.Title("Provenance"), page.TableBlock((), [*_provenance(sections).items()], left_aligned=(1,))
     return page.html_of(title, [*_head(title, sections), *studies, *more, *last])
 
 
@@ -178,7 +178,7 @@ def _head(title: str, sections: Sequence[Section]) -> Iterator[page.Block]:
     ]
     yield page.TableBlock(("", *head, "muscles", "evaluations", "seconds"), [rest, *rows])
     capped = [(s.title, s.result.errors.beyond) for s in sections if s.result.errors.beyond >= MANY_BEYOND]
-    yield from page.texts("note", [page.sentence(f"{name}: {told_beyond(share)}") for name, share in capped])
+    yield from page.texts("note", [page.sentence(f"{name}: {beyond_in_words(share)}") for name, share in capped])
     measured = any(target.measured for target in first.targets)
     noise = "the sensor's noise" if measured else "zero, because the target has no noise"
     how = _WISHES if wished else _ERRORS.format("measured" if measured else "target", noise)
@@ -198,7 +198,7 @@ def _study(number: int, title: str, result: StudyResult) -> Iterator[page.Block]
     yield page.Text(ended, "note" if reach.lacking else "quiet")
     early = f"After a tenth of the time the best was at {page.mm(tenth)} mm." if tenth else None
     yield from page.texts("quiet", [early, result.fewer_in_words])
-    yield from page.texts("", [result.within_said])
+    yield from page.texts("", [result.within_in_words])
     yield from page.texts("note", reach.sentences)
     if loading:
         yield from page.texts("note" if loading.sensitive else "quiet", loading.sentences)
@@ -226,7 +226,7 @@ def _pose(number: int, result: StudyResult, pose: int) -> Iterator[page.Block]:
     rows = []
     for wish in result.study.targets[pose].wishes:
         off = in_mm(Landmarks.of([wish], result.design.fabric).distances(result.points[pose]))
-        rows.append((wish.said, float(off.mean()), float(off.max()), f"{wish.weight:g}"))
+        rows.append((wish.words, float(off.mean()), float(off.max()), f"{wish.weight:g}"))
     if rows:
         yield page.TableBlock(("asked for", "mean distance\nmm", "largest\nmm", "weight"), rows)
     corners = ["\n".join(map(_place, m.path[1:-1])) for m in muscles]

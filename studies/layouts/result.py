@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from enum import Enum, auto
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -10,7 +11,7 @@ import numpy as np
 from fabdesign.files.design_file import write_design
 from fabdesign.files.motion_file import Motion
 from fabdesign.files.pressure_file import SINGLE_ROW_DURATION, constant_program, pressure_file_of, write_pressures
-from fabdesign.formats.json_file import of_exact, plain, write_json
+from fabdesign.formats.json_file import exact, of_exact, plain, write_json
 from fabdesign.formats.result_tables import Columns, Summary, Tabled, muscle_columns
 from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.array import Array
@@ -29,7 +30,7 @@ from optimize.search.thinning import Fewer
 from studies.layout_search.target import LoadedTarget, pose_errors
 from studies.layouts.loading_path import LoadingPath
 from studies.layouts.reach import Reach
-from studies.layouts.refinement import fewer_said, front_said, kept_fewer
+from studies.layouts.refinement import fewer_in_words, front_in_words, kept_fewer
 from studies.layouts.robustness import Robustness
 
 
@@ -57,7 +58,7 @@ class StudyResult(Tabled):
 
     @property
     def pressures(self) -> Array:
-        """(poses, channels) kPa, as Python's functions take them."""
+        """Return (poses, channels) kPa, as Python's functions take them."""
         return in_kpa(self.pressure)
 
     @property
@@ -95,7 +96,7 @@ class StudyResult(Tabled):
 
     @property
     def objective(self) -> float:
-        """m, of the measure that was searched."""
+        """Return m, of the measure that was searched."""
         return self.errors.chamfer if self.study.objective == "chamfer" else self.errors.surface_rms
 
     @property
@@ -105,7 +106,7 @@ class StudyResult(Tabled):
 
     @property
     def after_a_tenth(self) -> float | None:
-        """m, the best after a tenth of the study's seconds; None before the first evaluation."""
+        """Return m, the best after a tenth of the study's seconds; None before the first evaluation."""
         within = 0.1 * self.study.limits.seconds
         shapes = [e for e in self.history if not e.diverged and not e.stage.endswith(SLOPES)]
         early = [e.objective for e in shapes if e.seconds <= within]
@@ -150,11 +151,11 @@ class StudyResult(Tabled):
         """Return how many muscles serve, in words; empty where their number is given."""
         if self.fewer is None:
             return ""
-        said = fewer_said(self.study, self.fewer, converged=self.reach.lacking is None), front_said(self.fewer)
-        return " ".join(filter(None, said))
+        parts = fewer_in_words(self.study, self.fewer, converged=self.reach.lacking is None), front_in_words(self.fewer)
+        return " ".join(filter(None, parts))
 
     @property
-    def within_said(self) -> str | None:
+    def within_in_words(self) -> str | None:
         """Return the expected deviation in words."""
         if self.within is None:
             return None
@@ -190,7 +191,8 @@ class StudyResult(Tabled):
         }
 
     def write(self, out: Path) -> None:
-        """`design.toml` with its bench tables, `pressures.csv` (`pressures_2.csv` of a second pose), `result.json`."""
+        """Write `design.toml` with its bench tables, `pressures.csv` (`pressures_2.csv` of a second pose),
+        `result.json`."""
         write_best(out, self.design, self.pressure, self, [t.time for t in self.targets], self.study.rise)
 
 
@@ -251,7 +253,14 @@ def study_content(study: Study, targets: Sequence[LoadedTarget]) -> dict[str, st
     return {name: value for name, value in content if name not in _RAISED and (name not in _ABSENT or value != "None")}
 
 
-def keep(history: History, result: StudyResult, *, follow: bool) -> None:
+class Verification(Enum):
+    """The work on a layout that a search ended with."""
+
+    AT_REST = auto()  # its shape alone
+    MOTION = auto()  # the motion that leads there too
+
+
+def keep(history: History, result: StudyResult, verification: Verification) -> None:
     """Let the same call answer with this result: what it has beside its study, targets and history, the limits that it
     was searched within, and whether a search within wider ones would end alike (`complete`)."""
     study, state = result.study, history.load()
@@ -262,19 +271,25 @@ def keep(history: History, result: StudyResult, *, follow: bool) -> None:
         "seconds": study.limits.seconds,
         "evaluations": study.limits.evaluations,
         "complete": bool(state.get("reason")) and study.robust is None and not (result.fewer and result.fewer.cut),
-        "follow": follow,
+        "follow": verification is Verification.MOTION,
         "layout": {"muscles": result.design.muscles, "pressures": result.pressure.tolist()},
     }
-    history.keep_answer(plain(kept | {name: getattr(result, name) for name in _KEPT}, exact=True))
+    history.keep_answer(exact(kept | {name: getattr(result, name) for name in _KEPT}))
 
 
-def answer(history: History, study: Study, targets: Sequence[LoadedTarget], *, follow: bool) -> StudyResult | None:
+def answer(
+    history: History, study: Study, targets: Sequence[LoadedTarget], verification: Verification
+) -> StudyResult | None:
     """Return the result that is kept, where a search within the study's limits would end with it; None where it may
     not."""
     kept, limits, kinds = history.answer(), study.limits, get_type_hints(StudyResult)
     try:
         as_far = kept["seconds"] >= limits.seconds and kept["evaluations"] >= limits.evaluations
-        if kept["versions"] != VERSIONS or kept["follow"] != follow or not (kept["complete"] or as_far):
+        if (
+            kept["versions"] != VERSIONS
+            or kept["follow"] != (verification is Verification.MOTION)
+            or not (kept["complete"] or as_far)
+        ):
             return None
         [(space, _)] = of_rows([kept["layout"]], study.design, study.limits)
         values = {name: of_exact(kinds[name], kept[name]) for name in _KEPT}

@@ -43,7 +43,7 @@ class Copies:
 
     @property
     def together(self) -> Objective:
-        """The mean over the copies."""
+        """Return the mean over the copies."""
         objective = self.objective
         return replace(objective, targets=[*objective.targets] * COPIES, weights=[*objective.shares] * COPIES)
 

@@ -27,7 +27,7 @@ from studies.prediction.stability import copies_elsewhere
 
 LINEAR_COPIES = 128  # of a layout, by derivatives; a power of two
 PROBES = 8  # true copies on the coarse model by which derivatives are checked; so many cost no more than one
-NEAR_FOLD = 24  # true copies on the coarse model in place of derivatives
+FOLD_COPIES = 24  # true copies on the coarse model in place of derivatives
 HOLDS = 1.5  # factor by which the mean error of copies and that by derivatives may differ
 OFF = 0.003  # m that a muscle lies off its place when the most delicate one is looked for
 YIELD_OVER = 0.25  # of the nominal value, within which a copy counts where the study states no tolerance
@@ -68,7 +68,7 @@ class Robustness:
 
     @property
     def widths(self) -> Annotated[dict[str, float], Key("band_mm"), MM]:
-        """m, of the band."""
+        """Return the mean and the largest of the band, m."""
         return {"mean": float(self.band.mean()), "largest": float(self.band.max())}
 
     @property
@@ -110,7 +110,7 @@ class Robustness:
 def first_order(
     scatter: Scatter, model: LinearShape, objective: Objective, tolerance: float, *, seed: int
 ) -> tuple[float, float]:
-    """Expected value [m] and yield, by derivatives."""
+    """Return the expected value [m] and yield, by derivatives."""
     return _mean_and_yield([objective.value(model.at(z)) for z in normals(scatter, seed)], tolerance)
 
 
@@ -138,8 +138,8 @@ def tolerance_of(robust: Robust, nominal: float) -> float:
 
 
 def most_robust(study: Study, robust: Robust, points: Sequence[Start], objective: Objective, coarse: Predictor) -> int:
-    """Number of the layout that the study would choose of several near ones, on the coarse model: by derivatives, or
-    by true copies where these do not hold."""
+    """Return the number of the layout that the study would choose of several near ones, on the coarse model: by
+    derivatives, or by true copies where these do not hold."""
     scored, tolerance = [], None
     for k, (space, x) in enumerate(points):
         scatter = Scatter(study, robust, *space.decode(x))
@@ -156,13 +156,14 @@ def most_robust(study: Study, robust: Robust, points: Sequence[Start], objective
 def _expected(
     scatter: Scatter, about: Linear, objective: Objective, coarse: Predictor, tolerance: float, *, seed: int
 ) -> tuple[float, float]:
-    """Expected value [m] and yield: by derivatives while a few copies agree with them, else by more copies."""
+    """Return the expected value [m] and yield: by derivatives while a few copies agree with them, else by more
+    copies."""
     zs, values = normals(scatter, seed), []
     if about.definite:
         values = [objective.value(shape) for shape in scatter.shapes(objective, coarse, [*zs[:PROBES]])]
         if _holds([objective.value(about.model.at(z)) for z in zs[:PROBES]], values):
             return first_order(scatter, about.model, objective, tolerance, seed=seed)
-    more = scatter.shapes(objective, coarse, [*zs[len(values) : NEAR_FOLD]])
+    more = scatter.shapes(objective, coarse, [*zs[len(values) : FOLD_COPIES]])
     return _mean_and_yield([*values, *(objective.value(shape) for shape in more)], tolerance)
 
 

@@ -16,7 +16,7 @@ from fabdesign.runtime import working_time
 from fabdesign.study_files.study_file import Study, read_study, require_searchable
 from fabdesign.units import in_mm
 from optimize.search.design_space import DesignSpace
-from optimize.search.evaluations import FINALISTS, NEAR, Evaluations
+from optimize.search.evaluations import FINALISTS, MARGIN, Evaluations
 from optimize.search.history import History
 from optimize.search.margins import constraint_margins
 from optimize.search.multistart import INTERRUPTED, search
@@ -32,10 +32,9 @@ from studies.layout_search.first_layouts import (
 from studies.layout_search.target import LoadedTarget, load_target, target_errors
 from studies.layouts.loading_path import LoadingPath, loading_path
 from studies.layouts.reach import helps_of, lacking_of, missed_at, reach_of
-from studies.layouts.refinement import NEAR as NEAR_ENOUGH
-from studies.layouts.refinement import POOL, made_robust, search_seconds, shrunk
+from studies.layouts.refinement import POOL, ROBUST_MARGIN, made_robust, search_seconds, shrunk
 from studies.layouts.report import Section, render_report
-from studies.layouts.result import StudyResult, answer, keep, pressures_kpa, study_content, write_best
+from studies.layouts.result import StudyResult, Verification, answer, keep, pressures_kpa, study_content, write_best
 from studies.layouts.robustness import robustness_of
 from studies.prediction.forward_model import forward_model, without_resistance
 from studies.study import Simulated, StudyRun
@@ -52,7 +51,7 @@ def run_study(
     out: Path | str,
     *,
     starts: Sequence[Start] | None = None,
-    follow: bool = True,
+    verification: Verification = Verification.MOTION,
     progress: Callable[[Evaluations], None] = lambda _: None,
     **how: Unpack[Simulated],
 ) -> StudyResult:
@@ -62,8 +61,8 @@ def run_study(
     study's model's or 41; `forward` alone serves for both). While it runs, `out` always has the best so far; the same
     call on the same folder goes on after an interruption, and does not search again what is finished. Further poses'
     pressures are `pressures_2.csv` and so on. starts: where the search begins, the same in every call on a folder; by
-    default what `first_starts` gives. follow: whether the motion that leads to the result is computed too, after the
-    search. Ctrl-C ends the search with a result; searched anew by `force`, the same call goes on.
+    default what `first_starts` gives. verification: comes after the search. Ctrl-C ends the search with a result;
+    searched anew by `force`, the same call goes on.
 
     A folder of another study (OtherContent) or of other files, and one where another search runs, are refused:
     InputError, like other bad input before anything is computed.
@@ -75,14 +74,14 @@ def run_study(
     begun = first_starts(study) if starts is None else [*starts]
     with run.folder(out, "optimize", [t.file for t in study.targets if t.points is None]) as work:
         with History.of_work(work, HISTORY, study_content(study, targets)) as history:
-            if (kept := answer(history, study, targets, follow=follow)) is not None:
+            if (kept := answer(history, study, targets, verification)) is not None:
                 if not all((work.folder / name).is_file() for name in FILES):
                     _write(work, kept)
                 return kept
             report = _reporting(work, study, targets, progress)
-            result = searched(study, targets, begun, history, report, follow=follow, how=how)
+            result = searched(study, targets, begun, history, report, verification, how)
             if not result.interrupted:
-                keep(history, result, follow=follow)
+                keep(history, result, verification)
         if work.anew and result.interrupted:
             work.complete = False
             result = replace(result, stop_reason=f"{result.stop_reason}; {out} holds the earlier result until then")
@@ -103,10 +102,10 @@ def searched(
     starts: list[Start],
     history: History,
     progress: Callable[[Evaluations], None],
-    *,
-    follow: bool,
+    verification: Verification,
     how: Simulated,
 ) -> StudyResult:
+    follow = verification is Verification.MOTION
     objective = Objective(targets, study.objective, study.order, [t.weight for t in targets])
     fine, quick = (forward_model(engine, study.model) for engine in forward_models(how, study, targets))
     evaluations = Evaluations(
@@ -118,7 +117,7 @@ def searched(
         evaluations=study.limits.evaluations,
         on_progress=progress,
     )
-    evaluations.near, evaluations.limit = NEAR_ENOUGH if study.robust else NEAR, study.limits.seconds
+    evaluations.margin, evaluations.limit = ROBUST_MARGIN if study.robust else MARGIN, study.limits.seconds
     stop_reason, fewer = search(evaluations, further=further_starts(study), floor=_floor(study, targets)), None
     try:
         fewer = None if stop_reason == INTERRUPTED else shrunk(study, evaluations)
@@ -138,7 +137,7 @@ def searched(
         except KeyboardInterrupt:
             stop_reason = INTERRUPTED
     chosen = points if follow and robust is None else points[: FINALISTS if follow else 1]
-    result = study_result(study, targets, evaluations, fine, stop_reason, chosen, follow=follow)
+    result = study_result(study, targets, evaluations, fine, stop_reason, chosen, verification)
     result = replace(result, fewer=fewer)
     if not follow:
         return result
@@ -204,13 +203,12 @@ def study_result(
     forward: Predictor,
     stop_reason: str,
     points: Sequence[Start] = (),
-    *,
-    follow: bool = True,
+    verification: Verification = Verification.MOTION,
 ) -> StudyResult:
     """Return the result of the first of `points` whose loading path is not sensitive, else of the first: where its
     motion leads, valued once more on the full model, and the resting cloth. By default points are what is as near as
     the best."""
-    objective, searched_s = evaluations.objective, evaluations.elapsed
+    objective, searched_s, follow = evaluations.objective, evaluations.elapsed, verification is Verification.MOTION
     points = [*points] or evaluations.finalists()
     layouts = [space.decode(x) for space, x in points]
     resting = [

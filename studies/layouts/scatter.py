@@ -51,8 +51,8 @@ class Scatter:
         return z
 
     def copy(self, z: Array) -> Copy:
-        """One copy: its layout with a channel for each muscle, (poses, muscles) Pa that stand for its pressures and
-        gains, and its model."""
+        """Return one copy: its layout with a channel for each muscle, (poses, muscles) Pa that stand for its pressures
+        and gains, and its model."""
         places, _, _, rest = np.split(z, self._ends[:-1])
         fabric = self._design.fabric
         shifts = np.split(self._robust.placement * places.reshape(-1, 2), np.cumsum(self._corners)[:-1])
@@ -99,12 +99,12 @@ class Scatter:
 
     @property
     def resists(self) -> bool:
-        """Whether the model has forces against motion."""
+        """Return whether the model has forces against motion."""
         return unresisted(self._model) != self._model
 
     @property
     def columns(self) -> list[Column]:
-        """How `case` changes with each of the `size` normals. Muscles keep their number of intervals."""
+        """Return how `case` changes with each of the `size` normals. Muscles keep their number of intervals."""
         robust, count = self._robust, len(self._design.muscles)
         corners = [(m, k) for m, many in enumerate(self._corners) for k in range(many)]
         at = [muscle.channel for muscle in self._design.muscles]

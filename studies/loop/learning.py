@@ -59,19 +59,19 @@ def learn(
     """Learn from the sets of all turns so far, and write `model.toml` in the folder of the turn `name`. known: the
     model that the turn's design was chosen with. A trace refits the declared parameters along; on another grid than the
     study's, or without one, they and the effects are fitted by `calibrate`. What cannot be is said, and left out."""
-    measured, known, said = together(sets), known.without(["corrector"]), []
+    measured, known, notes = together(sets), known.without(["corrector"]), []
     traced, model, started = None, None, known
     if study.learning.trace:
         traced, learned, lines = traced_by(study, measured, known, work.folder / name / TRACE, simulators, say)
-        said += lines
+        notes += lines
         if learned is not None:
             started = replace(known, effects=learned.effects)
             model = learned if study.learning.trace_grid == study.points_per_side else None
     if model is None:
         calibration = _calibrated(study, sets, started, simulators, say)
         model, remaining = calibration.model, calibration.to_json()["excess"]["after"]
-        said.append(f"calibrated on {len(model.provenance.fitted)} trials: {remaining:.2f} mm over the noise remain")
-        said += [f"warning: the intervals are not reliable: {why}" for why in calibration.warnings]
+        notes.append(f"calibrated on {len(model.provenance.fitted)} trials: {remaining:.2f} mm over the noise remain")
+        notes += [f"warning: the intervals are not reliable: {why}" for why in calibration.warnings]
     trained = False
     with work.adding() as files:
         (files / name).mkdir()
@@ -79,14 +79,14 @@ def learn(
     fit = sum(trial.role == "fit" for trial in measured.trials)
     if study.learning.train is not None:
         if fit < study.learning.train_trials:
-            said.append(f"no network: {fit} trials to learn from; expected {study.learning.train_trials}")
+            notes.append(f"no network: {fit} trials to learn from; expected {study.learning.train_trials}")
         else:
             line, trained = _trained(study, measured, model, work, name, simulators, say)
-            said.append(line)
+            notes.append(line)
     say("evaluating the model on the held-out trials")
     held_out = _held_out(study, sets, model_of(work, name), simulators)
     return Learned(
-        said=said,
+        said=notes,
         trace=traced,
         factors=model.factors,
         effects=[effect.name for effect in model.effects],

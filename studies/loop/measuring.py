@@ -22,7 +22,7 @@ from fabdesign.study_files.loop_file import Laboratory, LoopStudy, VirtualRig
 from fabdesign.units import in_kpa
 
 TICK = 0.05  # s, in which a regulator is commanded
-NEAR = (0.6, 1.3)  # of the design's own pressures, between which programs about them lie
+PRESSURE_SHARES = (0.6, 1.3)  # of the design's own pressures, between which programs about them lie
 IDLE = 0.35  # chance that a channel of the others has no pressure
 LEAST_SHARE = 0.3  # of the highest pressure, of a channel that has some
 
@@ -67,7 +67,7 @@ def _informative(study: LoopStudy, design: Design, levels: Array, rng: np.random
     chosen = []
     for number in range(study.trials.number):
         if number % 2 == 0:
-            most = np.minimum(levels * rng.uniform(*NEAR, len(levels)), highest)
+            most = np.minimum(levels * rng.uniform(*PRESSURE_SHARES, len(levels)), highest)
         else:
             most = highest * np.where(rng.random(len(levels)) < IDLE, 0.0, rng.uniform(LEAST_SHARE, 1.0, len(levels)))
         if not most.any():
@@ -129,7 +129,7 @@ def measured_on_rig(source: VirtualRig, asked: Asked, out: Path, progress: Count
 
 
 def _keep(measured: MeasurementSet, asked: Asked, name: str, folder: Path) -> None:
-    """The set with its trials' names and roles as the loop has them."""
+    """Keep the set with its trials' names and roles as the loop has them."""
     trials = sorted(measured.trials, key=lambda trial: trial.order)
     roles = ("test" if trial.role == "test" else asked.role(trial.order) for trial in trials)
     renamed = (

@@ -93,7 +93,7 @@ class LoopOutcome:
 
     @property
     def best(self) -> Turn | None:
-        """The turn whose device is nearest to the target, as measured."""
+        """Return the turn whose device is nearest to the target, as measured."""
         measured = [turn for turn in self.turns if turn.device is not None]
         return min(measured, key=lambda turn: turn.device["excess"] if turn.device else np.inf, default=None)
 
@@ -218,12 +218,12 @@ def as_sentence(outcome: LoopOutcome) -> str:
     best = outcome.best
     if best is None or best.device is None:
         return f"A design is chosen. Its measurements are expected in {outcome.waiting_for}."
-    said = f"The first design is {measured[0]:.2f} mm over the noise floor on the device"
+    sentence = f"The first design is {measured[0]:.2f} mm over the noise floor on the device"
     if len(measured) > 1:
-        said += f"; the nearest, {_name(best)}, is {best.device['excess']:.2f} mm over it"
+        sentence += f"; the nearest, {_name(best)}, is {best.device['excess']:.2f} mm over it"
     if outcome.waiting_for is not None:
-        return f"{said}. The next measurements are expected in {outcome.waiting_for}."
-    return f"{said}. Ended: {outcome.stop_reason}."
+        return f"{sentence}. The next measurements are expected in {outcome.waiting_for}."
+    return f"{sentence}. Ended: {outcome.stop_reason}."
 
 
 def as_text(outcome: LoopOutcome) -> str:

@@ -65,7 +65,7 @@ class TurnSteps:
         return self.loop.work.folder / self.name
 
     def _say(self, line: str, part: float) -> None:
-        """part: of the turn, done."""
+        """Say how far the turn is. part: of it, done."""
         share = min(1.0, (self.number + part) / (self.loop.study.stop.turns + 1))
         self.loop.progress(f"{self.name.replace('_', ' ')}, {line}", share)
 

@@ -110,18 +110,19 @@ class Tolerance:
 
 
 def sound_trials(
-    measured: MeasurementSet, *, skip_bad: bool, roles: Collection[Role] = ("fit", "test")
+    measured: MeasurementSet, tolerance: Tolerance, roles: Collection[Role] = ("fit", "test")
 ) -> tuple[MeasurementSet, tuple[str, ...]]:
     """Return the set's trials of these roles, all of them read, without the unsound ones, and a line on each of those.
 
-    Raises InputError for the first one unless `skip_bad`, and where none is left.
+    Raises InputError for the first one unless it is tolerated, and where none is left.
     """
-    tolerance, sound = Tolerance(skip_bad), []
+    sound, before = [], len(tolerance.skipped)
     for trial in measured.trials:
         if trial.role in roles:
             with tolerance.forgiving():
                 trial.load()
                 sound.append(trial)
-    if not sound and tolerance.skipped:
-        raise InputError(f"{measured.name}: no sound trial; the first: {tolerance.skipped[0]}")
-    return replace(measured, trials=tuple(sound)), tuple(tolerance.skipped)
+    skipped = tuple(tolerance.skipped[before:])
+    if not sound and skipped:
+        raise InputError(f"{measured.name}: no sound trial; the first: {skipped[0]}")
+    return replace(measured, trials=tuple(sound)), skipped

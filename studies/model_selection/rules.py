@@ -15,7 +15,7 @@ from optimize.fit.cross_validation import Gain
 from optimize.fit.fitted import Fit
 from studies.model_selection.judged import CAUSE, CHANCE, Decoys, Judged, is_cause, is_certain, strength
 
-MUCH = 1.2  # times what a fit may lose of trials left out, in quadrature: what loses more even of those fitted ends
+LOSS_RATIO = 1.2  # times what a fit may lose of trials left out, in quadrature: what loses more of those fitted ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +232,7 @@ def as_well(refits: Refits, selection: Selection) -> Selection | None:
     """Drop an effect where a fit without it does as well: what is not linear may take its place, and which of two gains
     more to first order may be wrong. Not asked of an effect that gains more than enough for certain."""
     known, limit, most = selection.chosen, least(refits, selection), selection.reference
-    hopeless, asked = float(np.hypot(most.fit.after, MUCH * limit)), selection.asked
+    hopeless, asked = float(np.hypot(most.fit.after, LOSS_RATIO * limit)), selection.asked
     several = len(selection.gains) > 1
     unsure = [label for label, (_, (low, _)) in selection.gains.items() if low < limit and label not in asked]
     for label in sorted(unsure, key=lambda label: selection.gains[label][0]):
@@ -248,7 +248,7 @@ def as_well(refits: Refits, selection: Selection) -> Selection | None:
     return replace(selection, asked=asked) if asked != selection.asked else None
 
 
-def make_sure(refits: Refits, selection: Selection) -> Selection | None:
+def confirm(refits: Refits, selection: Selection) -> Selection | None:
     """Fit once more by a Jacobian made where the fit ends."""
     return None if selection.exact else selection.without(refits.judged(refits.exact(selection.chosen)), ())
 
@@ -286,7 +286,7 @@ ON_BENCHES = (_TOO_LITTLE,)
 ON_SETS = (
     Rule("begin beside", "one effect is left", "false minima of the declared parameters", begin_beside),
     _TOO_LITTLE,
-    Rule("make sure", "a Jacobian made where the fit ends", "updates drift over several fits", make_sure),
+    Rule("make sure", "a Jacobian made where the fit ends", "updates drift over several fits", confirm),
     Rule("as well without", "the same, by a fit without it", "first order may be wrong of two that are alike", as_well),
     Rule(
         "by chance", f"the {CHANCE:.0%} quantile of decoys' gains", "target-decoy competition, Elias and Gygi 2007",

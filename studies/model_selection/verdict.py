@@ -33,7 +33,7 @@ class Evidence:
     after: float
     effects: int  # that were certain, and were added
     box_before: float
-    left: float = 0.0  # share of what the effects leave that one kind of feature takes of trials left out
+    structure: float = 0.0  # share of what the effects leave that one kind of feature takes of trials left out
     fitted: float | None = None  # m that the refitted model leaves of the trials that it was fitted to; None: `before`
     fitted_after: float = math.inf  # m, the same with all effects
     typical: float = 0.0  # m, the median over trials held out of what the refitted model leaves of each
@@ -53,7 +53,7 @@ def decide(evidence: Evidence, tolerance: float) -> Word:
         return "unexplained"
     if evidence.after <= tolerance:
         return "effect"
-    if evidence.left > STRUCTURE:  # the nearest of the wrong names
+    if evidence.structure > STRUCTURE:  # the nearest of the wrong names
         return "unexplained"
     if evidence.fitted_after <= tolerance:  # a trial left out may need a factor that the others do not fix
         return "effect"

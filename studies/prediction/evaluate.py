@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -16,13 +16,13 @@ from fabdesign.geometry.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.predictor import Predictor
-from fabdesign.nouns.trial import MeasurementSet, Trial
+from fabdesign.nouns.trial import MeasurementSet, Role, Trial
 from fabdesign.runtime.effort import batches
 from studies.intervals.band import IntervalJudge, interval_judges
 from studies.measured.fit_data import noise_clouds
 from studies.measured.used_frames import UsedFrames, find_used_frames
 from studies.prediction.evaluation_report import ERRORS, DesignResult, SetEvaluation, TrialResult
-from studies.prediction.forward_model import forward_model
+from studies.prediction.forward_model import sensed_model
 
 AT_ONCE = 16  # trials, two motions each in memory
 _UNKNOWN = Errors(*[np.nan] * 5)
@@ -33,25 +33,25 @@ def evaluate_sets(
     sets: Sequence[MeasurementSet],
     *,
     coarse: ForwardModel | None = None,
-    all_trials: bool = False,
+    roles: Sequence[Role] = ("test",),
     seed: int = 0,
-    interruptible: bool = False,
+    on_interrupt: Literal["raise", "end"] = "raise",
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> SetEvaluation:
-    """Return errors of a model, by its simulator, on the trials of role `test`, with `all_trials` of the others too, in
-    a table of their own.
+    """Return errors of a model, by its simulator, on the trials of these roles, those of each in a table of
+    their own.
 
     coarse: a cheap simulator that finds the sensitive stretches of these trials
     (measured.used_frames), which are left out. Without it they are not looked for. After is all of the model;
     before is what it was without effects and corrector, or, where it has neither, the data sheet. A model's intervals
     are evaluated at every sixth frame; coarse moves its drawn models.
-    interruptible: Ctrl-C ends with the trials that are done. `progress` is told trials done and trials in all.
+    on_interrupt: Ctrl-C is raised, or ends with the trials that are done. `progress` is told trials done and in all.
     Raises InputError where no trial is left, or no frame of a design's trials; SimulationError where every
     motion of a design diverges.
     """
     model, forward = predictor.model, predictor.simulator
-    predictors = [forward_model(forward, model.before, sensing=True), replace(predictor, sensing=True)]
-    jobs = _jobs(sets, ("test", "fit") if all_trials else ("test",))
+    predictors = [sensed_model(forward, model.before), replace(predictor, sensing=True)]
+    jobs = _jobs(sets, roles)
     if not jobs:
         raise InputError(f"{', '.join(s.name for s in sets)}: no trial of role test; --all takes the others too")
     used = find_used_frames([(s, [t for job in jobs if job.measured is s for t in job.trials]) for s in sets], coarse)
@@ -64,7 +64,7 @@ def evaluate_sets(
                 results.append(task.result())
                 progress(len(results), len(tasks))
         except KeyboardInterrupt:
-            if not (interruptible and results):
+            if on_interrupt == "raise" or not results:
                 raise
             begins = np.cumsum([0, *(len(job.trials) for job in jobs[:-1])])
             jobs = jobs[: int((begins < len(results)).sum())]
@@ -86,7 +86,7 @@ class _Job:
     noise: "Future[SensorNoise]" = field(default_factory=Future)
 
 
-def _jobs(sets: Sequence[MeasurementSet], roles: Sequence[str]) -> list[_Job]:
+def _jobs(sets: Sequence[MeasurementSet], roles: Sequence[Role]) -> list[_Job]:
     shared = Counter(name for measured in sets for name in {trial.design_name for trial in measured.trials})
     jobs = []
     for measured in sets:

@@ -11,14 +11,14 @@ from fabdesign.formats.csv_table import write_rows
 from fabdesign.formats.json_file import plain, write_json
 from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.formats.schema import MM, Key
-from fabdesign.geometry.metrics import Closed, Errors, Statistics, told_beyond
+from fabdesign.geometry.metrics import Closed, Errors, Statistics, beyond_in_words
 from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.output import new_folder
 from fabdesign.units import in_mm
 from studies.intervals.calibrate import IntervalScore
 from studies.measured.used_frames import UsedFrames
 
-_FEW = 12  # trials, of which a histogram says less than their values
+_LEAST_BARS = 12  # trials, of which a histogram says less than their values
 ERRORS = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
 ERROR_NAMES = {"chamfer": "Chamfer distance", "surface_rms": "surface RMS"}  # for people
 
@@ -61,7 +61,7 @@ class DesignResult:
 
     @property
     def without_frames(self) -> list[str]:
-        """Trials of which no frame is used."""
+        """Return trials of which no frame is used."""
         return [t.trial for t in self.trials if not t.used]
 
     def json_content(self) -> dict[str, Any]:
@@ -184,7 +184,7 @@ def tables_markdown(evaluation: SetEvaluation) -> str:
         ]
         for name, design in table.items():
             before, after = design.before["beyond"].mean, design.after["beyond"].mean
-            parts.append(f"{name}: before, {told_beyond(before)}; after, {told_beyond(after)}")
+            parts.append(f"{name}: before, {beyond_in_words(before)}; after, {beyond_in_words(after)}")
         parts += [_intervals(name, design.intervals) for name, design in table.items() if design.intervals]
         parts.append("")
     return "\n".join(parts).rstrip() + "\n"
@@ -244,7 +244,7 @@ def write_histogram(evaluation: SetEvaluation, path: Path) -> None:
 def draw_distribution(axis: Any, design: DesignResult, error: str) -> None:
     """Draw the errors before and after: a mark a trial of a few, else how many trials have which error."""
     states = {"before": "tab:gray", "after": "tab:blue"}
-    if len(design.trials) < _FEW:
+    if len(design.trials) < _LEAST_BARS:
         for row, (state, colour) in enumerate(states.items()):
             values = [in_mm(getattr(getattr(trial, state), error)) for trial in design.trials]
             axis.plot(values, np.full(len(values), row), "o", color=colour, alpha=0.7, label=state)

@@ -23,17 +23,22 @@ from fabdesign.nouns.trial import Trial
 from fabdesign.units import in_mm
 
 
-def forward_model(simulator: ForwardModel, model: Model | None, *, sensing: bool = False) -> Predictor:
-    """Return `simulator` with all of `model`: factors, effects, corrector, and where asked for what its sensors add.
+def sensed_model(simulator: ForwardModel, model: Model | None) -> Predictor:
+    """Return `forward_model` with what the sensors add to what is measured."""
+    return replace(forward_model(simulator, model), sensing=True)
+
+
+def forward_model(simulator: ForwardModel, model: Model | None) -> Predictor:
+    """Return `simulator` with all of `model`: factors, effects, corrector.
 
     Raises InputError for a model with a part that cannot be used.
     """
     model = model or Model()
     if model.corrector is None:
-        return Predictor(simulator, model, sensing)
+        return Predictor(simulator, model)
     from corrector import load_corrector  # a few milliseconds that only a model with one costs
 
-    return Predictor(simulator, model, sensing, load_corrector(model))
+    return Predictor(simulator, model, corrector=load_corrector(model))
 
 
 def without_resistance(predictor: Predictor) -> Predictor | None:
@@ -100,17 +105,15 @@ class WithMuscleStates:
         return [shape.points[0] for shape in self.last]
 
 
-def laced_motions(
-    forward: ForwardModel, model: Model | None, cases: Sequence[Case], times: Sequence[Array], *, sensing: bool = False
-) -> list[Motion]:
-    """Return the motions of `forward_model(forward, model, sensing=sensing)`; contraction and tension where `forward`
-    knows them. A motion that diverged holds NaN."""
-    kept = WithMuscleStates(forward) if knows_muscles(forward) else None
-    predictor = forward_model(kept or forward, model, sensing=sensing)
+def laced_motions(predictor: Predictor, cases: Sequence[Case], times: Sequence[Array]) -> list[Motion]:
+    """Return the motions of a predictor; contraction and tension where its simulator knows them. A motion that diverged
+    holds NaN."""
+    kept = WithMuscleStates(predictor.simulator) if knows_muscles(predictor.simulator) else None
+    predictor = predictor if kept is None else replace(predictor, simulator=kept)
     motions = predictor.motions(cases, times)
     laced = []
     for k, (case, at, points) in enumerate(zip(cases, times, motions, strict=True)):
-        seen = seen_at(predictor.case(case), at) if sensing else at
+        seen = seen_at(predictor.case(case), at) if predictor.sensing else at
         laced.append(_motion(case, at, points, kept.last[k] if kept else None, seen))
     return laced
 
@@ -136,7 +139,7 @@ def _motion(case: Case, at: Array, points: NDArray[np.float32], state: Any, seen
     return Motion(at, points, square_triangles(points.shape[1]), (fabric.width, fabric.height), muscles)
 
 
-NEAR = 1e-4  # m RMS over the points and frames of a motion, under which the coarser grid is as good
+GRID_ERROR = 1e-4  # m RMS over the points and frames of a motion, under which the coarser grid is as good
 _FEWEST = 6  # trials of a design, for it to be tried: below, trying costs more than it spares
 
 
@@ -193,12 +196,13 @@ def enough_points(
     # the fine one first: room is then made once
     both = [forward_model(simulator, model).motions(cases, times) for simulator in (fine, coarse)]
     apart = [_rms(a, b) for a, b in zip(*both, strict=True)]
-    calm = tuple(trial.design for trial, off in zip(tried, apart, strict=True) if off < NEAR)
+    calm = tuple(trial.design for trial, off in zip(tried, apart, strict=True) if off < GRID_ERROR)
     for trial, off in zip(tried, apart, strict=True):
+        points = POINTS_PER_SIDE if off < GRID_ERROR else model.points_per_side
         tell(
-            f"grid: {POINTS_PER_SIDE if off < NEAR else model.points_per_side} points a side for {trial.design_name}; "
+            f"grid: {points} points a side for {trial.design_name}; "
             f"with {POINTS_PER_SIDE} instead of the model's {model.points_per_side}, {trial.name} moves by "
-            f"{in_mm(off):.2f} mm RMS, {'under' if off < NEAR else 'not under'} {in_mm(NEAR):g}"
+            f"{in_mm(off):.2f} mm RMS, {'under' if off < GRID_ERROR else 'not under'} {in_mm(GRID_ERROR):g}"
         )
     return ByDesign(fine, coarse, calm) if calm else fine
 

@@ -20,7 +20,7 @@ from fabdesign.output import new_folder
 from fabdesign.runtime.effort import batches, require_motion
 from fabdesign.units import in_mm
 from studies.intervals.band import bands
-from studies.prediction.forward_model import forward_model, laced_motions, laced_rests
+from studies.prediction.forward_model import forward_model, laced_motions, laced_rests, sensed_model
 
 FRAME_RATE = 60.0  # Hz, of the paper's cameras
 AT_ONCE = 32  # motions in memory
@@ -51,7 +51,7 @@ def require_motions(
 ) -> list[Motion]:
     """Return the motion of each case with its muscles, without sensing effects. Raises InputError for a model with a
     part that cannot be used, SimulationError where a motion diverges."""
-    motions = laced_motions(forward, model, cases, times)
+    motions = laced_motions(forward_model(forward, model), cases, times)
     for case, motion in zip(cases, motions, strict=True):
         _require_finite(motion.points, motion.time, case.design.name, _on_grid(forward, case.design))
     return motions
@@ -84,15 +84,15 @@ def predicted(
     """Yield every trial with its motion at its own times, sensing effects included, and with its band where the model
     has intervals. coarse: a cheap simulator for the drawn models, by default `forward`. Raises InputError and
     SimulationError."""
-    whole = forward_model(forward, model, sensing=True)
+    full = sensed_model(forward, model)
     cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
     for part in batches([len(trial.times) for trial in trials], AT_ONCE):
         batch = trials[part]
         times = [trial.times for trial in batch]
-        motions = laced_motions(forward, model, cases[part], times, sensing=True)
+        motions = laced_motions(full, cases[part], times)
         for trial, motion in zip(batch, motions, strict=True):
             _require_finite(motion.points, motion.time, str(trial.file), _on_grid(forward, trial.design))
-        around = bands(whole, coarse or forward, cases[part], times, [motion.points for motion in motions])
+        around = bands(full, coarse or forward, cases[part], times, [motion.points for motion in motions])
         for trial, motion, band in zip(batch, motions, around, strict=True):
             yield trial, replace(motion, band=band)
 

@@ -122,22 +122,22 @@ class Branches:
 
     @property
     def nearest(self) -> float:
-        """m, of the changed ones; infinite where all diverged."""
+        """Return m, of the changed ones; infinite where all diverged."""
         return float(np.min(self.others, where=np.isfinite(self.others), initial=np.inf))
 
     @property
-    def much_nearer(self) -> bool:
-        """Whether a changed start leads to a motion that is much nearer."""
+    def is_nearer(self) -> bool:
+        """Return whether a changed start leads to a motion that is much nearer."""
         return self.nearest < HALF * self.unchanged
 
     @property
     def on_another_branch(self) -> bool:
-        """Whether that is so of a trial that no small error explains."""
-        return self.unchanged > FAR and self.much_nearer
+        """Return whether that is so of a trial that no small error explains."""
+        return self.unchanged > FAR and self.is_nearer
 
     @property
     def odds(self) -> float:
-        """Share of the starts, the model's own among them, that lead as near as the nearest, within 1 mm."""
+        """Return the share of the starts, the model's own among them, that lead as near as the nearest, within 1 mm."""
         every = np.append(self.others, self.unchanged)
         return float(np.mean(every < np.nanmin(every) + 1e-3))
 

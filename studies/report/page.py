@@ -49,14 +49,14 @@ class Text(Block):
 class TableBlock(Block):
     """Rows of cells, numbers that are no whole ones with two decimals. The last cell of a short row takes what is left.
 
-    left: columns besides the first whose words begin at the left. bold: rows. Both by their number, from 0.
+    left_aligned: columns besides the first whose words begin at the left. bold: rows. Both by their number, from 0.
     """
 
     head: Sequence[str]
     rows: Iterable[Sequence[object]]
-    left: Sequence[int] = ()
+    left_aligned: Sequence[int] = ()
     bold: Sequence[int] = ()
-    html = """<table>{% macro place(k) %}{% if k in block.left %} class="left"{% endif %}{% endmacro %}
+    html = """<table>{% macro place(k) %}{% if k in block.left_aligned %} class="left"{% endif %}{% endmacro %}
 {%- if block.head %}<tr>{% for cell in block.head %}<th{{ place(loop.index0) }}>{{ cell | cell }}</th>{% endfor %}</tr>
 {% endif %}{% for row in block.rows %}{% set more = block.head | length - row | length %}
 <tr{% if loop.index0 in block.bold %} class="bold"{% endif %}>{% for cell in row %}{% if loop.last and more > 0 %}

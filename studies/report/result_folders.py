@@ -40,7 +40,7 @@ class ResultFolder:
 
     @property
     def figures(self) -> dict[str, Figure]:
-        """Numbers and words of the result by name, those of inner tables as OUTER.INNER; no lists."""
+        """Return numbers and words of the result by name, those of inner tables as OUTER.INNER; no lists."""
         return dict(_flat(self.result))
 
     @property

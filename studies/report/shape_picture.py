@@ -45,7 +45,7 @@ def draw_shape(axes: Any, middle: Array, target: Array, box: Array) -> None:
 
 
 def _from_the_side(axes: Any, middle: Array, others: Sequence[Array], target: Array, low: Array, high: Array) -> None:
-    """The columns of the cloth, z to the right and y upwards, in mm."""
+    """Draw the columns of the cloth, z to the right and y upwards, in mm."""
     axes.plot(in_mm(target[:, 2]), in_mm(target[:, 1]), ".", markersize=2.5, color=TARGET, label="target")
     columns = np.linspace(0, len(middle) - 1, 9).round().astype(int)
     for other in others:

@@ -134,7 +134,7 @@ def draw(points: Array, triangles: Ints, shape: tuple[int, int], pinhole: Array)
 
 
 def at_edge(depth: Array, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Pixels beside the background, or beside something more than FLYING_REACH behind."""
+    """Return pixels beside the background, or beside something more than FLYING_REACH behind."""
     far = np.where(seen, depth, np.inf)
     padded = np.pad(far, 1, constant_values=np.inf)
     around = [padded[1 + i : padded.shape[0] - 1 + i, 1 + j : padded.shape[1] - 1 + j] for i, j in _NEIGHBOURS]

@@ -195,7 +195,7 @@ def shapes_of(tasks: Sequence[TrialTask], workers: int) -> Generator[Array, None
 
 
 def end_with_parent() -> None:
-    """A worker would outlive its killed parent, waiting for work for ever. Ctrl-C is the parent's to answer."""
+    """End this worker with its parent, which it would outlive, waiting for ever. Ctrl-C is the parent's to answer."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     assert parent is not None

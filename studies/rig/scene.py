@@ -235,7 +235,7 @@ def _moduli(design: Design, membrane: float, shear: float, bending: float) -> Ar
 
 
 def line_mass(patch: Patch, path: Array, per_length: float) -> sp.csr_matrix:
-    """Mass matrix of a thread along a polyline (n, 2) m."""
+    """Return the mass matrix of a thread along a polyline (n, 2) m."""
     g, w = np.polynomial.legendre.leggauss(3)
     total = sp.csr_matrix((patch.count, patch.count))
     for a, b in pairwise(path):
@@ -249,7 +249,8 @@ def line_mass(patch: Patch, path: Array, per_length: float) -> sp.csr_matrix:
 
 
 def _support(design: Design, patch: Patch) -> tuple[NDArray[np.bool_], Array]:
-    """Control values that are held, for a hung edge; (points, 2) m to be tied, where the cloth hangs by points."""
+    """Return the control values that are held, for a hung edge; (points, 2) m to be tied, where the cloth hangs by
+    points."""
     held = np.zeros((patch.count, 3), dtype=bool)
     hung = design.fabric.hung
     if isinstance(hung, tuple):

@@ -9,7 +9,7 @@ from fabdesign.nouns import muscle_law
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import PressureProgram
-from fabdesign.output import whole_file
+from fabdesign.output import atomic_file
 from fabdesign.runtime.fingerprint import sha256
 from fabdesign.runtime.store import kept, user_cache
 from studies.rig.effects import EFFECTS
@@ -58,7 +58,7 @@ def control_points(task: TrialTask) -> Array:
 
 
 def _write_points(file: Path, points: Array) -> None:
-    with whole_file(file, needed=points.nbytes) as temporary, temporary.open("wb") as stream:
+    with atomic_file(file, needed=points.nbytes) as temporary, temporary.open("wb") as stream:
         np.save(stream, points)
 
 

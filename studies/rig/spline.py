@@ -26,7 +26,7 @@ class Axis:
 
     @property
     def count(self) -> int:
-        """Number of basis functions."""
+        """Return the number of basis functions."""
         return len(self.breaks) - 1 + self.degree
 
     @property

@@ -102,7 +102,7 @@ def _blocks(result: SensitivityResult) -> Iterator[page.Block]:
         apply |= {"joint", "given"} if "sobol" in apply else {"joint"}
     yield page.Text("".join(text for name, text in _MEANS.items() if name in apply))
     varied = [(v.name, v.what, v.unit or "factor", f"{v.low:g}", f"{v.high:g}") for v in study.varied]
-    yield page.TableBlock(("varied", "what", "unit", "from", "to"), varied, left=(1,))
+    yield page.TableBlock(("varied", "what", "unit", "from", "to"), varied, left_aligned=(1,))
     yield from page.texts("", [f"Held, kPa: {held}." if (held := _held(study)) else None])
     times = f"{result.wall_s:.0f} s by the clock, {result.cpu_s:.0f} s of the processor"
     yield page.Text(f"{times}. {page.package_versions(PACKAGES)}.", "quiet")

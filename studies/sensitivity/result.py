@@ -103,12 +103,12 @@ class Computed:
 
     @property
     def failed(self) -> int:
-        """Samples without a value."""
+        """Return samples without a value."""
         return int(np.isnan(self.outputs).any(axis=2).sum())
 
     @cached_property
     def sound(self) -> NDArray[np.bool_]:
-        """(whole rows,) whether none of its samples failed."""
+        """Return (whole rows,) whether none of its samples failed."""
         return np.asarray(~np.isnan(self.outputs).any(axis=(1, 2)))
 
 
@@ -179,40 +179,42 @@ class SensitivityResult(Tabled):
 
     @property
     def warnings(self) -> list[str]:
-        """Those sentences that limit what the indices say."""
+        """Return those sentences that limit what the indices say."""
         return [text for text, warns in self._statements() if warns]
 
     def _statements(self) -> list[tuple[str, bool]]:
-        """Sentences, and whether each is a warning."""
-        said = []
+        """Return sentences, and whether each is a warning."""
+        texts = []
         if not self.complete:
             done = ", ".join(f"{len(f.outputs)} of {len(f.cube)} {ROWS[m]}" for m, f in self.computed.items())
             if self.interrupted:
-                said.append((f"Interrupted, with {done}; the same study goes on in its folder.", True))
+                texts.append((f"Interrupted, with {done}; the same study goes on in its folder.", True))
             else:
                 limit = self.study.seconds
-                said.append((f"Ended by its limit of {limit:g} s, with {done}; with more seconds it goes on.", True))
+                texts.append((f"Ended by its limit of {limit:g} s, with {done}; with more seconds it goes on.", True))
         if self.failed:
             rows = ", ".join(f"{(~f.sound).sum()} {ROWS[m]}" for m, f in self.computed.items() if f.failed)
-            said.append((f"{self.failed} of {self.samples} samples failed; {rows} were left out with them.", True))
+            texts.append((f"{self.failed} of {self.samples} samples failed; {rows} were left out with them.", True))
         if len(self.moves):
             low, high = binomtest(self.snapping, len(self.moves)).proportion_ci(0.9, method="wilson")
             share = f"90 % interval of the share: {low:.0%} to {high:.0%}"
             snap = f"{self.snapping} of {len(self.moves)} checked samples snap: pressures 2 % off lead to another "
             snap += f"stable shape ({share})."
-            said.append((snap + (" So the indices depend partly on chance." if self.many_snap else ""), self.many_snap))
+            texts.append(
+                (snap + (" So the indices depend partly on chance." if self.many_snap else ""), self.many_snap)
+            )
         still = [c.name for c, s, i in zip(self.watched, self.screenings, self.sobol, strict=True) if not s and not i]
         if still:
-            said.append((f"No varied parameter changes {', '.join(still)}.", False))
+            texts.append((f"No varied parameter changes {', '.join(still)}.", False))
         widest = max((float(np.ptp(i.total90, axis=1).max()) for i in self.sobol if i is not None), default=0.0)
         if widest > WIDE:
             count = len(self.computed["sobol"].outputs)
             wide = f"The 90 % intervals of total Sobol indices are up to {widest:.2g} wide: {count} rows are too few "
-            said.append((wide + "to rank parameters by them; more `samples` narrow them.", True))
-        return said
+            texts.append((wide + "to rank parameters by them; more `samples` narrow them.", True))
+        return texts
 
     def spread(self, column: int) -> dict[str, float]:
-        """Mean, standard deviation and 90 % interval of an output over independent samples."""
+        """Return the mean, standard deviation and 90 % interval of an output over independent samples."""
         samples = self.computed.get("sobol") or self.computed["morris"]
         sound = samples.outputs[samples.sound][..., column]
         values = sound[:, :2] if "sobol" in self.computed else sound[:, 0]

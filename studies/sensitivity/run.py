@@ -4,7 +4,7 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, Literal, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +64,7 @@ insert or ignore into spent values (0, 0, 0);
 
     @property
     def spent(self) -> tuple[float, float]:
-        """s by the clock and of the processor, all sessions together."""
+        """Return s by the clock and of the processor, all sessions together."""
         [(wall, cpu)] = self.rows("select wall, cpu from spent")
         return float(wall), float(cpu)
 
@@ -97,15 +97,15 @@ _SHARE = 16  # every so many-th row is looked at
 
 @dataclass(frozen=True)
 class Progress:
-    """part: what is under way. left: s that the rest takes at the pace so far; None before the first batch."""
+    """part: what is under way. remaining: s that the rest takes at the pace so far; None before the first batch."""
 
     part: str
     done: int
     total: int
-    left: float | None
+    remaining: float | None
 
     def __str__(self) -> str:
-        rest = "" if self.left is None or not self.left else f", {duration(self.left)} left"
+        rest = "" if self.remaining is None or not self.remaining else f", {duration(self.remaining)} left"
         return f"{self.part}: {self.done} of {self.total} samples{rest}"
 
 
@@ -115,14 +115,14 @@ def run_sensitivity(
     *,
     forward: ForwardModel | None = None,
     progress: Callable[[Progress], None] = lambda _: None,
-    interruptible: bool = False,
+    on_interrupt: Literal["raise", "end"] = "raise",
     **how: Unpack[Running],
 ) -> SensitivityResult:
     """Compute the samples of a study and write `result.json`, `samples.csv` and `report.html` into `out`.
 
     forward: by default the simulator with the study's grid. The same study goes on in its folder after an interruption,
     and further with more samples, trajectories or seconds; another study is refused there (InputError), unless `force`.
-    interruptible: Ctrl-C ends with what is done, where that is enough for a statement.
+    on_interrupt: Ctrl-C is raised, or ends with what is done, where that is enough for a statement.
     Raises SimulationError where too many samples fail for a statement.
     """
     run = StudyRun.of(study, SensitivityStudy.read, how)
@@ -131,7 +131,7 @@ def run_sensitivity(
     with run.folder(out, "sensitivity", [study.target.file] if study.target else []) as work:
         content = sweep_content(study, None if target is None else target.points)
         with Samples.of_work(work, FILE, content) as store:
-            result = _Sweep(study, target, store, forward, progress, interruptible).run()
+            result = _Sweep(study, target, store, forward, progress, on_interrupt).run()
         with work.adding() as files:
             write_report(result, files)
     return result
@@ -145,9 +145,9 @@ class _Sweep:
         store: Samples,
         forward: ForwardModel | None,
         progress: Callable[[Progress], None],
-        interruptible: bool,
+        on_interrupt: Literal["raise", "end"],
     ) -> None:
-        self._interruptible, self._interrupted = interruptible, False
+        self._on_interrupt, self._interrupted = on_interrupt, False
         self.study, self.inputs, self._store, self._progress = study, Inputs(study), store, progress
         if forward is None:
             forward = simulator(study.points_per_side, study)
@@ -172,7 +172,7 @@ class _Sweep:
         self._total, self._done, self._begun, self._computed = total, 0, working_time.seconds(), 0
         in_time = True
         for part, cube in parts.items():
-            values = self.inputs.values(cube.reshape(-1, cube.shape[-1]), screened=part == "morris")
+            values = self.inputs.values(cube.reshape(-1, cube.shape[-1]), part)
             samples = self._all(part, values, self._outputs_of, cases=1) if in_time else self._store.of(part)
             in_time = in_time and len(samples) >= len(values)
             shape = cube.shape[:2]
@@ -205,7 +205,7 @@ class _Sweep:
             return np.empty((0, len(self.inputs.names)))
         part, cube = [*parts.items()][-1]
         count = min(max(CHECKED[0], len(cube) // _SHARE), CHECKED[1], len(cube))
-        return self.inputs.values(cube[:count, 0], screened=part == "morris")
+        return self.inputs.values(cube[:count, 0], part)
 
     def _all(
         self, part: str, values: Array, compute: Callable[[Array], list[Array]], *, cases: int
@@ -224,7 +224,7 @@ class _Sweep:
             try:
                 new = compute(values[numbers])
             except KeyboardInterrupt:
-                if not self._interruptible:
+                if self._on_interrupt == "raise":
                     raise
                 self._interrupted = True
                 break
@@ -270,5 +270,5 @@ class _Sweep:
 def _filled(outputs: dict[int, Array], shape: tuple[int, ...], columns: int) -> Array:
     """Return (whole rows, samples a row, columns): the rows before the first of which a sample is not there."""
     rows, each = shape
-    whole = next((k for k in range(rows * each) if k not in outputs), rows * each) // each
-    return np.array([outputs[k] for k in range(whole * each)]).reshape(whole, each, columns)
+    complete = next((k for k in range(rows * each) if k not in outputs), rows * each) // each
+    return np.array([outputs[k] for k in range(complete * each)]).reshape(complete, each, columns)

@@ -47,7 +47,7 @@ class Inputs:
 
     @property
     def groups(self) -> dict[str, tuple[int, ...]]:
-        """Inputs by what a Sobol index is given for: each of them, and the covariance as a whole."""
+        """Return inputs by what a Sobol index is given for: each of them, and the covariance as a whole."""
         single = {name: (i,) for i, name in enumerate(self.names)}
         together = tuple(range(len(self.study.varied), len(self.names)))
         return single | ({JOINT: together} if len(together) > 1 else {})
@@ -60,13 +60,13 @@ class Inputs:
     def _ensemble(self) -> Ensemble:
         return Ensemble(self.study.model or Model())
 
-    def values(self, cube: Array, *, screened: bool = False) -> Array:
-        """Return (n, inputs) in their units, of points of the unit cube. screened: its edges are those of a 90 %
-        interval where an input is normal, as Morris' levels need it."""
+    def values(self, cube: Array, part: str) -> Array:
+        """Return (n, inputs) in their units, of points of the unit cube; for the part "morris" its edges are those of a
+        90 % interval where an input is normal, as its levels need it."""
         low, high = (np.array([getattr(v, side) for v in self.study.varied]) for side in ("low", "high"))
         varied = low + (high - low) * cube[:, : len(low)]
         rest = cube[:, len(low) :]
-        return np.concatenate([varied, ndtri((1 - WITHIN) / 2 + WITHIN * rest if screened else rest)], axis=1)
+        return np.concatenate([varied, ndtri((1 - WITHIN) / 2 + WITHIN * rest if part == "morris" else rest)], axis=1)
 
     def case(self, values: Array, spread: Array | None = None) -> Case:
         """Return the case of (inputs,) values. spread: (channels,) factors on the pressures."""
@@ -89,8 +89,8 @@ class Inputs:
 
     @property
     def centre(self) -> Array:
-        """(inputs,) the middle of every range."""
-        return self.values(np.full((1, len(self.names)), 0.5))[0]
+        """Return (inputs,) the middle of every range."""
+        return self.values(np.full((1, len(self.names)), 0.5), "sobol")[0]
 
 
 def _with(terms: tuple[Term, ...], name: str, parameter: str, value: float) -> tuple[Term, ...]:

@@ -38,7 +38,8 @@ class Gate:
     """Listens on a host and a port, and lets in whoever shows the secret. `address` has it."""
 
     def __init__(self, host: str, port: int | None, *, first: int = 8080) -> None:
-        """port: None for the first free one from `first` on. Raises InputError where it cannot listen."""
+        """Listen on a port. port: None for the first free one from `first` on. Raises InputError where it cannot
+        listen."""
         self._socket = _listening(host, port, first)
         bound, self.port = self._socket.getsockname()[:2]
         # "localhost" may lead elsewhere too, where another user listens

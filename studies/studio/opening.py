@@ -19,7 +19,7 @@ from fabdesign.files.pressure_file import read_pressures
 from fabdesign.formats.json_file import read_json
 from fabdesign.formats.toml_file import file_stem, parse_toml
 from fabdesign.geometry.distances import nearest_distances
-from fabdesign.geometry.metrics import Errors, told_beyond
+from fabdesign.geometry.metrics import Errors, beyond_in_words
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.design import Design
@@ -75,7 +75,7 @@ class Comparison:
     @property
     def sentences(self) -> list[str]:
         """Return the errors in words, mm, with the noise floors beside."""
-        beyond = [told_beyond(self.errors.beyond)] if self.errors.beyond else []
+        beyond = [beyond_in_words(self.errors.beyond)] if self.errors.beyond else []
         return [*errors_in_words(self.errors).split(", "), *beyond]
 
 

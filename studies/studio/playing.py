@@ -203,7 +203,7 @@ class ProgramEdit:
 
     @property
     def _each(self) -> int:
-        """Cycles from one knot to the next."""
+        """Return cycles from one knot to the next."""
         return max(1, round(KNOTS / self.moving.regulator.cycle))
 
     @property
@@ -235,10 +235,10 @@ class ProgramEdit:
         self._document.show()
         self.play()
 
-    def play(self, *, exact: bool = False) -> None:
-        """Simulate the program, and play it over the target. exact: on the model's grid, with its corrector."""
+    def play(self, kind: Kind = "program") -> None:
+        """Simulate the program, and play it over the target. kind: "motion" on the model's grid, with its corrector."""
         document, moving, design = self._document, self.moving, self._document.layout.design
-        if self._under_way and not exact:
+        if self._under_way and kind == "program":
             return  # what is under way asks again
         with document.refusals():
             if design.channels != moving.regulator.channels:
@@ -246,7 +246,6 @@ class ProgramEdit:
                     f"{design.name}: {design.channels} channels; the program has {moving.regulator.channels}"
                 )
             case = case_of(moving.study, moving.regulator.program(self.pressures))
-            kind: Kind = "motion" if exact else "program"
             ask = Ask(kind, design, case.program, document.choice.model, moving.times, case.order)
             ask = replace(ask, effects=case.effects, wanted=moving.wanted)
             self._under_way = True

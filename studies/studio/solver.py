@@ -133,9 +133,11 @@ class StudioSolver:
         all."""
         simulator, kept = self._simulator(ask), ask.model.without(["corrector"])
         if ask.kind == "laced" and ask.times is not None:
-            (laced,) = laced_motions(simulator, ask.model, [ask.case], [ask.times], sensing=ask.sensing)
+            predictor = replace(forward_model(simulator, ask.model), sensing=ask.sensing)
+            (laced,) = laced_motions(predictor, [ask.case], [ask.times])
             return Answer(laced.points, laced=laced)
-        model = self._predictor(_Remembering(simulator), kept if ask.kind == "nearby" else ask.model, ask.sensing)
+        model = self._predictor(_Remembering(simulator), kept if ask.kind == "nearby" else ask.model)
+        model = replace(model, sensing=ask.sensing)
         corrector = model.corrector
         bare = replace(model, corrector=None)
         correction: Correction | None = None
@@ -153,14 +155,14 @@ class StudioSolver:
         off = None if ask.wanted is None or ask.times is None else ask.wanted.errors(ask.times, points)
         return Answer(points, correction=correction, errors=errors, off=off)
 
-    def _predictor(self, simulator: Any, model: Model, sensing: bool) -> Predictor:
+    def _predictor(self, simulator: Any, model: Model) -> Predictor:
         """Return what `forward_model` does; a corrector's file is read once."""
         if model.corrector is None:
-            return forward_model(simulator, model, sensing=sensing)
+            return forward_model(simulator, model)
         key = model.corrector, central_hash(model)
         if key not in self._correctors:
             self._correctors[key] = forward_model(simulator, model).corrector
-        return Predictor(simulator, model, sensing, self._correctors[key])
+        return Predictor(simulator, model, corrector=self._correctors[key])
 
     def _resumed(self, simulator: Any, case: Case, ask: Ask) -> Points:
         """Return a program's motion, from the state before the first set point that is another than the last time."""

@@ -14,7 +14,7 @@ from optimize.fit.cross_validation import LeftOut
 from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import fit_vector
-from optimize.fit.policy import NEAR
+from optimize.fit.policy import ROUGH
 from optimize.fit.significance import NEEDED, eliminated
 from studies.model_selection.rules import Selection
 from studies.tracing.task import Task
@@ -36,25 +36,25 @@ def discover(task: Task, selection: Selection) -> Discovered | None:
     """Fit a formula from the data sheet, as the joint fit; None where nothing is needed or too little gained."""
     inputs = selection.everything.inputs
     vector = fit_vector([DISCOVERED.name], factors=task.factors, designs=task.designs)
-    whole = task.fit("discovered", vector, FitStart(inputs=inputs), NEAR)
-    kept, start = _needed(whole)
+    full = task.fit("discovered", vector, FitStart(inputs=inputs), ROUGH)
+    kept, start = _needed(full)
     if not kept:
         return None
     parameters = (p for p in vector.parameters if p.is_factor or p.name.rpartition(".")[2] in kept)
-    few = replace(vector, parameters=tuple(parameters))
-    fitted = task.fit(f"discovered, {' '.join(kept)}", few, FitStart(start, inputs=inputs))
+    necessary = replace(vector, parameters=tuple(parameters))
+    fitted = task.fit(f"discovered, {' '.join(kept)}", necessary, FitStart(start, inputs=inputs))
     before, excess = (LeftOut.of(one, task.data.folds).scored().excess(task.floor) for one in (selection.plain, fitted))
     return Discovered(fitted, before, excess) if excess <= SHARE * before else None
 
 
-def _needed(whole: Fit) -> tuple[list[str], Array]:
+def _needed(fit: Fit) -> tuple[list[str], Array]:
     """Return the coefficients that cost NEEDED of log likelihood each to drop, one after another, the cheapest first;
     and (p,) where the unknowns that stay are then, to first order."""
     coefficients = {
         name: np.array([k])
-        for k, (name, p) in enumerate(zip(whole.vector.names, whole.vector.parameters, strict=True))
+        for k, (name, p) in enumerate(zip(fit.vector.names, fit.vector.parameters, strict=True))
         if not p.is_factor
     }
-    remaining, x = eliminated(whole.minimum, whole.covariance, coefficients, NEEDED)
+    remaining, x = eliminated(fit.minimum, fit.covariance, coefficients, NEEDED)
     dropped = [int(part[0]) for name, part in coefficients.items() if name not in remaining]
-    return [name.rpartition(".")[2] for name in remaining], np.delete(whole.vector.inside(x), dropped)
+    return [name.rpartition(".")[2] for name in remaining], np.delete(fit.vector.inside(x), dropped)

@@ -105,7 +105,7 @@ class Outcome(OfModel):
         return "order" if self._drift else self.remains.follows
 
     @property
-    def said(self) -> list[str]:
+    def sentences(self) -> list[str]:
         """Return lines for people."""
         lines = []
         if self.selection.small:
@@ -201,7 +201,7 @@ class Outcome(OfModel):
                 "fitted": excess.fitted and in_mm(excess.fitted),
             },
             "detectable": {c.name: c.detectable for c in self.candidates if not c.chosen},
-            "said": self.said,
+            "said": self.sentences,
         }
 
     @cached_property
@@ -270,7 +270,6 @@ def model_of(
     *,
     points_per_side: int,
     known: tuple[EffectTerm, ...],
-    reliable: bool,
 ) -> Model:
     """Return a fit as a model, with the effects known before and the factors fitted without effects. What was not
     chosen may still act as far as the joint fit leaves it open, so that intervals are wider by it."""
@@ -280,7 +279,6 @@ def model_of(
         fit if fit is plain else replace(fit, without_effects=plain),
         with_engines(fit) + undecided(minimum, joint.covariance, joint.vector.names, fit.x, fit.vector.names),
         trials=data.trials,
-        reliable=reliable,
         points_per_side=points_per_side,
         provenance=data.provenance(),
     )

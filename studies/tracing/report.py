@@ -110,7 +110,7 @@ def as_text(outcome: Outcome) -> str:
             what = "gains" if row["chosen"] else "would gain"
             lines.append(f"  {row['name']:<20} {what} {gain_in_words(row['gain'], row['interval90'], 'mm')}")
     lines.append(f"left out: {outcome.data.used.share_left_out:.0%} of the frames")
-    lines += outcome.said
+    lines += outcome.sentences
     if (experiment := experiment_in_words(outcome)) is not None:
         lines.append(f"next: {experiment}")
     return "\n".join(lines)
@@ -140,7 +140,7 @@ def _answer(outcome: Outcome) -> Iterator[page.Block]:
     rig = "an independent simulation with a model of a sensor, not hardware."
     if outcome.synthetic:
         yield page.Text(Markup("Measured on a <b>synthetic rig</b>: {}").format(rig), "note")
-    yield from page.texts("note", map(page.sentence, outcome.said))
+    yield from page.texts("note", map(page.sentence, outcome.sentences))
     yield charts.error_bars(result["error"], "noise floor", "mm", "surface RMS of trials held out")
     tested = any(error.role == "test" for error in outcome.errors)
     held_out = "those of role test, looked at once" if tested else "each trial left out in turn, to first order"
@@ -161,7 +161,7 @@ def _answer(outcome: Outcome) -> Iterator[page.Block]:
         if row["name"] != "none"
     ]
     yield page.TableBlock(
-        ("effect", "in the model", "gain\nmm", "smallest value\nthat would have shown"), rows, left=(3,)
+        ("effect", "in the model", "gain\nmm", "smallest value\nthat would have shown"), rows, left_aligned=(3,)
     )
     yield page.Text(_GAIN, "quiet")
 

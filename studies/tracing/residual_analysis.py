@@ -81,10 +81,10 @@ def _follows(state: Residuals, folds: Sequence[int]) -> tuple[dict[str, float], 
     fold = np.asarray(folds)[frames.trial]
     kinds = _kinds(state, frames)
     total = float(np.square(frames.shapes).sum())
-    place = _left(np.zeros((len(fold), 0)), frames, fold)
+    place = _unexplained(np.zeros((len(fold), 0)), frames, fold)
     shares = {"place": 1 - place / total}
     for name, table in kinds.items():
-        shares[name] = 1 - _left(table, frames, fold) / total - max(shares["place"], 0.0)
+        shares[name] = 1 - _unexplained(table, frames, fold) / total - max(shares["place"], 0.0)
     return shares, _drift(state.session[frames.trial, 0], kinds["pressure"].sum(axis=1), frames)
 
 
@@ -122,7 +122,7 @@ def _kinds(state: Residuals, frames: Frames) -> dict[str, Array]:
     return joined
 
 
-def _left(table: Array, frames: Frames, fold: Indices) -> float:
+def _unexplained(table: Array, frames: Frames, fold: Indices) -> float:
     """Return the squares left of the shapes of held-out folds, m^2, by ridge regression with a constant, at best."""
     table = np.column_stack([np.ones(len(fold)), standardised(table)])
     best = np.inf

@@ -22,6 +22,7 @@ from fabdesign.version import SIMULATOR
 from optimize.fit.clouds import Density, evenly
 from optimize.fit.cross_validation import LeftOut
 from studies.fitting.fits import with_shapes_at_rest
+from studies.fitting.fitted_model import doubted
 from studies.measured.fit_data import MeasuredData, TooLittle
 from studies.measured.splits import fit_trials
 from studies.measured.used_frames import find_used_frames
@@ -135,7 +136,7 @@ def _outcome(task: Task, every: Sequence[Trial], options: Options) -> Outcome:
     if verdict == "effect":
         instead |= same_from_rest(task, selection)
     task.say("what to measure next")
-    grid, reliable = options.grid or GRID, verdict != "unexplained"
+    model = model_of(fitted, selection, data, points_per_side=options.grid or GRID, known=known.effects)
     return Outcome(
         verdict=verdict,
         evidence=evidence,
@@ -147,7 +148,7 @@ def _outcome(task: Task, every: Sequence[Trial], options: Options) -> Outcome:
         alike=tuple(instead.values()),
         errors=tuple(errors),
         remains=remainder,
-        model=model_of(fitted, selection, data, points_per_side=grid, known=known.effects, reliable=reliable),
+        model=doubted(model) if verdict == "unexplained" else model,
         next_experiment=_experiment(task, selection, [*instead.values()], verdict),
         discovered=discovered,
     )
@@ -172,7 +173,7 @@ def _elsewhere(measured: MeasurementSet, data: MeasuredData) -> list[Trial]:
     return others
 
 
-def _evidence(selection: Selection, data: MeasuredData, left: float) -> Evidence:
+def _evidence(selection: Selection, data: MeasuredData, structure: float) -> Evidence:
     floor, folds = selection.floor, selection.folds
     plain, chosen = LeftOut.of(selection.plain, folds).scored(), selection.judged.scored
     before, after = (Residuals.of(data, fit) for fit in (selection.plain, selection.chosen))
@@ -181,7 +182,7 @@ def _evidence(selection: Selection, data: MeasuredData, left: float) -> Evidence
         after=chosen.excess(floor),
         effects=len(selection.chosen.vector.labels),
         box_before=baseline_score(before, folds).excess(floor),
-        left=left,
+        structure=structure,
         fitted=before.scored.excess(floor),
         fitted_after=after.scored.excess(floor),
         typical=plain.typical(floor),

@@ -19,7 +19,7 @@ from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
-from optimize.fit.policy import AT_REST, NEAR
+from optimize.fit.policy import AT_REST, ROUGH
 from optimize.fit.significance import NEEDED, cheapest_first, conditioned, cost, needed
 from studies.fitting.fits import beginning, fit_at_rest
 from studies.fitting.fitted_model import expected_rms
@@ -46,7 +46,7 @@ def select(task: Task) -> Selection:
         begin = FitStart(x, inputs=task.input_errors(vector, x))
         all_on = beginning(vector, at_rest, at_rest.vector.labels)
         factors = replace(begin, x=np.stack([all_on, x])[:, vector.are_factors])
-    hopeful = replace(NEAR, hopeless=expected_rms(task.data.noise, HOPELESS * task.tolerance))
+    hopeful = replace(ROUGH, hopeless=expected_rms(task.data.noise, HOPELESS * task.tolerance))
     plain = task.fit("plain", vector.without_effects, factors, hopeful)
     judged = task.judged(plain)
     excess = max(judged.excess, judged.scored.typical(task.floor))
@@ -113,21 +113,21 @@ def worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
     return [label for label in labels if label not in small], small
 
 
-def _with_channels(judged: Judged, tolerance: float, certain: Sequence[str], few: Sequence[str]) -> list[str]:
+def _with_channels(judged: Judged, tolerance: float, certain: Sequence[str], fewer: Sequence[str]) -> list[str]:
     """Return the sparse terms, and the other channels of their effects where trials left out gain by them together. A
     place moves to where it is in a fit."""
     vector, trials = judged.fit.vector, judged.trials
-    kept = [label for label in certain if label in few or _sits_in_a_channel(label)]
+    kept = [label for label in certain if label in fewer or _sits_in_a_channel(label)]
     one, all_of_them = (
-        trials.scored(vector.parts([label for label in vector.labels if label not in on])) for on in (few, kept)
+        trials.scored(vector.parts([label for label in vector.labels if label not in on])) for on in (fewer, kept)
     )
-    several = len(kept) > len(few) and is_certain(trials.gain(one, all_of_them, judged.floor), tolerance)
-    return kept if several else [*few]
+    several = len(kept) > len(fewer) and is_certain(trials.gain(one, all_of_them, judged.floor), tolerance)
+    return kept if several else [*fewer]
 
 
 def _sits_in_a_channel(label: str) -> bool:
     effect = EFFECTS[label_effect(label)]
-    return bool(effect.chosen) and all(effect.parameters[name].whole for name in effect.chosen)
+    return bool(effect.chosen) and all(effect.parameters[name].integer for name in effect.chosen)
 
 
 def sparse(everything: Fit, labels: Sequence[str]) -> list[str]:
@@ -153,7 +153,7 @@ def enough(task: Task, everything: Fit, labels: Sequence[str], plain: Fit) -> Fi
     if promise > PROMISING * plain.after and over(promise, least) > task.tolerance:
         return None
     hopeless = float(np.hypot(least, task.tolerance))
-    one = task.with_effects(everything, [strongest], hopeless=hopeless, exact=True, named=f"{strongest} alone")
+    one = task.with_effects(everything, [strongest], hopeless=hopeless, jacobian="anew", named=f"{strongest} alone")
     fits = over(one.after, least) <= 0.5 * task.tolerance
     return one if fits and not task.needed_elsewhere(everything, one, vector.inside(there[0])) else None
 
@@ -188,7 +188,7 @@ def reduced(task: Task, joint: Fit, labels: Collection[str]) -> tuple[Fit, list[
         stage += 1
         without = f"{in_mm(begin.rms):.3f} mm RMS without {', '.join(dropped)}"
         task.say(f"{without}; to first order {in_mm(begin.promised):.3f}")
-        fitted = task.fit(f"fewer {stage}", begin.vector, FitStart(begin.x, begin.jacobian, known.inputs), NEAR)
+        fitted = task.fit(f"fewer {stage}", begin.vector, FitStart(begin.x, begin.jacobian, known.inputs), ROUGH)
         if over(fitted.after, begin.promised) > task.tolerance:
             wanted += _terms(known, dropped)
         else:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -130,18 +131,25 @@ class Task(Refits):
         return Judged(fit, self.data.folds, self.floor)
 
     def with_effects(
-        self, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf, exact: bool = False, named: str = ""
+        self,
+        known: Fit,
+        labels: Sequence[str],
+        *,
+        hopeless: float = np.inf,
+        named: str = "",
+        jacobian: Literal["kept", "anew"] = "kept",
     ) -> Fit:
         """Return a fit of these effects alone, from where one with more is, on its Jacobian but for shapes that it has
-        not. hopeless: m RMS, of a fit that need not be refined. exact: whether it begins on a Jacobian of its own."""
+        not. hopeless: m RMS, of a fit that need not be refined. jacobian: "anew" of one made where it
+        begins."""
         vector, starts = with_shapes(known, labels)
         fewer, index = known.vector.only(labels)
         at = [vector.names.index(name) for name in fewer.names]
-        jacobian = None if exact else widened(known.state.jacobian[:, index], at, len(vector.names))
-        named = named or f"{' '.join(vector.labels)}{' at last' if exact else ''}"
+        known_jacobian = None if jacobian == "anew" else widened(known.state.jacobian[:, index], at, len(vector.names))
+        named = named or f"{' '.join(vector.labels)}{' at last' if jacobian == 'anew' else ''}"
         content = float(np.hypot(known.promised(to_first_order(known, labels)), 0.5 * self.tolerance))
         policy = replace(ASKED, hopeless=hopeless, content=content)
-        return self.fit(named, vector, FitStart(starts, jacobian, known.inputs), policy)
+        return self.fit(named, vector, FitStart(starts, known_jacobian, known.inputs), policy)
 
     def without(self, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf) -> Fit:
         """Return a fit of the effects of another but `labels`, as `with_effects` has it."""
@@ -151,7 +159,7 @@ class Task(Refits):
 
     def exact(self, known: Fit) -> Fit:
         """Return the fit of the same effects, gone on with by a Jacobian made where it ended."""
-        return self.with_effects(known, known.vector.labels, exact=True)
+        return self.with_effects(known, known.vector.labels, jacobian="anew")
 
     def alone(self, known: Fit, plain: Fit) -> Fit:
         """Return the declared parameters' fit, from where they are by themselves or beside the effects of a fit,
@@ -190,14 +198,14 @@ def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
     for label, term in zip(vector.labels, vector.terms, strict=True):
         effect = EFFECTS[term.name]
         for key, p in effect.parameters.items():
-            if not p.whole:
+            if not p.integer:
                 name = f"{label}.{key}"
                 unknown = FitParameter(name, p.deviation, p.centre, p.transform, p.unit, p.bounds)
                 begin = known[0].get(name, unknown.unknown(term.values.get(key, p.typical)))
                 parameters.append(replace(unknown, start=begin))
     terms = tuple(_chosen_only(term) for term in vector.terms)
-    whole = FitVector(tuple(parameters), vector.factors, terms)
-    return whole, np.array([[of.get(p.name, p.start) for p in parameters] for of in known])
+    full = FitVector(tuple(parameters), vector.factors, terms)
+    return full, np.array([[of.get(p.name, p.start) for p in parameters] for of in known])
 
 
 def to_first_order(joint: Fit, labels: Sequence[str]) -> Array:
@@ -207,7 +215,7 @@ def to_first_order(joint: Fit, labels: Sequence[str]) -> Array:
 
 def _chosen_only(term: Term) -> Term:
     """Return a term with the values alone that a fit of all parameters does not move."""
-    return replace(term, values={k: v for k, v in term.values.items() if EFFECTS[term.name].parameters[k].whole})
+    return replace(term, values={k: v for k, v in term.values.items() if EFFECTS[term.name].parameters[k].integer})
 
 
 def _lost(known: Fit, other: Fit) -> float:

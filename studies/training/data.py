@@ -115,7 +115,7 @@ def case_of(trial: Trial, base: Model) -> Case:
 
 
 def check_one_cloth(trials: Sequence[Chosen]) -> None:
-    """Raises InputError where the trials' cloths differ."""
+    """Raise InputError where the trials' cloths differ."""
     first = trials[0].trial.design
     for design in (chosen.trial.design for chosen in trials):
         for what in ("width", "height", "hung", "support", "gravity", "areal_density", "bending_stiffness"):

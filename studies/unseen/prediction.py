@@ -40,7 +40,7 @@ class Draws:
 
     @cached_property
     def unknown(self) -> tuple[str, ...]:
-        """Factors of the design's muscle types that the model says nothing of."""
+        """Return factors of the design's muscle types that the model says nothing of."""
         known = self.model.factors
         types = dict.fromkeys(muscle.type for muscle in self.design.muscles)
         names = [(f"{MUSCLE_TYPES}{kind}.{factor}", factor) for kind in types for factor in OF_MUSCLES]

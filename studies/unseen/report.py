@@ -113,9 +113,9 @@ def _shapes(result: UnseenResult) -> Iterator[page.Block]:
     """Yield the shapes of a layout before it is sewn, and what to measure."""
     if (unsewn := result.unsewn) is None:
         return
-    said = page.sentence(unsewn.corrector["said"])
+    sentence = page.sentence(unsewn.corrector["said"])
     yield page.Text(f"""Design {unsewn.design}, before it is sewn: shapes at rest of models drawn from the model's
-        joint covariance. {said}""")
+        joint covariance. {sentence}""")
     yield from page.texts("note", map(page.sentence, _notes(unsewn, result.points_per_side)))
     yield page.Columns([[*_pose(pose)] for pose in unsewn.poses or []], "faces")
     if unsewn.measurement is not None:
@@ -140,7 +140,7 @@ def _measurement(measurement: Measurement) -> Iterator[page.Block]:
     yield page.Title("What to measure")
     yield page.Text(_MEASURED.format(measurement.spread_mm))
     rows = [(name, c["design"], c["left_mm"]) for name, c in measurement.candidates.items()]
-    yield page.TableBlock(("program", "on", "left, mm"), rows, left=(1,))
+    yield page.TableBlock(("program", "on", "left, mm"), rows, left_aligned=(1,))
     in_turn = ", ".join(f"{name} (leaves {remaining:.2f} mm)" for name, remaining in measurement.in_turn_mm.items())
     yield page.Text(f"Measured one after another, each telling most beside those before it: {in_turn}.")
     head = "unknown, in the covariance's order", "spread by its own part, mm"
@@ -161,13 +161,15 @@ def _left_out(result: UnseenResult, pictures: Path) -> Iterator[page.Block]:
         why = "Not started, because the time was used"
         yield page.Text(f"{why}: {waiting}. The same command with more seconds goes on.", "note")
     head = "left out", "error", "", *_STATISTICS, "noise floor", "excess removed"
-    yield page.TableBlock(head, [row for name, entry in done.items() for row in _error_rows(name, entry)], left=(1, 2))
+    yield page.TableBlock(
+        head, [row for name, entry in done.items() for row in _error_rows(name, entry)], left_aligned=(1, 2)
+    )
     for name, entry in done.items():
         yield page.Title(name)
         bent = f", without {100 * entry['share_unjudged']:.0f} % of their frames, which are near a bifurcation"
         used = f"{len(entry['trials'])} evaluated{bent if entry['share_unjudged'] else ''}."
-        doubts = f" The intervals are not reliable: {'; '.join(entry['doubts'])}." if entry["doubts"] else ""
-        yield page.Text(f"{entry['source']}. {entry['fitted']} trials of the others fitted, {used}{doubts}", "quiet")
+        reasons = f" The intervals are not reliable: {'; '.join(entry['doubts'])}." if entry["doubts"] else ""
+        yield page.Text(f"{entry['source']}. {entry['fitted']} trials of the others fitted, {used}{reasons}", "quiet")
         if entry["effects"]:
             yield page.TableBlock(("effect", "value", "90 %", ""), _effect_rows(entry["effects"]))
         yield page.Picture(_histogram_figure(entry))

@@ -16,7 +16,7 @@ from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.model_sampling import spread_of
 from fabdesign.nouns.trial import MeasurementSet, Trial
-from fabdesign.output import WorkFolder, whole_file
+from fabdesign.output import WorkFolder, atomic_file
 from fabdesign.runtime.effort import CALIBRATION, fit_seconds, in_words, on_cores, unseen_seconds
 from fabdesign.runtime.fingerprint import sha256
 from fabdesign.runtime.store import Checkpoint
@@ -29,7 +29,7 @@ from studies.calibration import CalibrationOptions, calibrate_sets
 from studies.measured.used_frames import GRID
 from studies.prediction.evaluate import evaluate_sets
 from studies.prediction.evaluation_report import SetEvaluation
-from studies.prediction.forward_model import forward_model
+from studies.prediction.forward_model import forward_model, sensed_model
 from studies.prediction.stability import to_either_side
 from studies.study import Simulated, StudyRun, kept_content, simulator
 from studies.unseen.prediction import (
@@ -202,11 +202,11 @@ def left_out(
 
     evaluation = evaluated(model, "")
     _overlay(*_shown(tests, measured, evaluation), model, forward, picture)
-    said = plain(evaluation.designs[name]) | plain(evaluation.used)
+    row = plain(evaluation.designs[name]) | plain(evaluation.used)
     if model.effects:
-        said["without_effects"] = plain(evaluated(calibration.model.before, ", factors alone").designs[name])["after"]
+        row["without_effects"] = plain(evaluated(calibration.model.before, ", factors alone").designs[name])["after"]
     content = calibration.to_json()
-    return said | {
+    return row | {
         "factors": {k: {key: p[key] for key in ("factor", "interval90")} for k, p in content["parameters"].items()},
         "effects": content["effects"],
         "fitted": len(calibration.model.provenance.fitted),
@@ -225,21 +225,21 @@ def _shown(trials: Sequence[Trial], measured: MeasurementSet, evaluation: SetEva
 
 
 def _overlay(trial: Trial, k: int, model: Model, forward: ForwardModel, path: Path) -> None:
-    """The cloud of frame k over the models before and after, from the side and from the front."""
+    """Draw the cloud of frame k over the models before and after, from the side and from the front."""
     from matplotlib.figure import Figure
 
     clouds = trial.load().frames
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     axes = figure.subplots(1, 4, sharey=True)
-    for column, (said, shown) in enumerate((("before", model.before), ("after", model))):
-        predictor = forward_model(forward, shown, sensing=True)
+    for column, (state, shown) in enumerate((("before", model.before), ("after", model))):
+        predictor = sensed_model(forward, shown)
         motion = predictor.motions([Case(trial.design, trial.program, order=trial.order)], [trial.times])[0]
         for view, (axis, label) in enumerate(((2, "z"), (0, "x"))):
             panel = axes[2 * column + view]
             panel.plot(in_mm(motion[k][:, axis]), in_mm(motion[k][:, 1]), ".", color="#92c5de", markersize=2)
             panel.plot(in_mm(clouds[k][::2, axis]), in_mm(clouds[k][::2, 1]), ".", color="#1c2430", markersize=1)
-            panel.set(title=f"{said}, {'side' if axis == 2 else 'front'}", xlabel=f"{label}, mm", aspect="equal")
+            panel.set(title=f"{state}, {'side' if axis == 2 else 'front'}", xlabel=f"{label}, mm", aspect="equal")
     axes[0].set_ylabel("y, mm")
     figure.suptitle(f"{trial.design_name} {trial.name}, {trial.times[k]:.2f} s: measured (dark) over model (light)")
-    with whole_file(path) as unfinished:
+    with atomic_file(path) as unfinished:
         figure.savefig(unfinished, dpi=90, format="png")

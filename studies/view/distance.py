@@ -31,18 +31,18 @@ class Distance:
     both_move: bool
 
     @property
-    def whole(self) -> Errors:
+    def overall(self) -> Errors:
         """Return the errors of the motion: the mean of two that move, else the last."""
         return mean_errors(self.errors) if self.both_move else self.errors[-1]
 
     @property
     def when(self) -> str:
-        """Return what `whole` is of; empty between still shapes."""
+        """Return what `overall` is of; empty between still shapes."""
         return "" if len(self.times) == 1 else "mean of the motion" if self.both_move else "at the motion's end"
 
     def json_content(self) -> dict[str, object]:
         """Return the distance as JSON, in mm; null: not known."""
-        return {"from": self.reference, "of": self.when or "still shapes", "unit": "mm", **self.whole.millimetres()}
+        return {"from": self.reference, "of": self.when or "still shapes", "unit": "mm", **self.overall.millimetres()}
 
 
 def errors_in_words(errors: Errors) -> str:

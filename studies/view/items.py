@@ -21,7 +21,7 @@ from fabdesign.geometry.shape import LacedMuscles
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.trial import Trial
-from studies.prediction.forward_model import laced_motions
+from studies.prediction.forward_model import laced_motions, sensed_model
 
 LARGEST = 5.0  # m, of any coordinate: what is larger is in another unit
 MOST = 8  # side by side
@@ -45,7 +45,7 @@ class Item:
 
     @cached_property
     def is_cloth(self) -> bool:
-        """Whether points and triangles are two square faces, as the simulator gives them."""
+        """Return whether points and triangles are two square faces, as the simulator gives them."""
         count = len(self.frames[0])
         if self.triangles is None or count < 8 or 2 * isqrt(count // 2) ** 2 != count:
             return False
@@ -132,7 +132,7 @@ def _trial(trial: Trial, name: str, source: str, model: Model | None, forward: F
         if model.corrector is not None:
             shown = {"simulated": model.without(["corrector"]), "corrected": model}
         for what, part in shown.items():
-            motion = laced_motions(forward, part, [case], [trial.times], sensing=True)[0]
+            motion = laced_motions(sensed_model(forward, part), [case], [trial.times])[0]
             if not np.isfinite(motion.points).all():
                 raise InputError(f"{trial.file}: its prediction diverges; expected a model under which it can be shown")
             items.append(Item.of_motion(f"{name}, {what}", motion, items[0].title))

@@ -51,14 +51,14 @@ def _packed(item: Item, scale: float) -> dict[str, object]:
     kept = vertices_of(item)
     if item.triangles is None:
         kept = [frame[:: -(-len(frame) // MOST_POINTS)] for frame in kept]
-    whole = [np.round(frame / scale).astype("<i2") for frame in kept]
+    integers = [np.round(frame / scale).astype("<i2") for frame in kept]
     parts = parts_of(item)
     triangles = np.concatenate([np.zeros((0, 3), np.int64), *(part.triangles for part in parts)])
     return {
         "title": item.title,
         "times": [round(float(t), 6) for t in item.times],
-        "counts": [len(frame) for frame in whole],
-        "points": _base64(np.concatenate(whole)),
+        "counts": [len(frame) for frame in integers],
+        "points": _base64(np.concatenate(integers)),
         "triangles": _base64(triangles.astype("<u4")),
         "beneath": _base64(points_beneath(item).astype("<u4")),
         "parts": [(3 * len(part.triangles), part.colour) for part in parts],
@@ -73,7 +73,7 @@ def _compared(distance: Distance | None) -> dict[str, object] | None:
         "reference": f"from {distance.reference}",
         "times": [round(float(t), 6) for t in distance.times],
         "lines": [errors_in_words(errors) for errors in distance.errors],
-        "whole": f"{distance.when}: {errors_in_words(distance.whole)}" if distance.when else "",
+        "whole": f"{distance.when}: {errors_in_words(distance.overall)}" if distance.when else "",
     }
 
 

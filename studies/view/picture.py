@@ -112,9 +112,9 @@ def _save_video(animation: FuncAnimation, path: Path) -> None:
         with plt.rc_context({"animation.ffmpeg_path": ffmpeg}):
             animation.save(path, writer=FFMpegWriter(fps=round(RATE)), dpi=100)
     except (subprocess.CalledProcessError, BrokenPipeError) as error:
-        said = (getattr(error, "stderr", None) or str(error)).strip().splitlines()[-1]
+        message = (getattr(error, "stderr", None) or str(error)).strip().splitlines()[-1]
         raise InputError(
-            f"{path.name}: {Path(ffmpeg).name} cannot write it ({said}); expected room, or a .gif"
+            f"{path.name}: {Path(ffmpeg).name} cannot write it ({message}); expected room, or a .gif"
         ) from None
 
 
@@ -123,7 +123,7 @@ def wrapped_head(item: Item, distance: Distance | None, width: float) -> str:
     lines = [item.title]
     if distance is not None:
         when = f"{distance.when}, " if distance.when else ""
-        lines.append(f"from {distance.reference}: {when}{errors_in_words(distance.whole)}")
+        lines.append(f"from {distance.reference}: {when}{errors_in_words(distance.overall)}")
     return "\n".join(part for line in lines for part in wrap(line, int(_LETTERS * width)))
 
 
@@ -131,7 +131,7 @@ def _head(item: Item, distance: Distance | None) -> str:
     """Return a head of as many lines for every panel, so that all stay alike."""
     more = ["", "", ""]
     if distance is not None:
-        more = [f"from {distance.reference}, {distance.when}:", *errors_in_words(distance.whole).split(", ")]
+        more = [f"from {distance.reference}, {distance.when}:", *errors_in_words(distance.overall).split(", ")]
     return "\n".join([item.title, *(more + [""])[:3]])
 
 

@@ -76,8 +76,8 @@ USUAL = {"lower_left": (0.0, 1.0), "lower_middle": (0.5, 1.0), "lower_right": (1
 
 
 def save_markers(items: Sequence[Item], path: Path, markers: Mapping[str, tuple[float, float]]) -> None:
-    """A row a panel and frame: `panel`, `time_s` (empty of a still shape), and x, y, z in m of every marker, which
-    lies on the mid-surface.
+    """Write a row a panel and frame: `panel`, `time_s` (empty of a still shape), and x, y, z in m of every marker,
+    which lies on the mid-surface.
 
     markers: (u, v) m in fabric coordinates; without any, those of USUAL. Raises InputError for a panel that is no
     cloth, for one whose size is not known, and for a marker beside the cloth.

@@ -38,7 +38,7 @@ def terms(draw: st.DrawFn) -> EffectTerm:
     quantities = {}
     for name in chosen:
         parameter = effect.parameters[name]
-        value = float(int(parameter.typical)) if parameter.whole else draw(floats(*parameter.bounds))
+        value = float(int(parameter.typical)) if parameter.integer else draw(floats(*parameter.bounds))
         quantities[name] = Quantity(value, parameter.unit, draw(st.none() | intervals))
     return EffectTerm(effect.name, quantities, draw(scopes))
 

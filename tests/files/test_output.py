@@ -241,7 +241,7 @@ def test_replacement_that_was_cut_off_is_finished(moved: int, tmp_path: Path, mo
 
     with monkeypatch.context() as patch:
         patch.setattr(Path, "replace", killed)
-        patch.setattr("fabdesign.output.atomic.Scratch.release", lambda held: held._lock.close())
+        patch.setattr("fabdesign.output.atomic.Scratch.discard", lambda held: held._lock.close())
         if moved < 4:  # three files and the mark
             with pytest.raises(OSError, match="killed"):
                 fill(folder, force=True, a="new", b="new", c="new")

@@ -28,7 +28,7 @@ from studies.calibration.calibrate import DRAWN, CalibrationOptions
 from studies.calibration.calibrate import calibrate_sets as calibrate
 from studies.calibration.result import as_text
 from studies.fitting.fitted_model import engine_difference, interval_warnings, noise_rms
-from studies.measured.splits import fit_trials, sound_trials
+from studies.measured.splits import Tolerance, fit_trials, sound_trials
 from tests.few_effects import few_effects
 
 TIMES = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 0.9, 1.2])
@@ -501,17 +501,17 @@ def test_bad_trials_are_named_and_skipped_on_request(tmp_path):
     bad = measured.trials[1].file
     bad.write_bytes(bad.read_bytes()[:300])
     with pytest.raises(InputError, match=r"001\.npz: is damaged") as caught:
-        sound_trials(measured, skip_bad=False)
+        sound_trials(measured, Tolerance(skip_bad=False))
     assert "\n" not in str(caught.value)
-    kept, skipped = sound_trials(measured, skip_bad=True)
+    kept, skipped = sound_trials(measured, Tolerance(skip_bad=True))
     assert [t.name for t in kept.trials] == ["000", "002", "003"]
     assert len(skipped) == 1 and "001.npz" in skipped[0]
     assert "skipped: " in as_text(calibrate(kept, Curler(), options=CalibrationOptions(skipped=skipped)))
-    tests, none = sound_trials(measured, skip_bad=False, roles=["test"])  # the damaged one is not read
+    tests, none = sound_trials(measured, Tolerance(skip_bad=False), ["test"])  # the damaged one is not read
     assert ([t.role for t in tests.trials], none) == (["test"], ())
     alone = dataclasses.replace(measured, trials=measured.trials[1:2])
     with pytest.raises(InputError, match="no sound trial"):
-        sound_trials(alone, skip_bad=True)
+        sound_trials(alone, Tolerance(skip_bad=True))
 
 
 def rewrite(trial, **changes):

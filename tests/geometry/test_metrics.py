@@ -11,10 +11,10 @@ from fabdesign.errors import InputError
 from fabdesign.geometry.distances import chamfer
 from fabdesign.geometry.metrics import (
     Errors,
+    beyond_in_words,
     closed,
     statistics,
     surface_rms,
-    told_beyond,
     trial_errors,
 )
 from fabdesign.geometry.sensor_noise import SensorNoise, estimate_noise
@@ -149,5 +149,7 @@ def test_points_beyond_the_cap_are_counted_and_said():
         assert found[-1].beyond == pytest.approx(0.3)
     assert found[0].surface_rms == pytest.approx(found[1].surface_rms)
     assert found[0].surface_rms == pytest.approx(0.010 * np.sqrt(0.3))
-    assert told_beyond(0.3).startswith("30.0% of the points lie more than 10 mm off; the surface RMS is capped there")
-    assert told_beyond(0.012) == "1.2% of the points lie more than 10 mm off"
+    assert beyond_in_words(0.3).startswith(
+        "30.0% of the points lie more than 10 mm off; the surface RMS is capped there"
+    )
+    assert beyond_in_words(0.012) == "1.2% of the points lie more than 10 mm off"

@@ -18,7 +18,7 @@ from fabdesign.errors import InputError, InputNote, why_not_loaded
 from fabdesign.files.design_file import read_design, write_design
 from fabdesign.files.motion_file import write_motion
 from fabdesign.nouns.catalogue import build
-from fabdesign.output import new_file, read_mark, sweep, whole_file
+from fabdesign.output import atomic_file, new_file, read_mark, sweep
 from fabdesign.runtime import shortage
 from studies.check.files import inspect
 from studies.report.charts import chart, curve
@@ -242,7 +242,7 @@ def test_the_line_of_a_full_disk_names_the_file_and_counts_what_is_free(
         return 0
 
     monkeypatch.setattr("fabdesign.runtime.shortage.free_bytes", free_bytes)
-    with pytest.raises(InputError, match=r"set/trials/000.npz: cannot be written") as caught, whole_file(inner):
+    with pytest.raises(InputError, match=r"set/trials/000.npz: cannot be written") as caught, atomic_file(inner):
         raise OSError(errno.ENOSPC, "No space left on device")
     assert ".unfinished" not in str(caught.value)
     assert seen == [True]

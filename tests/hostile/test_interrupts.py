@@ -22,12 +22,12 @@ SIMULATE = ("simulate", "in/d.toml", "--pressures", "300,300", "-o", "new/m.npz"
 DEAF = """
 import itertools, pathlib, signal, time
 from fabdesign import __main__ as program, cli
-from fabdesign.output import new_file, whole_file, work_folder, write_text
+from fabdesign.output import new_file, atomic_file, work_folder, write_text
 
 @cli.commands.command()
 @cli.console.click.argument("how")
 def deaf(how):
-    with new_file("new/deep/m.npz") as unfinished, work_folder("out", made_by="deaf") as work, whole_file("own/f.txt"):
+    with new_file("new/deep/m.npz") as unfinished, work_folder("out", made_by="deaf") as work, atomic_file("own/f.txt"):
         unfinished.write_text("half")
         if how != "idle":
             work.claim("best.txt")

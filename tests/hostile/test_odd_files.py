@@ -254,7 +254,7 @@ def test_pairs_by_stamps() -> None:
     pairs = pair_frames([every, np.delete(late, 2), np.delete(late, 4)])
     assert pairs is not None
     assert pairs.clouds.tolist() == [[0, 0, 0], [1, 1, 1], [2, -1, 2], [3, 2, 3], [4, 3, -1], [5, 4, 4]]
-    assert pairs.whole.tolist() == [True, True, False, True, False, True]
+    assert pairs.complete.tolist() == [True, True, False, True, False, True]
     both = pair_frames([np.delete(every, 1), np.delete(late, 4)])  # each loses another one
     assert both is not None
     assert both.clouds.tolist() == [[0, 0], [-1, 1], [1, 2], [2, 3], [3, -1], [4, 4]]

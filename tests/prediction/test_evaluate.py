@@ -96,7 +96,7 @@ def test_a_trials_errors_are_those_computed_alone_and_the_noise_is_the_sets(meas
     both = dataclasses.replace(measured, trials=(renamed, *measured.trials[1:3]))
     noise, seen = noise_of([measured.trials[1], measured.trials[2], renamed]), []
     predictor = forward_model(Curler(), SOFT)
-    found = evaluate_sets(predictor, [both], all_trials=True, seed=3, progress=lambda *done: seen.append(done))
+    found = evaluate_sets(predictor, [both], roles=["test", "fit"], seed=3, progress=lambda *done: seen.append(done))
     assert seen == [(1, 3), (2, 3), (3, 3)]
     assert found.designs["cross"].noise == found.others["again"].noise == noise
     for trial, own in zip(measured.trials[1:3], found.designs["cross"].trials, strict=True):
@@ -115,7 +115,7 @@ def test_effects_are_what_after_adds(measured):
 
 
 def test_other_trials_have_a_table_of_their_own_and_diverged_ones_are_named(measured, tmp_path):
-    evaluation = evaluate_sets(forward_model(Curler(), SOFT), [measured], all_trials=True)
+    evaluation = evaluate_sets(forward_model(Curler(), SOFT), [measured], roles=["test", "fit"])
     assert [t.role for t in evaluation.designs["cross"].trials] == ["test", "test"]
     assert evaluation.others["cross"].diverged == ["003"]
     assert len(evaluation.others["cross"].trials) == 2
@@ -154,7 +154,7 @@ def test_two_sets_with_one_design_and_sets_without_test_trials(measured):
         evaluate_sets(forward_model(Curler(), SOFT), [untested])
     lost = dataclasses.replace(measured, trials=measured.trials[3:])
     with pytest.raises(SimulationError, match="every motion of cross diverged"):
-        evaluate_sets(forward_model(Curler(), SOFT), [lost], all_trials=True)
+        evaluate_sets(forward_model(Curler(), SOFT), [lost], roles=["test", "fit"])
 
 
 class Tosser(Curler):

@@ -219,7 +219,7 @@ def test_a_study_says_what_matters_and_writes_it(study: SensitivityStudy, tmp_pa
     assert "Held, kPa: pressure.1 200." in page
     assert '<td>position.1.u</td><td class="left">shift of muscle 1 across</td>' in page
     assert told[-1].done == told[-1].total
-    assert told[-1].left == 0
+    assert told[-1].remaining == 0
 
 
 @pytest.mark.parametrize("method", ["morris", "sobol"])

@@ -28,7 +28,7 @@ from fabdesign.drawings.pages import (
     window,
 )
 from fabdesign.drawings.sewing import Sewing, export_design, pressures_beside, write_cut_list
-from fabdesign.drawings.template import Words, face_drawing, what_it_shows, whole_template
+from fabdesign.drawings.template import Words, face_drawing, template_sheet, what_it_shows
 from fabdesign.errors import InputError, InputNote
 from fabdesign.files.pressure_file import constant_program, write_pressures
 from fabdesign.formats.csv_table import write_rows
@@ -237,7 +237,7 @@ def test_no_words_of_a_page_or_a_template_come_near_its_edge(size: tuple[float, 
     design = build("cross", width=size[0], height=size[1], name="a layout with a name as long as people give them")
     face = face_drawing(design, "front", seam_allowance=0.01)
     tiling, words = tiled(face.box, "a4"), (f"{design.name}, front face: page A2", what_it_shows(design, "back", 0.01))
-    sheet = whole_template(design, "back", seam_allowance=0.01)
+    sheet = template_sheet(design, "back", seam_allowance=0.01)
     left, top, right, bottom = sheet.box
     paper = right - left, bottom - top
     one = blank_figure(paper)

@@ -40,7 +40,7 @@ def test_one_template_draws_every_report() -> None:
 
 def test_a_table_says_what_it_is_given() -> None:
     rows = [("a <b>", 1.0, None), (page.Markup("<b>c</b>"), "no value")]
-    text = html_of("t", [page.TableBlock(("name", "of\nwhat", "mm"), rows, left=(1,), bold=(1,))])
+    text = html_of("t", [page.TableBlock(("name", "of\nwhat", "mm"), rows, left_aligned=(1,), bold=(1,))])
     assert '<th>name</th><th class="left">of<br>what</th><th>mm</th>' in text
     assert '<td>a &lt;b&gt;</td><td class="left">1.00</td><td></td>' in text.replace("\n", "")
     assert '<tr class="bold"><td><b>c</b></td><td class="left" colspan="2">no value</td>' in text.replace("\n", "")

@@ -72,15 +72,15 @@ def test_a_corrector_has_a_panel_of_its_own(
     files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from fabdesign.files.design_file import write_design
-    from studies.prediction.forward_model import laced_motions
+    from studies.prediction.forward_model import sensed_model
 
     asked: list[Model] = []
 
-    def without_weights(forward: AnalyticCloth, model: Model, *given: Any, sensing: bool) -> Any:
+    def without_weights(forward: AnalyticCloth, model: Model) -> Any:
         asked.append(model)
-        return laced_motions(forward, model.without(["corrector"]), *given, sensing=sensing)
+        return sensed_model(forward, model.without(["corrector"]))
 
-    monkeypatch.setattr("studies.view.items.laced_motions", without_weights)
+    monkeypatch.setattr("studies.view.items.sensed_model", without_weights)
     write_design(build("vertical"), tmp_path / "d.toml")
     model = Model(corrector=tmp_path / "weights", corrector_hash="0")
     items = items_of(files[1:], design=tmp_path / "d.toml", model=model, forward=AnalyticCloth(9))

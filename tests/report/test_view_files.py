@@ -254,12 +254,12 @@ def test_panels_say_how_far_they_are_apart(files: dict[str, Path], tmp_path: Pat
     assert first is None
     assert cloud is not None
     assert (cloud.reference, cloud.when) == ("fine", "mean of the motion")
-    assert cloud.whole.surface_rms == pytest.approx(5e-4, rel=0.15)  # the noise that the trial was given
-    assert cloud.whole.surface_rms == pytest.approx(cloud.whole.surface_floor, rel=0.1)
+    assert cloud.overall.surface_rms == pytest.approx(5e-4, rel=0.15)  # the noise that the trial was given
+    assert cloud.overall.surface_rms == pytest.approx(cloud.overall.surface_floor, rel=0.1)
     _, mesh = distances(items_of([files["motion"], files["mesh"]]))
     assert mesh is not None
     assert mesh.when == "at the motion's end"
-    assert mesh.whole.surface_rms < 1e-9 < mesh.errors[0].surface_rms
+    assert mesh.overall.surface_rms < 1e-9 < mesh.errors[0].surface_rms
 
 
 def test_a_floor_that_few_points_cannot_tell_is_not_told(files: dict[str, Path], tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from optimize.search.search_state import load_state, save_state
 from optimize.search.starts import Start
 from optimize.search.thinning import Fewer, fewer_muscles
 from optimize.search.variations import pulling, with_idle
-from studies.layouts.refinement import fewer_said, shrunk
+from studies.layouts.refinement import fewer_in_words, shrunk
 from studies.layouts.run import run_study
 from tests.analytic_cloth import AnalyticCloth
 
@@ -121,12 +121,12 @@ def test_what_is_not_needed_goes_while_the_muscles_stay() -> None:
     assert [len(muscle.path) for muscle in design.muscles] == [2, 2]
     assert [muscle.channel for muscle in design.muscles] == [0, 0] and pressures.shape == (1, 1)
     assert not found.ended and found.value <= 1.03 * found.before
-    assert fewer_said(STUDY, found).startswith("The 2 muscles, straight, are enough on 1 channel:")
+    assert fewer_in_words(STUDY, found).startswith("The 2 muscles, straight, are enough on 1 channel:")
     fewer = replace(found, count=3, value=1.068e-3, before=1.071e-3)
     where = "2 muscles on 1 channel are enough, where the search came to 3"
-    assert fewer_said(STUDY, fewer) == f"{where}: 1.07 mm with either."
+    assert fewer_in_words(STUDY, fewer) == f"{where}: 1.07 mm with either."
     nearer = replace(fewer, before=1.05e-3)
-    assert fewer_said(STUDY, nearer) == f"{where}: 1.07 mm instead of 1.05 mm, within 3% of it."
+    assert fewer_in_words(STUDY, nearer) == f"{where}: 1.07 mm instead of 1.05 mm, within 3% of it."
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ import sim.simulator
 from fabdesign.files.design_file import write_design
 from fabdesign.nouns.catalogue import build
 from sim import Simulator
+from sim.equilibrium import Approach
 from tests.sim_designs import held, laced
 from tests.thrown import tried_once
 
@@ -114,7 +115,7 @@ def test_diverged_lane_is_marked_alone(cases, motions):
 def test_diverged_motion_is_tried_again_with_half_the_steps(cases, motions, monkeypatch):
     # the second of three is lost at the first try
     finer = Simulator(points_per_side=21, time_step=1 / 3840, calm_steps=4, iterations=32)
-    [expected] = tried_once(finer, [cases[1]], [TIMES], patient=True)
+    [expected] = tried_once(finer, [cases[1]], [TIMES], Approach.PATIENT)
     motion_of, tries = sim.simulator.motion_of, []
 
     def losing(case, *given):

@@ -16,7 +16,7 @@ from sim.materials import CONSTANTS, Lane, M, lane_constants
 from tests.sim_designs import cloth, held, laced
 
 SIMULATOR = Simulator(points_per_side=21)
-SCRATCH = [a for a in state.ARRAYS if a.life == state.SCRATCH and not a.whole]
+SCRATCH = [a for a in state.ARRAYS if a.life == state.SCRATCH and not a.integer]
 NUMBERS = (*ZEROED, *(a.name for a in SCRATCH if not a.vector), "lane", "scheme", "across", "down", "coarse_down")
 VECTORS = (*ZEROED3, *(a.name for a in SCRATCH if a.vector))
 

@@ -126,7 +126,7 @@ def test_motion_and_error_follow_a_knot(study: Path) -> None:
     assert len(asked) == 3  # the first one, the first knot, and all that came meanwhile
     session.document.edit("flip", lambda layout: layout.with_pressure(0, 1e3))
     assert playing.motion is None  # it was of other pressures
-    edit.play(exact=True)
+    edit.play("motion")
     settle(session)
     assert (worker.asked[-1].kind, worker.asked[-1].wanted) == ("motion", edit.moving.wanted)
 

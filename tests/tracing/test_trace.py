@@ -31,7 +31,7 @@ from optimize.fit.cross_validation import LeftOut
 from optimize.fit.descent import FitStart, fit, updated_jacobian
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.normal import bounded_step
-from optimize.fit.policy import END, NEAR, STEP
+from optimize.fit.policy import END, ROUGH, STEP
 from optimize.fit.problem import Evaluation, FitProblem, horizons_of
 from optimize.fit.significance import NEEDED, alike, conditioned, cost, needed, undecided
 from studies.fitting.fits import Fits
@@ -215,7 +215,7 @@ def test_trials_of_role_test_that_are_far_off_are_told(lagging, millimetres, tol
     errors = tuple(
         replace(e, after=far if e.role == "test" else e.after) for e, far in zip(outcome.errors, own, strict=True)
     )
-    assert [line.split(":")[0] for line in replace(outcome, errors=errors).said if "role test" in line] == told
+    assert [line.split(":")[0] for line in replace(outcome, errors=errors).sentences if "role test" in line] == told
 
 
 def test_the_same_call_goes_on_from_what_is_kept_and_another_set_is_refused(lagging, tmp_path):
@@ -481,7 +481,7 @@ def unhurried(late):
     joint, data = late
     forward = Predictor(Curler(), Model(), sensing=True)
     problem = FitProblem(data.samples, forward, forward, joint.vector.without_effects)
-    return fit(problem, FitStart(inputs=joint.inputs), NEAR)
+    return fit(problem, FitStart(inputs=joint.inputs), ROUGH)
 
 
 def test_several_effects_are_found_together_and_no_other(late):
@@ -595,7 +595,7 @@ def test_where_many_cannot_go_at_once_few_go_at_a_time_by_the_joint_fits_jacobia
     columns = len(joint.x) * len(data.trials)
     assert forward.made < 2 * columns  # not a Jacobian for each step
     # where it ends is the minimum of a fit of the same unknowns with a Jacobian of its own
-    slow = fit(Fits(forward, 0.5e-3).problem(data, found.vector), FitStart(found.x, inputs=joint.inputs), NEAR)
+    slow = fit(Fits(forward, 0.5e-3).problem(data, found.vector), FitStart(found.x, inputs=joint.inputs), ROUGH)
     moved = np.abs(slow.x - found.x) / np.sqrt(np.diag(slow.covariance))
     assert moved.max() < 0.5
 

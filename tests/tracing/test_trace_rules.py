@@ -119,8 +119,8 @@ def test_the_declared_parameters_begin_beside_the_last_effect_once():
 
 def test_the_last_fit_has_a_jacobian_of_its_own():
     begun = replace(selection({"lag": 3.0}), exact=False)
-    after = rules.make_sure(made := Made(), begun)
-    assert after.exact and made.calls == [("exact",)] and rules.make_sure(made, after) is None
+    after = rules.confirm(made := Made(), begun)
+    assert after.exact and made.calls == [("exact",)] and rules.confirm(made, after) is None
 
 
 @pytest.mark.parametrize(("chance", "asked"), [(0.4, ("lag",)), (0.6, ())])

@@ -51,12 +51,12 @@ def seam_snap(scene: Scene, order: int, values: Mapping[str, float]) -> None:
     share = _within(scene.uv[:, 1], values["v"] - values["width"] / 2, values["v"] + values["width"] / 2)
     stiffer = 1.0 + (values["factor"] - 1.0) * share[:, None]
     scene.stiffness *= stiffer
-    whole = [True]
+    intact = [True]
 
     def snap(scene: Scene, report: StepReport) -> None:
-        if whole[0] and np.abs(report.strain[share > 0, 4]).max(initial=0.0) > values["curvature"]:
+        if intact[0] and np.abs(report.strain[share > 0, 4]).max(initial=0.0) > values["curvature"]:
             scene.stiffness /= stiffer
-            whole[0] = False
+            intact[0] = False
 
     scene.after_step.append(snap)
 

@@ -166,7 +166,7 @@ class Widgets:
         no.on_click(lambda _: self._post(dialog.close))
 
     def _match(self, made: list[_Made], widgets: Sequence[Widget], parent: Any) -> None:
-        """Widgets keep their places: a list grows and shrinks at its end."""
+        """Keep widgets in their places: a list grows and shrinks at its end."""
         while len(made) > len(widgets):
             made.pop().handle.remove()
         for k, widget in enumerate(widgets):

@@ -22,7 +22,7 @@ from studies.studio.widgets.declared import KPA, MM, Widget, Widgets
 from studies.studio.widgets.hung_view import LEAST_SCALE
 from studies.studio.widgets.status import error_over_time, profile, results_table, scale_bar, status
 
-NONE, SHEET, FILE, OWN = "none", "data sheet", "model file", "own drawing"
+NONE, SHEET, FILE, DRAWING = "none", "data sheet", "model file", "own drawing"
 _SHIFT, _TURN, _TEMPLATE = "Shift, mm", "Turn, degrees", "Sewing template, 1:1"
 
 
@@ -192,20 +192,20 @@ def target(session: Session, made: Widgets) -> list[Widget]:
 def results(document: Document) -> list[Widget]:
     """Return the results of searches, beside the own drawing."""
     rows, by_name = document.rows(), {result.name: result for result in document.results}
-    said = [f"{result.name}: {result.state}" for result in document.results]
+    lines = [f"{result.name}: {result.state}" for result in document.results]
     drawn = rows[0] if len(document.targets) == 1 else None
     for result in document.results:
         buys = one_more_buys(result, [other for other in document.results if other is not result], drawn)
-        said += [buys] if buys else []
+        lines += [buys] if buys else []
     nothing = "Nothing yet: *Search from here* under *Target*. An edit of a result takes it as own drawing."
-    shown, beside = OWN if document.shown is None else document.shown.name, partial(document.set_option, "beside")
+    shown, beside = DRAWING if document.shown is None else document.shown.name, partial(document.set_option, "beside")
     hint = "Its shape, seen through"
     return [
-        ui.choice("Shown", (OWN, *by_name), shown, lambda name: document.show_result(by_name.get(name))),
+        ui.choice("Shown", (DRAWING, *by_name), shown, lambda name: document.show_result(by_name.get(name))),
         ui.entry("checkbox", "The other one beside it", document.beside, beside, hint=hint),
         ui.button("Take as own drawing", document.take, disabled=document.shown is None),
         ui.html("table", results_table(rows)),
-        ui.words("message", "\n\n".join(said) or nothing),
+        ui.words("message", "\n\n".join(lines) or nothing),
     ]
 
 
@@ -225,7 +225,7 @@ def program(session: Session, made: Widgets) -> list[Widget]:
         ui.choice("Channel", channels, channels[edit.channel], lambda name: edit.select(int(name), edit.knot)),
         ui.choice("Knot, s", knots, knots[edit.knot], lambda name: edit.select(edit.channel, knots.index(name))),
         _slider("Pressure, kPa", edit.pressure, edit.put, float(regulator.highest[edit.channel]), step=0.1),
-        ui.buttons("Play it over the target", {"coarse": edit.play, "exact": partial(edit.play, exact=True)}),
+        ui.buttons("Play it over the target", {"coarse": edit.play, "exact": partial(edit.play, "motion")}),
         ui.html("error", error_over_time(session)),
         ui.entry("text", "File", f"{edit.moving.study.name}_pressures.csv"),
         ui.buttons("Program", {"save": save, "as it was opened": partial(edit.take, edit.moving.pressures)}),

@@ -18,7 +18,7 @@ from studies.studio.widgets.hung_view import LEAST_SCALE, largest_distance
 
 _LINE = 1.4  # em
 _STYLE = f"font-size:0.86em; line-height:{_LINE}; padding:0.2em 0.9em"
-_SIZE, _LEFT, _BELOW = (340, 150), 38, 26  # pixels, of the plot
+_SIZE, _MARGIN, _BELOW = (340, 150), 38, 26  # pixels, of the plot
 _LEAST = 0.005  # m, the least height of the plot
 
 
@@ -170,7 +170,7 @@ def _plot(
 ) -> str:
     """Return curves (values [m], colour, whether dashed) between two ends [m] over rising places; fewer values lie over
     the last places. band: what lies between two curves. cursor: a place. digits: of the places, after the point."""
-    left, right, top, bottom = _LEFT, _SIZE[0] - 8, 6, _SIZE[1] - _BELOW
+    left, right, top, bottom = _MARGIN, _SIZE[0] - 8, 6, _SIZE[1] - _BELOW
 
     def across(place: Any) -> Any:
         return np.interp(place, places[[0, -1]], [left, right])
