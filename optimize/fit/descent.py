@@ -177,7 +177,7 @@ class _Work:
         """Fit over growing horizons unless the start is known, then all rows, then with the finer engine if any."""
         problem, coarse = self.problem, self.problem.coarse
         *early, last = problem.horizons
-        early = early if self.start.x is None else []
+        early = early if self._is_lost else []
         costs = np.cumsum([*early, last, 0 if coarse is problem else last])
         *shares, all_rows, finer = parts(progress, *(costs / costs[-1]).tolist()[:-1])
         starts, along, hopeless = self._starts, np.diag(constants.STEP * problem.vector.scale), False
@@ -197,6 +197,16 @@ class _Work:
             state = problem.with_jacobian(evaluation, course.state.jacobian)
             course = self._descend(descent, _Course(state, exact=False), self.policy.finer, "finer grid, ", finer)
         return descent.concluded(course.state, self.iterations, course.ended or "iterations")
+
+    @property
+    def _is_lost(self) -> bool:
+        """Return whether steps on all rows may go astray: not from a given start, nor where little is left of them."""
+        coarse = self.problem.coarse
+        if self.start.x is not None:
+            return False
+        if not np.isfinite(coarse.expected):
+            return True
+        return coarse.evaluate([coarse.vector.start])[0].misfit.rms > constants.WRONG * coarse.expected
 
     @property
     def _starts(self) -> Array:

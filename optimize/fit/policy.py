@@ -53,6 +53,7 @@ _ROUGH_STAGE = FitStage(slight=0.03, least=3.0, least_share=0.02, far=np.inf)
 UNSURE = replace(_ROUGH_STAGE, exact_end=False)
 # Values are told to 1 %; 0.007 of log likelihood is a tenth of a standard deviation.
 _PRECISE = FitStage(slight=0.01, least_each=0.007)
+CLOSE = FitStage(slight=0.01, least_each=0.1)  # of log likelihood: under half a standard deviation
 
 
 def to_the_end(name: str, end: FitStage) -> Policy:
@@ -63,3 +64,4 @@ def to_the_end(name: str, end: FitStage) -> Policy:
 ROUGH = Policy("rough", _ROUGH_STAGE, UNSURE)
 AT_REST = Policy("at rest", UNSURE, UNSURE)  # a column costs little, but motions go on from there
 END = to_the_end("to its end", _PRECISE)
+DECLARED_ALONE = to_the_end("declared parameters", CLOSE)

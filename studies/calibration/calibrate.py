@@ -16,7 +16,7 @@ from optimize.fit.clouds import Density, evenly
 from optimize.fit.descent import FitStart, Interrupted, Progress, silent
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import DECLARED, FitVector
-from optimize.fit.policy import ROUGH, FitStage, Policy, to_the_end
+from optimize.fit.policy import CLOSE, DECLARED_ALONE, ROUGH, Policy
 from studies.calibration.result import Calibration, ambiguities
 from studies.calibration.trial_checks import implausible
 from studies.fitting.fits import Fits, fit_at_rest, with_shapes_at_rest
@@ -32,9 +32,7 @@ TRIALS = 16  # fitted at most without effects, spread over those allowed
 MOST_TRIALS = 48  # with effects, whose last fit takes 10 CPU s a trial; never more than half of those allowed over 32
 DRAWN = Density(until=1.5, frames=30, points=300)
 _MANY = 20  # unknowns, of which last steps gain less than the noise of their differences promises, at minutes each
-_CLOSE = FitStage(slight=0.01, least_each=0.1)  # of log likelihood: under half a standard deviation
-_UP_TO_MANY = to_the_end("calibration", _CLOSE)
-_MANY_UNKNOWNS = replace(ROUGH, finer=replace(ROUGH.finer, least=0.0, least_share=0.0, least_each=_CLOSE.least_each))
+_MANY_UNKNOWNS = replace(ROUGH, finer=replace(ROUGH.finer, least=0.0, least_share=0.0, least_each=CLOSE.least_each))
 _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
 
 
@@ -131,7 +129,7 @@ def _drawn(
 
 def _last(vector: FitVector) -> Policy:
     """Return how the last fit of a vector goes."""
-    return _MANY_UNKNOWNS if len(vector.parameters) > _MANY else _UP_TO_MANY
+    return _MANY_UNKNOWNS if len(vector.parameters) > _MANY else DECLARED_ALONE
 
 
 def most_trials(allowed: int, *, effects: bool) -> int:

@@ -57,10 +57,11 @@ def joint_fit(data: MeasuredData, vector: FitVector, start: Array, fits: Fits) -
             for before in stages[: k + 1]:
                 other = before.after(other)
             descent = min(descent, other, key=lambda one: one.remaining)
-    jacobian = descent.jacobian if len(some.trials) == len(data.trials) else None
-    last = fits.within(ends[-1], 1.0)
+    last, begin = fits.within(ends[-1], 1.0), FitStart(descent.x)
+    if descent.fit is not None and len(some.trials) == len(data.trials):
+        begin = FitStart(descent.x, descent.jacobian, descent.fit.inputs)
     problem, named = last.problem(data, vector, expected), f"{descent.named} at last".strip()
-    return last.fit(problem, FitStart(descent.x, jacobian), fits.last(vector), named)
+    return last.fit(problem, begin, fits.last(vector), named)
 
 
 def joint_fit_from_rest(data: MeasuredData, vector: FitVector, fits: Fits, at_rest: Fit) -> Fit:

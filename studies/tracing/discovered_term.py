@@ -14,7 +14,7 @@ from optimize.fit.cross_validation import LeftOut
 from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import fit_vector
-from optimize.fit.policy import ROUGH
+from optimize.fit.policy import END, ROUGH
 from optimize.fit.significance import NEEDED, eliminated
 from studies.model_selection.rules import Selection
 from studies.tracing.task import Task
@@ -42,7 +42,7 @@ def discover(task: Task, selection: Selection) -> Discovered | None:
         return None
     parameters = (p for p in vector.parameters if p.is_factor or p.name.rpartition(".")[2] in kept)
     necessary = replace(vector, parameters=tuple(parameters))
-    fitted = task.fit(f"discovered, {' '.join(kept)}", necessary, FitStart(start, inputs=inputs))
+    fitted = task.fit(f"discovered, {' '.join(kept)}", necessary, FitStart(start, inputs=inputs), END)
     before, excess = (LeftOut.of(one, task.data.folds).scored().excess(task.floor) for one in (selection.plain, fitted))
     return Discovered(fitted, before, excess) if excess <= SHARE * before else None
 

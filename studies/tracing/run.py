@@ -38,7 +38,7 @@ from studies.tracing.residual_analysis import errors_of_trials, remains
 from studies.tracing.selection import select
 from studies.tracing.task import Task
 
-ALGORITHM = 25  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
+ALGORITHM = 26  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
 TOLERANCE = 0.5e-3  # m of excess
 TRIALS = 16  # at most, spread over those allowed
 LEAST_TRIALS = 3  # with different pressures

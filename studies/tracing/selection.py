@@ -19,7 +19,7 @@ from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
-from optimize.fit.policy import AT_REST, ROUGH
+from optimize.fit.policy import AT_REST, DECLARED_ALONE, ROUGH
 from optimize.fit.significance import NEEDED, cheapest_first, conditioned, cost, needed
 from studies.fitting.fits import beginning, fit_at_rest
 from studies.fitting.fitted_model import expected_rms
@@ -53,8 +53,8 @@ def select(task: Task) -> Selection:
     remaining = max(excess, certain_drift(judged, task.data.session[:, 0]))
     if remaining <= task.tolerance and plain.vector.is_plausible(plain.x):
         task.say(so_far(()))
-        to_its_end = FitStart(plain.minimum, inputs=plain.inputs)
-        return _adequate(task, vector, task.fit("plain to its end", plain.vector, to_its_end))
+        to_its_end = FitStart(plain.minimum, plain.state.jacobian, plain.inputs)
+        return _adequate(task, vector, task.fit("plain to its end", plain.vector, to_its_end, DECLARED_ALONE))
     if at_rest is not None:
         everything = task.fit("every effect", vector, begin, AT_REST)
     else:

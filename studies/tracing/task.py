@@ -17,7 +17,7 @@ from optimize.fit.descent import FitStart, Progress, begun
 from optimize.fit.fitted import Fit, concluded, kept
 from optimize.fit.normal import loss
 from optimize.fit.parameters import FitParameter, FitVector
-from optimize.fit.policy import END, STEP, FitStage, Policy
+from optimize.fit.policy import DECLARED_ALONE, STEP, FitStage, Policy
 from optimize.fit.problem import Evaluation, FitProblem, InputErrors, widened
 from optimize.fit.significance import NEEDED
 from studies.fitting.fits import Fits
@@ -86,7 +86,7 @@ class Task(Refits):
         begin = f"{named}, {len(vector.parameters)} unknowns: " if named else ""
         return lambda line, share: self.say(begin + line)
 
-    def fit(self, named: str, vector: FitVector, start: FitStart, policy: Policy = END) -> Fit:
+    def fit(self, named: str, vector: FitVector, start: FitStart, policy: Policy) -> Fit:
         """Fit as `optimize.fit.descent.fit` does. named: in the folder and in messages."""
         return self.fits.fit(self.problem(vector), start, policy, named)
 
@@ -166,7 +166,7 @@ class Task(Refits):
         whichever is nearer: what one of their false minima leaves is nothing that an effect explains."""
         vector, starts = with_shapes(known, [])
         begin = FitStart(np.array([plain.minimum, *starts]), inputs=known.inputs)
-        return self.fit("plain to its end", vector, begin)
+        return self.fit("plain to its end", vector, begin, DECLARED_ALONE)
 
     def decoys(self, known: Fit, everything: Fit) -> Decoys:
         """Return effects by chance beside a fit."""

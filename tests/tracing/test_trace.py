@@ -770,6 +770,16 @@ def test_a_joint_fit_that_leaves_too_much_begins_again_where_the_factors_alone_l
         assert effects[2] == 0 < asked[0][2]
 
 
+@pytest.mark.parametrize(("expected", "first"), [(1.0, "to 1.5 s"), (1e-6, "to 0.5 s"), (np.inf, "to 0.5 s")])
+def test_a_fit_goes_to_all_frames_at_once_where_its_start_leaves_little(late, expected, first):
+    """Of what a right model may leave, where that is known."""
+    joint, data = late
+    forward, said = Predictor(Curler(), Model(), sensing=True), []
+    problem = FitProblem(data.samples, forward, forward, joint.vector.without_effects, expected=expected)
+    fit(problem, FitStart(inputs=joint.inputs), progress=lambda line, share: said.append(line.partition(",")[0]))
+    assert said[0] == first and said[-1] == "to 1.5 s"
+
+
 def test_no_decoy_gains_beside_what_is_there(late, selected):
     (joint, data), (found, _, decoys, beside_nothing, _) = late, selected
     assert len(decoys.gains) == 2 * len(joint.vector.labels)
