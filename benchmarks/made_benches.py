@@ -87,7 +87,7 @@ def answer(outcome: BenchOutcome, name: str) -> str:
     """Return the verdict in a cell; what names another effect is marked."""
     names = [effect.name for effect in outcome.effects] if outcome.verdict == "effect" else []
     alike = outcome.indistinguishable if names else ()
-    small = f"; {outcome.small.effect} certain, within the tolerance" if outcome.small else ""
+    small = f"; {outcome.small.name} certain, within the tolerance" if outcome.small else ""
     wrong = "**wrong:** " if names and name not in (*names, *alike) else ""
     beside = f", or {', '.join(alike)}" if alike else ""
     return f"{wrong}{' + '.join(names) or outcome.verdict}{beside}{small}"

@@ -24,8 +24,9 @@ from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.output import write_text
 from fabdesign.units import in_mm
-from studies.intervals.calibrate import START, IntervalScore, chosen, combined, left_out
+from studies.intervals.calibrate import START, IntervalScore, combined, left_out
 from studies.intervals.draws import RegionResiduals, residuals
+from studies.measured.splits import of_each_design
 
 DRAWS = 16
 
@@ -33,7 +34,7 @@ DRAWS = 16
 def trials_of(measured: MeasurementSet, model: Model, most: int) -> list[Trial]:
     """Not fitted, spread over the session."""
     fitted = {name.rpartition("/")[2] for name in model.provenance.fitted}
-    return chosen([trial for trial in measured.trials if trial.name not in fitted], most)
+    return of_each_design([trial for trial in measured.trials if trial.name not in fitted], most)
 
 
 def constant(shape: Array, one: RegionResiduals) -> Array:

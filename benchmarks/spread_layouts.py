@@ -33,8 +33,9 @@ from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.output import write_text
 from fabdesign.units import in_mm
-from studies.intervals.calibrate import IntervalScore, calibrated, chosen
+from studies.intervals.calibrate import MOST, IntervalScore, calibrated
 from studies.intervals.draws import RegionResiduals, residuals
+from studies.measured.splits import of_each_design
 from studies.measured.used_frames import find_used_frames
 from studies.rig import EffectSetting, GroundTruth, RigSession, Sensing, run_rig
 from studies.rig.scene import Resolution
@@ -138,7 +139,7 @@ def main() -> None:
     spent["calibrated"] = time.process_time() - began - sum(spent.values())
     model, simulator = read_model(file), Simulator(GRID)
     predictor, fitted = Predictor(simulator, model, sensing=True), set(model.provenance.fitted)
-    spared = chosen([trial for trial in known if f"{measured.name}/{trial.name}" not in fitted])
+    spared = of_each_design([trial for trial in known if f"{measured.name}/{trial.name}" not in fitted], MOST)
     judged = [trial for trial in measured.trials if odd(trial)]
     used = find_used_frames([(measured, [*spared, *judged])], simulator)
     both = [

@@ -40,11 +40,11 @@ class Threshold(NamedTuple):
 
 THRESHOLDS = {
     "trace": (
-        Threshold("studies/tracing", "TOLERANCE", "excess that counts as nothing (`--tolerance`)", "mm", 1e3),
+        Threshold("studies/fitting", "EXCESS", "excess that counts as nothing (`--tolerance`)", "mm", 1e3),
         Threshold("studies/benches", "TOLERANCE", "the same on a bench", "% of the largest output", 100),
-        Threshold("studies/tracing", "TRIALS", "trials used, at most"),
-        Threshold("studies/tracing", "LEAST_TRIALS", "trials with different pressures, at least"),
-        Threshold("studies/tracing", "GRID", "grid of the simulator (`--grid`)", "points a side"),
+        Threshold("studies/measured", "TRIALS", "trials used, at most"),
+        Threshold("fabdesign/nouns", "LEAST_TRIALS", "trials with different pressures, at least"),
+        Threshold("studies/measured", "GRID", "grid of the simulator (`--grid`)", "points a side"),
         Threshold("studies/fitting", "LEAST", "shapes at rest from which on they are fitted first"),
         Threshold("optimize/fit", "HELD", "time that a cloth must stand to be at rest", "s"),
         Threshold("optimize/fit", "NEEDED", "an effect that costs less to drop is dropped", "log likelihood"),
@@ -56,7 +56,7 @@ THRESHOLDS = {
             "studies/model_selection", "STRUCTURE", "excess from which on a kind of feature is structure", "%", 100
         ),
         Threshold("optimize/fit", "ALIKE", "cosine from which on two effects look the same"),
-        Threshold("studies/tracing", "SHARE", "excess that a formula may leave", "%", 100),
+        Threshold("studies/model_selection", "LEAST_SHARE", "excess that a formula must remove", "%", 100),
         Threshold("studies/tracing", "LEAST_DIFFERENCE", "an experiment must show more", "mm RMS", 1e3),
     ),
     "sensitive stretches": (
@@ -68,7 +68,7 @@ THRESHOLDS = {
         Threshold("studies/prediction/stability.py", "LEAST", "smallest size of a motion", "mm", 1e3),
     ),
     "calibrate": (
-        Threshold("studies/calibration/calibrate.py", "TRIALS", "trials fitted without effects, at most"),
+        Threshold("studies/measured", "TRIALS", "trials fitted without effects, at most"),
         Threshold("studies/calibration", "MOST_TRIALS", "trials fitted with effects, at most"),
         Threshold("studies/fitting", "EXCESS", "excess of a reliable fit, at most", "mm", 1e3),
         Threshold("studies/fitting", "OUTLYING", "outlying frames of a reliable fit", "%", 100),

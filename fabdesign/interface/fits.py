@@ -25,8 +25,8 @@ def _calibrated(result: Any, given: Mapping[str, Any]) -> Shown:
     out, sources = given["out"], given["measured"]
     if isinstance(result, list):
         return _calibrated_benches(result, Path(out))
+    from fabdesign.nouns.trial import LEAST_TRIALS
     from studies.calibration.result import as_text
-    from studies.tracing.run import LEAST_TRIALS
 
     named, trials = " ".join(map(str, sources)), [t for s in result.data.sets for t in s.trials if t.role == "fit"]
     then, why = f"fabdesign evaluate {named} --model {out} --all", "the errors before and after"

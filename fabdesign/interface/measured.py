@@ -194,7 +194,7 @@ def _traced(result: Any, given: Mapping[str, Any]) -> Shown:
     from studies.benches import trace_report as of_bench
     from studies.tracing import report as of_set
 
-    as_text = of_set.as_text if hasattr(result, "model") else of_bench.as_text
+    as_text = of_bench.as_text if hasattr(result, "bench") else of_set.as_text
     return Shown(result.to_json(), f"{given['out']}: {as_text(result)}")
 
 
@@ -241,9 +241,11 @@ def trace(
             return of_bench.trace_bench(benches[0], folder, tolerance=share, force=run.force, progress=run.progress)
     from fabdesign.nouns.model import Model
     from fabdesign.runtime.effort import TRACE, Pace, fit_in_words, fit_seconds
-    from studies.measured.splits import Tolerance
+    from studies.fitting.fitted_model import EXCESS
+    from studies.measured.splits import TRIALS, Tolerance
+    from studies.measured.used_frames import GRID
     from studies.model_selection.verdict import SO_FAR
-    from studies.tracing.run import DRAWN, GRID, TOLERANCE, TRIALS, Options, trace_set
+    from studies.tracing.run import DRAWN, Options, trace_set
 
     fitted, sets = run.model(model), all_sets(measured)
     if len(sets) != 1:
@@ -258,7 +260,7 @@ def trace(
             sound,
             folder,
             inputs=paths_of(measured, model),
-            options=Options(TOLERANCE if tolerance is None else tolerance, grid, seed, fitted),
+            options=Options(EXCESS if tolerance is None else tolerance, grid, seed, fitted),
             force=run.force,
             say=lambda line: show(line, None if line.startswith(SO_FAR) else pace.share()),
         )

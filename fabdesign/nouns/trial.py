@@ -18,6 +18,7 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import USUAL_LIMITS, PressureProgram, RigLimits, require_pressures
 
 Role = Literal["fit", "test"]
+LEAST_TRIALS = 3  # with different pressures, or records of a bench: each is predicted from the others
 
 
 def _design_of(table: Table) -> Design:

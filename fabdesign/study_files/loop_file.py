@@ -10,6 +10,7 @@ from fabdesign.formats.schema import ABOVE_0, FROM_0, GRIDS, Key, Metre, Millime
 from fabdesign.formats.table import Table
 from fabdesign.nouns.model import POINTS_PER_SIDE
 from fabdesign.nouns.pressure import RigLimits
+from fabdesign.nouns.trial import LEAST_TRIALS
 from fabdesign.runtime.effort import LONGEST
 from fabdesign.study_files.study_file import Study, StudyFile, require_searchable
 from fabdesign.units import in_kpa
@@ -17,7 +18,6 @@ from fabdesign.units import in_kpa
 HOLD = 2.0  # s, for which the pressures of a shape at rest are held on the device
 TRACE_GRID = 21  # points a side: a trace asks for hundreds of motions
 UNLIMITED = RigLimits(np.inf, np.inf, LONGEST)
-LEAST_TRIALS = 3  # to calibrate and trace on, beside those held out
 _TRUTH = Key("key", there=Path.is_file)
 
 

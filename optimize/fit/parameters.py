@@ -20,8 +20,8 @@ from fabdesign.nouns.trial import Trial
 # Standard deviations of the logarithms: data sheets are good to tens of percent, their damping to 30 %. A cloth's mass
 # per area is sold to some 5 % and weighed in a minute. It alone says how large all forces are: a hung cloth moves the
 # same where stiffness, weight, damping and muscles' gain are all twice as much.
-PRIOR = dict.fromkeys(PARAMETERS, 0.15) | {"areal_density": 0.05, "damping": 0.30}
-TYPICAL = 0.15  # standard deviation that counts as one of a factor where steps are judged
+TYPICAL = 0.15  # also counts as a factor's where steps are judged
+PRIOR = dict.fromkeys(PARAMETERS, TYPICAL) | {"areal_density": 0.05, "damping": 0.30}
 
 
 @dataclass(frozen=True)

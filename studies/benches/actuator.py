@@ -119,8 +119,7 @@ class StaticCurve(Law):
 def hold_of(record: BenchRecord) -> Hold:
     """Return the hold in a record of one step on, and perhaps off. Raises InputError where there is none."""
     pressure = record.first(PRESSURES)
-    if pressure is None or "time" not in record.columns:
-        raise InputError(f"{record.name}: no pressure or no time column; expected both")
+    assert pressure is not None  # `require_columns`
     time, displacement = record.columns["time"], record.columns["displacement"]
     on = np.flatnonzero(displacement > displacement.max() / 2)
     first, last = on[0], on[-1]

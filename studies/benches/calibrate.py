@@ -1,27 +1,35 @@
 """The answer that a bench gives: a law of its specimen, and a muscle type or a cloth that a design can include."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.files.bench_file import read_bench
 from fabdesign.formats.codec import Encoder
 from fabdesign.formats.json_file import plain
 from fabdesign.formats.result_tables import Columns, Tabled
+from fabdesign.geometry.curves import design_matrix
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.bench import Bench, BenchRecord
+from fabdesign.nouns.forward import MUSCLE_TYPES, PARAMETERS, Term
 from fabdesign.nouns.model import EffectTerm, Quantity
 from fabdesign.runtime.effort import bench_fit_seconds, in_words
+from optimize.fit.descent import fit as fitted_to
+from optimize.fit.descent import parts
+from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
+from optimize.fit.problem import BenchProblem
 from studies.benches.evaluate import errors_of
 from studies.benches.law import Law, rms
-from studies.benches.muscle import REFITS, BenchMuscle, only_speed, rows_of, travels
-from studies.benches.muscle_effects import FittedEffects, bench_vector, fit_effects
+from studies.benches.muscle import REFITS, BenchMuscle, Rows, motion_columns, only_speed, rows_of, travels
 from studies.benches.records import LAWS, LEAST_SHOWN, BenchNoise, for_people, noise_of, require_columns, shown, unit_of
+from studies.fitting.fitted_model import effect_term, quantities_of
 
 Progress = Callable[[str, float | None], None]
 
@@ -101,7 +109,8 @@ def calibrate_bench(
         progress(in_words(seconds, *what), None)
     turns = len(chosen) if len(chosen) > 2 else 0
     lines = ["all records", *(f"record {k} of {turns} left out" for k in range(1, turns + 1))]
-    first, *later = _steps(progress, [f"fitting {bench.name}, {line}" for line in lines])
+    shares = parts(progress, *(k / len(lines) for k in range(1, len(lines))))
+    first, *later = (partial(part, f"fitting {bench.name}, {line}") for part, line in zip(shares, lines, strict=True))
     law, effects = _fit(bench, chosen, vector, first)
     left_out = []
     for i, tell in enumerate(later):
@@ -179,15 +188,6 @@ def _shown(error: float, unit: str) -> str:
     return f"{shown(error, unit)} RMS" if factor * error >= LEAST_SHOWN else f"under {LEAST_SHOWN} {name} RMS"
 
 
-def _steps(progress: Progress, lines: Sequence[str]) -> list[Callable[[float], None]]:
-    """Return what each of some equal steps, which shows its line, tells its own share to."""
-
-    def step(k: int, line: str) -> Callable[[float], None]:
-        return lambda share: progress(line, (k + share) / len(lines))
-
-    return [step(k, line) for k, line in enumerate(lines)]
-
-
 def _fit(
     bench: Bench,
     records: Sequence[BenchRecord],
@@ -197,11 +197,78 @@ def _fit(
 ) -> tuple[Law, tuple[EffectTerm, ...]]:
     tell(0.0)
     if bench.specimen == "muscle":
-        fitted = FittedEffects() if vector is None else fit_effects(partial(rows_of, records), vector, tell)
-        return BenchMuscle.fit(records, terms=fitted.terms, refits=refits), fitted.effects
+        effects = () if vector is None else fit_effects(partial(rows_of, records), vector, tell)
+        terms = tuple(effect.term for effect in effects)
+        return BenchMuscle.fit(records, terms=terms, refits=refits), effects
     return LAWS[bench.specimen].fit(records), ()
 
 
 def _error(bench: Bench, law: Law, records: Sequence[BenchRecord]) -> float:
     predict = law.written(sized="width" in bench.constants)
     return float(np.mean([errors.after for errors in errors_of(predict, bench, records)]))
+
+
+_SPANS = (4, 6)  # of pressure and contraction
+_RIDGE = 1e-4  # of the law's coefficients, relative to the tension's size
+
+
+def bench_vector(free: Sequence[str], name: str) -> FitVector:
+    """Return the unknowns of `free` (as of `calibrate --free`) for the muscle type `name`. Raises InputError for an
+    effect that one muscle on a bench cannot show."""
+    vector = fit_vector(free, PARAMETERS, scope=MUSCLE_TYPES + name)
+    for term in vector.terms:
+        if EFFECTS[term.name].bench is None:
+            known = [effect.name for effect in EFFECTS.values() if effect.bench is not None]
+            raise InputError(
+                f"--free {term.name}: one muscle on its bench does not show it; expected {', '.join(known)}"
+            )
+    if any(parameter.is_factor for parameter in vector.parameters):
+        raise InputError(f"--free {', '.join(free)}: a bench gives the law itself; expected effects, no factors")
+    # none that says what a law has from its bench: here law and effect come from the record itself
+    places = [(p, *p.name.partition(".")[::2]) for p in vector.parameters]
+    return replace(vector, parameters=tuple(p for p, of, key in places if not EFFECTS[of].parameters[key].tried))
+
+
+def fit_effects(
+    rows_of: Callable[[tuple[Term, ...]], Rows],
+    vector: FitVector,
+    tell: Callable[[float], None] = lambda share: None,
+) -> tuple[EffectTerm, ...]:
+    """Return the effects fitted to a muscle's records together with its law, with 90 % intervals. rows_of(terms): the
+    rows with the effects in them. tell: is given the share done.
+
+    The law and viscosity enter linearly (a coarse tensor product of B-splines, without the wishes of MuscleLaw): for
+    every value of the effects' parameters they are solved for, and the parameters move by Gauss-Newton on what remains
+    (variable projection, Golub and Pereyra 1973, doi:10.1137/0710036), in the descent that fits clouds."""
+    plain, acting = rows_of(()), {term.name for term in vector.terms}
+    start, end = min(float(plain.contraction.min()), 0.0), max(float(plain.contraction.max()), 0.0)
+    # splines lie over what was measured, whatever the effects make of it
+    spans = float(plain.pressure.max()) / _SPANS[0], start, (end - start) / _SPANS[1]
+
+    def unexplained(x: Array) -> Array:
+        return _unexplained(rows_of(vector.terms_at(vector.inside(x))), spans, acting)
+
+    problem = BenchProblem(unexplained, np.zeros_like(plain.block), plain.block, vector)
+    fitted = fitted_to(problem, progress=lambda _, share: tell(share))
+    deviation = np.sqrt(np.diag(fitted.covariance))
+    quantities, terms = quantities_of(vector, fitted.x, deviation), vector.terms_at(fitted.x)
+    return tuple(effect_term(label, term, quantities, None) for label, term in zip(vector.labels, terms, strict=True))
+
+
+def _unexplained(rows: Rows, spans: tuple[float, float, float], acting: Collection[str]) -> Array:
+    """Return (n,) N that law and damping do not explain; no damping that one of the effects `acting` is by itself.
+    spans: Pa between knots, the first contraction, and contraction between knots."""
+    pressure, start, contraction = spans
+    p = design_matrix(rows.pressure / pressure, _SPANS[0] + 3)
+    e = design_matrix((rows.contraction - start) / contraction, _SPANS[1] + 3)
+    smooth = (p[:, :, None] * e[:, None, :]).reshape(len(p), -1)
+    stretch = p * (np.maximum(-rows.contraction, 0.0) / contraction)[:, None]
+    damping = motion_columns(rows.rate, friction="braid_hysteresis" not in acting)
+    if "muscle_viscosity" in acting:
+        damping[:, 0] = 0.0
+    columns = np.hstack([smooth, stretch, damping])
+    columns = columns[:, np.abs(columns).max(axis=0) > 0]
+    ridge = _RIDGE * np.sqrt(len(p)) * np.eye(columns.shape[1])
+    goal = rows.force + rows.friction
+    steps = np.linalg.lstsq(np.vstack([columns, ridge]), np.r_[goal, np.zeros(len(ridge))], rcond=None)[0]
+    return np.asarray(goal - columns @ steps)

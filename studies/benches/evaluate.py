@@ -37,12 +37,8 @@ class RecordErrors:
 
 def errors_of(predict: Predict, bench: Bench, records: Sequence[BenchRecord]) -> list[RecordErrors]:
     """Return the errors of a prediction on records."""
-
-    def errors(record: BenchRecord) -> RecordErrors:
-        truth = LAWS[bench.specimen].measured(record)
-        return RecordErrors(*(rms(values - truth) for values in predict(record)))
-
-    return [errors(record) for record in records]
+    measured = LAWS[bench.specimen].measured
+    return [RecordErrors(*(rms(values - measured(record)) for values in predict(record))) for record in records]
 
 
 def prediction(path: Path, bench: Bench) -> Predict:

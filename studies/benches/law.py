@@ -16,6 +16,7 @@ from fabdesign.nouns.model import Quantity
 
 Predict = Callable[[BenchRecord], tuple[Array, Array]]  # (n,) at rest, in motion; of an actuator (1,), the level held
 FORCES = ("force", "load")
+ROUNDS = 3  # at most, of what is fitted in turn: a law and what damps, a law and effects, shapes of effects
 
 
 def rms(values: Array) -> float:

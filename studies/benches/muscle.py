@@ -18,7 +18,7 @@ from fabdesign.nouns.design import Term
 from fabdesign.nouns.model import EffectTerm, Quantity
 from fabdesign.nouns.muscle import BenchTable
 from fabdesign.nouns.muscle_law import MuscleLaw, law_of
-from studies.benches.law import FORCES, Law, Predict, rms
+from studies.benches.law import FORCES, ROUNDS, Law, Predict, rms
 
 PRESSURES = ("pressure", "pressure_command")  # columns, in order of preference
 _BLOCKS = 10  # a record is cut into, where there are too few records to draw from
@@ -84,7 +84,6 @@ def motion_columns(rate: Array, *, friction: bool = True) -> Array:
 
 
 REFITS = 20  # of the block bootstrap
-_ROUNDS = 3  # law and rates in turn
 _CELLS = (12, 24)  # of pressure and contraction, that a time series is averaged over before the law is fitted
 _PRESSURES, _CONTRACTIONS = 9, 16  # of the table in a file
 
@@ -115,7 +114,7 @@ class BenchMuscle(Law):
         """Return the law and what damps. terms: effects that are held. Raises InputError where a record lacks pressure,
         contraction or force, or where all have too few rows."""
         rows, rubs = rows_of(records, terms), all(term.name != "braid_hysteresis" for term in terms)
-        law, constants, misfit = _fitted(rows, np.zeros(2), _ROUNDS, friction=rubs)
+        law, constants, misfit = _fitted(rows, np.zeros(2), ROUNDS, friction=rubs)
         rng = np.random.default_rng(seed)
         blocks = np.unique(rows.block)
         again: list[_Fitted] = []

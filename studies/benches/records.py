@@ -112,7 +112,7 @@ def noise_of(bench: Bench) -> BenchNoise:
     any, else by neighbours, as the median over records. A quantised output has at least the noise of its steps."""
     output, records = output_of(bench), bench.records
     readings = [record.columns[output] for record in records]
-    inputs = [_inputs(record, output) for record in records]
+    inputs = [{n: r.columns[n] for n in _INPUTS if n in r.columns and n != output} for r in records]
     sizes = _sizes(inputs)
     step = max((_quantum(y) for y in readings), default=0.0) / np.sqrt(12)
     repeated = _by_repeats(readings, inputs, sizes)
@@ -121,10 +121,6 @@ def noise_of(bench: Bench) -> BenchNoise:
     single = [_by_neighbours(y, x, sizes) for y, x in zip(readings, inputs, strict=True)]
     known = [sigma for sigma in single if sigma is not None]
     return BenchNoise(max(float(np.median(known)), step), "neighbours") if known else BenchNoise(0.0, "unknown")
-
-
-def _inputs(record: BenchRecord, output: str) -> dict[str, Array]:
-    return {name: record.columns[name] for name in _INPUTS if name in record.columns and name != output}
 
 
 def _sizes(inputs: Sequence[dict[str, Array]]) -> dict[str, float]:

@@ -2,7 +2,8 @@
 law; one joint fit of every effect, then those dropped again that they do not need, by the rules of sets."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -17,9 +18,10 @@ from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.problem import BenchProblem
 from optimize.fit.significance import NEEDED, conditioned, eliminated
 from studies.benches.cylinder import friction_state
-from studies.benches.law import Law, rms
+from studies.benches.law import ROUNDS, Law, rms
 from studies.fitting.fitted_model import QUANTILE
 from studies.model_selection.judged import Judged
+from studies.model_selection.outcome import Candidate
 from studies.model_selection.rules import ON_BENCHES, Refits, Selection, follow
 from studies.model_selection.verdict import STRUCTURE
 
@@ -29,105 +31,86 @@ PRESSURES = "pressure", "pressure_command", "pressure_amplitude"
 FAST = 0.02, 0.05, 0.1, 0.2, 0.4  # s
 SLOW = 0.7, 2.0, 6.0, 20.0  # s
 
+Signals = Mapping[str, Array]  # (n,) of one record
+Columns = Mapping[str, Array]  # (n,) by parameter, of a shape; each coefficient is that parameter's value
 
-@dataclass(frozen=True, eq=False)
-class Signals:
-    """The signals of one record: law (n,) what the quasi-static law says; path (rises as the specimen lengthens),
-    pressure [kPa] and time, where it has them; number: its place among the records."""
 
-    law: Array
-    path: Array | None
-    pressure: Array | None
-    time: Array | None
-    number: int
-
-    @staticmethod
-    def of(record: BenchRecord, law: Array, number: int) -> "Signals":
-        path = next((sign * record.columns[name] for name, sign in PATHS.items() if name in record.columns), None)
-        pressure = record.first(PRESSURES)
-        return Signals(law, path, None if pressure is None else in_kpa(pressure), record.columns.get("time"), number)
+def signals_of(record: BenchRecord, law: Array, number: int) -> Signals:
+    """Return law, what the quasi-static law says; number, the record's place among all; and as far as it has them path,
+    which rises as the specimen lengthens, pressure [kPa] and time."""
+    path = [sign * record.columns[name] for name, sign in PATHS.items() if name in record.columns]
+    pressure, signals = record.first(PRESSURES), {"law": law, "number": np.array(number)}
+    signals |= {"path": path[0]} if path else {}
+    signals |= {} if pressure is None else {"pressure": in_kpa(pressure)}
+    return signals | ({"time": record.columns["time"]} if "time" in record.columns else {})
 
 
 @dataclass(frozen=True)
 class ShapedEffect:
-    """A candidate at one shape. columns(signals): {parameter: (n,)}; each coefficient is that parameter's value."""
+    """A candidate at one shape."""
 
     effect: str
     values: Mapping[str, float]  # of what shapes it
     units: Mapping[str, str]  # of all its parameters
-    columns: Callable[[Signals], Mapping[str, Array]]
+    columns: Callable[[Signals], Columns]
 
 
-def shapes_of(law: type[Law], signals: list[Signals]) -> list[ShapedEffect]:
+def shapes_of(law: type[Law], signals: Sequence[Signals]) -> list[ShapedEffect]:
     """Return those that make sense on a specimen and that its records can show."""
-    has = {name: all(getattr(s, name) is not None for s in signals) for name in ("path", "pressure", "time")}
+    has = {name: all(name in s for s in signals) for name in ("path", "pressure", "time")}
     shapes: list[ShapedEffect] = []
-    along, unit = law.slides_over, law.unit
+    along, unit, timed = law.slides_over, law.unit, {"share": "1", "time": "s"}
     if along is not None and has["path"] and has["pressure"]:
-        reach = float(np.median([np.ptp(s.path) for s in signals if s.path is not None]))
-        slips = [share * reach for share in (0.005, 0.02, 0.06)]
+        reach = float(np.median([np.ptp(s["path"]) for s in signals]))
         units = {"friction": f"{unit}/kPa", "friction_at_zero": unit, "slip": along}
-        shapes += [ShapedEffect("braid_hysteresis", {"slip": s}, units, _friction(s)) for s in slips]
+        slips = [share * reach for share in (0.005, 0.02, 0.06)]
+        shapes += [ShapedEffect("braid_hysteresis", {"slip": s}, units, partial(_friction, s)) for s in slips]
     if has["time"]:
         if law.damped and has["path"]:
             rate = {"contracting": f"{unit} s", "lengthening": f"{unit} s"}
             shapes.append(ShapedEffect("muscle_viscosity", {}, rate, _viscosity))
         if law.late:
-            shapes += [ShapedEffect("filling_lag", {"time": t}, {"share": "1", "time": "s"}, _slow(t)) for t in FAST]
+            shapes += [ShapedEffect("filling_lag", {"time": t}, timed, partial(_slow, t, 1.0)) for t in FAST]
             shapes.append(ShapedEffect("dead_time", {}, {"delay": "s"}, lambda s: {"delay": _delay(s)}))
         else:
             shapes.append(ShapedEffect("time_offset", {}, {"offset": "s"}, lambda s: {"offset": _delay(s)}))
         slow, sign = law.slow
-        shapes += [ShapedEffect(slow, {"time": t}, {"share": "1", "time": "s"}, _slow(t, sign)) for t in SLOW]
+        shapes += [ShapedEffect(slow, {"time": t}, timed, partial(_slow, t, sign)) for t in SLOW]
     if len(signals) > 2:
-        shapes += [
-            ShapedEffect("stroke_softening", {"trials": n}, {"loss": "1", "trials": "1"}, _softening(n))
-            for n in (1.0, 3.0)
-        ]
+        units = {"loss": "1", "trials": "1"}
+        shapes += [ShapedEffect("stroke_softening", {"trials": n}, units, partial(_softening, n)) for n in (1.0, 3.0)]
     return shapes
 
 
-def _friction(slip: float) -> Callable[[Signals], Mapping[str, Array]]:
-    def columns(s: Signals) -> Mapping[str, Array]:
-        assert s.path is not None and s.pressure is not None
-        state = friction_state(s.path, slip)
-        return {"friction": state * s.pressure, "friction_at_zero": state}
-
-    return columns
+def _friction(slip: float, s: Signals) -> Columns:
+    state = friction_state(s["path"], slip)
+    return {"friction": state * s["pressure"], "friction_at_zero": state}
 
 
-def _viscosity(s: Signals) -> Mapping[str, Array]:
-    assert s.path is not None and s.time is not None
-    rate = np.gradient(s.path, s.time)
+def _viscosity(s: Signals) -> Columns:
+    rate = np.gradient(s["path"], s["time"])
     return {"contracting": np.minimum(rate, 0.0), "lengthening": np.maximum(rate, 0.0)}
 
 
-def _slow(time: float, sign: float = 1.0) -> Callable[[Signals], Mapping[str, Array]]:
+def _slow(time: float, sign: float, s: Signals) -> Columns:
     """Return what a share of the law lacks that comes with a time constant; less than nothing: has beyond it, and
     loses."""
-
-    def columns(s: Signals) -> Mapping[str, Array]:
-        assert s.time is not None
-        late = first_order(s.law[1:], np.diff(s.time), time, start=s.law[0])
-        return {"share": sign * (late - s.law)}
-
-    return columns
+    late = first_order(s["law"][1:], np.diff(s["time"]), time, start=s["law"][0])
+    return {"share": sign * (late - s["law"])}
 
 
 def _delay(s: Signals) -> Array:
     """Return what the law changes by in a second."""
-    assert s.time is not None
-    return np.asarray((np.interp(s.time - 0.05, s.time, s.law) - s.law) / 0.05)
+    return np.asarray((np.interp(s["time"] - 0.05, s["time"], s["law"]) - s["law"]) / 0.05)
 
 
-def _softening(trials: float) -> Callable[[Signals], Mapping[str, Array]]:
-    return lambda s: {"loss": -s.law * (1 - np.exp(-s.number / trials))}
+def _softening(trials: float, s: Signals) -> Columns:
+    return {"loss": -s["law"] * (1 - np.exp(-s["number"] / trials))}
 
 
 _WIDE = 3.0  # prior deviation of a strength, times the one that moves the records as much as all that the law leaves
 Bound = Callable[[str], float]  # the least of a strength by its name, EFFECT.PARAMETER
 _AT_LIMIT = 1e-6  # of the prior's deviation
-_ROUNDS = 3  # of the search for shapes
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +120,7 @@ class BenchTask(Refits):
     (`rules.Refits`): a fit with fewer effects is one with their shapes searched anew."""
 
     shapes: Sequence[ShapedEffect]
-    tables: Sequence[Mapping[str, Array]]
+    tables: Sequence[Columns]
     residual: Array
     record: Indices
     floor: float
@@ -163,38 +146,36 @@ class BenchTask(Refits):
         keys = [(shape.effect, shape.values) for shape in self.shapes]
         return [keys.index((term.name, term.values)) for term in fit.vector.terms]
 
-    def fit(self, places: Sequence[int] = (), bound: Bound | None = None) -> Judged:
+    def fit(
+        self, places: Sequence[int] = (), bound: Bound | None = None, rows: Indices | slice = slice(None)
+    ) -> Judged:
         """Return the effects at these shapes, together, from off. Residuals are linear in these, so the second step is
-        the last. bound: by default `lowest`."""
-        strengths = [(self.shapes[k], key, column) for k in places for key, column in self.tables[k].items()]
-        columns = np.reshape([column for *_, column in strengths], (-1, len(self.record))).T
-        parameters = tuple(self._strength(*strength, bound or lowest) for strength in strengths)
-        vector = FitVector(parameters, (), tuple(Term(self.shapes[k].effect, self.shapes[k].values) for k in places))
-        problem = BenchProblem(lambda x: self.residual + columns @ x, self.record, self.record, vector)
-        x, before = vector.start, rms(self.residual)
+        the last. bound: by default `lowest`. rows: that take part."""
+        residual, record = self.residual[rows], self.record[rows]
+        strengths = [(self.shapes[k], key, column[rows]) for k in places for key, column in self.tables[k].items()]
+        columns = np.reshape([column for *_, column in strengths], (-1, len(record))).T
+        before, parameters = rms(residual), []
+        for shape, key, column in strengths:
+            name = f"{shape.effect}.{key}"
+            size = np.sqrt(np.mean(residual**2) / max(float(np.mean(column**2)), 1e-30))
+            bounds = (bound or lowest)(name), np.inf
+            parameters.append(FitParameter(name, _WIDE * float(size), 0.0, "linear", shape.units[key], bounds))
+        terms = tuple(Term(self.shapes[k].effect, self.shapes[k].values) for k in places)
+        vector = FitVector(tuple(parameters), (), terms)
+        problem, x = BenchProblem(lambda x: residual + columns @ x, record, record, vector), vector.start
         for _ in range(2):
             state = problem.with_jacobian(problem.evaluate([x])[0], columns)
             fitted = concluded(problem, state, None, before, 1, "converged")
             x = fitted.minimum
         return self.judged(fitted)
 
-    def _strength(self, shape: ShapedEffect, key: str, column: Array, bound: Bound) -> FitParameter:
-        size = np.sqrt(np.mean(self.residual**2) / max(float(np.mean(column**2)), 1e-30))
-        bounds = bound(f"{shape.effect}.{key}"), np.inf
-        return FitParameter(f"{shape.effect}.{key}", _WIDE * float(size), 0.0, "linear", shape.units[key], bounds)
-
     def deviation(self, joint: Fit, bound: Bound | None = None) -> Array:
         """Return (p,) of the unknowns, by their covariance and by how far leaving out each record moves them
         (jackknife): its rows share the law's error."""
-        records = np.unique(self.record)
-        places = self.places(joint)
-        alone = np.array([self._without(k).fit(places, bound).fit.x for k in records])
+        records, places = np.unique(self.record), self.places(joint)
+        others = [np.flatnonzero(self.record != k) for k in records]
+        alone = np.array([self.fit(places, bound, rows).fit.x for rows in others])
         return np.asarray(np.sqrt(np.diag(joint.covariance) + (len(records) - 1) * alone.var(axis=0)))
-
-    def _without(self, record: int) -> "BenchTask":
-        kept = self.record != record
-        tables = [{key: column[kept] for key, column in table.items()} for table in self.tables]
-        return replace(self, tables=tables, residual=self.residual[kept], record=self.record[kept])
 
     def shaped(self, effects: Sequence[str], beside: Sequence[int] = (), bound: Bound | None = None) -> Judged:
         """Return each effect at the shape that leaves least of records left out, the others being at theirs; beside:
@@ -202,7 +183,7 @@ class BenchTask(Refits):
         places_of = {effect: [k for k, shape in enumerate(self.shapes) if shape.effect == effect] for effect in effects}
         chosen = {effect: places[0] for effect, places in places_of.items()}
         best = self.fit([*beside, *chosen.values()], bound)
-        for _ in range(_ROUNDS):
+        for _ in range(ROUNDS):
             before = dict(chosen)
             for effect, places in places_of.items():
                 for place in places if len(places) > 1 else ():
@@ -226,44 +207,32 @@ def either_sign(name: str) -> float:
     return -np.inf
 
 
-def select(task: BenchTask) -> Judged:
+def select(task: BenchTask) -> Selection:
     """Return a selection of every effect at once, then by the rules: to first order what the data do not need, then
     what records left out gain too little by, with shapes and strengths fitted anew."""
     none = task.fit()
     if none.excess <= task.tolerance:
-        return none
+        return Selection(none.fit, none.fit, none)
     everything = task.shaped(task.effects)
     known = conditioned(everything.fit.x.copy(), everything.fit.covariance, everything.off)
     labels = [*eliminated(*known, everything.parts, NEEDED)[0]]
     if not labels:
-        return none
+        return Selection(everything.fit, none.fit, none)
     judged = task.shaped(labels)
-    begun = Selection(everything.fit, none.fit, judged, everything.excess, most=judged)
-    return follow(ON_BENCHES, task, begun).judged
+    return follow(ON_BENCHES, task, Selection(everything.fit, none.fit, judged, everything.excess, most=judged))
 
 
-@dataclass(frozen=True)
-class BenchCandidate:
-    """An effect alone, at its best shape and with any sign. gain: of excess, in quadrature, that records left out gain
-    by it. held_out: RMS of these. refused: whether it takes structure, but with a sign that it cannot have."""
-
-    effect: str
-    gain: float
-    interval90: tuple[float, float]
-    held_out: float
-    refused: bool
-
-
-def candidates_of(task: BenchTask) -> tuple[BenchCandidate, ...]:
-    """Return every effect, the one that leaves least first."""
-    rows = []
-    before = task.fit().excess
+def candidates_of(task: BenchTask, selection: Selection) -> tuple[Candidate, ...]:
+    """Return every effect by itself, at its best shape and with any sign, the one that leaves least first."""
+    rows, before = [], task.judged(selection.plain).excess
     for effect in task.effects:
         alone = task.shaped([effect], bound=either_sign)
         gain, interval = alone.gains_without(())[effect]
         takes = interval[0] > 0 and alone.excess <= (1 - STRUCTURE) * before
-        rows.append(BenchCandidate(effect, gain, interval, alone.scored.rms(), takes and _wrong_sign(task, alone)))
-    return tuple(sorted(rows, key=lambda row: row.held_out))
+        remaining, chosen = (alone.excess, alone.scored.typical(task.floor)), effect in selection.chosen.vector.labels
+        refused = takes and _wrong_sign(task, alone)
+        rows.append((alone.scored.rms(), Candidate(effect, gain, interval, *remaining, chosen, refused=refused)))
+    return tuple(candidate for _, candidate in sorted(rows, key=lambda row: row[0]))
 
 
 def _wrong_sign(task: BenchTask, alone: Judged) -> bool:

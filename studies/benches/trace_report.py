@@ -1,52 +1,58 @@
 """The outcome of a trace of a bench, its page and its words."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
-from fabdesign.formats.json_file import plain
+from fabdesign.effects import EFFECTS
 from fabdesign.formats.lab_table import DIMENSIONS
-from fabdesign.formats.result_tables import Columns, Tabled
-from fabdesign.nouns.array import Array
-from fabdesign.nouns.bench import Bench
-from fabdesign.nouns.model import EffectTerm
+from fabdesign.formats.result_tables import Columns
+from fabdesign.nouns.array import Array, Indices
+from fabdesign.nouns.bench import Bench, BenchRecord
+from fabdesign.nouns.model import EffectTerm, Model, Provenance
+from fabdesign.runtime.fingerprint import sha256
 from fabdesign.units import in_kpa, in_mm
-from studies.benches.records import BenchNoise, for_people, shown
-from studies.benches.trace_fit import BenchCandidate
-from studies.model_selection.verdict import STRUCTURE, Evidence, Word, effect_entry, effect_in_words, shared_out
+from fabdesign.version import __version__
+from studies.benches.evaluate import METRIC
+from studies.benches.records import BenchNoise, for_people, output_of, shown
+from studies.model_selection.outcome import Candidate, MeanErrors, TraceOutcome
+from studies.model_selection.verdict import STRUCTURE, effect_in_words
 from studies.report import charts, page
 
-Curve = tuple[str, Array, Array, Array, Array]  # a record: its name, the rows' place, measured, before, after
+Curve = tuple[BenchRecord, Indices, Array, Array]  # a record, rows of it, what is left of these before and after
+AXES = {"time": (1.0, "s"), "pressure": (in_kpa(1.0), "kPa"), "length": (in_mm(1.0), "mm")}  # by dimension
 
 
 @dataclass(frozen=True, eq=False)
-class BenchOutcome(Tabled):
+class BenchOutcome(TraceOutcome):
     """The outcome of a trace of a bench. Errors in the output's SI unit, RMS of records left out."""
 
     bench: Bench
     unit: str
-    verdict: Word
-    evidence: Evidence
-    tolerance: float
     noise: BenchNoise
-    candidates: tuple[BenchCandidate, ...]
-    effects: tuple[EffectTerm, ...]
-    gains: Mapping[str, float]  # by effect, of those chosen
-    indistinguishable: tuple[str, ...]
+    effects: tuple[EffectTerm, ...]  # that were certain, also where they do not explain what is missing
     fit: tuple[float, float]  # before, after
     test: tuple[float, float] | None  # the same on records of role test, looked at once; None without any
     curves: tuple[Curve, ...]
 
     @property
-    def floor(self) -> float:
-        """Return the noise of a reading; 0 where the records do not show it."""
-        return self.noise.sigma
+    def model(self) -> Model:
+        """Return the model with those of the effects that the simulator has, where its parameters mean the same."""
+        return Model(
+            effects=tuple(effect for effect in self.named.values() if _simulated(effect)),
+            provenance=Provenance(
+                sets=(self.bench.name,),
+                fitted=tuple(f"{self.bench.name}/{r.name}" for r in self.bench.of_role("fit")),
+                versions={"fabdesign": __version__},
+                hashes={f"{self.bench.name}/bench.toml": sha256(self.bench.file)},
+            ),
+        )
 
     @property
-    def small(self) -> BenchCandidate | None:
+    def small(self) -> Candidate | None:
         """Return, where the law is adequate within the tolerance, the candidate that takes most of what is left, if it
         gains for certain and more than a reading's noise."""
         if self.verdict != "adequate" or not self.candidates:
@@ -56,48 +62,38 @@ class BenchOutcome(Tabled):
         certain = best.interval90[0] > 0 and best.gain > self.floor
         return best if certain and structure and not best.refused else None
 
-    @property
-    def shares(self) -> dict[str, float]:
-        """Return the share of the gap that each effect closes; of several, by what its absence costs."""
-        return shared_out(self.evidence, self.gains)
-
     def columns(self) -> Columns:
         """Return a row a candidate: its name, error of records left out and gain."""
-        names = {"name": [c.effect for c in self.candidates], "held_out": [c.held_out for c in self.candidates]}
-        return {**names, "gain": [c.gain for c in self.candidates]}
+        rows = self.to_json()["candidates"][1:]
+        return {key: [row[key] for row in rows] for key in ("name", "held_out", "gain")}
 
     def json_content(self) -> dict[str, Any]:
         """Return `trace.json`."""
-        added = self.verdict == "effect"
-        crossed = (self.evidence.before, self.evidence.after)
-        held_out = self.test or tuple(float(np.hypot(excess, self.floor)) for excess in crossed)
-        none = BenchCandidate("none", 0.0, (0.0, 0.0), float(np.hypot(self.evidence.before, self.floor)), False)
-        rows = [
-            {"name": c.effect, "held_out": c.held_out, "gain": c.gain, "interval90": c.interval90,
-             "adequate": c.held_out <= float(np.hypot(self.tolerance, self.floor))}
-            for c in (none, *self.candidates)
-        ]  # fmt: skip
-        return {
-            "format": "fabdesign.trace/1",
-            "verdict": self.verdict,
-            "effects": [effect_entry(e, self.shares.get(e.name)) for e in self.effects if added],
-            "indistinguishable": self.indistinguishable if added else [],
-            "candidates": sorted(rows, key=lambda row: float(str(row["held_out"]))),
-            "error": {
-                "metric": "rms",
-                "unit": self.unit,
-                **plain(self.noise),
-                "tolerance": self.tolerance,
-                "ceiling": float(np.hypot(self.evidence.box_before, self.floor)),
-                "before": {"fit": self.fit[0], "held_out": held_out[0]},
-                "after": {"fit": self.fit[added], "held_out": held_out[added]},
-            },
-            "within_tolerance": [self.small.effect] if self.small else [],
+        tests = self.test or (None, None)
+        after = self.verdict == "effect"
+        evidence, small = self.evidence, self.small
+        crossed = evidence.before, evidence.after
+        pairs = [MeanErrors(self.fit[k], tests[k], crossed[k]) for k in (0, after)]
+        trace = self.entries(METRIC, self.unit, *pairs)
+        trace["error"]["noise_from"] = self.noise.source
+        more = {
+            "within_tolerance": [small.name] if small else [],
             "residual": {"where": None, "when_s": None, "follows": None},
             "unjudged": [],
             "discovered": None,
             "next_experiment": None,
         }
+        return trace | more
+
+
+def _simulated(effect: EffectTerm) -> bool:
+    declared = EFFECTS[effect.name].parameters if effect.name in EFFECTS else {}
+    return all(
+        name in declared
+        and declared[name].unit == q.unit
+        and declared[name].bounds[0] <= q.value <= declared[name].bounds[1]
+        for name, q in effect.parameters.items()
+    )
 
 
 def bench_in_words(outcome: BenchOutcome) -> str:
@@ -125,11 +121,10 @@ def bench_in_words(outcome: BenchOutcome) -> str:
 
 def _what_is_small(outcome: BenchOutcome) -> str:
     """Say of an adequate law whether an effect is certain all the same."""
-    within = outcome.evidence.before <= outcome.tolerance
     limit = f"the tolerance of {shown(outcome.tolerance, outcome.unit)}"
     if (small := outcome.small) is None:
-        return f"That is within {limit}." if within else "No effect is needed, and no baseline predicts the rest."
-    gain, name = shown(small.gain, outcome.unit), small.effect.replace("_", " ")
+        return f"That is within {limit}."
+    gain, name = shown(small.gain, outcome.unit), small.name.replace("_", " ")
     return (
         f"{name.capitalize()} gains {gain} of it for certain, but what is left is within {limit}, so it was not added; "
         "a smaller --tolerance judges it."
@@ -143,7 +138,7 @@ def as_text(outcome: BenchOutcome) -> str:
     for c in outcome.candidates:
         gain = page.gain_in_words(scale * c.gain, [scale * v for v in c.interval90], unit, ".3g")
         sign = ", only with a sign that it cannot have" if c.refused else ""
-        lines.append(f"  {c.effect:<18} gains {gain}{sign}")
+        lines.append(f"  {c.name:<18} gains {gain}{sign}")
     lines.append(f"the flexible baseline leaves {shown(outcome.evidence.box_before, outcome.unit)}")
     lines.append(outcome.noise.in_words(shown(outcome.floor, outcome.unit)))
     return "\n".join(lines)
@@ -161,30 +156,21 @@ def _blocks(outcome: BenchOutcome) -> Iterator[page.Block]:
     yield from page.texts("quiet", [page.sentence(x) for x in (outcome.bench.description, outcome.bench.source) if x])
     yield charts.error_bars(outcome.to_json()["error"], "noise", unit, "RMS of records left out", scale)
     yield page.Title("Candidates")
-    chosen = {effect.name for effect in outcome.effects}
     gains = [
-        charts.Gain(c.effect + " (wrong sign)" * c.refused, c.gain, c.interval90, c.effect in chosen)
-        for c in outcome.candidates
+        charts.Gain(c.name + " (wrong sign)" * c.refused, c.gain, c.interval90, c.chosen) for c in outcome.candidates
     ]
     yield charts.gains("candidates", gains, unit, "gain on records left out", outcome.tolerance, scale=scale)
     yield page.Text("Bold: in the model. At 0 there is no gain.", "quiet")
     yield page.Title("Records: measured, before, after")
     output = "displacement" if outcome.unit == "m" else outcome.bench.output
     styles = (("measured", charts.DARK), ("before", charts.RED), ("after", charts.BLUE))
-    for k, (name, place, *lines) in enumerate(outcome.curves):
-        by, x = _axis(outcome.bench, name)
+    for k, (record, rows, *misses) in enumerate(outcome.curves):
+        name = next((n for n in ("time", *outcome.bench.input) if n in record.columns), "row")
+        place = np.arange(len(rows), dtype=float) if name == "row" else record.columns[name][rows]
+        by, shown_in = AXES.get(DIMENSIONS.get(name, ""), (1.0, ""))
+        measured = record.columns[output_of(outcome.bench)][rows]
+        lines = measured, *(measured + miss for miss in misses)
         curves = [charts.curve(title, by * place, scale * y, c) for (title, c), y in zip(styles, lines, strict=True)]
-        yield page.Title(name, 3)
+        yield page.Title(record.name, 3)
+        x = ", ".join(filter(None, (name.replace("_", " "), shown_in)))
         yield charts.chart(f"record-{k}", curves, x=x, y=f"{output}, {unit}", height=320)
-
-
-def _axis(bench: Bench, record: str) -> tuple[float, str]:
-    """Return what a record's curves lie over: a factor on its values in SI, and the axis' title with its unit."""
-    columns = next(r.columns for r in bench.records if r.name == record)
-    name = next((n for n in ("time", *bench.input) if n in columns), "row")
-    unit = DIMENSIONS.get(name)
-    factor, shown = {"time": (1.0, "s"), "pressure": (in_kpa(1.0), "kPa"), "length": (in_mm(1.0), "mm")}.get(
-        unit or "", (1.0, "")
-    )
-    title = name.replace("_", " ")
-    return factor, f"{title}, {shown}" if shown else title

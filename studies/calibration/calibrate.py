@@ -22,13 +22,11 @@ from studies.calibration.trial_checks import implausible
 from studies.fitting.fits import Fits, fit_at_rest, with_shapes_at_rest
 from studies.fitting.fitted_model import EXCESS, doubted, far_factors, fitted_model, interval_warnings, with_engines
 from studies.fitting.joint_fit import joint_fit, joint_fit_from_rest
-from studies.intervals.calibrate import chosen as chosen_trials
-from studies.intervals.calibrate import with_spread
+from studies.intervals.calibrate import MOST, with_spread
 from studies.measured.fit_data import MeasuredData
-from studies.measured.splits import Tolerance, fit_trials
+from studies.measured.splits import TRIALS, Tolerance, fit_trials, of_each_design
 from studies.measured.used_frames import find_used_frames
 
-TRIALS = 16  # fitted at most without effects, spread over those allowed
 MOST_TRIALS = 48  # with effects, whose last fit takes 10 CPU s a trial; never more than half of those allowed over 32
 DRAWN = Density(until=1.5, frames=30, points=300)
 _MANY = 20  # unknowns, of which last steps gain less than the noise of their differences promises, at minutes each
@@ -148,7 +146,8 @@ def _with_spread(
     """Return the model with intervals of motions from trials of role `fit` that were not fitted, whatever the reason,
     but for those that were found bad, and how good they are; None where there are no such trials."""
     fitted = {trial.file for trial in data.trials}
-    spared = chosen_trials([t for one in sets for t in one.trials if t.role == "fit" and t.file not in fitted])
+    others = [t for one in sets for t in one.trials if t.role == "fit" and t.file not in fitted]
+    spared = of_each_design(others, MOST)
     if not spared:
         return model, None
     owners = {trial.file: one for one in sets for trial in one.trials}

@@ -137,7 +137,7 @@ def ambiguities(fit: Fit, covariance: np.ndarray) -> tuple[str, ...]:
     deviation = np.sqrt(np.diag(covariance))
     little = deviation > _LITTLE * prior
     lines = [
-        f"{names[k]}: these data say little; its value follows the {_other(fit, k)}{_to(fit, k, deviation[k])}"
+        f"{names[k]}: these data say little; its value follows the {_prior_of(fit.vector.parameters[k], deviation[k])}"
         for k in map(int, np.flatnonzero(little))
     ]
     correlation = covariance / np.outer(deviation, deviation)
@@ -177,12 +177,7 @@ def _moved(parameter: FitParameter, by: float) -> str:
     return f"{parameter.name} {by:+.2g} {parameter.unit}"
 
 
-def _other(fit: Fit, k: int) -> str:
-    return "data sheet" if fit.vector.parameters[k].is_factor else "prior"
-
-
-def _to(fit: Fit, k: int, deviation: float) -> str:
-    parameter = fit.vector.parameters[k]
-    if parameter.transform == "log":
-        return f" (within {100 * deviation:.0f} %)"
-    return f" (within {deviation:.2g} {parameter.unit})"
+def _prior_of(parameter: FitParameter, deviation: float) -> str:
+    """Return what decides of an unknown that the data say little of, and within which standard deviation."""
+    within = f"{100 * deviation:.0f} %" if parameter.transform == "log" else f"{deviation:.2g} {parameter.unit}"
+    return f"{'data sheet' if parameter.is_factor else 'prior'} (within {within})"

@@ -62,8 +62,7 @@ class Fits:
         return fit(problem, start, policy, named=named, checkpoint=self.checkpoint, progress=progress)
 
 
-TRIALS = 48  # looked at for shapes at rest, at most
-SHAPES = 24  # fitted at most
+SHAPES = 24  # fitted at most, of twice as many trials
 SHOWS = 1e-5  # m RMS that a prior's deviation of an unknown moves shapes by; less is rounding
 LEAST = 8  # fewer tell too little of what acts at rest
 
@@ -72,7 +71,7 @@ def shapes_at_rest(trials: Sequence[Trial], noise: float, seed: int) -> list[Sta
     """Return shapes at rest of some trials, one for each design and pressures, spread over the session; none where
     there are fewer than LEAST. noise: m, of a point."""
     rng = np.random.default_rng(seed)
-    looked_at = [trials[k] for k in evenly(len(trials), TRIALS)]
+    looked_at = [trials[k] for k in evenly(len(trials), 2 * SHAPES)]
     shapes = [one for trial in looked_at for one in standing_of(trial, trial.load(), noise, rng)]
     unlike = [*{(one.sample.trial.design_name, *one.pressure.tolist()): one for one in reversed(shapes)}.values()]
     if len(unlike) < LEAST:

@@ -16,9 +16,8 @@ from fabdesign.nouns.model import Model, Spread
 from fabdesign.nouns.model_sampling import INSIDE, TWO_SIDED, spread_hash
 from fabdesign.nouns.trial import Trial
 from fabdesign.units import in_mm
-from optimize.fit.clouds import evenly
 from studies.intervals.draws import RegionResiduals, Used, looked_at, residuals
-from studies.measured.splits import program_of
+from studies.measured.splits import of_each_design, program_of
 from studies.prediction.forward_model import sensed_model
 
 MOST = 10  # of a design
@@ -115,15 +114,6 @@ class IntervalScore:
         return IntervalScore(int(counts.sum()), inside, width, score)
 
 
-def chosen(trials: Sequence[Trial], most: int = MOST) -> list[Trial]:
-    """Return at most so many trials of a design, spread over the session."""
-    selected = []
-    for name in sorted({trial.design_name for trial in trials}):
-        of_design = [trial for trial in trials if trial.design_name == name]
-        selected += [of_design[k] for k in evenly(len(of_design), most)]
-    return selected
-
-
 def with_spread(
     model: Model,
     trials: Sequence[Trial],
@@ -141,7 +131,7 @@ def with_spread(
     predictor = sensed_model(simulator, bare)
     if predictor.corrector is not None and not predictor.corrector.ordered:
         return bare, "intervals of motions are not calibrated: the corrector's points have no order"
-    usable = [trial for trial in chosen(trials) if len(looked_at(trial, used))]
+    usable = [trial for trial in of_each_design(trials, MOST) if len(looked_at(trial, used))]
     every: list[RegionResiduals] = []
     if len(usable) >= LEAST:
         every = residuals(usable, predictor, coarse or simulator, used=used, progress=progress)

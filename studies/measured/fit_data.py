@@ -20,7 +20,7 @@ from fabdesign.version import SIMULATOR, __version__
 from optimize.fit.at_rest import Standing
 from optimize.fit.clouds import Density, Sample, cut, sample_trial
 from studies.measured.splits import program_of
-from studies.measured.used_frames import UsedFrames
+from studies.measured.used_frames import NONE_USED, UsedFrames
 
 STROKE = 100e3  # Pa by which a channel's pressure rises in one stroke
 _RATE = 0.01  # s, at which pressures are looked at for what a specimen has behind it
@@ -58,10 +58,7 @@ class MeasuredData:
             sample = sample_trial(trial, data, used.at(measured, trial, data.time), density, rng)
             samples += [] if sample is None else [sample]
         if not samples:
-            raise TooLittle(
-                f"{', '.join(trial.name for trial in trials)}: every frame is sensitive, small changes of the inputs "
-                "lead to another shape; expected trials whose pressures decide to which side the cloth bends"
-            )
+            raise TooLittle(f"{', '.join(trial.name for trial in trials)}: {NONE_USED}")
         alike = [t for t in trials if t.design.fabric.thickness == trials[0].design.fabric.thickness]
         return MeasuredData(
             sets=tuple(sets),

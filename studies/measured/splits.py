@@ -12,8 +12,10 @@ import numpy as np
 
 from fabdesign.errors import InputError
 from fabdesign.nouns.trial import MeasurementSet, Role, Trial
+from optimize.fit.clouds import evenly
 
 Trials = tuple[Trial, ...]
+TRIALS = 16  # fitted at most, spread over those allowed; with many effects more
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,15 @@ def by_program(trials: Sequence[Trial]) -> list[Trials]:
         key = (np.rint(program.time * 1e3).tobytes(), np.rint(program.pressure / 100).tobytes())
         groups.setdefault(key, []).append(trial)
     return [tuple(group) for group in groups.values()]
+
+
+def of_each_design(trials: Sequence[Trial], most: int) -> list[Trial]:
+    """Return at most so many trials of a design, spread over the session."""
+    selected = []
+    for name in sorted({trial.design_name for trial in trials}):
+        of_design = [trial for trial in trials if trial.design_name == name]
+        selected += [of_design[k] for k in evenly(len(of_design), most)]
+    return selected
 
 
 def program_of(trials: Sequence[Trial]) -> tuple[int, ...]:

@@ -163,14 +163,20 @@ def baseline_score(state: Residuals, folds: Sequence[int]) -> Scored:
     """Return the squares of each trial's residual less what the baseline predicts of it, trained on the trials of other
     folds. Its kernels and ridges are chosen within those."""
     frames = frames_at(state)
-    of_sample = np.unique(folds, return_inverse=True)[1] % MOST_FOLDS
-    fold = of_sample[frames.trial]
-    kernels = [kernel_of(features, width) for features in frames.features for width in WIDTHS]
+    fold = (np.unique(folds, return_inverse=True)[1] % MOST_FOLDS)[frames.trial]
     bands = [np.array([low <= i + j <= high for i, j in _POWERS]) for low, high in BANDS]
-    field = np.zeros_like(frames.shapes)
-    for out in np.unique(fold):
-        field[fold == out] = left_out(kernels, frames.shapes, bands, fold, out)
+    field = predicted_by_others(frames.features, frames.shapes, bands, fold)
     return state.scored_as(state.residual - np.einsum("nm,nm->n", frames.basis, field[frames.frame]))
+
+
+def predicted_by_others(
+    features: Sequence[Array], shapes: Array, bands: Sequence[NDArray[np.bool_]], fold: Indices
+) -> Array:
+    """Return (F, m), the shapes of each fold as those of the others predict them. features: groups of (F, k)."""
+    kernels, field = [kernel_of(group, width) for group in features for width in WIDTHS], np.zeros_like(shapes)
+    for out in np.unique(fold):
+        field[fold == out] = left_out(kernels, shapes, bands, fold, out)
+    return field
 
 
 def left_out(

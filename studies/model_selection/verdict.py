@@ -2,9 +2,9 @@
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import label_effect
@@ -13,7 +13,7 @@ from fabdesign.nouns.model import EffectTerm, Quantity
 Word = Literal["adequate", "effect", "unexplained"]
 SHARE_OF_A_CAUSE = 0.6  # of the gap, that effects must close to be its cause
 LEAST_SHARE = 0.5  # of it, where that is more than the baseline removes: what leaves more than half is not the cause
-GROSS = 2.0  # times the tolerance: trials of role test that a fitted model leaves more of are said
+GROSS = 2.0  # times the tolerance: what leaves more is not near a right model
 STRUCTURE = 0.25  # of an excess, that the baseline, or one kind of feature, must take to count as structure
 
 SO_FAR = "so far:"
@@ -70,14 +70,6 @@ def explains(evidence: Evidence) -> float | None:
     return 1 - evidence.after / evidence.before
 
 
-def shared_out(evidence: Evidence, gains: Mapping[str, float]) -> dict[str, float]:
-    """Return the part of `explains` of each effect, of several by what its absence costs. gains: m of excess each."""
-    share, costs = explains(evidence), {name: max(gain, 0.0) ** 2 for name, gain in gains.items()}
-    if share is None:
-        return {}
-    return {name: share * cost / max(sum(costs.values()), 1e-30) for name, cost in costs.items()}
-
-
 def so_far(labels: Sequence[str]) -> str:
     """Return what a trace thinks after its joint fit, before what is needed has been confirmed by trials left out."""
     if not labels:
@@ -86,14 +78,6 @@ def so_far(labels: Sequence[str]) -> str:
     named = " and ".join(f"{e.name.replace('_', ' ')} ({_FIRST_CLAUSE.split(e.what)[0]})" for e in effects)
     more = f" and {len(labels) - _NAMED_SO_FAR} more" if len(labels) > _NAMED_SO_FAR else ""
     return f"{SO_FAR} {named}{more}; being confirmed"
-
-
-def effect_entry(effect: EffectTerm, explained: float | None) -> dict[str, Any]:
-    """Return an effect as `trace.json` has it. explained: share of the gap that it closes."""
-    declared = EFFECTS[effect.name]
-    scope = effect.scope or declared.scope
-    entry = {"name": effect.name, "site": declared.site, "scope": scope, "parameters": effect.parameters}
-    return entry | {"explains": explained}
 
 
 def effect_in_words(effect: EffectTerm) -> str:

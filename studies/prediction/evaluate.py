@@ -20,7 +20,7 @@ from fabdesign.nouns.trial import MeasurementSet, Role, Trial
 from fabdesign.runtime.effort import batches
 from studies.intervals.band import IntervalJudge, interval_judges
 from studies.measured.fit_data import noise_clouds
-from studies.measured.used_frames import UsedFrames, find_used_frames
+from studies.measured.used_frames import NONE_USED, UsedFrames, find_used_frames
 from studies.prediction.evaluation_report import ERRORS, DesignResult, SetEvaluation, TrialResult
 from studies.prediction.forward_model import sensed_model
 
@@ -162,10 +162,7 @@ def _summarise(job: _Job, results: Sequence[TrialResult]) -> DesignResult:
     sound = [r for r in results if np.isfinite(r.before.chamfer) and np.isfinite(r.after.chamfer)]
     if not sound and not any(r.used for r in results):
         names = ", ".join(r.trial for r in results)
-        raise InputError(
-            f"{measured.name}: {names} of {title}: every frame is sensitive, small changes of the inputs lead to "
-            "another shape; expected trials whose pressures decide to which side the cloth bends"
-        )
+        raise InputError(f"{measured.name}: {names} of {title}: {NONE_USED}")
     if not sound:
         raise SimulationError(f"{measured.name}: every motion of {title} diverged")
     before, after = statistics([r.before for r in sound]), statistics([r.after for r in sound])

@@ -1,8 +1,6 @@
 """This module ranks effects by their gain, and finds those that the data cannot tell from the chosen ones: by linear
 algebra on the joint fit, but for pairs that are the same from rest."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from fabdesign.effects import EFFECTS
@@ -13,28 +11,10 @@ from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import widened
 from optimize.fit.significance import NEEDED, alike, does
+from studies.model_selection.outcome import Candidate
 from studies.model_selection.rules import Selection
 from studies.tracing.experiment import Explanation
 from studies.tracing.task import ASKED, Task
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """An effect. gain: m of excess, in quadrature: of one chosen, what trials left out gain by it; of another, what
-    they would gain by it beside those chosen. excess, typical: m, of the model with it, in the mean and the median of
-    trials left out. detectable: the smallest value of each strength that would show."""
-
-    name: str
-    gain: float
-    interval90: tuple[float, float]
-    excess: float
-    typical: float
-    chosen: bool
-    detectable: dict[str, float]
-
-    def adequate(self, tolerance: float) -> bool:
-        """Return whether the model with it leaves no more than the tolerance [m], in the mean and in the median."""
-        return max(self.excess, self.typical) <= tolerance
 
 
 def candidates_of(selection: Selection) -> tuple[tuple[Candidate, ...], dict[str, Explanation]]:

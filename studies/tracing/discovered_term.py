@@ -17,9 +17,8 @@ from optimize.fit.free_parameters import fit_vector
 from optimize.fit.policy import END, ROUGH
 from optimize.fit.significance import NEEDED, eliminated
 from studies.model_selection.rules import Selection
+from studies.model_selection.verdict import LEAST_SHARE
 from studies.tracing.task import Task
-
-SHARE = 0.5  # of the excess of trials left out, that may stay
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +43,7 @@ def discover(task: Task, selection: Selection) -> Discovered | None:
     necessary = replace(vector, parameters=tuple(parameters))
     fitted = task.fit(f"discovered, {' '.join(kept)}", necessary, FitStart(start, inputs=inputs), END)
     before, excess = (LeftOut.of(one, task.data.folds).scored().excess(task.floor) for one in (selection.plain, fitted))
-    return Discovered(fitted, before, excess) if excess <= SHARE * before else None
+    return Discovered(fitted, before, excess) if excess <= (1 - LEAST_SHARE) * before else None
 
 
 def _needed(fit: Fit) -> tuple[list[str], Array]:

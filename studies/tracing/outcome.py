@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,28 +19,22 @@ from optimize.fit.misfit import frames_of
 from optimize.fit.significance import undecided
 from studies.fitting.fitted_model import far_factors, fitted_model, with_engines
 from studies.measured.fit_data import MeasuredData
+from studies.model_selection.outcome import MeanErrors, TraceOutcome
 from studies.model_selection.rules import Selection
-from studies.model_selection.verdict import GROSS, Evidence, Word, effect_entry, shared_out
-from studies.tracing.candidates import Candidate
+from studies.model_selection.verdict import GROSS
 from studies.tracing.discovered_term import Discovered
 from studies.tracing.experiment import Explanation
 from studies.tracing.residual_analysis import Remains, TrialError, mean_of, other_layouts
 
-FORMAT = "fabdesign.trace/1"
 _LITTLE = 0.1  # of its share, below which a frame's weight is told
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome(OfModel):
+class Outcome(TraceOutcome, OfModel):
     """The result of a trace of a set. Distances are in m."""
 
-    verdict: Word
-    evidence: Evidence
-    tolerance: float
-    selection: Selection
     data: MeasuredData
     forward: ForwardModel
-    candidates: tuple[Candidate, ...]
     alike: tuple[Explanation, ...]  # models that do as well, with another effect in the place of one chosen
     errors: tuple[TrialError, ...]
     remains: Remains
@@ -68,24 +61,10 @@ class Outcome(OfModel):
             return self.discovered.fit
         return self.selection.chosen if self.verdict == "effect" else self.selection.plain
 
-    @cached_property
+    @property
     def effects(self) -> tuple[EffectTerm, ...]:
         """Return the effects that the verdict stands by, the one whose absence costs most first."""
-        if self.verdict != "effect":
-            return ()
-        return tuple(self._by_label[label] for label in self.selection.labels)
-
-    @cached_property
-    def _by_label(self) -> dict[str, EffectTerm]:
-        """Return the chosen effects by their label in the fit."""
-        chosen = self.selection.chosen.vector.labels
-        added = self.model.effects[len(self.model.effects) - len(chosen) :]
-        return dict(zip(chosen, added, strict=True))
-
-    @property
-    def indistinguishable(self) -> tuple[str, ...]:
-        """Return the effects that these data cannot tell from those chosen."""
-        return tuple(one.term.name for one in self.alike) if self.verdict == "effect" else ()
+        return tuple(self.named.values())
 
     @property
     def share_below_tenth(self) -> float:
@@ -154,17 +133,13 @@ class Outcome(OfModel):
     def json_content(self) -> dict[str, Any]:
         """Return `trace.json`; mm."""
         excess, decoys = self.evidence, self.selection.decoys
-        return {
-            "format": FORMAT,
-            "verdict": self.verdict,
-            "effects": [
-                effect_entry(self._by_label[label], self.explained.get(label))
-                for label in self.selection.labels
-                if self.effects
-            ],
-            "indistinguishable": self.indistinguishable,
-            "candidates": self._candidates(),
-            "error": self._error(),
+        after = excess.after if self.verdict == "effect" else excess.before
+        after = after if self.discovered is None else self.discovered.excess
+        means = [
+            MeanErrors(mean_of(self.errors, "fit", which), mean_of(self.errors, "test", which), left_out)
+            for which, left_out in (("before", excess.before), ("after", after))
+        ]
+        return self.entries("surface_rms", "mm", *means) | {
             "other_layouts": {
                 name: {
                     "trials": len(errors),
@@ -204,58 +179,11 @@ class Outcome(OfModel):
             "said": self.sentences,
         }
 
-    @cached_property
-    def explained(self) -> dict[str, float]:
-        """Return the share of the gap that each effect closes; of several, by what its absence costs."""
-        gains = {label: gain for label, (gain, _) in self.selection.gains.items()}
-        return shared_out(self.evidence, gains)
 
-    @property
-    def floor(self) -> float:
-        """Return `surface_floor` of the set, m."""
-        for role in ("test", "fit"):
-            if (measured := mean_of(self.errors, role, "after", "surface_floor")) is not None:
-                return measured
-        return self.selection.floor
-
-    def _candidates(self) -> list[dict[str, Any]]:
-        typical = max(self.evidence.typical, self.evidence.drift)
-        none = Candidate("none", 0.0, (0.0, 0.0), self.evidence.before, typical, False, {})
-        return [
-            {
-                "name": c.name,
-                "held_out": self._surface(c.excess),
-                "gain": in_mm(c.gain),
-                "interval90": [in_mm(end) for end in c.interval90],
-                "adequate": c.adequate(self.tolerance),
-                "chosen": c.chosen and self.verdict == "effect",
-            }
-            for c in (none, *self.candidates)
-        ]
-
-    def _surface(self, excess: float) -> float:
-        """Return the surface RMS of an excess [m], mm."""
-        return in_mm(float(np.hypot(excess, self.floor)))
-
-    def _error(self) -> dict[str, Any]:
-        def pair(which: str, excess: float) -> dict[str, float | None]:
-            fit, test = (mean_of(self.errors, role, which) for role in ("fit", "test"))
-            return {
-                "fit": None if fit is None else in_mm(fit),
-                "held_out": self._surface(excess) if test is None else in_mm(test),
-                "cross_validated": self._surface(excess),
-            }
-
-        after = self.evidence.after if self.verdict == "effect" else self.evidence.before
-        return {
-            "metric": "surface_rms",
-            "unit": "mm",
-            "noise_floor": in_mm(self.floor),
-            "tolerance": in_mm(self.tolerance),
-            "ceiling": self._surface(self.evidence.box_before),
-            "before": pair("before", self.evidence.before),
-            "after": pair("after", after if self.discovered is None else self.discovered.excess),
-        }
+def noise_floor(errors: Sequence[TrialError], otherwise: float) -> float:
+    """Return `surface_floor` of the set, m."""
+    of_roles = (mean_of(errors, role, "after", "surface_floor") for role in ("test", "fit"))
+    return next((floor for floor in of_roles if floor is not None), otherwise)
 
 
 def _listed(labels: Sequence[str]) -> str:

@@ -8,13 +8,11 @@ from typing import Any
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import check_values, effect_named, effects_of
 from fabdesign.errors import InputError
-from fabdesign.files.model_file import write_model
-from fabdesign.formats.json_file import write_json
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
-from fabdesign.nouns.trial import MeasurementSet, Trial
-from fabdesign.output import WorkFolder, work_folder, write_text
+from fabdesign.nouns.trial import LEAST_TRIALS, MeasurementSet, Trial
+from fabdesign.output import work_folder
 from fabdesign.runtime.fingerprint import sha256
 from fabdesign.runtime.store import Checkpoint
 from fabdesign.units import in_mm
@@ -22,29 +20,26 @@ from fabdesign.version import SIMULATOR
 from optimize.fit.clouds import Density, evenly
 from optimize.fit.cross_validation import LeftOut
 from studies.fitting.fits import with_shapes_at_rest
-from studies.fitting.fitted_model import doubted
+from studies.fitting.fitted_model import EXCESS, doubted
 from studies.measured.fit_data import MeasuredData, TooLittle
-from studies.measured.splits import fit_trials
-from studies.measured.used_frames import find_used_frames
+from studies.measured.splits import TRIALS, fit_trials, of_each_design
+from studies.measured.used_frames import GRID, find_used_frames
 from studies.model_selection.black_box import Residuals, baseline_score
 from studies.model_selection.judged import Judged, certain_drift
+from studies.model_selection.outcome import write_trace
 from studies.model_selection.rules import Selection
 from studies.model_selection.verdict import Evidence, decide
 from studies.tracing.candidates import candidates_of, same_from_rest
 from studies.tracing.discovered_term import discover
 from studies.tracing.experiment import Explanation, next_experiment
-from studies.tracing.outcome import Outcome, model_of
+from studies.tracing.outcome import Outcome, model_of, noise_floor
 from studies.tracing.residual_analysis import errors_of_trials, remains
 from studies.tracing.selection import select
 from studies.tracing.task import Task
 
 ALGORITHM = 26  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
-TOLERANCE = 0.5e-3  # m of excess
-TRIALS = 16  # at most, spread over those allowed
-LEAST_TRIALS = 3  # with different pressures
 ELSEWHERE = 2  # trials of a layout that is not fitted
 DRAWN = Density(until=6.0, frames=25, points=150)
-GRID = 21  # points a side: within 0.3 mm of a finer one, for a hundredth of a second a column
 CALM_STEPS = 12  # time steps in one, far from jumps: within 0.03 mm of 8; at 16 single motions are off by millimetres
 
 
@@ -53,7 +48,7 @@ class Options:
     """Options of a trace. tolerance: m of held-out excess within which a model is adequate. grid: points a side; None:
     GRID. model: where the fit starts, and effects that are known already; they stay as they are."""
 
-    tolerance: float = TOLERANCE
+    tolerance: float = EXCESS
     grid: int | None = None
     seed: int = 0
     model: Model | None = None
@@ -101,7 +96,7 @@ def trace_set(
             raise TooLittle(
                 f"{measured.name}: {len(data.trials)} trials with frames to use; expected at least {LEAST_TRIALS}"
             )
-        known = options.known
+        known, fitted = options.known, {trial.design_name for trial in data.trials}
         task = Task(
             data=data,
             forward=Predictor(forward, Model(effects=known.effects), sensing=True),
@@ -110,10 +105,13 @@ def trace_set(
             known=[effect.name for effect in known.effects],
             checkpoint=checkpoint,
             say=say,
-            elsewhere=_elsewhere(measured, data),
+            elsewhere=of_each_design([t for t in measured.trials if t.design_name not in fitted], ELSEWHERE),
         )
         outcome = _outcome(task, every, options)
-        _write(work, outcome)
+        from studies.tracing.report import render_report  # here: pages are heavy
+
+        with work.adding() as files:
+            write_trace(files, outcome, outcome.model, render_report(outcome))
     return outcome
 
 
@@ -137,14 +135,21 @@ def _outcome(task: Task, every: Sequence[Trial], options: Options) -> Outcome:
         instead |= same_from_rest(task, selection)
     task.say("what to measure next")
     model = model_of(fitted, selection, data, points_per_side=options.grid or GRID, known=known.effects)
+    named = {}
+    if verdict == "effect":
+        terms = dict(zip(fitted.vector.labels, model.effects[len(known.effects) :], strict=True))
+        named = {label: terms[label] for label in selection.labels}
     return Outcome(
         verdict=verdict,
         evidence=evidence,
         tolerance=options.tolerance,
+        floor=noise_floor(errors, selection.floor),
         selection=selection,
+        candidates=candidates,
+        named=named,
+        indistinguishable=tuple(one.term.name for one in instead.values()) if named else (),
         data=data,
         forward=task.forward,
-        candidates=candidates,
         alike=tuple(instead.values()),
         errors=tuple(errors),
         remains=remainder,
@@ -161,16 +166,6 @@ def _check(model: Model) -> None:
         )
     for term in model.terms:
         check_values(effect_named(term.name, "--model"), term.values, "--model")
-
-
-def _elsewhere(measured: MeasurementSet, data: MeasuredData) -> list[Trial]:
-    """Return trials of the set's other layouts, a few of each."""
-    fitted = {trial.design_name for trial in data.trials}
-    others: list[Trial] = []
-    for name in sorted({trial.design_name for trial in measured.trials} - fitted):
-        trials = [trial for trial in measured.trials if trial.design_name == name]
-        others += [trials[k] for k in evenly(len(trials), ELSEWHERE)]
-    return others
 
 
 def _evidence(selection: Selection, data: MeasuredData, structure: float) -> Evidence:
@@ -223,12 +218,3 @@ def _content(measured: MeasurementSet, trials: Sequence[Trial], options: Options
         "algorithm": str(ALGORITHM),
         "effects": ", ".join(name for name, effect in EFFECTS.items() if effect.named),
     }
-
-
-def _write(work: WorkFolder, outcome: Outcome) -> None:
-    from studies.tracing.report import render_report
-
-    with work.adding() as files:
-        write_json(files / "trace.json", outcome)
-        write_model(outcome.model, files / "model.toml")
-        write_text(files / "report.html", render_report(outcome))

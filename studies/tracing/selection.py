@@ -26,11 +26,9 @@ from studies.fitting.fitted_model import expected_rms
 from studies.fitting.joint_fit import beside, joint_fit
 from studies.model_selection.judged import Judged, certain_drift, is_certain
 from studies.model_selection.rules import ON_SETS, Selection, below, follow
-from studies.model_selection.verdict import so_far
+from studies.model_selection.verdict import GROSS, LEAST_SHARE, so_far
 from studies.tracing.task import Task, to_first_order
 
-SLIGHT = 2.0  # times the tolerance: what leaves no more is near the minimum, and the joint fit begins there
-PROMISING = 0.5  # of what the declared parameters leave: where one effect promises to leave more, it is not all
 HOPELESS = 4.0  # times the tolerance: what leaves more is not refined before the joint fit
 
 
@@ -61,7 +59,7 @@ def select(task: Task) -> Selection:
         # Where the declared parameters leave little, the residuals are nearly linear about them, and the joint fit
         # begins there: from the data sheet a cloth that snaps leads it astray. Not where they had to go where no
         # specimen is: an effect hides in them then.
-        begins_there = excess <= SLIGHT * task.tolerance and plain.vector.is_plausible(plain.x)
+        begins_there = excess <= GROSS * task.tolerance and plain.vector.is_plausible(plain.x)
         start = beside(vector, plain.x) if begins_there else vector.start
         everything = joint_fit(task.data, vector, start, replace(task.fits, named="every effect"))
     task.say(so_far(needed(everything.minimum, everything.covariance, everything.vector, NEEDED)))
@@ -150,7 +148,7 @@ def enough(task: Task, everything: Fit, labels: Sequence[str], plain: Fit) -> Fi
     *_, (strongest, _, _) = cheapest_first(*there, {label: vector.part(label) for label in labels})
     least = everything.promised(everything.minimum)
     promise = everything.promised(to_first_order(everything, [strongest]))
-    if promise > PROMISING * plain.after and over(promise, least) > task.tolerance:
+    if promise > (1 - LEAST_SHARE) * plain.after and over(promise, least) > task.tolerance:
         return None
     hopeless = float(np.hypot(least, task.tolerance))
     one = task.with_effects(everything, [strongest], hopeless=hopeless, jacobian="anew", named=f"{strongest} alone")

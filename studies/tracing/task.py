@@ -15,9 +15,10 @@ from fabdesign.nouns.trial import Trial
 from fabdesign.runtime.store import Checkpoint
 from optimize.fit.descent import FitStart, Progress, begun
 from optimize.fit.fitted import Fit, concluded, kept
+from optimize.fit.misfit import CLOUDS
 from optimize.fit.normal import loss
 from optimize.fit.parameters import FitParameter, FitVector
-from optimize.fit.policy import DECLARED_ALONE, STEP, FitStage, Policy
+from optimize.fit.policy import DECLARED_ALONE, LITTLE, STEP, FitStage, Policy
 from optimize.fit.problem import Evaluation, FitProblem, InputErrors, widened
 from optimize.fit.significance import NEEDED
 from studies.fitting.fits import Fits
@@ -25,9 +26,8 @@ from studies.measured.fit_data import MeasuredData
 from studies.model_selection.judged import Decoys, Judged, decoys_beside
 from studies.model_selection.rules import Refits
 
-FAR = 0.020  # m: a point that is farther off counts as this far
-# A step is the last that promises less than a quarter, in log likelihood, of what makes an effect needed.
-_LAST = FitStage(slight=0.01, least=NEEDED / 4, exact_end=False)
+# A step is the last that promises less, in log likelihood, than a quarter of what makes an effect needed.
+_LAST = FitStage(slight=0.01, least=LITTLE, exact_end=False)
 ASKED = Policy("fewer effects", _LAST, _LAST)
 
 
@@ -72,7 +72,7 @@ class Task(Refits):
         squares: dict[str, list[float]] = {}
         for trial, a, b in zip(self.elsewhere, sheets, sheets[len(times) :], strict=False):
             apart = np.linalg.norm(a.middle - b.middle, axis=-1)
-            squares.setdefault(trial.design_name, []).append(float(np.square(np.fmin(apart, FAR)).mean()))
+            squares.setdefault(trial.design_name, []).append(float(np.square(np.fmin(apart, CLOUDS.largest)).mean()))
         return max((float(np.sqrt(np.mean(means))) for means in squares.values()), default=0.0)
 
     @property

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from operator import attrgetter
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -159,10 +160,6 @@ def fitted_base(
     ).model
 
 
-def _all_times(chosen: Chosen) -> Array:
-    return chosen.trial.times
-
-
 @dataclass(frozen=True, eq=False)
 class KeptMotions:
     """Motions of trials at `with_history(times(trial), history)`, each simulated once and kept in a training's folder.
@@ -171,7 +168,7 @@ class KeptMotions:
     forward: ForwardModel
     checkpoint: Checkpoint
     progress: Progress
-    times: Callable[[Chosen], Array] = _all_times
+    times: Callable[[Chosen], Array] = attrgetter("trial.times")
     history: tuple[float, ...] = ()
 
     def simulate(self, trials: Sequence[Chosen]) -> None:

@@ -126,8 +126,9 @@ def _examples(
         design = chosen.trial.design
         if id(design) not in layouts:
             layouts[id(design)] = MuscleFields.of(design)
-        layout = layouts[id(design)]
-        return vars(Examples.of(chosen.case, layout, _times_learned(chosen), motion, _clouds(chosen)))
+        layout, frames = layouts[id(design)], chosen.trial.load().frames
+        clouds = [frames[i] for i in frames_learned(chosen)]
+        return vars(Examples.of(chosen.case, layout, _times_learned(chosen), motion, clouds))
 
     collected = []
     for k, (chosen, name) in enumerate(zip(trials, names, strict=True)):
@@ -139,8 +140,3 @@ def _examples(
 
 def _times_learned(chosen: Chosen) -> Array:
     return chosen.trial.times[frames_learned(chosen)]
-
-
-def _clouds(chosen: Chosen) -> list[Array]:
-    frames = chosen.trial.load().frames
-    return [frames[i] for i in frames_learned(chosen)]

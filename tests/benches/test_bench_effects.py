@@ -11,9 +11,8 @@ from fabdesign.files.bench_file import read_bench
 from fabdesign.files.design_file import read_design, write_design
 from fabdesign.formats.csv_table import write_rows
 from fabdesign.nouns.catalogue import build
-from studies.benches.calibrate import calibrate_bench
+from studies.benches.calibrate import bench_vector, calibrate_bench, fit_effects
 from studies.benches.muscle import BenchMuscle, rows_of
-from studies.benches.muscle_effects import bench_vector, fit_effects
 
 STEP = 1e-3  # s, of the truth
 
@@ -83,10 +82,9 @@ TRUTH = {
 @pytest.mark.parametrize("name", TRUTH)
 def test_a_bench_gives_an_effect_back(name, tmp_path):
     records = read_bench(bench(tmp_path, name)).records
-    found = fit_effects(partial(rows_of, records), bench_vector([name], "EM20"))
-    misfits = [BenchMuscle.fit(records, terms=terms, refits=0).misfit for terms in ((), found.terms)]
+    [effect] = fit_effects(partial(rows_of, records), bench_vector([name], "EM20"))
+    misfits = [BenchMuscle.fit(records, terms=terms, refits=0).misfit for terms in ((), (effect.term,))]
     assert misfits[1] < 0.08 < 0.8 * misfits[0]  # 0.05 N is the noise
-    [effect] = found.effects
     for key, true in TRUTH[name].items():
         q = effect.parameters[key]
         assert q.value == pytest.approx(true, rel=0.15)

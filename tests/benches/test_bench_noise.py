@@ -78,7 +78,7 @@ def test_holds_show_it() -> None:
 def test_friction_is_named_and_not_taken_for_noise() -> None:
     made = bench(*white(12, 3), readings=12)
     within = examine(made, 0.02)
-    assert within.verdict == "adequate" and within.small is not None and within.small.effect == "braid_hysteresis"
+    assert within.verdict == "adequate" and within.small is not None and within.small.name == "braid_hysteresis"
     assert within.floor == pytest.approx(SIGMA, rel=0.15) and "not added" in as_text(within)
     outcome = examine(made, 0.005)
     assert outcome.verdict == "effect" and [effect.name for effect in outcome.effects] == ["braid_hysteresis"]

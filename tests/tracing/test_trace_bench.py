@@ -100,7 +100,7 @@ def test_what_has_the_wrong_sign_is_no_effect(creep: float, found: bool) -> None
     """The force of a cylinder that loses some of it with time is no creep: that only ever adds."""
     outcome = traced("cylinder", cylinder, *((p, 0.0, 0.0, creep) for p in PRESSURES))
     assert ("muscle_creep" in {effect.name for effect in outcome.effects}) == found
-    assert ("muscle_creep" in [c.effect for c in outcome.candidates if c.refused]) != found
+    assert ("muscle_creep" in [c.name for c in outcome.candidates if c.refused]) != found
     assert ("only with a sign that it cannot have" in as_text(outcome)) != found
 
 
@@ -165,6 +165,8 @@ def test_the_command_writes_what_it_found(tmp_path: Path, run: Run) -> None:
     assert told["format"] == "fabdesign.trace/1" and told["verdict"] == "effect"
     assert told["error"]["after"]["held_out"] < told["error"]["before"]["held_out"]
     assert [effect["name"] for effect in told["effects"]] == ["braid_hysteresis"]
+    assert [row["name"] for row in told["candidates"] if row["chosen"]] == ["braid_hysteresis"]
+    assert told["candidates"][0]["name"] == "none"  # as of a set
     assert read_model(tmp_path / "out" / "model.toml").effects == ()  # its slip is a length, a muscle's none
     assert "Missing was braid hysteresis" in (tmp_path / "out" / "report.html").read_text()
 
@@ -179,6 +181,8 @@ def test_records_of_role_test_are_looked_at_once_at_the_end(tmp_path: Path, run:
     error = told["error"]
     assert error["after"]["held_out"] < 0.3 * error["before"]["held_out"]
     assert error["before"]["fit"] != whole["error"]["before"]["fit"]  # it took no part
+    assert error["before"]["cross_validated"] != error["before"]["held_out"]
+    assert whole["error"]["before"]["cross_validated"] == whole["error"]["before"]["held_out"]
     csv = tmp_path / "bench" / "r4.csv"
     header, *rows = csv.read_text().splitlines()
     csv.write_text("\n".join([header, *(f"{row.rpartition(',')[0]},0" for row in rows)]) + "\n")
