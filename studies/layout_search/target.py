@@ -26,10 +26,14 @@ ENOUGH = 4000  # points for the same
 NOISELESS = 1e-4  # m: bends that a quadric does not follow look like less noise than that
 
 
+_NO_FILE = TargetFile(Path())
+
+
 @dataclass(frozen=True, eq=False)
 class LoadedTarget(Target):
-    """A target and where it comes from."""
+    """A target and where it comes from. file: as a study names it."""
 
+    file: TargetFile = _NO_FILE
     description: str = ""
     noise: SensorNoise = NOISE_FREE  # what the cloud shows; none on a mesh
     weight: float = 1.0  # among the poses of a study
@@ -81,6 +85,7 @@ def load_target(target: TargetFile, design: Design, *, seed: int = 0) -> LoadedT
     return LoadedTarget(
         placed.points,
         frame.time,
+        file=target,
         markers=placed.markers or target.distances == "one way",
         face=target.face,
         free=target.free,
@@ -121,7 +126,9 @@ def _wished(target: TargetFile, design: Design) -> LoadedTarget:
     wishes = "; ".join(wish.words for wish in target.wishes)
     parts = [target.description, f"wishes ({wishes}), measured by the mean distance of these places"]
     landmarks, description = Landmarks.of(target.wishes, design.fabric), ", ".join(filter(None, parts))
-    return LoadedTarget(landmarks.goals, landmarks=landmarks, description=description, weight=target.weight)
+    return LoadedTarget(
+        landmarks.goals, landmarks=landmarks, file=target, description=description, weight=target.weight
+    )
 
 
 def _placed(target: TargetFile, placed: PlacedTarget) -> list[str]:

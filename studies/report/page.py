@@ -8,17 +8,19 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from jinja2 import Environment, PackageLoader
 from markupsafe import Markup, escape
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from fabdesign.drawings.layout_drawing import layout_svg
 from fabdesign.nouns.design import Design
 from fabdesign.units import in_kpa, in_mm
 from fabdesign.version import __version__
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 class Block:
@@ -79,7 +81,7 @@ class Columns(Block):
 class Picture(Block):
     """A figure of Matplotlib as SVG, or a PNG. alt: what a PNG shows."""
 
-    content: Figure | bytes
+    content: "Figure | bytes"
     alt: str = ""
     html = """{% if block.alt %}<img src="{{ block.content | png }}" alt="{{ block.alt }}">{% else %}{{ block.content |
 svg }}{% endif %}"""
@@ -128,8 +130,12 @@ def html_of(title: str, blocks: Iterable[Block]) -> str:
 
         plotly = get_plotlyjs()
     data = ",".join(f'"{name}":{figure}' for name, figure in figures.items())
-    page = _environment().get_template("report/page.html.j2")
-    return page.render(title=title, body=body, figures=Markup(f"{{{data}}}"), plotly=Markup(plotly))
+    return drawn("report/page.html.j2", title=title, body=body, figures=Markup(f"{{{data}}}"), plotly=Markup(plotly))
+
+
+def drawn(template: str, **content: object) -> str:
+    """Return a page by its template, a file below `studies`."""
+    return _environment().get_template(template).render(content)
 
 
 def texts(style: str, sentences: Iterable[str | None]) -> list[Text]:
@@ -176,7 +182,7 @@ def package_versions(packages: Sequence[str]) -> str:
     return ", ".join([f"fabdesign {__version__}", *(f"{name} {version(name)}" for name in packages)])
 
 
-def svg_of(figure: Figure) -> Markup:
+def svg_of(figure: "Figure") -> Markup:
     """Return an SVG element; the same figure gives the same text."""
     text = io.StringIO()
     figure.savefig(text, format="svg", bbox_inches="tight", metadata={"Date": None, "Creator": None})

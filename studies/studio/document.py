@@ -2,33 +2,36 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 from fabdesign.errors import InputError
 from fabdesign.nouns.trial import Trial
 from fabdesign.study_files.study_targets import TargetFile
+from studies.layout_search.target import LoadedTarget, load_target
 from studies.studio import layout as edits
-from studies.studio.drawings import DrawingHistory, Result, Row, Seen
+from studies.studio.drawings import DrawingHistory, Result, Row
 from studies.studio.layout import Broken, Layout, Point
 from studies.studio.model_choice import ModelChoice
-from studies.studio.opening import Comparison, Opened, ShownTarget, placed_by_hand
+from studies.studio.opening import Comparison, Opened
 
 
 class Document:
     """The design that a person edits, and what of it is shown. One thread owns it; the page asks through a queue.
 
-    history: the own drawing; drawn: its last shape. targets: one for each pose; none where nothing is aimed at. shown:
-    a result of a search; None: the own drawing. beside: whether another drawing is shown beside. gizmo: whether the
-    target has one. message: what was told last, and whether it is bad news. listeners: called when what is shown, its
-    model or its target is another one. show: draws the page."""
+    history: the own drawing. targets: one for each pose; none where nothing is aimed at. shown: a result of a search;
+    None: the own drawing. broken: the limits that what is shown breaks. beside: whether another drawing is shown
+    beside. gizmo: whether the target has one. message: what was told last, and whether it is bad news. listeners:
+    called when what is shown, its model or its target is another one. show: draws the page."""
 
     def __init__(self, opened: Opened, clock: Callable[[], float]) -> None:
         self.opened, self.limits, self._clock = opened, opened.limits, clock
         self.history, self.choice = DrawingHistory(opened.layout), ModelChoice.of(opened.model)
         self.targets, self.results = list(opened.targets), list[Result]()
-        self.drawn, self.beside, self.gizmo = Seen(), True, False
         self.shown: Result | None = None
+        self.broken: list[Broken] = []
+        self.beside, self.gizmo = True, False
         self.snap, self.row_distance = False, edits.row_distance(opened.layout.design)
         self.selected: int | None = 0 if opened.layout.design.muscles else None
         self.message = "", False
@@ -36,30 +39,31 @@ class Document:
         self.show: Callable[[], None] = lambda: None
         self._touched = clock()
         self._dragged: Layout | None = None  # where a drag of a whole muscle began
-        self._broken: tuple[Layout, list[Broken]] | None = None
 
     # what is shown
 
     @property
-    def layout(self) -> Layout:
-        return self.history.layout if self.shown is None else self.shown.layout(self.pose)
+    def seen(self) -> DrawingHistory | Result:
+        """Return the drawing that is shown."""
+        return self.shown or self.history
 
     @property
     def pose(self) -> int:
-        return self.history.pose
+        return self.history.layout.pose
 
     @property
-    def target(self) -> ShownTarget | None:
-        """Return the target of the pose that is shown."""
-        return self.targets[self.pose] if self.targets else None
+    def layout(self) -> Layout:
+        return self.seen.at(self.pose)
 
     @property
     def layouts(self) -> tuple[Layout, ...]:
         """Return one layout for each pose."""
-        if self.shown is not None:
-            return self.shown.layouts
-        drawing, poses = self.history.drawing, range(max(len(self.targets), 1))
-        return tuple(Layout.of(drawing.layout.design, drawing.pressures(pose)) for pose in poses)
+        return tuple(self.seen.at(pose) for pose in range(max(len(self.targets), 1)))
+
+    @property
+    def target(self) -> LoadedTarget | None:
+        """Return the target of the pose that is shown."""
+        return self.targets[self.pose] if self.targets else None
 
     @property
     def model_file(self) -> Path | None:
@@ -73,44 +77,28 @@ class Document:
         return {f"{trial.name} ({trial.design_name}, {trial.role})": trial for trial in trials}
 
     @property
-    def seen(self) -> Seen:
-        """Return what was seen of the drawing that is shown."""
-        return self.drawn if self.shown is None else self.shown
-
-    @property
     def comparison(self) -> Comparison | None:
         """Return how far the drawing that is shown is from the target, once it was seen."""
         return self.seen.comparison
 
-    def other(self) -> tuple[Layout, Seen] | None:
+    @property
+    def other(self) -> DrawingHistory | Result | None:
         """Return the drawing that is shown beside: the own one beside a result, the last result beside the own one."""
-        if not self.beside or (self.shown is None and not self.results):
+        if not self.beside:
             return None
-        if self.shown is not None:
-            return self.history.layout, self.drawn
-        return self.results[-1].layout(self.pose), self.results[-1]
+        return self.history if self.shown is not None else next(reversed(self.results), None)
 
     def rows(self) -> list[Row]:
         """Return the rows of the table that compares the own drawing with the results. Until a shape was seen, Chamfer
-        is what the search says."""
-        alone = len(self.targets) == 1  # over several poses a search's objective is a mean
-        drawings: list[tuple[str, Layout, Seen]] = [("own drawing", self.history.layout, self.drawn)]
-        drawings += [(result.name, result.layout(self.pose), result) for result in self.results]
-        rows = []
-        for name, layout, seen in drawings:
-            objective = seen.objective if alone and isinstance(seen, Result) else None
-            chamfer, rms = objective, None
-            if seen.comparison is not None:
-                chamfer, rms = seen.comparison.errors.chamfer, seen.comparison.errors.surface_rms
+        is what the search says; over several poses that is a mean, and not said."""
+        rows, drawings = [], list[DrawingHistory | Result]([self.history, *self.results])
+        for drawing in drawings:
+            layout, chamfer, rms = drawing.at(self.pose), drawing.objective if len(self.targets) == 1 else None, None
+            if drawing.comparison is not None:
+                chamfer, rms = drawing.comparison.errors.chamfer, drawing.comparison.errors.surface_rms
             highest = max(layout.pressures, default=0.0)
-            rows.append(Row(name, len(layout.design.muscles), chamfer, rms, highest, seen is self.seen))
+            rows.append(Row(drawing.name, len(layout.design.muscles), chamfer, rms, highest, drawing is self.seen))
         return rows
-
-    def broken(self) -> list[Broken]:
-        """Return the limits that are broken, worked out once for each layout."""
-        if self._broken is None or self._broken[0] != self.layout:
-            self._broken = self.layout, edits.broken_limits(self.layout, self.limits)
-        return self._broken[1]
 
     # what is told
 
@@ -131,6 +119,7 @@ class Document:
         count = len(self.layout.design.muscles)
         if self.selected is None or self.selected >= count:
             self.selected = count - 1 if count else None
+        self.broken = edits.broken_limits(self.layout, self.limits)
         for listener in reversed(self.listeners):  # the simulator was there first, and is asked last
             listener()
         self.show()
@@ -171,7 +160,7 @@ class Document:
             self.changed()
 
     def select(self, index: int) -> None:
-        self.selected = index
+        self.selected = index if index < len(self.layout.design.muscles) else None
         self.show()
 
     def set_option(self, name: Literal["snap", "row_distance", "beside", "gizmo"], value: float | bool) -> None:
@@ -232,8 +221,8 @@ class Document:
         """Make the result that is shown the own drawing, as a step that can be undone; an edit does so too."""
         if (result := self.shown) is not None:
             self.shown = None
-            self.history.take(f"take {result.name}", result.layouts)
-            self.drawn.shape, self.drawn.comparison = result.shape, result.comparison
+            self.history.do(f"take {result.name}", result.at(self.pose))
+            self.history.live, self.history.comparison = result.live, result.comparison
             self.changed()
 
     def choose(self, choice: ModelChoice) -> None:
@@ -244,14 +233,14 @@ class Document:
     def show_pose(self, pose: int) -> None:
         """Show another of the study's targets, with its own pressures of the same layout: one step."""
         if pose != self.pose and 0 <= pose < len(self.targets):
-            self.history.step(f"pose {pose}", self.history.drawing.at(pose))
+            self.history.do(f"pose {pose}", self.history.at(pose))
             self._forget()
 
     def open_target(self, file: TargetFile | None) -> None:
         """Put a target in the place of the pose that is shown; None takes it away, and the pose where there are
         others."""
         with self.refusals():
-            target = None if file is None else ShownTarget.read(file, self.layout.design)
+            target = None if file is None else load_target(file, self.layout.design)
             pose = self.pose
             self.targets[pose : pose + 1] = [] if target is None else [target]
             if target is None and self.targets:
@@ -259,12 +248,15 @@ class Document:
             self._forget()
 
     def place_target(self, rotation: tuple[float, ...], translation: tuple[float, ...]) -> None:
-        """Place the target by hand. rotation: degrees about the fixed axes; translation: m."""
+        """Place the target by hand. rotation: degrees about the fixed axes x, y, z in this order; translation: m."""
         if self.target is not None:
-            self.open_target(placed_by_hand(self.target.file, rotation, translation))
+            a, b, c = (round(float(x), 3) for x in rotation)
+            x, y, z = (round(float(x), 6) for x in translation)
+            turned = (a, b, c) if any((a, b, c)) else None
+            self.open_target(replace(self.target.file, rotation=turned, translation=(x, y, z), place="given"))
 
     def _forget(self) -> None:
         """Drop what was seen: it was under another model, or beside another target."""
-        for seen in (self.drawn, *self.results):
+        for seen in (self.history, *self.results):
             seen.forget()
         self.changed()

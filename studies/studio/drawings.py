@@ -1,114 +1,162 @@
-"""The drawings of a sitting: the own one with its history for undo and redo, and results of searches beside it."""
+"""The drawings of a sitting, the own one with its history for undo and redo, and results of searches beside it; and
+their shapes and motions as they are shown."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.geometry.surface import CAP, Surface, capped_rms
+from fabdesign.nouns.array import Array
 from fabdesign.units import in_mm
 from studies.studio.layout import Layout
 from studies.studio.opening import Comparison
 from studies.studio.solver import Correction
 
 STEPS = 500  # that can be undone
+APART = 1e-3  # m: surfaces nearer than that, drawn through each other, only flicker
+_SCALED = 8  # frames that the end of a motion's scale is taken from
 
 
-@dataclass(frozen=True)
-class DrawnLayout:
-    """A layout with the pressures of the pose that is shown. others: (channels,) Pa of the poses that were shown
-    before, by their numbers."""
+@dataclass(frozen=True, eq=False)
+class LiveShape:
+    """A shape at rest as it is shown. points: (2 n, 3) m. jump: m RMS, where it is another stable shape than the one
+    before it."""
 
+    points: NDArray[np.float32]
     layout: Layout
-    pose: int = 0
-    others: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
-
-    def pressures(self, pose: int) -> tuple[float, ...]:
-        """Return the pressures (channels,) Pa of a pose; of one that was never shown those of the one that is."""
-        given = self.layout.pressures if pose == self.pose else self.others.get(pose, self.layout.pressures)
-        return Layout.of(self.layout.design, given).pressures
-
-    def at(self, pose: int) -> "DrawnLayout":
-        """Return the drawing with another pose shown."""
-        others = {k: p for k, p in {**self.others, self.pose: self.layout.pressures}.items() if k != pose}
-        return DrawnLayout(Layout.of(self.layout.design, self.pressures(pose)), pose, others)
-
-    def without(self, pose: int) -> "DrawnLayout":
-        """Return the drawing without a pose: those after it move up, and a neighbour is shown in place of it."""
-        kept = self.at(pose - 1 if pose else 1) if pose == self.pose else self
-        others = {k - (k > pose): p for k, p in kept.others.items() if k != pose}
-        return replace(kept, pose=kept.pose - (kept.pose > pose), others=others)
-
-    def same_content(self, other: "DrawnLayout") -> bool:
-        """Return whether design and pressures of every pose are the same, whichever pose is shown."""
-        poses = {self.pose, other.pose, *self.others, *other.others}
-        same = all(self.pressures(pose) == other.pressures(pose) for pose in poses)
-        return same and self.layout.design == other.layout.design
+    exact: bool
+    points_per_side: int
+    seconds: float  # that it took
+    jump: float | None = None
+    time: float | None = None  # s after rest, of a motion's frame; None: at rest
+    correction: Correction | None = None
 
 
-class DrawingHistory:
-    """A drawing under edit, with undo and redo. A gesture (a drag, one move of a slider) is one step, however many
+@dataclass(frozen=True, eq=False)
+class TrialMotion:
+    """Frames (T, 2 n, 3) m at times (T,) s, and with them, where they were measured or are wanted, the clouds (n_t, 3)
+    m. points: corrected where a corrector acts. off: (T,) m from what is wanted, NaN at instants at which nothing
+    is: the cloud is then the next one that is."""
+
+    name: str
+    times: Array
+    points: NDArray[np.float32]
+    clouds: Sequence[NDArray[np.floating[Any]]] | None = None
+    correction: Correction | None = None
+    off: Array | None = None
+
+    @cached_property
+    def _moved(self) -> float:
+        """Return m, the most by which a corrector moved a point."""
+        return 0.0 if self.correction is None else float(self.correction.moved(self.points).max())
+
+    def ghost(self, frame: int) -> NDArray[np.float32] | None:
+        """Return a frame (2 n, 3) m before the corrector, where that is far enough off to be seen beside."""
+        return None if self.correction is None or self._moved < APART else self.correction.simulated[frame]
+
+    def cloud(self, frame: int) -> Array | None:
+        """Return what was measured or is wanted of a frame, (n_t, 3) m."""
+        return None if self.clouds is None else np.asarray(self.clouds[frame], dtype=np.float64)
+
+    def distances(self, frame: int, *, corrected: bool = True) -> Array | None:
+        """Return (n_t,) m from each of these points to the surface, as it is shown or before the corrector, capped at
+        10 mm."""
+        if (cloud := self.cloud(frame)) is None:
+            return None
+        points = self.points if corrected or self.correction is None else self.correction.simulated
+        return np.minimum(Surface.of_faces(points[frame]).distance(cloud, within=CAP), CAP)
+
+    @cached_property
+    def largest(self) -> float | None:
+        """Return the end [m] of the scale of distances: their 98th percentile, in frames spread over the motion."""
+        frames = np.unique(np.linspace(0, len(self.times) - 1, _SCALED).astype(int)).tolist()
+        of_frames = [distances for frame in frames if (distances := self.distances(frame)) is not None]
+        return float(np.percentile(np.concatenate(of_frames), 98)) if of_frames else None
+
+    def in_words(self, frame: int) -> str:
+        text = f"{self.name}, {self.times[frame]:.3f} s"
+        if self.off is not None:
+            error, mean = in_mm(self.off[frame]), in_mm(float(np.nanmean(self.off)))
+            now = f"{error:.2f} mm" if np.isfinite(error) else "not wanted at this instant"
+            return f"{text}: surface RMS {now}, mean {mean:.2f} mm"
+        shown = [
+            self.distances(frame, corrected=corrected) for corrected in ((True, False) if self._moved else (True,))
+        ]
+        rms = [f"{in_mm(capped_rms(distances)):.2f} mm" for distances in shown if distances is not None]
+        if not rms:
+            return text
+        return f"{text}: surface RMS " + " corrected, ".join(rms) + (" without the corrector" if self._moved else "")
+
+
+@dataclass(eq=False)
+class Seen:
+    """A drawing whose last exact shape may be `live`, and how far that is from the target."""
+
+    live: LiveShape | None = None
+    comparison: Comparison | None = None
+
+    def forget(self) -> None:
+        """Drop both: they were under another model, or beside another target."""
+        self.live = self.comparison = None
+
+
+class DrawingHistory(Seen):
+    """The drawing under edit, with undo and redo. A gesture (a drag, one move of a slider) is one step, however many
     layouts it passes through."""
 
-    def __init__(self, layout: Layout) -> None:
-        self._kept = DrawnLayout(layout)
-        self._steps, self._at = [("", self._kept)], 0  # what was done, and the drawing after it
-        self._gesture: tuple[str, DrawnLayout] | None = None  # what is under way, and where it is
+    name, objective = "own drawing", None
 
-    @property
-    def drawing(self) -> DrawnLayout:
-        return (self._gesture or self._steps[self._at])[1]
+    def __init__(self, layout: Layout) -> None:
+        super().__init__()
+        self._kept = layout
+        self._steps, self._at = [("", layout)], 0  # what was done, and the layout after it
+        self._gesture: tuple[str, Layout] | None = None  # what is under way, and where it is
 
     @property
     def layout(self) -> Layout:
-        return self.drawing.layout
+        return (self._gesture or self._steps[self._at])[1]
 
-    @property
-    def pose(self) -> int:
-        return self.drawing.pose
+    def at(self, pose: int) -> Layout:
+        """Return the layout with a pose shown."""
+        return self.layout.at(pose)
 
     @property
     def changed(self) -> bool:
         """Return whether design or pressures are others than those last saved or opened."""
-        return not self.drawing.same_content(self._kept)
+        return not self.layout.same_content(self._kept)
 
     @property
     def in_gesture(self) -> bool:
         return self._gesture is not None
 
-    def step(self, what: str, drawing: DrawnLayout) -> None:
-        """Take one step to another drawing; what was undone before is gone."""
-        self.end()
-        if drawing != self.drawing:
-            self._steps = [*self._steps[: self._at + 1][-STEPS:], (what, drawing)]
-            self._at = len(self._steps) - 1
-
     def do(self, what: str, layout: Layout) -> None:
-        """Take one step to another layout."""
-        self.step(what, replace(self.drawing, layout=layout))
-
-    def take(self, what: str, layouts: Sequence[Layout]) -> None:
-        """Take one step to the layouts of another drawing, one for each pose."""
-        others = {k: layout.pressures for k, layout in enumerate(layouts) if k != self.pose}
-        self.step(what, DrawnLayout(layouts[min(self.pose, len(layouts) - 1)], self.pose, others))
+        """Take one step to another layout; what was undone before is gone."""
+        self.end()
+        if layout != self.layout:
+            self._steps = [*self._steps[: self._at + 1][-STEPS:], (what, layout)]
+            self._at = len(self._steps) - 1
 
     def remove_pose(self, pose: int) -> None:
         """Take a pose out of the drawing and of every step."""
         self.end()
         self._kept = self._kept.without(pose)
-        self._steps = [(what, drawing.without(pose)) for what, drawing in self._steps]
+        self._steps = [(what, layout.without(pose)) for what, layout in self._steps]
 
     def shape(self, what: str, layout: Layout) -> None:
         """Go through a moment of a gesture; another gesture ends where this one begins."""
         if self._gesture is not None and self._gesture[0] != what:
             self.end()
-        self._gesture = what, replace(self.drawing, layout=layout)
+        self._gesture = what, layout
 
     def end(self) -> None:
         """Make the gesture under way, if any, one step."""
         if self._gesture is not None:
             gesture, self._gesture = self._gesture, None
-            self.step(*gesture)
+            self.do(*gesture)
 
     def move(self, by: int) -> str | None:
         """Undo (-1) or redo (1) one step. Return its name, or None where there was none."""
@@ -125,40 +173,12 @@ class DrawingHistory:
 
     def offer(self, what: str, layout: Layout) -> None:
         """Put a layout where redo finds it, before all else."""
-        self._steps.insert(self._at + 1, (what, replace(self.drawing, layout=layout)))
+        self._steps.insert(self._at + 1, (what, layout))
 
     def keep(self) -> None:
         """Take the drawing as it is now for saved."""
         self.end()
-        self._kept = self.drawing
-
-
-@dataclass(frozen=True, eq=False)
-class LiveShape:
-    """A shape at rest as it is shown. points: (2 n, 3) m. jump: m RMS, where it is another stable shape than the one
-    before it; `before` is then that one."""
-
-    points: NDArray[np.float32]
-    layout: Layout
-    exact: bool
-    points_per_side: int
-    seconds: float  # that it took
-    jump: float | None = None
-    before: NDArray[np.float32] | None = None
-    time: float | None = None  # s after rest, of a motion's frame; None: at rest
-    correction: Correction | None = None
-
-
-@dataclass(eq=False)
-class Seen:
-    """A drawing's last exact shape, and how far it is from the target."""
-
-    shape: LiveShape | None = None
-    comparison: Comparison | None = None
-
-    def forget(self) -> None:
-        """Drop both: they were under another model, or beside another target."""
-        self.shape = self.comparison = None
+        self._kept = self.layout
 
 
 @dataclass(eq=False)
@@ -171,9 +191,10 @@ class Result(Seen):
     objective: float | None = None
     state: str = ""  # in words
 
-    def layout(self, pose: int) -> Layout:
-        """Return the layout of a pose, or of the last one."""
-        return self.layouts[min(pose, len(self.layouts) - 1)]
+    def at(self, pose: int) -> Layout:
+        """Return the layout with a pose shown."""
+        others = {k: layout.pressures for k, layout in enumerate(self.layouts) if k != pose}
+        return replace(self.layouts[min(pose, len(self.layouts) - 1)], pose=pose, others=others)
 
     def hold(self, layouts: tuple[Layout, ...], objective: float) -> None:
         """Take a better result in."""
@@ -202,19 +223,16 @@ def one_more_buys(result: Result, others: Sequence[Result], drawn: Row | None) -
     """Return in words what one more muscle buys, against the best with the muscles that the search began with, searched
     or drawn; None where the result has no more of them, or nothing is there to compare it with. drawn: the own drawing;
     None where its figure is not the search's, a mean over poses."""
-    count = len(result.begun.design.muscles) if result.begun else 0
-    if result.objective is None or result.begun is None or result.muscles <= count:
-        return None
+    count = len(result.begun.design.muscles) if result.begun else result.muscles
     rivals = [(other.objective, other.muscles, other.name) for other in others]
-    if drawn is not None:
-        rivals.append((drawn.chamfer, drawn.muscles, drawn.name))
+    rivals += [(drawn.chamfer, drawn.muscles, drawn.name)] if drawn else []
     known = [(objective, name) for objective, muscles, name in rivals if objective is not None and muscles == count]
-    if not known:
+    if result.objective is None or result.muscles <= count or not known:
         return None
     before, name = min(known)
     less = in_mm(before - result.objective)
     change = f"{less:.2f} mm less" if less >= 0 else f"{-less:.2f} mm more"
-    by_hand = drawn is not None and name == drawn.name
+    by_hand = drawn and name == drawn.name
     searched = "; for a fair comparison search from here without one more as well" if by_hand else ""
     return (
         f"One more muscle: Chamfer {in_mm(result.objective):.2f} mm with {result.muscles} muscles, {change} than "

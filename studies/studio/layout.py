@@ -3,7 +3,8 @@ rows, and the limits that it breaks: the margins of the search, and what `check`
 
 import itertools
 from collections import Counter
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from math import dist
 from typing import Any
 
@@ -29,10 +30,13 @@ _MICRO = 6  # digits of a coordinate in m: a micrometre is finer than any hand s
 
 @dataclass(frozen=True)
 class Layout:
-    """A design under constant pressures, (channels,) Pa."""
+    """A design under constant pressures, (channels,) Pa, in the pose that is shown. others: the pressures of the poses
+    that were shown before, by their numbers."""
 
     design: Design
     pressures: tuple[float, ...]
+    pose: int = 0
+    others: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
 
     @staticmethod
     def of(design: Design, pressures: tuple[float, ...] = ()) -> "Layout":
@@ -40,8 +44,30 @@ class Layout:
         count = design.channels
         return Layout(design, (*pressures[:count], *(0.0,) * (count - len(pressures))))
 
+    def on(self, design: Design) -> "Layout":
+        """Return another design under the same pressures."""
+        others = {pose: Layout.of(design, pressures).pressures for pose, pressures in self.others.items()}
+        return Layout(design, Layout.of(design, self.pressures).pressures, self.pose, others)
+
+    def at(self, pose: int) -> "Layout":
+        """Return the layout with a pose shown; one that was never shown has the pressures of the one that is."""
+        others = {k: p for k, p in {**self.others, self.pose: self.pressures}.items() if k != pose}
+        return self if pose == self.pose else Layout(self.design, self.others.get(pose, self.pressures), pose, others)
+
+    def without(self, pose: int) -> "Layout":
+        """Return the layout without a pose: those after it move up, and a neighbour is shown in place of it."""
+        kept = self.at(pose - 1 if pose else 1) if pose == self.pose else self
+        others = {k - (k > pose): p for k, p in kept.others.items() if k != pose}
+        return replace(kept, pose=kept.pose - (kept.pose > pose), others=others)
+
+    def same_content(self, other: "Layout") -> bool:
+        """Return whether design and pressures of every pose are the same, whichever pose is shown."""
+        poses = {self.pose, other.pose, *self.others, *other.others}
+        same = all(self.at(pose).pressures == other.at(pose).pressures for pose in poses)
+        return same and self.design == other.design
+
     def with_muscles(self, *muscles: Muscle) -> "Layout":
-        return Layout.of(replace(self.design, muscles=muscles), self.pressures)
+        return self.on(replace(self.design, muscles=muscles))
 
     def with_muscle(self, index: int, **changes: Any) -> "Layout":
         """Return the layout with changes of a muscle's fields."""
@@ -100,11 +126,12 @@ def remove_muscle(layout: Layout, index: int) -> Layout:
     """Take a muscle off. A channel that no muscle is on any more goes, and those above it move down."""
     empty = layout.design.muscles[index].channel
     muscles = [muscle for i, muscle in enumerate(layout.design.muscles) if i != index]
-    pressures = layout.pressures
     if all(muscle.channel != empty for muscle in muscles):
         muscles = [replace(m, channel=m.channel - (m.channel > empty)) for m in muscles]
-        pressures = (*pressures[:empty], *pressures[empty + 1 :])
-    return Layout.of(replace(layout.design, muscles=tuple(muscles)), pressures)
+        others = {pose: (*p[:empty], *p[empty + 1 :]) for pose, p in layout.others.items()}
+        pressures = (*layout.pressures[:empty], *layout.pressures[empty + 1 :])
+        layout = replace(layout, pressures=pressures, others=others)
+    return layout.with_muscles(*muscles)
 
 
 def flip(layout: Layout, index: int) -> Layout:
@@ -119,8 +146,9 @@ def set_type(layout: Layout, index: int, name: str) -> Layout:
     return layout.with_muscle(index, type=name)
 
 
-def set_channel(layout: Layout, index: int, channel: int) -> Layout:
+def set_channel(layout: Layout, index: int, number: float) -> Layout:
     """Put a muscle on a channel. Raises InputError for a channel that would leave empty ones below it."""
+    channel = int(number)
     if not 0 <= channel <= layout.design.channels:
         raise InputError(f"channel {channel}: expected 0 to {layout.design.channels}, the next free one")
     return layout.with_muscle(index, channel=channel)

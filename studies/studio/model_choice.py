@@ -60,9 +60,11 @@ class ModelChoice:
         return replace(self, effect_values=effect_values)
 
     def with_value(self, name: str, parameter: str, value: float) -> "ModelChoice":
-        """Give a parameter of an effect that is on another value, within its bounds."""
+        """Give a parameter another value, within its bounds, if its effect is on."""
+        if name not in self.effect_values:
+            return self
         low, high = EFFECTS[name].parameters[parameter].bounds
-        values = {**self.effect_values[name], parameter: min(max(value, low), high)}
+        values = {**self.effect_values[name], parameter: min(max(float(value), low), high)}
         return replace(self, effect_values={**self.effect_values, name: values})
 
     def sheet(self, fitted: bool) -> "ModelChoice":

@@ -2,6 +2,7 @@
 Where a target lies, how far the cloth is from it; and one that moves, with a program."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.clouds.cloud_file import KINDS
 from fabdesign.clouds.target_file import AS_GIVEN, AsTarget, keys_as_options
 from fabdesign.errors import InputError
 from fabdesign.files.design_file import read_design
@@ -28,7 +30,6 @@ from fabdesign.nouns.pressure import PressureProgram, limits
 from fabdesign.output import read_mark
 from fabdesign.study_files.follow_file import FollowStudy
 from fabdesign.study_files.study_file import read_head, read_study
-from fabdesign.study_files.study_targets import TargetFile
 from optimize.search.margins import Limits
 from studies.follow import Regulator, Wanted, regulator_of, wanted_of
 from studies.layout_search.target import LoadedTarget, load_target, target_errors
@@ -42,24 +43,6 @@ POINTS = 500  # of each cloud of a target that moves
 
 
 @dataclass(frozen=True, eq=False)
-class ShownTarget:
-    """A target as `optimize` takes it."""
-
-    file: TargetFile
-    loaded: LoadedTarget
-
-    @staticmethod
-    def read(file: TargetFile, design: Design) -> "ShownTarget":
-        """Read a target. Raises InputError like `optimize`, also for a place where no cloth can be."""
-        return ShownTarget(file, load_target(file, design))
-
-    @property
-    def points(self) -> Array:
-        """Return its points (n, 3) m."""
-        return self.loaded.points
-
-
-@dataclass(frozen=True, eq=False)
 class Comparison:
     """A shape against the target. Distances in m."""
 
@@ -67,9 +50,9 @@ class Comparison:
     of_cloth: Array  # (2 m,) of each point of the cloth to the nearest of the target
 
     @staticmethod
-    def of(target: ShownTarget, shape: NDArray[np.float32], design: Design) -> "Comparison":
+    def of(target: LoadedTarget, shape: NDArray[np.float32], design: Design) -> "Comparison":
         """Return how far a shape (2 n, 3) m is from a target."""
-        errors = target_errors([target.loaded], shape[None].astype(np.float64), design, draws=DRAWS)
+        errors = target_errors([target], shape[None].astype(np.float64), design, draws=DRAWS)
         return Comparison(errors, nearest_distances(shape, target.points))
 
     @property
@@ -77,13 +60,6 @@ class Comparison:
         """Return the errors in words, mm, with the noise floors beside."""
         beyond = [beyond_in_words(self.errors.beyond)] if self.errors.beyond else []
         return [*errors_in_words(self.errors).split(", "), *beyond]
-
-
-def placed_by_hand(file: TargetFile, rotation: Sequence[float], translation: Sequence[float]) -> TargetFile:
-    """Place a target. rotation: degrees about the fixed axes x, y, z in this order; translation: m."""
-    a, b, c = (round(float(x), 3) for x in rotation)
-    x, y, z = (round(float(x), 6) for x in translation)
-    return replace(file, rotation=(a, b, c) if any((a, b, c)) else None, translation=(x, y, z), place="given")
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +100,6 @@ class MovingProgram:
 
 
 NEW = Path("layout.toml")  # that a layout would be, which was begun on no file
-_TARGETS = (".npz", ".ply", ".obj", ".stl", ".off", ".glb", ".gltf", ".xyz", ".pts", ".pcd", ".txt", ".npy")
 _BEGUN = "design, study or set"
 
 
@@ -135,7 +110,7 @@ class Opened:
     file: Path
     layout: Layout
     limits: Limits
-    targets: tuple[ShownTarget, ...] = ()  # poses of one layout
+    targets: tuple[LoadedTarget, ...] = ()  # poses of one layout
     model_file: Path | None = None
     model: Model | None = None
     measured: MeasurementSet | None = None
@@ -143,9 +118,11 @@ class Opened:
     moving: MovingProgram | None = None  # of a study of a target that moves
 
     @staticmethod
-    def of(file: Path, design: Design, pressures: tuple[float, ...] = (), **more: Any) -> "Opened":
-        """Return a design under the limits that a search keeps where no study says."""
-        return Opened(file, Layout.of(design, pressures), search_limits(design), **more)
+    def of(
+        file: Path, design: Design, pressures: tuple[float, ...] = (), limits: Limits | None = None, **more: Any
+    ) -> "Opened":
+        """Return a design; without limits under those that a search keeps where no study says."""
+        return Opened(file, Layout.of(design, pressures), limits or search_limits(design), **more)
 
 
 def open_files(files: Sequence[Path], model_file: Path | None, how: AsTarget = AS_GIVEN) -> Opened:
@@ -159,17 +136,17 @@ def open_files(files: Sequence[Path], model_file: Path | None, how: AsTarget = A
     if how != AS_GIVEN and "target" not in by_kind:
         raise InputError("--unit, --place or --rotation without a target; expected a cloud or mesh among the files")
     opened = _begun(by_kind[_BEGUN]) if _BEGUN in by_kind else Opened.of(NEW, build("basic", name="layout"))
-    design = opened.layout.design
+    design, more = opened.layout.design, dict[str, Any]()
     if model_file is not None:
-        opened = replace(opened, model_file=model_file, model=read_model(model_file))
+        more |= {"model_file": model_file, "model": read_model(model_file)}
     if "target" in by_kind:
         with keys_as_options():
-            opened = replace(opened, targets=(ShownTarget.read(how.target(by_kind["target"]), design),))
+            more["targets"] = (load_target(how.target(by_kind["target"]), design),)
     if "pressures" in by_kind:
-        program, moving = read_pressures(by_kind["pressures"], design), opened.moving
-        opened = replace(opened, layout=Layout.of(design, _last(program)), program=None if moving else program)
-        opened = replace(opened, moving=moving and moving.under(program))
-    return opened
+        program = read_pressures(by_kind["pressures"], design)
+        more["layout"] = Layout.of(design, _last(program))
+        more |= {"program": program} if opened.moving is None else {"moving": opened.moving.under(program)}
+    return replace(opened, **more)
 
 
 def _last(program: PressureProgram) -> tuple[float, ...]:
@@ -191,7 +168,7 @@ def _kind(file: Path) -> str:
     if suffix == ".csv":
         head = file.read_text(encoding="utf-8", errors="replace")[:8] if file.is_file() else ""
         return "pressures" if head.startswith("time_s") else "target"
-    if suffix in _TARGETS:
+    if suffix in KINDS:
         return "target"
     raise InputError(f"{file}: expected a design, study, set, target (cloud or mesh) or pressures (CSV)")
 
@@ -210,8 +187,11 @@ def _begun(file: Path) -> Opened:
         return Opened.of(name, first.design, measured=measured)
     root = parse_toml(file)
     if not str(root.get("format", "")).startswith("fabdesign.study"):
-        design = read_design(file)
-        return Opened.of(file, design, _pressures_beside(file, design))
+        design, last = read_design(file), tuple[float, ...]()
+        if file.name == "design.toml":
+            with suppress(InputError):  # none lie beside it, or those of another design
+                last = _last(read_pressures(file.with_name("pressures.csv"), design))
+        return Opened.of(file, design, last)
     kind = read_head(file).kind
     if kind == "follow":
         return _of_moving(file)
@@ -220,14 +200,10 @@ def _begun(file: Path) -> Opened:
     search, (design_file, model_file) = read_study(file), _files_of(file)
     begin = search.start_pressures
     pressures = np.full(search.design.channels, np.mean(search.limits.pressure)) if begin is None else begin
-    return Opened(
-        design_file,
-        Layout.of(search.design, tuple(map(float, pressures))),
-        search.limits,
-        targets=tuple(ShownTarget.read(target, search.design) for target in search.targets),
-        model_file=model_file,
-        model=search.model,
-    )
+    targets = tuple(load_target(target, search.design) for target in search.targets)
+    with_model = {"model_file": model_file, "model": search.model}
+    begun = tuple(map(float, pressures))
+    return Opened.of(design_file, search.design, begun, limits=search.limits, targets=targets, **with_model)
 
 
 def _of_moving(file: Path, result: Path | None = None) -> Opened:
@@ -247,17 +223,6 @@ def _files_of(file: Path) -> tuple[Path, Path | None]:
     """Return the files of a study's design and model."""
     root = parse_toml(file)
     return file.parent / str(root["design"]), file.parent / str(root["model"]) if "model" in root else None
-
-
-def _pressures_beside(file: Path, design: Design) -> tuple[float, ...]:
-    """Return the last row [Pa] of `pressures.csv` in a folder that the studio or a search wrote; none elsewhere."""
-    beside = file.with_name("pressures.csv")
-    if file.name != "design.toml" or not beside.is_file():
-        return ()
-    try:
-        return _last(read_pressures(beside, design))
-    except InputError:  # of another design by now
-        return ()
 
 
 def search_limits(design: Design) -> Limits:

@@ -3,6 +3,7 @@ over a target that moves; and writing it."""
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,14 +21,15 @@ from fabdesign.units import in_mm
 from studies.follow import case_of
 from studies.prediction.predict import frame_times
 from studies.studio.document import Document
+from studies.studio.drawings import TrialMotion
 from studies.studio.layout import Layout
-from studies.studio.measured import UNKNOWN, TrialMotion, ask_of_trial
 from studies.studio.opening import FRAME_RATE, MovingProgram
 from studies.studio.shapes import Shapes
 from studies.studio.solver import Answer, Ask, Kind
 from studies.view import KINDS, Item, write_panels
 
 WRITTEN = [kind for kind in KINDS if kind not in (".gif", ".mp4")]  # for these the page would stand still
+UNKNOWN = (Errors(*[float("nan")] * 5),)
 _PAUSE = 0.5  # s, before a motion begins again
 
 
@@ -78,7 +80,7 @@ class Playing:
         document = self._document
         with document.refusals():
             trial = document.trials[label]
-            ask = ask_of_trial(trial, document.choice.model)
+            ask = Ask.of_trial(trial, document.choice.model)
             if trial.design != document.layout.design:
                 document.put(f"design of {trial.name}", Layout.of(trial.design))
             self._ask(ask, label)
@@ -100,7 +102,7 @@ class Playing:
                     self.all_errors()
 
         with document.refusals():
-            self._shapes.also(ask_of_trial(document.trials[label], choice.model), arrived)
+            self._shapes.also(Ask.of_trial(document.trials[label], choice.model), arrived)
 
     def show(self, motion: TrialMotion, ask: Ask) -> None:
         """Play a motion from its first frame; one with the same frames as the last goes on where that is."""
@@ -196,7 +198,6 @@ class ProgramEdit:
     def __init__(self, moving: MovingProgram, document: Document, shapes: Shapes, playing: Playing) -> None:
         self.moving, self.pressures = moving, moving.pressures
         self._document, self._shapes, self._playing = document, shapes, playing
-        self._under_way = False
         self.channel, self.knot = 0, 0
         self.off: Array | None = None
         self.first: Array | None = None
@@ -238,8 +239,6 @@ class ProgramEdit:
     def play(self, kind: Kind = "program") -> None:
         """Simulate the program, and play it over the target. kind: "motion" on the model's grid, with its corrector."""
         document, moving, design = self._document, self.moving, self._document.layout.design
-        if self._under_way and kind == "program":
-            return  # what is under way asks again
         with document.refusals():
             if design.channels != moving.regulator.channels:
                 raise InputError(
@@ -248,11 +247,10 @@ class ProgramEdit:
             case = case_of(moving.study, moving.regulator.program(self.pressures))
             ask = Ask(kind, design, case.program, document.choice.model, moving.times, case.order)
             ask = replace(ask, effects=case.effects, wanted=moving.wanted)
-            self._under_way = True
-            self._shapes.also(ask, lambda answer: self._arrived(ask, answer))
+            self._shapes.also(ask, partial(self._arrived, ask))
 
     def _arrived(self, ask: Ask, answer: Answer) -> None:
-        document, self._under_way = self._document, False
+        document = self._document
         if (ask.design, ask.model) != (document.layout.design, document.choice.model):
             return  # others by now, and the motion was stopped
         if answer.points is None or answer.off is None:
@@ -262,11 +260,8 @@ class ProgramEdit:
         self.first = self.off if self.first is None else self.first
         name, times, clouds = f"{ask.points_per_side} points a side", self.moving.times, self.moving.clouds
         self._playing.show(TrialMotion(name, times, answer.points, clouds, answer.correction, answer.off), ask)
-        if not np.array_equal(ask.program.pressure, self.pressures):
-            self.play()
-        else:
-            mean = in_mm(float(np.nanmean(answer.off)))
-            document.tell(f"{mean:.2f} mm from the target, {answer.seconds:.1f} s of computing")
+        mean = in_mm(float(np.nanmean(answer.off)))
+        document.tell(f"{mean:.2f} mm from the target, {answer.seconds:.1f} s of computing")
 
     def save(self, path: Path, *, replace: bool = False) -> None:
         """Write the program, set points at the regulator's cycle."""

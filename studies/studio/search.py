@@ -15,15 +15,17 @@ from fabdesign.errors import InputError
 from fabdesign.files.design_file import write_design
 from fabdesign.formats.codec import Encoder
 from fabdesign.formats.json_file import read_json
+from fabdesign.formats.table import STUDY
 from fabdesign.output import new_folder, write_text
 from fabdesign.study_files.study_file import result_in
 from fabdesign.study_files.study_targets import TargetFile
 from fabdesign.units import from_mm, in_kpa, in_mm
 from optimize.search.margins import Limits
+from studies.layout_search.target import LoadedTarget
 from studies.studio.document import Document
 from studies.studio.drawings import Result
 from studies.studio.layout import Layout
-from studies.studio.opening import ShownTarget, search_limits
+from studies.studio.opening import search_limits
 
 Vary = Literal["pressures", "pressures and positions", "one more muscle"]
 VARIES: tuple[Vary, ...] = get_args(Vary)
@@ -33,7 +35,7 @@ _STOPPED = 30.0  # s that a search has to end with its best
 
 def study_document(
     layout: Layout,
-    targets: Sequence[ShownTarget],
+    targets: Sequence[LoadedTarget],
     limits: Limits,
     *,
     vary: Vary,
@@ -50,19 +52,14 @@ def study_document(
     if vary == "one more muscle":
         variables["muscles"] = {"min": count, "max": count}
     document = {
-        "format": "fabdesign.study/1",
+        "format": STUDY,
         "kind": "optimize",
         "design": "design.toml",
         **({} if model is None else {"model": Path(os.path.relpath(model.resolve(), beside.resolve())).as_posix()}),
         "start_pressures": [in_kpa(pressure) for pressure in layout.pressures],
         **({"target": placed[0]} if len(placed) == 1 else {"targets": placed}),
         "variables": variables,
-        "limits": {
-            "pressure": [in_kpa(pressure) for pressure in limits.pressure],
-            "spacing": limits.spacing,
-            "edge": limits.edge,
-            "seconds": float(seconds),
-        },
+        "limits": encoder.encode(replace(limits, seconds=float(seconds))),
     }
     return tomlkit.dumps(document)
 
@@ -81,7 +78,7 @@ class Search(Result):
     `optimize` leaves it."""
 
     def __init__(
-        self, folder: Path, layout: Layout, targets: Sequence[ShownTarget], limits: Limits, **study: Any
+        self, folder: Path, layout: Layout, targets: Sequence[LoadedTarget], limits: Limits, **study: Any
     ) -> None:
         """Begin from a layout. study: more of what `study_document` takes. Raises InputError where the folder is there
         already, or cannot be written."""

@@ -47,8 +47,10 @@ class Shapes:
         document.listeners.append(self._follow)
 
     def also(self, ask: Ask, then: Then) -> None:
-        """Ask something else, once nothing is dragged."""
+        """Ask something else, once nothing is dragged. Of the programs under edit the newest counts."""
+        self._others = [pair for pair in self._others if ask.wanted is None or pair[0].wanted is None]
         self._others.append((ask, then))
+        self._send()
 
     @property
     def waiting(self) -> bool:
@@ -64,13 +66,16 @@ class Shapes:
     def _time(self) -> float | None:
         """Return s after rest, where the target is of a motion's frame."""
         target = self._document.target
-        return None if target is None else target.loaded.time
+        return None if target is None else target.time
 
     def turn(self) -> None:
         """Take an answer that has come, and ask the next that is due."""
         if self._then is not None and (answer := self._solver.receive()) is not None:
             then, self._then = self._then, None
             then(answer)
+        self._send()
+
+    def _send(self) -> None:
         if self._then is not None:
             return
         if self._stage != "idle" and self._wanted is not None:
@@ -113,7 +118,7 @@ class Shapes:
             simulated = answer.points if answer.correction is None else answer.correction.simulated
             jump, before = self._jumps.of(simulated, layout, exact=exact)
         self.shown = shape = LiveShape(
-            answer.points, layout, exact, ask.points_per_side, answer.seconds, jump, before, time, answer.correction
+            answer.points, layout, exact, ask.points_per_side, answer.seconds, jump, time, answer.correction
         )
         if jump is not None or document.history.in_gesture:
             self.before = before
@@ -127,7 +132,7 @@ class Shapes:
         document, seen = self._document, self._document.seen
         if not shape.exact:
             return
-        seen.shape = shape
+        seen.live = shape
         if document.target is not None and seen.comparison is None:
             seen.comparison = Comparison.of(document.target, shape.points, shape.layout.design)
         self._around = []

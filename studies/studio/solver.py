@@ -28,6 +28,7 @@ from fabdesign.nouns.forward import Case, Term
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.nouns.trial import Trial
 from fabdesign.runtime import working_time
 from fabdesign.runtime.supervisor import uninterrupted
 from studies.follow import Wanted
@@ -80,6 +81,12 @@ class Ask:
             return Ask(kind, design, constant_program(list(pressures), time), model, np.array([time]))
         return Ask(kind, design, constant_program(list(pressures)), model)
 
+    @staticmethod
+    def of_trial(trial: Trial, model: Model) -> "Ask":
+        """Ask for a trial's motion as sensors see it, and its errors from what was measured. Raises InputError."""
+        frames = tuple(trial.load().frames)
+        return Ask("motion", trial.design, trial.program, model, trial.times, trial.order, True, frames)
+
 
 @dataclass(frozen=True, eq=False)
 class Correction:
@@ -131,19 +138,21 @@ class StudioSolver:
     def _computed(self, ask: Ask) -> Answer:
         """Return shape or motion. The corrector acts on exact ones alone; how far it trusts the layout is said of
         all."""
-        simulator, kept = self._simulator(ask), ask.model.without(["corrector"])
+        simulator, correction = self._simulator(ask), None
         if ask.kind == "laced" and ask.times is not None:
             predictor = replace(forward_model(simulator, ask.model), sensing=ask.sensing)
             (laced,) = laced_motions(predictor, [ask.case], [ask.times])
             return Answer(laced.points, laced=laced)
-        model = self._predictor(_Remembering(simulator), kept if ask.kind == "nearby" else ask.model)
-        model = replace(model, sensing=ask.sensing)
-        corrector = model.corrector
-        bare = replace(model, corrector=None)
-        correction: Correction | None = None
-        if ask.loose:
-            compute = self._followed if ask.times is None else self._resumed
-            points = simulated = compute(simulator, model.case(ask.case), ask)
+        given = ask.model.without(["corrector"]) if ask.kind == "nearby" else ask.model
+        model = replace(self._predictor(_Remembering(simulator), given), sensing=ask.sensing)
+        corrector, bare = model.corrector, replace(model, corrector=None)
+        if ask.kind == "program":
+            from studies.studio.resumed import Resumed
+
+            self._program = self._program or Resumed(simulator)
+            points = simulated = self._program.motion(model.case(ask.case), ask.times)
+        elif ask.loose:
+            points = simulated = self._followed(simulator, model.case(ask.case), ask.kind)
         else:
             points = _shown(model if corrector is None or corrector.ordered else bare, ask)
             simulated = points if corrector is None else _shown(bare, ask)
@@ -164,21 +173,14 @@ class StudioSolver:
             self._correctors[key] = forward_model(simulator, model).corrector
         return Predictor(simulator, model, corrector=self._correctors[key])
 
-    def _resumed(self, simulator: Any, case: Case, ask: Ask) -> Points:
-        """Return a program's motion, from the state before the first set point that is another than the last time."""
-        from studies.studio.resumed import Resumed
-
-        self._program = self._program or Resumed(simulator)
-        points: Points = self._program.motion(case, ask.times)
-        return points
-
-    def _followed(self, simulator: Any, case: Case, ask: Ask) -> Points:
+    def _followed(self, simulator: Any, case: Case, kind: Kind) -> Points:
+        """Return the shape at rest near the last one that was followed."""
         shape = None
         if self._last is not None and self._last[0].fabric == case.design.fabric:
             shape = simulator.follow(case, self._last[1])
         if shape is None or not np.isfinite(shape.middle).all():
             shape = simulator.rest([case])[0]
-        if ask.kind == "follow":
+        if kind == "follow":
             self._last = (case.design, shape.middle[0]) if np.isfinite(shape.middle).all() else None
         points: Points = shape.points[0]
         return points

@@ -3,14 +3,12 @@
 import base64
 import json
 from collections.abc import Sequence
-from importlib.resources import files
 
 import numpy as np
-from jinja2 import Environment
 from markupsafe import Markup
 
-from studies.view.distance import Distance, errors_in_words
-from studies.view.items import Item
+from studies.report.page import drawn
+from studies.view.items import Distance, Item, errors_in_words
 from studies.view.shapes import CLOUD, OVERLAY, key_of, parts_of, points_beneath, vertices_of
 
 LEVELS = 32_000  # a coordinate is stored as a whole number of the largest one's 32,000th: 10 um of 0.3 m
@@ -36,13 +34,8 @@ def render_page(
         (name, "rgb(" + ", ".join(f"{round(255 * share)}" for share in colour) + ")")
         for name, colour in key_of(items, overlay=any(apart))
     ]
-    text = files("studies.view").joinpath("page.html.j2").read_text(encoding="utf-8")
     shown = {"moves": any(item.moves for item in items), "overlay": overlay, "compared": any(apart)}
-    return (
-        Environment(autoescape=True)
-        .from_string(text)
-        .render(title=title, items=items, data=Markup(content), key=key, **shown)
-    )
+    return drawn("view/page.html.j2", title=title, items=items, data=Markup(content), key=key, **shown)
 
 
 def _packed(item: Item, scale: float) -> dict[str, object]:

@@ -20,8 +20,7 @@ from scipy.spatial import cKDTree
 
 from fabdesign.drawings import oblique
 from fabdesign.errors import InputError
-from studies.view.distance import Distance, errors_in_words
-from studies.view.items import Item, timeline
+from studies.view.items import Distance, Item, errors_in_words, timeline
 from studies.view.shapes import CLOUD, MUSCLE, OVERLAY, key_of, parts_of, vertex_normals
 
 SHOWN = 1500  # points of a cloud drawn
@@ -33,14 +32,6 @@ _LEAST_WIDTH = 6.0  # inches, that a line of words needs
 _LETTERS = 13.0  # an inch holds, of 9 points
 
 
-def instants_of(items: Sequence[Item], times: Sequence[float]) -> list[float]:
-    """Return those asked for [s], or at most INSTANTS frames spread over what there is."""
-    if times:
-        return list(times)
-    every = timeline(items)
-    return [float(every[k]) for k in np.unique(np.linspace(0, len(every) - 1, INSTANTS).round().astype(int))]
-
-
 def save_picture(
     items: Sequence[Item],
     path: Path,
@@ -49,9 +40,12 @@ def save_picture(
     *,
     overlay: bool = False,
 ) -> None:
-    """Write a PNG with a row an item and a column an instant [s]. apart: how far each panel is from the one it is
-    compared with; overlay: whether that one's points lie over it."""
-    instants = instants_of(items, times) if any(item.moves for item in items) else [0.0]
+    """Write a PNG with a row an item and a column an instant [s]: those asked for, or at most INSTANTS frames spread
+    over what there is. apart: how far each panel is from the one it is compared with; overlay: whether that one's
+    points lie over it."""
+    every = timeline(items)
+    spread = every[np.unique(np.linspace(0, len(every) - 1, INSTANTS).round().astype(int))].tolist()
+    instants = (list(times) or spread) if any(item.moves for item in items) else [0.0]
     drawn = _DrawnPanels(items, apart, overlay)
     width = _WIDE if len(instants) == 1 else _NARROW
     size = max(width * len(instants), _LEAST_WIDTH) + 0.2

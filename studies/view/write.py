@@ -11,7 +11,8 @@ from fabdesign.errors import InputError
 from fabdesign.formats.csv_table import write_rows
 from fabdesign.geometry.shape import Shape, at_places
 from fabdesign.output import write_text
-from studies.view.items import Item
+from studies.view.exchange import save_recording, save_series
+from studies.view.items import Item, distances
 
 # the package that writes a kind of file, besides what is always there
 _NEEDS = {".glb": "pygltflib", ".pvd": "meshio", ".rrd": "rerun", ".mp4": "imageio_ffmpeg"}
@@ -44,18 +45,12 @@ def write_panels(
         return save_glb(items, path)
     if kind in (".pvd", ".rrd", ".csv"):
         if kind == ".pvd":
-            from studies.view.vtk import save_series
-
             save_series(items, path)
         elif kind == ".rrd":
-            from studies.view.rerun_file import save_recording
-
             save_recording(items, path)
         else:
             save_markers(items, path, markers or {})
         return []
-    from studies.view.distance import distances
-
     apart = distances(items)
     if kind == ".html":
         from studies.view.page import render_page

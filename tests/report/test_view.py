@@ -19,8 +19,7 @@ from fabdesign.files.trial_file import TrialData, write_trial
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model
-from studies.view.distance import distances
-from studies.view.items import items_of
+from studies.view.items import distances, items_of
 from studies.view.page import LEVELS, render_page
 from studies.view.shapes import OVERLAY, key_of
 from tests.analytic_cloth import AnalyticCloth

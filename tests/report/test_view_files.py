@@ -21,8 +21,7 @@ from fabdesign.geometry.shape import Shape, laced_muscles, strains
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
-from studies.view.distance import distances
-from studies.view.items import items_of
+from studies.view.items import distances, items_of
 from studies.view.picture import wrapped_head
 from studies.view.shapes import AROUND, points_beneath
 from tests.analytic_cloth import AnalyticCloth

@@ -28,12 +28,12 @@ from fabdesign.study_files.study_file import read_study
 from fabdesign.study_files.study_targets import TargetFile
 from optimize.search.margins import Limits, constraint_margins
 from studies.check.files import inspect
+from studies.layout_search.target import LoadedTarget, load_target
 from studies.studio import layout as edits
-from studies.studio.drawings import DrawingHistory, DrawnLayout, LiveShape, Result, one_more_buys
+from studies.studio.drawings import DrawingHistory, LiveShape, Result, one_more_buys
 from studies.studio.layout import Layout, broken_limits, row_distance, rows, snapped
-from studies.studio.measured import ask_of_trial, errors_table
 from studies.studio.model_choice import ModelChoice, half_band, models_around
-from studies.studio.opening import Comparison, Opened, ShownTarget, open_files, search_limits
+from studies.studio.opening import Comparison, Opened, open_files, search_limits
 from studies.studio.search import Search, study_document
 from studies.studio.session import Session
 from studies.studio.shapes import JumpDetector
@@ -41,6 +41,7 @@ from studies.studio.solver import Ask, StudioSolver
 from studies.studio.widgets.declared import on_plane
 from studies.studio.widgets.flat_view import Places, laced, ribbon
 from studies.studio.widgets.panels import model
+from studies.studio.widgets.status import errors_table
 from tests.bending import AtOnce, Bending, bow
 from tests.command_line import Run, one_line
 
@@ -128,9 +129,10 @@ def test_a_whole_muscle_keeps_its_form_at_the_edge() -> None:
 
 
 def test_removing_a_muscle_takes_its_channel_along() -> None:
-    layout = replace(BASIC, pressures=tuple(1e3 * k for k in range(8)))
+    layout = replace(BASIC, pressures=tuple(1e3 * k for k in range(8)), others={1: tuple(1e4 * k for k in range(8))})
     less = edits.remove_muscle(layout, 2)
     assert less.design.channels == 7
+    assert less.at(1).pressures == (0, 1e4, 3e4, 4e4, 5e4, 6e4, 7e4)  # in the other pose too
     assert less.pressures == (0, 1e3, 3e3, 4e3, 5e3, 6e3, 7e3)
     assert [m.channel for m in less.design.muscles] == list(range(7))
     shared = edits.set_channel(layout, 3, 2)
@@ -484,7 +486,7 @@ def test_every_trial_has_its_errors_in_a_table(folder: Path) -> None:
     settle(session, clock, 4.0)
     assert list(session.playing.errors) == list(session.document.trials)
     shown = next(iter(session.document.trials))
-    ask = ask_of_trial(session.document.trials[shown], session.document.choice.model)
+    ask = Ask.of_trial(session.document.trials[shown], session.document.choice.model)
     motion = StudioSolver(Bending).answer(ask).points
     assert motion is not None
     pairs = zip(motion, ask.measured, strict=True)
@@ -527,9 +529,7 @@ def lifted(monkeypatch: pytest.MonkeyPatch) -> StudioSolver:
     monkeypatch.setattr(
         solver,
         "_predictor",
-        lambda simulator, model, sensing: Predictor(
-            simulator, model, sensing, None if model.corrector is None else Lifting()
-        ),
+        lambda simulator, model: Predictor(simulator, model, corrector=None if model.corrector is None else Lifting()),
     )
     return solver
 
@@ -613,11 +613,11 @@ def test_a_band_comes_with_the_exact_shape_and_goes_with_an_edit(begin: Begin) -
 # target and search
 
 
-def target_at(layout: Layout, path: Path, *, every: int = 1) -> ShownTarget:
+def target_at(layout: Layout, path: Path, *, every: int = 1) -> LoadedTarget:
     """The cloth's own shape as a target, every so many points of a row."""
     ask = Ask.at_rest("exact", layout.design, layout.pressures, Model())
     np.savetxt(path, bow(Case(ask.design, ask.program))[::every, ::every].reshape(-1, 3))
-    return ShownTarget.read(TargetFile(path), layout.design)
+    return load_target(TargetFile(path), layout.design)
 
 
 def test_the_distance_to_a_target_is_that_of_the_metrics(tmp_path: Path) -> None:
@@ -642,12 +642,13 @@ def test_the_study_of_a_search_reads_back(tmp_path: Path) -> None:
         ("pressures and positions", True, None),
         ("one more muscle", True, range(9, 10)),
     ):
-        text = study_document(layout, [target], Limits(), vary=vary, seconds=7, model=None, beside=folder)
+        limits = Limits(contraction=0.3, evaluations=50)
+        text = study_document(layout, [target], limits, vary=vary, seconds=7, model=None, beside=folder)
         (folder / "study.toml").write_text(text)
         study = read_study(folder / "study.toml")
         assert study.positions is positions
         assert (None if study.muscles is None else study.muscles.counts) == counts
-        assert study.limits.seconds == 7
+        assert study.limits == replace(limits, seconds=7)
         assert study.start_pressures is not None
         assert study.start_pressures[0] == 125.5e3
         assert study.targets[0].file.resolve() == (tmp_path / "flat.xyz").resolve()
@@ -688,7 +689,7 @@ class Searching(Result):
     better: Layout | None = None
     running, problem = True, None
 
-    def __init__(self, folder: Path, layout: Layout, targets: list[ShownTarget], limits: Limits, **_: object) -> None:
+    def __init__(self, folder: Path, layout: Layout, targets: list[LoadedTarget], limits: Limits, **_: object) -> None:
         super().__init__()
         self.folder = folder
 
@@ -731,7 +732,7 @@ def test_a_result_is_a_drawing_of_its_own(begin: Begin, tmp_path: Path, monkeypa
     session.document.show_result(None)
     settle(session, clock)
     assert session.document.layout == own
-    assert session.document.other()[0] == better
+    assert session.document.other.at(0) == better
     session.document.show_result(session.document.results[0])
     session.document.press(1, 50e3)  # an edit takes it
     settle(session, clock)
@@ -764,10 +765,8 @@ def test_poses_have_their_own_target_and_pressures(begin: Begin, tmp_path: Path)
     assert session.document.comparison.errors.surface_rms == first.errors.surface_rms  # beside its own target
     session.document.redo()
     assert (session.document.pose, session.document.layout.pressures[4]) == (1, 200e3)
-    assert not session.document.history.drawing.same_content(DrawnLayout(BASIC))
-    assert session.document.history.drawing.same_content(
-        session.document.history.drawing.at(0)
-    )  # a pose shown is nothing unsaved
+    assert not session.document.history.layout.same_content(BASIC)
+    assert session.document.history.layout.same_content(session.document.history.at(0))  # no pose shown is unsaved
     saved = session.files.save(tmp_path / "mine")
     assert saved is not None
     study = read_study(tmp_path / "mine" / "study.toml")
@@ -783,12 +782,12 @@ def test_poses_have_their_own_target_and_pressures(begin: Begin, tmp_path: Path)
 
 def test_a_trials_frame_is_compared_with_the_motion_there(begin: Begin, folder: Path) -> None:
     trial = next((folder / "set" / "trials").glob("*.npz"))
-    target = ShownTarget.read(TargetFile(trial, frame=1), build("basic"))
+    target = load_target(TargetFile(trial, frame=1), build("basic"))
     session, shown, worker, clock = begin(targets=(target,))
     settle(session, clock)
     exact = next(ask for ask in worker.asked if ask.kind == "exact")
-    assert exact.times == [target.loaded.time]
-    assert shown.shapes[-1].time == target.loaded.time
+    assert exact.times == [target.time]
+    assert shown.shapes[-1].time == target.time
     assert session.document.comparison is not None
 
 
@@ -928,18 +927,18 @@ def test_all_is_in_the_first_view_and_bending_shows(size: tuple[float, float], w
 
 def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("viser")
-    from studies.studio.gate import Gate
-    from studies.studio.server import quiet_viser
+    from studies.studio.server import Gate, quiet_viser
     from studies.studio.widgets.page import Page
 
     monkeypatch.chdir(folder)
     write_design(BASIC.design, folder / "basic.toml")
-    target = target_at(BASIC.with_pressure(0, 200e3), folder / "bowed.xyz", every=4)
+    target = target_at(BASIC.with_pressure(0, 200e3), folder / "bowed.asc", every=4)
     with contextlib.closing(Gate("127.0.0.1", None)) as gate, quiet_viser(gate) as server:
         page = Page(server, open_files([Path("basic.toml"), target.file.file], folder / "model.toml"), AtOnce())
         session = page.session
         turns = iter(range(20))
         points, export = "Ends and corners, mm from the upper left", ("Sewing template, 1:1", "Export template")
+        into = "Sewing template, 1:1", "Folder"
         page.run(lambda: next(turns) == 12)
 
         def run() -> None:
@@ -991,7 +990,7 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         page.turn()
         assert server.scene.get_handle_by_name("/hung/other") is None
         assert "<polyline" in page.widgets.find("Model", "profile").handle.content
-        page.widgets.find("Files", *export).part.then(True)
+        page.widgets.find("Files", *export).part.then(page.widgets.find("Files", *into).value, True)
         template = folder / "basic_template"
         cut_list = (template / "design_cut_list.csv").read_text()
         export_design(session.document.layout.design, folder / "exported", Sewing(tail_length=0.03), stem="design")
@@ -1000,6 +999,6 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         page.turn()
         assert "sewing template in basic_template: " in page.widgets.find("message").handle.content
         (template / "design_a4.pdf").unlink()
-        page.widgets.find("Files", *export).part.then(True)  # asks first
+        page.widgets.find("Files", *export).part.then(page.widgets.find("Files", *into).value, True)  # asks first
         assert not (template / "design_a4.pdf").exists()
         session.end()

@@ -19,7 +19,7 @@ import pytest
 from fabdesign.errors import InputError
 from fabdesign.files.design_file import write_design
 from fabdesign.nouns.catalogue import build
-from studies.studio.gate import Gate
+from studies.studio.server import Gate, quiet_viser, tab_at
 from tests.browser import browser_at, chromium
 from tests.conftest import ROOT
 from tests.interrupted import descendants
@@ -32,8 +32,6 @@ in_proc = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="proce
 @pytest.fixture(scope="module")
 def gate() -> Iterator[Gate]:
     """A gate with viser behind it."""
-    from studies.studio.server import quiet_viser
-
     with contextlib.closing(Gate("127.0.0.1", None, first=18431)) as gate, quiet_viser(gate):
         yield gate
 
@@ -147,8 +145,6 @@ def test_where_it_listens() -> None:
 
 
 def test_another_host_lets_in_by_any_name() -> None:
-    from studies.studio.server import quiet_viser
-
     with contextlib.closing(Gate("0.0.0.0", None, first=18431)) as gate, quiet_viser(gate):
         assert gate.address == f"http://0.0.0.0:{gate.port}/?token={gate.token}"
         cookie, path = cookie_of(gate)
@@ -163,8 +159,6 @@ def test_a_server_that_asks_no_gate_is_an_error() -> None:
 
 
 def test_the_browser_is_not_told_the_token_by_its_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from studies.studio.server import tab_at
-
     monkeypatch.setenv("HOME", str(tmp_path))
     opened: list[str] = []
     monkeypatch.setattr("webbrowser.open", opened.append)
@@ -180,8 +174,6 @@ def test_the_browser_is_not_told_the_token_by_its_command_line(tmp_path: Path, m
 def test_a_browser_comes_in_and_gives_the_cookie_to_no_other_port(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from studies.studio.server import quiet_viser, tab_at
-
     seen: list[tuple[str, str | None]] = []
 
     class Foreign(http.server.BaseHTTPRequestHandler):

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,50 +22,54 @@ LIFT = 0.0015  # m, of the plane on which things of the flat scene are dragged
 
 @dataclass(frozen=True)
 class ShownUnit:
-    """How a quantity in SI is shown, and what is typed is read. digits: after the point."""
+    """How a value is shown, or each of several, and what is typed is read."""
 
-    shown: Callable[[float], float]
-    read: Callable[[float], float]
-    digits: int
+    shown: Callable[[Any], Any]
+    read: Callable[[Any], Any]
 
     def show(self, value: Any) -> Any:
-        return tuple(map(self.show, value)) if isinstance(value, tuple) else round(self.shown(value), self.digits)
+        return tuple(map(self.shown, value)) if isinstance(value, tuple) else self.shown(value)
 
     def take(self, value: Any) -> Any:
-        return tuple(map(self.take, value)) if isinstance(value, list | tuple) else self.read(value)
+        return tuple(map(self.read, value)) if isinstance(value, list | tuple) else self.read(value)
 
 
-MM, KPA = ShownUnit(in_mm, from_mm, 3), ShownUnit(in_kpa, from_kpa, 1)
+MM = ShownUnit(lambda metres: round(in_mm(metres), 3), from_mm)
+KPA = ShownUnit(lambda pascals: round(in_kpa(pascals), 1), from_kpa)
+PATH = ShownUnit(str, lambda text: Path(text.strip()))
 
 
 @dataclass(frozen=True, eq=False)
 class Widget:
     """An input, a text or what holds others. kind: what follows `add_` in viser. name: its label, or what it is looked
-    up by. value: what an input holds. then: takes what a person has put in; without it what is typed stays until
-    `value` is another, for it counts only once a button is pressed. given: viser's other arguments."""
+    up by. value: what an input holds. then: takes what a person has put in, after what stands in the inputs beside it
+    that `takes` names, in their order; without it what is typed stays until `value` is another, for it counts only once
+    a button takes it. given: viser's other arguments."""
 
     kind: str
     name: str = ""
     value: Any = None
-    then: Callable[[Any], None] | None = None
+    then: Callable[..., None] | None = None
     inside: Sequence["Widget"] = ()
     given: Mapping[str, Any] = field(default_factory=dict)
     unit: ShownUnit | None = None
+    takes: Sequence[str] = ()
 
 
 def entry(
     kind: str,
     label: str,
     value: Any,
-    then: Callable[[Any], None] | None = None,
+    then: Callable[..., None] | None = None,
     unit: ShownUnit | None = None,
+    takes: Sequence[str] = (),
     **given: Any,
 ) -> Widget:
     """Return an input with a label. unit: value and limits are in SI, and what is typed comes in SI."""
     if unit is not None:
         value = unit.show(value)
         given |= {end: unit.show(given[end]) for end in ("min", "max") if end in given}
-    return Widget(kind, label, value, then, given={"label": label, **given}, unit=unit)
+    return Widget(kind, label, value, then, given={"label": label, **given}, unit=unit, takes=takes)
 
 
 def choice(label: str, options: Sequence[str], value: str, then: Callable[[str], None] | None = None) -> Widget:
@@ -72,13 +77,13 @@ def choice(label: str, options: Sequence[str], value: str, then: Callable[[str],
     return entry("dropdown", label, value, then, options=tuple(options))
 
 
-def button(label: str, then: Callable[[], None], *, disabled: bool = False) -> Widget:
-    return entry("button", label, None, lambda _: then(), disabled=disabled)
+def button(label: str, then: Callable[..., None], *takes: str, disabled: bool = False) -> Widget:
+    return entry("button", label, None, lambda *given: then(*given[:-1]), takes=takes, disabled=disabled)
 
 
-def buttons(label: str, actions: Mapping[str, Callable[[], None]]) -> Widget:
+def buttons(label: str, actions: Mapping[str, Callable[..., None]], *takes: str) -> Widget:
     """Return buttons side by side, each with what it does."""
-    return entry("button_group", label, None, lambda name: actions[name](), options=[*actions])
+    return entry("button_group", label, None, lambda *x: actions[x[-1]](*x[:-1]), None, takes, options=[*actions])
 
 
 def folder(label: str, *inside: Widget, closed: bool = False) -> Widget:
@@ -144,10 +149,6 @@ class Widgets:
             inside = one.inside
         return one
 
-    def typed(self, *names: str) -> Any:
-        """Return what stands in an input."""
-        return self.find(*names).value
-
     def unless_lost(self, reason: str | None, write: Callable[..., Any]) -> None:
         """Call `write(replace=...)`, after asking where something would be lost by it."""
         if reason is None:
@@ -171,7 +172,7 @@ class Widgets:
             made.pop().handle.remove()
         for k, widget in enumerate(widgets):
             if k == len(made):
-                made.append(self._make(widget, parent))
+                made.append(self._make(widget, parent, made))
             else:
                 old, handle = made[k].part, made[k].handle
                 made[k].become(widget)
@@ -179,7 +180,7 @@ class Widgets:
                     handle.value = widget.value
             self._match(made[k].inside, widget.inside, made[k].handle)
 
-    def _make(self, widget: Widget, parent: Any) -> _Made:
+    def _make(self, widget: Widget, parent: Any, beside: Sequence[_Made]) -> _Made:
         if widget.kind == "tab":
             return _Made(widget, parent.add_tab(widget.name))
         value = {} if widget.value is None else {"initial_value": widget.value}
@@ -188,8 +189,8 @@ class Widgets:
 
         def put_in(event: Any) -> None:
             if event.client is not None and made.part.then is not None:  # else the program set it, or nobody asks yet
-                value = made.value
-                self._post(lambda: made.part.then(value))
+                given = [*(one.value for one in beside if one.part.name in made.part.takes), made.value]
+                self._post(lambda: made.part.then(*given))
 
         listen = getattr(made.handle, "on_click", None) or getattr(made.handle, "on_update", None)
         if listen is not None:

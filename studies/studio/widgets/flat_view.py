@@ -156,13 +156,13 @@ def flat_nodes(document: Document) -> dict[str, Node]:
     nodes: dict[str, Node] = {}
     for side, shade, title in (("front", FRONT, "front"), ("back", BACK, "back, seen from behind")):
         nodes |= _sheet(places, side, shade, title, document.row_distance)
-    broken = {i for line in document.broken() for i in line.muscles}
+    broken = {i for line in document.broken for i in line.muscles}
     for i, muscle in enumerate(design.muscles):
         shade = BROKEN if i in broken else colour(muscle.channel)
         diameter = design.muscle_types[muscle.type].outer_diameter
         nodes |= _muscle(document, i, muscle, diameter, shade, i == document.selected, places)
-    if (other := document.other()) is not None and other[0].design.muscles:
-        paths = [places.flat(np.array(m.path), m.side, lift=0.8 * LIFT) for m in other[0].design.muscles]
+    if document.other is not None and (others := document.other.at(document.pose).design.muscles):
+        paths = [places.flat(np.array(m.path), m.side, lift=0.8 * LIFT) for m in others]
         nodes["/flat/other"] = lines(*paths, shade=(90, 95, 100), pixels=2.5)  # below the muscles shown
     return nodes
 

@@ -48,9 +48,8 @@ def hung_nodes(session: Session) -> dict[str, Node]:
         return nodes
     if shape is not None:
         nodes |= _at_rest(shape) | _beside("before", session.shapes.before, _BEFORE)
-    other = document.other()
-    if other is not None and other[1].shape is not None:
-        nodes |= _beside("other", other[1].shape.points, _OTHER)
+    if document.other is not None and document.other.live is not None:
+        nodes |= _beside("other", document.other.live.points, _OTHER)
     if document.target is not None:
         points = document.target.points
         nodes |= _cloud("target", points, np.tile(np.array(_PLAIN, np.uint8), (len(points), 1)))
@@ -80,11 +79,11 @@ def _at_rest(shape: LiveShape) -> dict[str, Node]:
 
 def _cloth(points: Shape, design: Design) -> dict[str, Node]:
     """Return the cloth in two colours, front and back, and its muscles."""
-    half, triangles = len(points) // 2, _triangles(len(points))
-    nodes = {
-        "/hung/front": _face(points[:half], triangles, color=FRONT, side="front"),
-        "/hung/back": _face(points[half:], triangles[:, ::-1], color=BACK, side="front"),
-    }
+    (front, back), triangles = points.reshape(2, -1, 3), _triangles(len(points))
+    nodes = {}
+    for side, vertices, faces, shade in (("front", front, triangles, FRONT), ("back", back, triangles[:, ::-1], BACK)):
+        face = {"vertices": vertices, "faces": faces, "color": shade, "side": "front"}
+        nodes[f"/hung/{side}"] = Node("mesh_simple", face)
     for i, muscle in enumerate(design.muscles):
         line = laced(points, muscle, design.fabric)
         segments = np.stack([line[:-1], line[1:]], axis=1).astype(np.float32)
@@ -99,11 +98,8 @@ def _beside(name: str, points: Shape | None, shade: Colour) -> dict[str, Node]:
     if points is None:
         return {}
     look = {"color": shade, "opacity": 0.3, "side": "double", "cast_shadow": False}
-    return {f"/hung/{name}": _face(points[: len(points) // 2], _triangles(len(points)), **look)}
-
-
-def _face(vertices: Shape, faces: Any, **look: Any) -> Node:
-    return Node("mesh_simple", {"vertices": vertices, "faces": faces, **look})
+    face = {"vertices": points[: len(points) // 2], "faces": _triangles(len(points)), **look}
+    return {f"/hung/{name}": Node("mesh_simple", face)}
 
 
 @lru_cache(maxsize=4)

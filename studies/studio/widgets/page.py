@@ -6,6 +6,7 @@ import queue
 import time
 import traceback
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -38,10 +39,7 @@ class Page:
             command.on_trigger(lambda _, then=then: self.post(then))
 
     def begin(self) -> None:
-        def changed() -> None:
-            self._stale = True
-
-        self.session.begin(changed)
+        self.session.begin(partial(setattr, self, "_stale", True))
 
     def run(self, until: Callable[[], bool] = lambda: False) -> None:
         self.begin()
@@ -83,7 +81,7 @@ class Page:
         with self._server.atomic():
             hung, program = hung_nodes(self.session), program_nodes(self.session)
             self.nodes.show(flat_nodes(self.session.document) | hung | self._gizmo_node() | program)
-            self.widgets.show(panel(self.session, self.widgets))
+            self.widgets.show(panel(self.session, self.widgets.unless_lost))
 
     def _arrange(self, server: Any) -> None:
         server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")

@@ -1,54 +1,50 @@
 """The panel beside the scene, declared: each tab says its fields, and what a person's input does. Name, unit, limits
 and sentence of an effect's parameter are those of its declaration."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from fabdesign.clouds.target_file import AsTarget
-from fabdesign.effects.declaration import EffectParameter
 from fabdesign.effects.registry import EFFECTS
 from fabdesign.geometry.placement import UNITS
 from fabdesign.output import read_mark
 from studies.studio import layout as edits
 from studies.studio.document import Document
 from studies.studio.drawings import one_more_buys
-from studies.studio.measured import errors_table
+from studies.studio.model_choice import ModelChoice
 from studies.studio.search import VARIES
 from studies.studio.session import Session
 from studies.studio.widgets import declared as ui
-from studies.studio.widgets.declared import KPA, MM, Widget, Widgets
+from studies.studio.widgets.declared import KPA, MM, PATH, Widget
 from studies.studio.widgets.hung_view import LEAST_SCALE
-from studies.studio.widgets.status import error_over_time, profile, results_table, scale_bar, status
+from studies.studio.widgets.status import error_over_time, errors_table, profile, results_table, scale_bar, status
 
+UnlessLost = Callable[[str | None, Callable[..., Any]], None]
 NONE, SHEET, FILE, DRAWING = "none", "data sheet", "model file", "own drawing"
 _SHIFT, _TURN, _TEMPLATE = "Shift, mm", "Turn, degrees", "Sewing template, 1:1"
 
 
-def panel(session: Session, made: Widgets) -> list[Widget]:
-    """Return all that stands beside the scene. made: has what is typed and counts once a button is pressed."""
+def panel(session: Session, unless_lost: UnlessLost) -> list[Widget]:
+    """Return all that stands beside the scene. unless_lost: writes, after asking where something would be lost by
+    it."""
     document = session.document
     tabs = {
         "Layout": muscle(document),
         "Model": [ui.html("profile", profile(session)), *model(document)],
-        "Target": target(session, made),
+        "Target": target(session),
         "Results": results(document),
-        "Motion": [*program(session, made), *motion(session, made)],
-        "Files": files(session, made),
+        "Motion": [*program(session, unless_lost), *motion(session)],
+        "Files": files(session, unless_lost),
     }
     pages = [Widget("tab", name, inside=widgets) for name, widgets in tabs.items()]
-    ends = zip(document.layout.pressures, edits.highest(document.layout.design), strict=True)
-    sliders = [
-        _slider(f"Channel {k}, kPa", min(pressure, end), partial(document.press, k), end, step=1.0)
-        for k, (pressure, end) in enumerate(ends)
-    ]
+    sliders, press = [], document.press
+    for k, (now, end) in enumerate(zip(document.layout.pressures, edits.highest(document.layout.design), strict=True)):
+        given: dict[str, Any] = {"min": 0.0, "max": end, "step": 1.0}
+        sliders.append(ui.entry("slider", f"Channel {k}, kPa", min(now, end), partial(press, k), KPA, **given))
     return [*status(session), ui.folder("Pressures", *sliders), Widget("tab_group", inside=pages)]
-
-
-def _slider(label: str, pressure: float, then: Any, end: float, *, step: float) -> Widget:
-    """Return a slider of a pressure up to `end` Pa. step: kPa."""
-    return ui.entry("slider", label, pressure, then, KPA, min=0.0, max=end, step=step)
 
 
 def muscle(document: Document) -> list[Widget]:
@@ -62,10 +58,6 @@ def muscle(document: Document) -> list[Widget]:
         name, put = edits.point_name(design.muscles[i or 0], k).capitalize(), partial(edit, f"point {k} typed")
         points.append(ui.entry("vector2", f"{name} {k}", at, partial(put, edits.move_corner, k), MM, step=0.1))
 
-    def select(name: str) -> None:
-        if name != NONE:
-            document.select(names.index(name))
-
     def add() -> None:
         document.edit("add a muscle", lambda layout: edits.add_muscle(layout, i))
         document.select(len(document.layout.design.muscles) - 1)
@@ -73,19 +65,17 @@ def muscle(document: Document) -> list[Widget]:
     def spread(distance: float) -> None:
         document.set_option("row_distance", max(distance, edits.LEAST_SPACING))
 
-    def put_on(channel: float) -> None:
-        edit("channel", edits.set_channel, int(channel))
-
+    put_on = partial(edit, "channel", edits.set_channel)
     last = max(1, len(one.path) - 2) if one else 0  # of the corners between the ends
     changes = {"remove": partial(edit, "remove", edits.remove_muscle), "flip": partial(edit, "flip", edits.flip)}
     corners = {
         "add corner": partial(edit, "add a corner", edits.add_corner),
         "remove corner": partial(edit, "remove a corner", edits.remove_corner, last),
     }
-    spacing = {"min": edits.LEAST_SPACING, "max": 0.1, "step": 0.5}
+    spacing: dict[str, Any] = {"min": edits.LEAST_SPACING, "max": 0.1, "step": 0.5}
     return [
         ui.buttons("History", {"undo": document.undo, "redo": document.redo}),
-        ui.choice("Muscle", names, names[i or 0], select),
+        ui.choice("Muscle", names, names[i or 0], lambda name: document.select(names.index(name))),
         ui.buttons("Layout", {"add": add, **changes}),
         ui.entry("text", "Face", one.side if one else "", disabled=True),
         ui.choice("Type", types, one.type if one else types[0], partial(edit, "type", edits.set_type)),
@@ -103,86 +93,68 @@ def muscle(document: Document) -> list[Widget]:
 
 def model(document: Document) -> list[Widget]:
     """Return data sheet or model file, and effects on switches with their parameters."""
-    chosen = document.choice
-    widgets = []
+    chosen, widgets = document.choice, []
+
+    def chooses(change: Callable[..., ModelChoice], *given: str) -> Callable[[Any], None]:
+        """Return what changes the choice that holds then."""
+        return lambda value: document.choose(change(document.choice, *given, value))
+
     if document.opened.model is not None:
-        base = FILE if chosen.fitted else SHEET
-        widgets.append(
-            ui.choice("Values", (FILE, SHEET), base, lambda name: document.choose(chosen.sheet(name == FILE)))
-        )
+        base, choose = FILE if chosen.fitted else SHEET, chooses(lambda choice, name: choice.sheet(name == FILE))
+        widgets.append(ui.choice("Values", (FILE, SHEET), base, choose))
     if chosen.has_corrector:
         acts = chosen.model.corrector is not None or not chosen.corrected
         hint = "Exact shapes and motions" if acts else "Left out: it was trained beside other effects"
-
-        def correct(on: bool) -> None:
-            document.choose(replace(document.choice, corrected=on))
-
+        correct = chooses(lambda choice, on: replace(choice, corrected=on))
         widgets.append(ui.entry("checkbox", "Corrector", chosen.corrected, correct, hint=hint))
     for name, effect in EFFECTS.items():
         if effect.site == "sensing":
             continue  # of sensors, which see no shape here
-
-        def switch(on: bool, name: str = name) -> None:
-            document.choose(document.choice.switched(name, on))
-
-        on = ui.entry("checkbox", "On", name in chosen.effect_values, switch, hint=effect.what)
-        values = chosen.effect_values.get(name, {})
-        fields = [_parameter(document, name, key, effect.parameters[key]) for key in sorted(values)]
-        widgets.append(ui.folder(name.replace("_", " "), on, *fields, closed=True))
+        switch, values = chooses(ModelChoice.switched, name), chosen.effect_values.get(name)
+        fields = [ui.entry("checkbox", "On", values is not None, switch, hint=effect.what)]
+        for key, value in sorted((values or {}).items()):
+            declared, put = effect.parameters[key], chooses(ModelChoice.with_value, name, key)
+            label = key.replace("_", " ") + (f", {declared.unit}" if declared.unit not in ("", "1") else "")
+            (low, high), hint = declared.bounds, declared.what
+            shown = min(max(round(value, 6), low), high)
+            fields.append(ui.entry("number", label, shown, put, min=low, max=high, hint=hint))
+        widgets.append(ui.folder(name.replace("_", " "), *fields, closed=True))
     return widgets
 
 
-def _parameter(document: Document, effect: str, key: str, declared: EffectParameter) -> Widget:
-    unit = f", {declared.unit}" if declared.unit not in ("", "1") else ""
-    low, high = declared.bounds
-
-    def put(value: float) -> None:
-        if effect in document.choice.effect_values:
-            document.choose(document.choice.with_value(effect, key, float(value)))
-
-    shown = min(max(round(document.choice.effect_values[effect][key], 6), low), high)
-    return ui.entry("number", f"{key.replace('_', ' ')}{unit}", shown, put, min=low, max=high, hint=declared.what)
-
-
-def target(session: Session, made: Widgets) -> list[Widget]:
+def target(session: Session) -> list[Widget]:
     """Return the target: opened, placed by fit or by hand, and searched for from here."""
-    document, search, typed = session.document, session.search, partial(made.typed, "Target")
+    document, search = session.document, session.search
     file = None if document.target is None else document.target.file
     poses = tuple(f"{number}: {target.file.file.name}" for number, target in enumerate(document.targets))
 
-    def open_as(place: Any) -> None:
-        name = typed("File").strip()
-        document.open_target(AsTarget(typed("Unit"), place).target(Path(name)) if name else None)
+    def open_as(place: Any, file: Path, unit: Any) -> None:
+        document.open_target(AsTarget(unit, place).target(file) if file.name else None)
 
-    def begin() -> None:
-        search.start(*(typed("Search from here", label) for label in ("May change", "Seconds")))
+    def place(shift: Any, turn: Any, _: Any) -> None:
+        document.place_target(turn, shift)
 
-    def show_pose(name: str) -> None:
-        document.show_pose(poses.index(name) if name in poses else -1)
-
-    def place(_: Any) -> None:
-        document.place_target(*(typed("Placed by hand", label) for label in (_TURN, _SHIFT)))
-
-    still = (0.0, 0.0, 0.0)
+    still, placing = (0.0, 0.0, 0.0), (_SHIFT, _TURN)
     drag = "Drag it by arrows and rings in the scene"
-    several = len(document.opened.targets) > 1
+    shown = (*poses, NONE)[document.pose]
+    pose = ui.choice("Pose", poses or (NONE,), shown, lambda name: document.show_pose((*poses, name).index(name)))
     return [
-        *([ui.choice("Pose", poses or (NONE,), (*poses, NONE)[document.pose], show_pose)] if several else []),
-        ui.entry("text", "File", str(file.file) if file else ""),
+        *([pose] if len(document.opened.targets) > 1 else []),
+        ui.entry("text", "File", file.file if file else "", unit=PATH),
         ui.choice("Unit", tuple(UNITS), file.unit if file else "m"),
-        ui.buttons("Open", {"as given": partial(open_as, "given"), "fit": partial(open_as, "fit")}),
+        ui.buttons("Open", {"as given": partial(open_as, "given"), "fit": partial(open_as, "fit")}, "File", "Unit"),
         ui.folder(
             "Placed by hand",
             ui.entry("checkbox", "Gizmo", document.gizmo, partial(document.set_option, "gizmo"), hint=drag),
-            ui.entry("vector3", _SHIFT, file.translation if file else still, place, MM, step=0.5),
-            ui.entry("vector3", _TURN, (file and file.rotation) or still, place, step=1.0),
+            ui.entry("vector3", _SHIFT, file.translation if file else still, place, MM, placing, step=0.5),
+            ui.entry("vector3", _TURN, (file and file.rotation) or still, place, None, placing, step=1.0),
             closed=True,
         ),
         ui.folder(
             "Search from here",
             ui.choice("May change", VARIES, VARIES[0]),
             ui.entry("number", "Seconds", 120.0, min=1.0, max=86400.0, step=10.0),
-            ui.button("Search from here", begin, disabled=search.running),
+            ui.button("Search from here", search.start, "May change", "Seconds", disabled=search.running),
             ui.button("Stop, keep the best", search.stop, disabled=not search.running),
             ui.words("message", search.message),
         ),
@@ -209,33 +181,35 @@ def results(document: Document) -> list[Widget]:
     ]
 
 
-def program(session: Session, made: Widgets) -> list[Widget]:
+def program(session: Session, unless_lost: UnlessLost) -> list[Widget]:
     """Return what stands beside the plot; nothing where no program is edited."""
     if (edit := session.program) is None:
         return []
-    regulator = edit.moving.regulator
+    regulator, highest = edit.moving.regulator, float(edit.moving.regulator.highest[edit.channel])
     channels = tuple(map(str, range(regulator.channels)))
     knots = tuple(f"{regulator.cycle * cycle:.2f}" for cycle in edit.knots)
 
-    def save() -> None:
-        path = Path(made.typed("Motion", "Program", "File").strip())
-        made.unless_lost(f"{path} is there" if path.exists() else None, partial(edit.save, path))
+    def save(path: Path) -> None:
+        unless_lost(f"{path} is there" if path.exists() else None, partial(edit.save, path))
+
+    def opened(_: Path) -> None:
+        edit.take(edit.moving.pressures)
 
     inside = [
         ui.choice("Channel", channels, channels[edit.channel], lambda name: edit.select(int(name), edit.knot)),
         ui.choice("Knot, s", knots, knots[edit.knot], lambda name: edit.select(edit.channel, knots.index(name))),
-        _slider("Pressure, kPa", edit.pressure, edit.put, float(regulator.highest[edit.channel]), step=0.1),
+        ui.entry("slider", "Pressure, kPa", edit.pressure, edit.put, KPA, min=0.0, max=highest, step=0.1),
         ui.buttons("Play it over the target", {"coarse": edit.play, "exact": partial(edit.play, "motion")}),
         ui.html("error", error_over_time(session)),
-        ui.entry("text", "File", f"{edit.moving.study.name}_pressures.csv"),
-        ui.buttons("Program", {"save": save, "as it was opened": partial(edit.take, edit.moving.pressures)}),
+        ui.entry("text", "File", f"{edit.moving.study.name}_pressures.csv", unit=PATH),
+        ui.buttons("Program", {"save": save, "as it was opened": opened}, "File"),
     ]
     return [ui.folder("Program", *inside)]
 
 
-def motion(session: Session, made: Widgets) -> list[Widget]:
+def motion(session: Session) -> list[Widget]:
     """Return the motion: played, scrubbed through, written."""
-    playing, trials, typed = session.playing, tuple(session.document.trials), partial(made.typed, "Motion")
+    playing, trials = session.playing, tuple(session.document.trials)
     shown, given, scale, text, last = playing.motion, session.document.opened.program, "", "", 1
     if shown is not None:
         last = max(1, len(shown.times) - 1)
@@ -245,7 +219,7 @@ def motion(session: Session, made: Widgets) -> list[Widget]:
             scale = scale_bar(max(LEAST_SCALE, shown.largest), "measured point to the shown surface")
     of_trials = [
         ui.choice("Trial", trials, trials[0]),
-        ui.button("Show measured and predicted", lambda: playing.trial(typed("Trial"))),
+        ui.button("Show measured and predicted", playing.trial, "Trial"),
         ui.button("Errors of all trials", playing.all_errors),
     ] if trials else []  # fmt: skip
     frames: dict[str, Any] = {"min": 0, "max": last, "step": 1, "disabled": shown is None}
@@ -253,8 +227,8 @@ def motion(session: Session, made: Widgets) -> list[Widget]:
     return [
         ui.button("Play the rise to these pressures", playing.rise),
         *opened,
-        ui.entry("text", "Pressures file", ""),
-        ui.button("Play the file", lambda: playing.file(Path(typed("Pressures file").strip()))),
+        ui.entry("text", "Pressures file", "", unit=PATH),
+        ui.button("Play the file", playing.file, "Pressures file"),
         *of_trials,
         ui.button("Play" if shown and not playing.running else "Pause", playing.toggle, disabled=shown is None),
         ui.entry("slider", "Frame", playing.frame if shown else 0, playing.scrub, **frames),
@@ -262,38 +236,36 @@ def motion(session: Session, made: Widgets) -> list[Widget]:
         ui.html("scale", scale),
         ui.folder(
             "For other programs",
-            ui.entry("text", "File", "motion.glb", hint=".glb, .pvd, .rrd, .csv, .html or .png"),
-            ui.button("Write the motion", lambda: playing.write(Path(typed("For other programs", "File").strip()))),
+            ui.entry("text", "File", "motion.glb", unit=PATH, hint=".glb, .pvd, .rrd, .csv, .html or .png"),
+            ui.button("Write the motion", playing.write, "File"),
             closed=True,
         ),
         ui.words("errors", errors_table(playing.errors)),
     ]
 
 
-def files(session: Session, made: Widgets) -> list[Widget]:
+def files(session: Session, unless_lost: UnlessLost) -> list[Widget]:
     """Return the files: saved, exported, taken again."""
-    document, saving, typed = session.document, session.files, partial(made.typed, "Files")
+    document, saving = session.document, session.files
     state = "unsaved changes, kept in an autosave" if document.history.changed else "nothing unsaved"
     undo = f"; undo: {document.history.next_undo}" if document.history.next_undo else ""
 
-    def save() -> None:
-        to = Path(typed("Folder").strip())
-        made.unless_lost(saving.replaces(to), partial(saving.save, to))
+    def save(folder: Path) -> None:
+        unless_lost(saving.replaces(folder), partial(saving.save, folder))
 
-    def export() -> None:
-        to = Path(typed(_TEMPLATE, "Folder").strip())
-        mark = read_mark(to)
-        reason = None if mark is None else f"{to} holds what `fabdesign {mark.made_by}` wrote"
-        made.unless_lost(reason, partial(saving.save_template, to))
+    def export(folder: Path) -> None:
+        mark = read_mark(folder)
+        reason = None if mark is None else f"{folder} holds what `fabdesign {mark.made_by}` wrote"
+        unless_lost(reason, partial(saving.save_template, folder))
 
     return [
-        ui.entry("text", "Folder", str(saving.folder)),
-        ui.button("Save", save),
+        ui.entry("text", "Folder", saving.folder, unit=PATH),
+        ui.button("Save", save, "Folder"),
         ui.button("Load from disk", saving.load_again),
         ui.words("state", f"`{document.opened.file}`: {state}{undo}"),
         ui.folder(
             _TEMPLATE,
-            ui.entry("text", "Folder", str(saving.template_folder)),
-            ui.button("Export template", export),
+            ui.entry("text", "Folder", saving.template_folder, unit=PATH),
+            ui.button("Export template", export, "Folder"),
         ),
     ]

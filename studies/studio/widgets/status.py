@@ -1,11 +1,12 @@
 """The head of the panel: what the shape is, how it lies, which limits are broken; and the profile of the lower edge."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
 import numpy as np
 
+from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.array import Array
 from fabdesign.units import in_kpa, in_mm
 from studies.studio.drawings import LiveShape, Row
@@ -24,7 +25,7 @@ _LEAST = 0.005  # m, the least height of the plot
 
 def status(session: Session) -> list[Widget]:
     """Return boxes with room for what they say most of the time: what stands below them stays under the hand."""
-    document, broken = session.document, session.document.broken()
+    document, broken = session.document, session.document.broken
     limits = "<b>Limits:</b> all kept", "#e6f4ea"
     if broken:
         lines = "<br>".join(escape(line.message) for line in broken)
@@ -112,6 +113,25 @@ def results_table(rows: list[Row]) -> str:
     return f'<table id="studio-results" style="{style}">{head}{"".join(lines)}</table>'
 
 
+def errors_table(by_trial: Mapping[str, tuple[Errors, ...]]) -> str:
+    """Return in Markdown a row for each trial, surface RMS in mm, without and with the corrector where one acts, and
+    the noise floor; and the means."""
+    if not by_trial:
+        return ""
+    corrected = any(len(errors) > 1 for errors in by_trial.values())
+    rows = {
+        name: [e.surface_rms for e in (errors[0], errors[-1])[: 1 + corrected]] + [errors[-1].surface_floor]
+        for name, errors in by_trial.items()
+    }
+    if len(rows) > 1:
+        rows[f"**mean of {len(rows)}**"] = np.mean([*rows.values()], axis=0).tolist()
+    head = ["trial", "predicted", *(["corrected"] if corrected else []), "noise floor"]
+    lines = [head, ["---"] * len(head)]
+    for name, values in rows.items():
+        lines.append([name, *(f"{in_mm(x):.2f}" if np.isfinite(x) else "not known" for x in values)])
+    return "Surface RMS, mm, mean of all frames\n\n" + "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
 def profile(session: Session) -> str:
     """Return the lower edge from below, z over u, with the model's intervals as a band; empty without a shape."""
     shape, band = session.shapes.shown, session.shapes.band
@@ -182,15 +202,13 @@ def _plot(
         at = zip(across(places[-len(values) :]), height(values), strict=True)
         return [f"{x:.1f},{y:.1f}" for x, y in at]
 
-    text = 'font-size="11" fill="#3b4654"'
     parts = [f'<path d="M{left} {top}V{bottom}H{right}" stroke="#8a94a0" fill="none"/>']
-    for value in (ends[0], sum(ends) / 2, ends[1]):
-        at = f'x="{left - 4}" y="{height(value) + 4:.0f}" text-anchor="end"'
-        parts.append(f"<text {at} {text}>{in_mm(value):.1f}</text>")
-    first, last = float(places[0]), float(places[-1])
-    for x, place in ((left, first), ((left + right) / 2, (first + last) / 2), (right - 6, last)):
-        at = f'x="{x:.0f}" y="{bottom + 15}" text-anchor="middle"'
-        parts.append(f"<text {at} {text}>{place:.{digits}f}</text>")
+    at = zip((left, (left + right) / 2, right - 6), np.linspace(places[0], places[-1], 3), strict=True)
+    beside = [(left - 4, height(value) + 4, "end", f"{in_mm(value):.1f}") for value in np.linspace(*ends, 3)]
+    below = [(x, bottom + 15, "middle", f"{place:.{digits}f}") for x, place in at]
+    for x, y, anchor, label in (*beside, *below):
+        place = f'x="{x:.0f}" y="{y:.0f}" text-anchor="{anchor}"'
+        parts.append(f'<text {place} font-size="11" fill="#3b4654">{label}</text>')
     if band is not None:
         outline = " ".join([*points(band[0]), *reversed(points(band[1]))])
         parts.append(f'<polygon points="{outline}" fill="#1b4f8a" fill-opacity="0.22"/>')
