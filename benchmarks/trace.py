@@ -40,7 +40,7 @@ def examine(rig: Rig, measured: Path, out: Path) -> dict[str, Any]:
     begin = time.process_time(), time.monotonic()
     with withheld(rig.withheld):
         outcome = trace_set(read_set(measured), out, inputs=[measured], say=lambda line: print(f"{rig.name}: {line}"))
-    found, evidence = outcome.as_json(), outcome.evidence
+    found, evidence = outcome.to_json(), outcome.evidence
     names = [effect["name"] for effect in found["effects"]]
     is_right = rig.is_right(names, found["verdict"], found["indistinguishable"])
     return {

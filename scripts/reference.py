@@ -16,8 +16,7 @@ import click
 import numpy as np
 
 from fabdesign.cli import commands
-from fabdesign.effects.registry import EFFECTS
-from fabdesign.effects.table import markdown_table
+from fabdesign.effects.registry import EFFECTS, markdown_table
 from fabdesign.formats.codec import expected_of
 from fabdesign.formats.schema import FileKey, Notes, annotated, members, unit_of, walk
 from studies.check.kinds import KINDS, STUDIES

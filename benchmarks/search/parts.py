@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from benchmarks.machine import ROOT
 from benchmarks.search.targets import Truth, copy_on_rig, half_tube, measured, truths
 from fabdesign.files.model_file import read_model
+from fabdesign.formats.json_file import plain
 from fabdesign.geometry.distances import chamfer
 from fabdesign.nouns.catalogue import build
 from fabdesign.study_files.layouts_file import LayoutsStudy
@@ -24,7 +25,7 @@ from optimize.search.objective import Objective, Target
 from studies.layout_grid.run import run_layouts
 from studies.layout_search.first_layouts import forward_models
 from studies.layouts.result import StudyResult, Verification
-from studies.layouts.robustness import as_json, robustness_of
+from studies.layouts.robustness import robustness_of
 from studies.layouts.run import run_study
 from studies.layouts.scatter import Scatter
 from studies.prediction.forward_model import forward_model
@@ -132,7 +133,7 @@ def grid(seed: int, folder: Path, share: float) -> Row:
     )
     cpu = time.process_time()
     result = run_layouts(LayoutsStudy(search, COUNTS, tuple(design.muscle_types), ("front", "both")), folder / "out")
-    kept = {row["name"]: [row["objective_mm"], row["searched_mm"]] for row in result.as_json()["cells"]}
+    kept = {row["name"]: [row["objective_mm"], row["searched_mm"]] for row in result.to_json()["cells"]}
     return {
         "cells": kept,
         "seconds": search.limits.seconds,
@@ -188,8 +189,8 @@ def robust(truth: Truth, folder: Path, share: float) -> Row:
     on_rig = _on_rig(nominal, asked, nominal.targets[0].points, None)
     return {
         "muscles": [len(result.design.muscles) for result in (nominal, chosen)],
-        "nominal": as_json(found, asked),
-        "yield": chosen.as_json()["robust"],
+        "nominal": plain(found),
+        "yield": chosen.to_json()["robust"],
         "rig_nominal": on_rig,
         "rig_yield": _on_rig(chosen, asked, nominal.targets[0].points, 1e-3 * on_rig["tolerance_mm"]),
     }
@@ -199,7 +200,7 @@ def poses(truth: Truth, folder: Path, share: float) -> Row:
     """Two poses with one layout, and each with its own."""
     files = [measured(truth, pose, folder) for pose in (0, 1)]
     both, row = timed(study_of(truth, files, share * 2 * SECONDS), folder / "both")
-    row["poses_mm"] = [pose["chamfer"] for pose in both.as_json()["poses"]]
+    row["poses_mm"] = [pose["chamfer"] for pose in both.to_json()["poses"]]
     row["alone_mm"] = [
         timed(study_of(truth, [file], share * SECONDS), folder / f"pose_{k}")[1]["value_mm"]
         for k, file in enumerate(files)

@@ -3,7 +3,7 @@ terminal a bar with the time left, elsewhere lines. While kernels compile, the b
 extrapolated."""
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import inf
 from typing import TYPE_CHECKING, Any
@@ -35,7 +35,7 @@ def commands() -> None:
     ensure_cache_folder()
 
 
-def print_result(result: Mapping[str, Any], text: str, as_json: bool) -> None:
+def print_result(result: object, text: str, as_json: bool) -> None:
     """Print a result as JSON or as text; nothing where there is none."""
     if as_json or text:
         click.echo(json_text(result) if as_json else printable(text))
@@ -118,7 +118,7 @@ def _bar(with_rest: bool) -> "Progress":
             self.max_refresh = -1.0  # s: never kept, for that clock stands still
 
         def render(self, task: Task) -> Text:
-            if working_time.compiling():
+            if working_time.wall.stops:
                 return Text("compiling the simulator")
             return Text.assemble(super().render(task), " left") if with_rest else Text()
 

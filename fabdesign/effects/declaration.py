@@ -9,11 +9,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
-from typing import Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.formats.schema import Key
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.fabric import Fabric
@@ -160,14 +161,16 @@ class EffectParameter:
     what: str
     typical: float  # the value where none is given
     bounds: tuple[float, float]
-    deviation: float  # prior standard deviation, of the parameter or, by transform "log", of its logarithm
+    # prior standard deviation, of the parameter or, by transform "log", of its logarithm
+    deviation: Annotated[float, Key("prior.deviation")]
     off: float | None = None
-    transform: Literal["linear", "log"] = "linear"
+    transform: Annotated[Literal["linear", "log"], Key("prior.transform")] = "linear"
     integer: bool = False  # a number of something, such as a channel: chosen, not fitted
     tried: tuple[float, ...] = ()  # where a fit of all effects has it, of a place as shares of the cloth: chosen too
+    json_keys: ClassVar = "unit", "what", "typical", "off", "bounds", "centre", "deviation", "transform"
 
     @property
-    def centre(self) -> float:
+    def centre(self) -> Annotated[float, Key("prior.centre")]:
         """Return the prior's centre."""
         return self.typical if self.off is None else self.off
 
@@ -207,6 +210,9 @@ class Effect:
     named: bool = True
     adds_up_to: str = ""
     same_from_rest: str = ""
+    json_keys: ClassVar = (
+        "name", "site", "scope", "what", "signature", "looks_like", "source", "remembers", "parameters"
+    )  # fmt: skip
 
     @property
     def strengths(self) -> tuple[str, ...]:

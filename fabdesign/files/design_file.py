@@ -13,7 +13,7 @@ import tomlkit
 from fabdesign.effects.registry import effect_named
 from fabdesign.errors import InputError
 from fabdesign.files import law_tables
-from fabdesign.formats.codec import Encoder, decode, decode_key, decode_part, plain
+from fabdesign.formats.codec import Encoder, decode, decode_key, decode_part
 from fabdesign.formats.table import DESIGN, Table, load_part, load_toml
 from fabdesign.formats.toml_file import file_name, parse_toml
 from fabdesign.nouns.design import MUSCLE_TYPES, Design, Term
@@ -214,7 +214,7 @@ def _text(design: Design, path: Path) -> str:
         for term in design.effects:
             declared = effect_named(term.name, "design").parameters
             values = {name: Quantity(value, declared[name].unit) for name, value in term.values.items()}
-            effects.append(plain(EffectTerm(term.name, values, term.scope)))
+            effects.append(Encoder().encode(EffectTerm(term.name, values, term.scope)))
         document["effects"] = effects
     return tomlkit.dumps(document)
 

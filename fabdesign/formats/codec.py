@@ -219,7 +219,7 @@ class Encoder:
     that has a file of its own, and returns what the key says."""
 
     def __init__(
-        self, file: Path, names: Mapping[type, Callable[[Any], str]] | None = None, *, comments: bool = False
+        self, file: Path = Path(), names: Mapping[type, Callable[[Any], str]] | None = None, *, comments: bool = False
     ) -> None:
         self._folder, self._names, self._comments = file.parent, names or {}, comments
 
@@ -259,9 +259,3 @@ class Encoder:
             text = f"{number.normalize():f}"  # with all its digits, and no zeros behind them
             return Float(float(number), Trivia(), text if "." in text else text + ".0")
         return value
-
-
-def plain(thing: Any) -> dict[str, Any]:
-    """Return the table of a dataclass that names no files."""
-    table: dict[str, Any] = Encoder(Path()).encode(thing)
-    return table

@@ -1,22 +1,25 @@
 """Values as JSON, written and read in one way.
 
-Results stand there in the border's units, mm and kPa: a field of a dataclass declares key and unit where they differ
-(`Key` and `FileUnit` of `schema`), as in any other file. What is kept between runs stands there `exact`, to the last
-bit: SI, by the fields' own names, arrays as their bytes. Nothing but what a declared type says is made of it again, so
-that a file of others can do no harm.
+Results stand there in the border's units, mm and kPa: a field of a dataclass, or a property's return type, declares key
+and unit where they differ (`Key` and `FileUnit` of `schema`), as in any other file. A class may name in `json_keys` the
+fields and properties that stand there; one whose JSON is of another shape has the method `json_content`.
+
+What is kept between runs stands there `exact`, to the last bit: SI, by the fields' own names, arrays as their bytes.
+Nothing but what a declared type says is made of it again, so that a file of others can do no harm.
 """
 
 import base64
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
+from functools import cache, partial
 from math import isfinite
 from pathlib import Path
 from types import NoneType
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from fabdesign.errors import InputError
-from fabdesign.formats.schema import annotated, members
+from fabdesign.formats.schema import FileKey, FileUnit, annotated, file_key, members, unit_of
 from fabdesign.output import write_text
 
 T = TypeVar("T")
@@ -44,22 +47,49 @@ def read_json(path: Path, kind: type = dict) -> Any:
     return content
 
 
-def plain(value: Any) -> Any:
-    """Return what JSON holds of a value: of a dataclass a table of its fields, as they declare it."""
+def plain(value: Any, unit: FileUnit | None = None) -> Any:
+    """Return what JSON holds of a value: of a dataclass a table. unit: of numbers that declare none."""
     if is_dataclass(value) and not isinstance(value, type):
-        table = {}
-        for field in fields(value):
-            item, notes = getattr(value, field.name), annotated(field.type)[1]
-            item = float(notes.unit.write(item)) if notes.unit and isinstance(item, float) else item
-            table[notes.key.name or field.name] = plain(item)
-        return table
+        return plain(value.json_content()) if hasattr(value, "json_content") else _table(value, unit)
     if hasattr(value, "tolist"):  # of numpy, which is not loaded for a help
-        return plain(value.tolist())
+        return plain(value.tolist(), unit)
     if isinstance(value, Mapping | list | tuple):
-        return _each(plain, value)
+        return _each(partial(plain, unit=unit), value)
     if isinstance(value, Path):
         return str(value)
-    return None if isinstance(value, float) and not isfinite(value) else value
+    if not isinstance(value, float):
+        return value
+    return (float(unit.write(value)) if unit else value) if isfinite(value) else None
+
+
+def _table(value: Any, unit: FileUnit | None) -> dict[str, Any]:
+    """Return the table of a dataclass. unit: of the numbers that declare none."""
+    table: dict[str, Any] = {}
+    for each in _keys(cast(Any, type(value))):
+        item, key = getattr(value, each.field), each.notes.key
+        if not each.name or (key.brief and item == each.default):
+            continue
+        inner = table
+        for name in each.tables:
+            inner = inner.setdefault(name, {})
+        content = plain(item, unit_of(each.type, each.notes) or unit)
+        inner |= (content or {}) if key.inside else {each.name: content}
+    return table
+
+
+@cache
+def _keys(form: type) -> tuple[FileKey, ...]:
+    """Return the keys of a dataclass: of the fields and properties that it names, else of all fields."""
+    keys = []
+    declared = {field.name: field for field in fields(form)}
+    for name in getattr(form, "json_keys", declared):
+        if field := declared.get(name):
+            keys.append(file_key(name, field.type, field))
+        else:
+            member = getattr(form, name)
+            returned = (getattr(member, "fget", None) or member.func).__annotations__["return"]
+            keys.append(file_key(name, returned))
+    return tuple(keys)
 
 
 def exact(value: Any) -> Any:

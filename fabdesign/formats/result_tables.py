@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fabdesign.errors import InputError, needs
+from fabdesign.formats.json_file import plain
 from fabdesign.units import in_mm
 
 if TYPE_CHECKING:
@@ -126,8 +127,7 @@ class Tabled:
 
     def to_json(self) -> dict[str, Any]:
         """Return what the command's `--json` prints, but for the files that it names."""
-        as_json: dict[str, Any] = self.as_json()  # type: ignore[attr-defined]
-        return as_json
+        return dict(plain(self))
 
 
 class OfModel(Tabled):

@@ -36,7 +36,8 @@ Metre = Annotated[float, FileUnit("m")]
 Second = Annotated[float, FileUnit("s")]
 Kilopascal = Annotated[float, FileUnit("kPa", _pascals, kilopascals)]  # Pa inside
 KilopascalPerSecond = Annotated[float, FileUnit("kPa/s", _pascals, kilopascals)]  # Pa/s inside
-Millimetre = Annotated[float, FileUnit("mm", lambda number: from_mm(float(number)), in_mm)]  # m inside
+MM = FileUnit("mm", lambda number: from_mm(float(number)), in_mm)
+Millimetre = Annotated[float, MM]  # m inside
 
 
 @dataclass(frozen=True)
@@ -115,15 +116,19 @@ class FileKey:
 
 def _file_keys(form: Any) -> tuple[FileKey, ...]:
     """Return the keys of a dataclass in the order of its fields."""
-    hints, keys = get_type_hints(form, include_extras=True), []
-    for each in (one for one in fields(form) if one.init):
-        plain, notes, sentence = annotated(hints[each.name])
-        if len(kinds := members(plain)) == 1:  # None stands for a key that is not there
-            plain, notes, _ = annotated(kinds[0], notes)
-        *tables, name = (notes.key.name if notes.key.name is not None else each.name).split(".")
-        default = each.default if each.default_factory is MISSING else each.default_factory()
-        keys.append(FileKey(each.name, tuple(tables), name, plain, notes, sentence, default))
-    return tuple(keys)
+    hints = get_type_hints(form, include_extras=True)
+    return tuple(file_key(each.name, hints[each.name], each) for each in fields(form) if each.init)
+
+
+def file_key(name: str, hint: Any, field: Any = None) -> FileKey:
+    """Return the key of a dataclass's field, or of a property, by its type."""
+    factory = getattr(field, "default_factory", MISSING)
+    default = getattr(field, "default", MISSING) if factory is MISSING else factory()
+    plain, notes, sentence = annotated(hint)
+    if len(kinds := members(plain)) == 1:  # None stands for a key that is not there
+        plain, notes, _ = annotated(kinds[0], notes)
+    *tables, key = (notes.key.name if notes.key.name is not None else name).split(".")
+    return FileKey(name, tuple(tables), key, plain, notes, sentence, default)
 
 
 file_keys: Callable[[Any], tuple[FileKey, ...]] = cache(_file_keys)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from fabdesign.errors import InputError
-from fabdesign.formats.result_tables import Columns, Tabled, by_name
 from fabdesign.interface.run import Run, all_sets
 from fabdesign.interface.searches import study_verb
 from fabdesign.interface.verb import VERBS, Computing, Verb, verb
@@ -18,6 +17,7 @@ if TYPE_CHECKING:
     from fabdesign.interface.verb import DesignLike, File, Folder, ModelLike, SetLike
     from studies.loop.record import LoopOutcome
     from studies.sensitivity.result import SensitivityResult
+    from studies.unseen.report import UnseenResult
 
 
 @study_verb("studies.sensitivity.report")
@@ -58,26 +58,25 @@ def sensitivity(
     from studies.sensitivity.run import run_sensitivity
 
     run = Run.of(keys)
-    asked: dict[str, Any] | None = None
-    if parameters is not None or covariance:
-        functions = functions_of(outputs) if isinstance(outputs, Mapping) else {}
-        ends = {
-            name: {} if pair is None else dict(zip(("low", "high"), ends_of(f"parameters: {name}", pair), strict=True))
-            for name, pair in (parameters or {}).items()
-        }
-        asked = {
-            "parameters": {**ends, "covariance": covariance},
-            "method": _texts(method),
-            "seed": seed,
-            "outputs": None if outputs is None or functions else _texts(outputs),
-            "start_pressures": None if pressures is None else [*pressures],
-            "samples": samples,
-            "trajectories": trajectories,
-            "points_per_side": grid,
-            "at": [*at] or None,
-            "functions": {name: _of_motion(function) for name, function in functions.items()} or None,
-        }
-    study = asked_study(SensitivityStudy.read, design, keys, asked, run.model(model))
+    functions = functions_of(outputs) if isinstance(outputs, Mapping) else {}
+    ends = {
+        name: {} if pair is None else dict(zip(("low", "high"), ends_of(f"parameters: {name}", pair), strict=True))
+        for name, pair in (parameters or {}).items()
+    }
+    asked = {
+        "parameters": {**ends, "covariance": covariance},
+        "method": _texts(method),
+        "seed": seed,
+        "outputs": None if outputs is None or functions else _texts(outputs),
+        "start_pressures": None if pressures is None else [*pressures],
+        "samples": samples,
+        "trajectories": trajectories,
+        "points_per_side": grid,
+        "at": [*at] or None,
+        "functions": {name: _of_motion(function) for name, function in functions.items()} or None,
+    }
+    is_study = parameters is None and not covariance
+    study = asked_study(SensitivityStudy.read, design, keys, None if is_study else asked, run.model(model))
 
     def show(now: Any) -> None:
         run.progress(str(now), now.done / now.total)
@@ -99,31 +98,6 @@ def _of_motion(function: Callable[[Motion], float]) -> Callable[[Any, Any], floa
     return output
 
 
-class Unseen(dict[str, Any], Tabled):
-    """The content of `result.json` of a study of kind `unseen`."""
-
-    __str__, __repr__ = Tabled.__str__, dict.__repr__
-
-    def as_json(self) -> dict[str, Any]:
-        """Return it without the middle lines, which are for the picture."""
-        from studies.unseen.report import without_lines
-
-        return {**without_lines(self)}  # type: ignore[arg-type]
-
-    def columns(self) -> Columns:
-        """Return a row a pose and output: pose, output, unit, and its 5, 50 and 95 % over the drawn models."""
-        rows: list[dict[str, Any]] = []
-        for number, pose in enumerate(self.get("poses") or []):
-            values = [(f"tip_{axis}", "mm", ends) for axis, ends in pose["tip_mm"].items()]
-            values.append(("mean_curvature", "1/m", pose["mean_curvature"]))
-            values += [(name, output["unit"], output["percentiles"]) for name, output in pose["outputs"].items()]
-            rows += [
-                {"pose": number, "output": name, "unit": unit, "low90": low, "middle": middle, "high90": high}
-                for name, unit, (low, middle, high) in values
-            ]
-        return by_name(rows)
-
-
 @study_verb("studies.unseen.report")
 def unseen(
     design: DesignLike | None = None,
@@ -140,7 +114,7 @@ def unseen(
     seed: int = 1,
     grid: int | None = None,
     **keys: Any,
-) -> Unseen:
+) -> UnseenResult:
     """Predict a layout before it is sewn, with intervals.
 
     A STUDY is a TOML file. The command says which measurement would narrow the intervals; designs of a measured set are
@@ -160,21 +134,20 @@ def unseen(
     from studies.unseen.run import run_unseen
 
     run = Run.of(keys)
-    asked: dict[str, Any] | None = None
-    if model is not None or measured is not None:
-        if (design is None) != (model is None):
-            raise InputError("unseen: a design or a model alone; expected both, or neither beside measured")
-        one_set = None if measured is None else all_sets(measured)[0]
-        asked = {
-            "samples": samples,
-            "seed": seed,
-            "outputs": [*outputs],
-            "pressures": pressures,
-            "points_per_side": grid,
-            "measured": one_set and {"set": one_set, "trials": trials, "free": [*free]},
-        }
-    study = asked_study(UnseenStudy.read, design, keys, asked, run.model(model))
-    return Unseen(run.study(run_unseen, study, out, seconds, progress=run.progress))
+    is_study = model is None and measured is None
+    if not is_study and (design is None) != (model is None):
+        raise InputError("unseen: a design or a model alone; expected both, or neither beside measured")
+    one_set = None if measured is None else all_sets(measured)[0]
+    asked = {
+        "samples": samples,
+        "seed": seed,
+        "outputs": [*outputs],
+        "pressures": pressures,
+        "points_per_side": grid,
+        "measured": one_set and {"set": one_set, "trials": trials, "free": [*free]},
+    }
+    study = asked_study(UnseenStudy.read, design, keys, None if is_study else asked, run.model(model))
+    return run.study(run_unseen, study, out, seconds, progress=run.progress)
 
 
 @study_verb("studies.loop.record", 0.0)

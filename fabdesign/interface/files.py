@@ -71,20 +71,14 @@ def new(
 
 
 def _checked(findings: Mapping[str, Findings], given: Mapping[str, Any]) -> Shown:
-    content, lines, text = {}, [], []
+    lines, text = [], []
     for name, of in findings.items():
-        content[name] = {
-            "sound": not of.problems,
-            "problems": [*of.problems],
-            "warnings": [*of.warnings],
-            "notes": [*of.notes],
-        }
         lines += [f"fabdesign: {line}" for line in of.problems]
-        if not of.problems:  # what is not sound is mended first
+        if of.sound:  # what is not sound is mended first
             lines += [*(f"warning: {line}" for line in of.warnings), *(f"note: {line}" for line in of.notes)]
             count = len(of.warnings)
             text.append(f"{name}: sound" + f", {count} warning{'' if count == 1 else 's'}" * bool(count))
-    return Shown({"files": content}, "\n".join(text), lines, 2 if any(of.problems for of in findings.values()) else 0)
+    return Shown({"files": findings}, "\n".join(text), lines, 0 if all(of.sound for of in findings.values()) else 2)
 
 
 @verb(_checked, "FILES...")

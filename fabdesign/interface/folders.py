@@ -145,10 +145,10 @@ def schema(kind: str) -> dict[str, Any]:
 
 
 def _described(effects: dict[str, Effect], given: Mapping[str, Any]) -> Shown:
-    from fabdesign.effects.table import as_json, as_text, one_as_text
+    from fabdesign.effects.registry import as_text, one_as_text
 
     name = given["name"]
-    return Shown({"effects": as_json(effects)}, as_text(effects) if name is None else one_as_text(effects[name]))
+    return Shown({"effects": [*effects.values()]}, as_text(effects) if name is None else one_as_text(effects[name]))
 
 
 @verb(_described, "[NAME]", name="effects")

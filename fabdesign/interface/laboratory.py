@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
 
 def _fused(reports: Sequence[FusionReport], given: Mapping[str, Any]) -> Shown:
-    from studies.fusion.fuse import as_json
-
     lines, count = [], len(given["recordings"])
     for report in reports:
         worst = max(sensor.residual_mm for sensor in report.sensors)
@@ -31,7 +29,7 @@ def _fused(reports: Sequence[FusionReport], given: Mapping[str, Any]) -> Shown:
             lost = sum(sensor.lost for sensor in report.timing.sensors.values())
             apart = max(abs(sensor.offset) for sensor in report.timing.sensors.values())
             lines.append(f"clocks up to {1e3 * apart:.1f} ms apart; {lost} images lost; report.html shows more")
-    return Shown(as_json(reports, count), "\n".join(lines))
+    return Shown(reports[0] if count == 1 else {"trials": reports}, "\n".join(lines))
 
 
 @verb(_fused, "RECORDING...", title="fused")

@@ -108,7 +108,7 @@ def _evaluate_bench(run: Run, bench: Path, law: Any, out: Folder | None, roles: 
     evaluation = evaluate_bench(bench, Path(law), roles)
     with run.folder(out, "evaluate", [bench, Path(law)]) as unfinished:
         if unfinished is not None:
-            write_json(unfinished / "evaluation.json", evaluation.as_json())
+            write_json(unfinished / "evaluation.json", evaluation)
             write_text(unfinished / "evaluation.md", evaluation.as_markdown() + "\n")
     return evaluation
 

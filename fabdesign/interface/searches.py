@@ -37,7 +37,7 @@ def study_verb(module: str, interval: float = _INTERVAL) -> Callable[[Function],
     between the lines of progress."""
 
     def shown(result: Any, given: Mapping[str, Any]) -> Shown:
-        return Shown(result.as_json(), reported(import_module(module).as_text(result), given))
+        return Shown(result, reported(import_module(module).as_text(result), given))
 
     return verb(shown, "STUDY", interval=interval)
 
@@ -64,7 +64,7 @@ def _optimized(result: StudyResult, given: Mapping[str, Any]) -> Shown:
     from fabdesign.nouns.pressure import poses_in_words
     from studies.layout_search.target import errors_in_words
 
-    content = result.as_json()
+    content = result.to_json()
     text = (
         f"{given['out']}: {content['objective_mm']:.3f} mm ({errors_in_words(result.study, result.errors)}) after "
         f"{content['evaluations']} evaluations, {result.search_time}; {content['stop_reason']}"
@@ -116,18 +116,18 @@ def optimize(
     from studies.layouts.run import run_study
 
     run = Run.of(keys)
-    asked: dict[str, Any] | None = None
-    if target is not None:
-        asked = {
-            "seed": seed,
-            "variables": {"pressures": pressures, "positions": positions},
-            "limits": {**(limits or {}), "evaluations": evaluations},
-            **_targets(target, keys),
-        }
-        if muscles is not None:
-            least, most = ends_of("muscles", muscles)
-            asked["variables"]["muscles"] = {"min": least, "max": most, "sides": [*sides]}
-    study = asked_study(read_study, design, keys, asked, run.model(model))
+    count = None if muscles is None else dict(zip(("min", "max"), ends_of("muscles", muscles), strict=True))
+    asked = {
+        "seed": seed,
+        "variables": {
+            "pressures": pressures,
+            "positions": positions,
+            "muscles": count and {**count, "sides": [*sides]},
+        },
+        "limits": {**(limits or {}), "evaluations": evaluations},
+        **_targets(target, keys),
+    }
+    study = asked_study(read_study, design, keys, None if target is None else asked, run.model(model))
     return run.study(run_study, study, out, seconds, progress=followed(run))
 
 
@@ -167,16 +167,14 @@ def layouts(
     from studies.layout_grid.run import run_layouts
 
     run = Run.of(keys)
-    asked: dict[str, Any] | None = None
-    if target is not None:
-        asked = {
-            "seed": seed,
-            "grid": {"muscles": [*muscles], "sides": [*sides], "types": None if types is None else [*types]},
-            "limits": {**(limits or {}), "evaluations": evaluations},
-            "outputs": [*outputs],
-            **_targets(target, keys),
-        }
-    study = asked_study(LayoutsStudy.read, design, keys, asked, run.model(model))
+    asked = {
+        "seed": seed,
+        "grid": {"muscles": [*muscles], "sides": [*sides], "types": None if types is None else [*types]},
+        "limits": {**(limits or {}), "evaluations": evaluations},
+        "outputs": [*outputs],
+        **_targets(target, keys),
+    }
+    study = asked_study(LayoutsStudy.read, design, keys, None if target is None else asked, run.model(model))
     total = 0
 
     def opening() -> str:
@@ -228,26 +226,22 @@ def follow(
     from studies.follow.run import run_follow
 
     run = Run.of(keys)
-    asked: dict[str, Any] | None = None
-    if target is not None:
-        asked = {
-            "seed": seed,
-            "start": None if start is None else str(start),
-            "rig_limits": {**(rig_limits or {})},
-            "points_per_side": grid,
-        }
-        if isinstance(target, Path | str):
-            asked["motion"] = {"file": _absolute(target)}
-        else:
-            asked["moments"] = [*target]
-    study = asked_study(FollowStudy.read, design, keys, asked, run.model(model))
+    asked = {
+        "seed": seed,
+        "start": None if start is None else str(start),
+        "rig_limits": {**(rig_limits or {})},
+        "points_per_side": grid,
+        "motion": {"file": _absolute(target)} if isinstance(target, Path | str) else None,
+        "moments": None if target is None or isinstance(target, Path | str) else [*target],
+    }
+    study = asked_study(FollowStudy.read, design, keys, None if target is None else asked, run.model(model))
     return run.study(run_follow, study, out, seconds, measured=measured, progress=run.progress)
 
 
 def _shown(outcome: Demo, given: Mapping[str, Any]) -> Shown:
-    from studies.demo.run import as_json, as_text
+    from studies.demo.run import as_text
 
-    return Shown(as_json(outcome), reported(as_text(outcome), given))
+    return Shown(outcome, reported(as_text(outcome), given))
 
 
 @verb(_shown, interval=_INTERVAL, search=True, title="demo")
@@ -269,6 +263,8 @@ def _targets(target: Any, keys: dict[str, Any]) -> dict[str, Any]:
     """Return `[target]` or `[[targets]]`, with the keys that are theirs."""
     import numpy as np
 
+    if target is None:
+        return {}
     shared = {name: keys.pop(name) for name in _OF_TARGET if name in keys}
     if isinstance(target, Path | str):
         return {"target": {"file": _absolute(target), **shared}}

@@ -120,7 +120,7 @@ WORDS = {
 class Shown(NamedTuple):
     """The output of a command: what `--json` prints, text, lines on standard error; and how it exits."""
 
-    content: Mapping[str, Any]
+    content: Any
     text: str
     lines: Sequence[str] = ()
     code: int = 0

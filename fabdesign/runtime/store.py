@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import note
-from fabdesign.formats.json_file import read_json
+from fabdesign.formats.json_file import exact, read_json
 from fabdesign.output import WorkFolder, atomic_file, cannot_write, sweep, write_text
 from fabdesign.runtime import working_time
 from fabdesign.runtime.fingerprint import OtherContent, require_same
@@ -121,8 +121,8 @@ class Checkpoint:
         return self._folder
 
     def get(self, name: str, compute: Callable[[], Any], *, files: Callable[[Any], object] | None = None) -> Any:
-        """Return what JSON can hold: what is kept of this name, else computed and kept; None where there is no time to
-        begin it.
+        """Return what JSON holds of a value (`plain`, exact): what is kept of this name, else computed and kept; None
+        where there is no time to begin it.
 
         files: reads what belongs to a kept value and lies in files; where it raises, the piece is damaged.
         """
@@ -149,7 +149,7 @@ class Checkpoint:
         return kept(self.claim(file) / file, compute, read_arrays, write_arrays)
 
     def _write(self, name: str, content: Any) -> None:
-        write_text(self.claim(name) / name, json.dumps(content) + "\n")
+        write_text(self.claim(name) / name, json.dumps(exact(content)) + "\n")
 
 
 def _file_name(name: str, ending: str) -> str:

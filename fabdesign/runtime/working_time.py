@@ -46,27 +46,12 @@ class Stopwatch:
                 self._excluded += self._clock() - self._stopped_at
 
 
-wall, _processor = Stopwatch(lambda: time.monotonic()), Stopwatch(lambda: time.process_time())
+wall, processor = Stopwatch(lambda: time.monotonic()), Stopwatch(lambda: time.process_time())
 
 
 def seconds() -> float:
-    """Return Wall-clock s since some instant, without compiling and loading."""
+    """Return the seconds since some instant by the clock, without compiling and loading."""
     return wall.seconds()
-
-
-def processor_seconds() -> float:
-    """Return this process's processor time [s], counted likewise."""
-    return _processor.seconds()
-
-
-def compile_seconds() -> float:
-    """Return Wall-clock s that this process has spent on compiling and loading."""
-    return wall.excluded
-
-
-def compiling() -> bool:
-    """Return whether code is being compiled or loaded now."""
-    return wall.stops > 0
 
 
 @contextmanager
@@ -81,12 +66,12 @@ def not_counted() -> Iterator[None]:
 
 def _stop() -> None:
     wall.stop()
-    _processor.stop()
+    processor.stop()
 
 
 def _go() -> None:
     wall.go()
-    _processor.go()
+    processor.go()
 
 
 @functools.cache

@@ -11,7 +11,8 @@ import numpy as np
 from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.files.bench_file import read_bench
-from fabdesign.formats.codec import plain
+from fabdesign.formats.codec import Encoder
+from fabdesign.formats.json_file import plain
 from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.geometry.curves import design_matrix
 from fabdesign.nouns.array import Array
@@ -51,7 +52,7 @@ class BenchCalibration(Tabled):
     speed: float | None = None  # 1/s, of a muscle's contraction in all records, where there is only one
     files: tuple[str, ...] = ()  # names of those that were written
 
-    def as_json(self) -> dict[str, Any]:
+    def json_content(self) -> dict[str, Any]:
         """Return what `calibrate BENCH --json` prints."""
         return {
             "bench": self.bench.name,
@@ -60,10 +61,9 @@ class BenchCalibration(Tabled):
             "error_left_out": self.error_left_out,
             "error_test": self.error_test,
             "error_as_fitted": self.error_as_fitted,
-            "noise_floor": self.noise.sigma,
-            "noise_from": self.noise.source,
+            **plain(self.noise),
             "constants": {name: {"value": q.value, "unit": q.unit} for name, q in self.constants.items()},
-            "effects": [plain(effect) for effect in self.effects],
+            "effects": [Encoder().encode(effect) for effect in self.effects],
         }
 
     def columns(self) -> Columns:

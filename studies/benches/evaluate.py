@@ -85,13 +85,12 @@ class BenchEvaluation(Tabled):
     tests: Mapping[str, RecordErrors]
     others: Mapping[str, RecordErrors]
 
-    def as_json(self) -> dict[str, Any]:
+    def json_content(self) -> dict[str, Any]:
         """Return what `evaluate BENCH --json` prints."""
         result: dict[str, Any] = {"designs": {self.bench.name: self._table(self.tests)} if self.tests else {}}
         if self.others:
             result["others"] = {self.bench.name: self._table(self.others)}
-        noise = {"noise_floor": self.noise.sigma, "noise_from": self.noise.source}
-        return dict(plain(result | {"metric": METRIC, "unit": self.unit} | noise))
+        return result | {"metric": METRIC, "unit": self.unit} | plain(self.noise)
 
     def columns(self) -> Columns:
         """Return a row a record: its name, role and errors before and after, in `unit`."""

@@ -7,12 +7,13 @@ It never comes from what a law leaves: a law that lacks an effect leaves that to
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
+from fabdesign.formats.schema import Key
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.bench import Bench, BenchRecord, Specimen
 from fabdesign.nouns.muscle import WIDEST
@@ -96,8 +97,8 @@ _SIGNAL = 8.0  # times it, above which the signal itself is seen
 class BenchNoise:
     """sigma: standard deviation of a reading, in the output's SI unit; 0 where the records do not show it."""
 
-    sigma: float
-    source: Literal["repeats", "neighbours", "unknown"]
+    sigma: Annotated[float, Key("noise_floor")]
+    source: Annotated[Literal["repeats", "neighbours", "unknown"], Key("noise_from")]
 
     def in_words(self, shown: str) -> str:
         """Say where it comes from. shown: sigma with its unit."""

@@ -8,7 +8,6 @@ import numpy as np
 from markupsafe import Markup
 
 from fabdesign.effects import EFFECTS
-from fabdesign.formats.json_file import plain
 from fabdesign.formats.lab_table import DIMENSIONS
 from fabdesign.formats.result_tables import Columns
 from fabdesign.nouns.array import Array, Indices
@@ -65,10 +64,10 @@ class BenchOutcome(TraceOutcome):
 
     def columns(self) -> Columns:
         """Return a row a candidate: its name, error of records left out and gain."""
-        rows = self.as_json()["candidates"][1:]
+        rows = self.to_json()["candidates"][1:]
         return {key: [row[key] for row in rows] for key in ("name", "held_out", "gain")}
 
-    def as_json(self) -> dict[str, Any]:
+    def json_content(self) -> dict[str, Any]:
         """Return `trace.json`."""
         tests = self.test or (None, None)
         after = self.verdict == "effect"
@@ -84,7 +83,7 @@ class BenchOutcome(TraceOutcome):
             "discovered": None,
             "next_experiment": None,
         }
-        return dict(plain(trace | more))
+        return trace | more
 
 
 def _simulated(effect: EffectTerm) -> bool:
@@ -155,7 +154,7 @@ def _blocks(outcome: BenchOutcome) -> Iterator[page.Block]:
     yield page.Title(f"{outcome.bench.name}: what its quasi-static law lacks", 1)
     yield page.Text(Markup("<b>{}.</b> {}").format(outcome.verdict.capitalize(), bench_in_words(outcome)), "verdict")
     yield from page.texts("quiet", [page.sentence(x) for x in (outcome.bench.description, outcome.bench.source) if x])
-    yield charts.error_bars(outcome.as_json()["error"], "noise", unit, "RMS of records left out", scale)
+    yield charts.error_bars(outcome.to_json()["error"], "noise", unit, "RMS of records left out", scale)
     yield page.Title("Candidates")
     gains = [
         charts.Gain(c.name + " (wrong sign)" * c.refused, c.gain, c.interval90, c.chosen) for c in outcome.candidates

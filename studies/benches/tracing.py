@@ -57,7 +57,7 @@ def trace_bench(
     fewer than three records."""
     with new_folder(out, made_by="trace", force=force, inputs=[path]) as files:
         outcome = examine(read_bench(path), tolerance, progress)
-        write_trace(files, outcome.as_json(), outcome.model, render_bench(outcome))
+        write_trace(files, outcome, outcome.model, render_bench(outcome))
     return outcome
 
 

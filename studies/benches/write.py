@@ -7,7 +7,7 @@ import tomlkit
 
 from fabdesign.errors import InputError
 from fabdesign.files.law_tables import MembraneCurve, write_bench_law, write_bench_table, write_membrane_curve
-from fabdesign.formats.codec import plain
+from fabdesign.formats.codec import Encoder
 from fabdesign.nouns.bench import Bench
 from fabdesign.output import write_text
 from studies.benches.calibrate import BenchCalibration
@@ -63,7 +63,7 @@ def write_bench_type(calibration: BenchCalibration, output: Path) -> list[Path]:
         entry["bench"] = table.name
         document["muscle_types"] = {bench.name: entry}
         if travelling := [effect for effect in calibration.effects if travels(effect)]:
-            document["effects"] = [plain(effect) for effect in travelling]
+            document["effects"] = [Encoder().encode(effect) for effect in travelling]
         write_bench_table(law.table(), table)
         write_text(output, tomlkit.dumps(document))
         return [output, table]

@@ -45,15 +45,14 @@ class Calibration(OfModel):
     def noise(self) -> SensorNoise:
         return self.data.noise
 
-    def as_json(self) -> dict[str, Any]:
+    def json_content(self) -> dict[str, Any]:
         """Return what `calibrate --json` prints: factors, mm."""
-        parameters = {
-            name: {"factor": p.factor, "interval90": p.interval90, "believable": p.reliable}
-            for name, p in self.model.parameters.items()
-        }
         names = self.fit.vector.names
-        content = {
-            "parameters": parameters,
+        return {
+            "parameters": {
+                name: {"factor": p.factor, "interval90": p.interval90, "believable": p.reliable}
+                for name, p in self.model.parameters.items()
+            },
             "effects": self.model.effects,
             "correlation": {
                 a: dict(zip(names, row, strict=True)) for a, row in zip(names, self.correlation, strict=True)
@@ -71,12 +70,11 @@ class Calibration(OfModel):
             "skipped": self.skipped,
             "input_accuracy": self.data.accuracy,
             "spread": spread_json(self.model),
-            **self.used.as_json(),
+            **plain(self.used),
             "iterations": self.fit.iterations,
             "converged": self.fit.converged,
             "interrupted": self.fit.interrupted,
         }
-        return dict(plain(content))
 
 
 def as_text(calibration: Calibration) -> str:

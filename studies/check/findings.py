@@ -11,6 +11,7 @@ a (Tondu and Lopez 2000, doi:10.1109/37.833638).
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 from fabdesign.errors import InputError
 
@@ -23,6 +24,11 @@ class Findings:
     problems: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    json_keys: ClassVar = "sound", "problems", "warnings", "notes"
+
+    @property
+    def sound(self) -> bool:
+        return not self.problems
 
     @staticmethod
     def warned(where: object, lines: Iterable[str]) -> "Findings":

@@ -94,7 +94,7 @@ class ShippedErrors:
         later = (EFFECTS, CORRECTED)
         return [(name, e, closed(base, e).surface if name in later else None) for name, e in self.errors.items()]
 
-    def as_json(self) -> dict[str, Any]:
+    def json_content(self) -> dict[str, Any]:
         """Return what files hold of it: mm."""
         return {
             "set": self.measured.name,

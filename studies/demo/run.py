@@ -16,7 +16,7 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 
 from fabdesign.drawings.layout_drawing import HALF, HIGH, LOW
 from fabdesign.drawings.oblique import box_of
-from fabdesign.formats.json_file import read_json, write_json
+from fabdesign.formats.json_file import plain, read_json, write_json
 from fabdesign.geometry.metrics import MANY_BEYOND, beyond_in_words
 from fabdesign.geometry.shape import Shape
 from fabdesign.nouns.catalogue import build
@@ -52,6 +52,14 @@ class Demo:
 
     runs: list[StudyResult]
     shipped: ShippedErrors | None
+
+    def json_content(self) -> dict[str, Any]:
+        """Return what `demo --json` prints; distances in mm."""
+        runs = [
+            {"name": run.study.name, **plain(run.errors), "evaluations": len(run.history), "wall_s": run.wall_s}
+            for run in self.runs
+        ]
+        return {"runs": runs, "measured_set": self.shipped}
 
 
 def run_demo(
@@ -148,19 +156,11 @@ def demo_studies(target: Path) -> list[Study]:
     ]
 
 
-def as_json(demo: Demo) -> dict[str, Any]:
-    """Return what `demo --json` prints; distances in mm."""
-    keys = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor", "surface_beyond", "evaluations", "wall_s")
-    searches = [(result.study.name, result.as_json()) for result in demo.runs]
-    runs = [{"name": name, **{key: values[key] for key in keys}} for name, values in searches]
-    return {"runs": runs, "measured_set": None if demo.shipped is None else demo.shipped.as_json()}
-
-
 def as_text(demo: Demo) -> str:
     """Return tables for people; distances in mm."""
     head = f"{'mm':8}{'Chamfer':>9}{'floor':>8}{'surface RMS':>13}{'beyond 10 mm':>14}{'evaluations':>13}{'seconds':>9}"
     rows = [f"target: {SOURCE}", head]
-    for run in as_json(demo)["runs"]:
+    for run in plain(demo)["runs"]:
         distances = (
             f"{run['chamfer']:9.2f}{run['chamfer_floor']:8.2f}{run['surface_rms']:13.2f}{run['surface_beyond']:14.1%}"
         )

@@ -3,11 +3,12 @@ small changes lead to another stable shape."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.formats.schema import Key, Millimetre
 from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case, ForwardModel
@@ -33,19 +34,24 @@ class MotionCopies:
     lead to another stable shape; None where they do not."""
 
     number: int
-    band: Array
-    expected: float
-    snap: float | None
+    band: Annotated[Array, Key("")]
+    snap: Annotated[float | None, Key("snap_s")]
+    expected: Annotated[Millimetre, Key("expected_mm")]
 
 
 @dataclass(frozen=True)
 class Limitation:
     """Why the motion lacks something between two instants [s]."""
 
-    begin: float
-    end: float
+    begin: Annotated[float, Key("from_s")]
+    end: Annotated[float, Key("to_s")]
     by: Literal["highest", "lowest", "rate", "reach"]  # the first two are limits of pressure
     channels: tuple[int, ...] = ()
+    json_keys: ClassVar = "begin", "end", "limit", "channels"
+
+    @property
+    def limit(self) -> Annotated[str, Key("by")]:
+        return self.by if self.by in ("rate", "reach") else "pressure"
 
     @property
     def so_far(self) -> str:
@@ -141,9 +147,8 @@ class FollowResult:
             lines.append("the time was used before all windows were solved; the same command goes on")
         return lines
 
-    def as_json(self) -> dict[str, Any]:
+    def json_content(self) -> dict[str, Any]:
         """Return what result.json holds."""
-        copies = self.copies
         return {
             "name": self.study.name,
             "design": self.study.design.name,
@@ -155,30 +160,17 @@ class FollowResult:
             "chamfer_mm": in_mm(float(np.mean([error.chamfer for error in self.errors]))),
             "from_rest_mm": in_mm(self.begun),
             "by_time": {
-                "time_s": self.wanted.times.tolist(),
-                "error_mm": in_mm(self.rms).tolist(),
-                "floor_mm": in_mm(self.floor).tolist(),
-                "band_mm": None if copies is None else in_mm(copies.band).tolist(),
+                "time_s": self.wanted.times,
+                "error_mm": in_mm(self.rms),
+                "floor_mm": in_mm(self.floor),
+                "band_mm": self.copies and in_mm(self.copies.band),
             },
-            "limited": [
-                {
-                    "from_s": one.begin,
-                    "to_s": one.end,
-                    "by": one.by if one.by in ("rate", "reach") else "pressure",
-                    "channels": list(one.channels),
-                }
-                for one in self.limitations
-            ],
-            "copies": copies
-            and {
-                "number": copies.number,
-                "snap_s": copies.snap,
-                "expected_mm": in_mm(copies.expected),
-            },
-            "largest_kpa": in_kpa(self.pressures.max(axis=0)).tolist(),
+            "limited": self.limitations,
+            "copies": self.copies,
+            "largest_kpa": in_kpa(self.pressures.max(axis=0)),
             "complete": self.complete,
             "repetition": self.run,
-            "measured_error_mm": None if self.measured_error is None else in_mm(self.measured_error),
+            "measured_error_mm": self.measured_error and in_mm(self.measured_error),
             "seed": self.study.seed,
             "points_per_side": self.study.points_per_side,
             "wall_s": self.seconds,
@@ -226,7 +218,7 @@ def copies_of(
     elsewhere = instants_elsewhere(meant, up, down)
     snap = float(times[int(np.argmax(elsewhere))]) if elsewhere.any() else None
     expected = float(np.mean([wanted.mean_distance(copy) for copy in sound]))
-    return MotionCopies(len(sound), np.asarray(1.645 * np.sqrt(np.square(off).mean(axis=0))), expected, snap)
+    return MotionCopies(len(sound), np.asarray(1.645 * np.sqrt(np.square(off).mean(axis=0))), snap, expected)
 
 
 def _scaled(program: PressureProgram, gains: Array, most: Array) -> PressureProgram:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from fabdesign.clouds.recording import Convention, Recording, read_recording
 from fabdesign.errors import InputError
 from fabdesign.files.measurement_set import NewTrial, write_set
-from fabdesign.formats.json_file import plain, write_json
+from fabdesign.formats.json_file import write_json
 from fabdesign.nouns.design import Design
 from fabdesign.output import new_folder
 from fabdesign.runtime import working_time
@@ -96,13 +96,8 @@ def fuse_all(
         first = min(reports)
         reports[first] = replace(reports[first], skipped=(*skipped, *reports[first].skipped))
         done = tuple(reports.values())
-        write_json(unfinished / "fusion.json", as_json(done, len(given)))
+        write_json(unfinished / "fusion.json", done[0] if len(given) == 1 else {"trials": done})
     return done
-
-
-def as_json(reports: Sequence[FusionReport], given: int) -> dict[str, Any]:
-    """Return what fusion.json holds: a lone recording's report, or {"trials": [...]} of several."""
-    return dict(plain(reports[0] if given == 1 else {"trials": reports}))
 
 
 def _designs(recordings: Sequence[Recording]) -> tuple[list[str], dict[str, Design]]:

@@ -3,12 +3,13 @@ residuals are inside; and the score of such intervals."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.optimize import minimize
 from scipy.special import ndtr
 
+from fabdesign.formats.schema import Key, Millimetre
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.model import Model, Spread
@@ -82,10 +83,10 @@ def left_out(every: Sequence[RegionResiduals], folds: Sequence[int], width: Widt
 class IntervalScore:
     """The score of 90 % intervals, over regions and frames. width: m, from end to end; crps: m."""
 
-    count: int
+    count: Annotated[int, Key("")]
     inside: float
-    width: float
-    crps: float
+    width: Annotated[Millimetre, Key("width_mm")]
+    crps: Annotated[Millimetre, Key("crps_mm")]
 
     @property
     def shown(self) -> tuple[float, float, float]:

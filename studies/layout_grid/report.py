@@ -25,7 +25,7 @@ muscles. Cells that gained most got more time. Errors, evaluations and seconds a
 
 def write_report(result: GridResult, out: Path) -> None:
     """Write `result.json` and `report.html` into the folder `out`."""
-    write_result(out, result.as_json(), result.study.search.name, _blocks(result))
+    write_result(out, result, result.study.search.name, _blocks(result))
 
 
 def render(result: GridResult) -> str:

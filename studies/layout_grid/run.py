@@ -214,9 +214,8 @@ class GridSearch:
         return result
 
     def _keep(self) -> None:
-        state = {"spent": self._spent, "cells": {name: turns.as_row() for name, turns in self._turns.items()}}
         with self._work.adding() as files:
-            write_json(files / TURNS, state)
+            write_json(files / TURNS, {"spent": self._spent, "cells": self._turns})
 
 
 def turns_kept(file: Path) -> tuple[dict[str, CellTurns], float]:

@@ -4,11 +4,12 @@ gain."""
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from fabdesign.formats.result_tables import Columns, Tabled, by_name
+from fabdesign.formats.schema import Key
 from fabdesign.study_files.layouts_file import SIDES, Cell, LayoutsStudy
 from fabdesign.units import in_mm
 from optimize.search.design_space import DesignSpace
@@ -102,7 +103,7 @@ class GridResult(Tabled):
         """Return a row a cell: name, muscles, type, sides, the errors [mm] of the nearest layout that it may have, of
         which cell that is, muscles_used, front; and the study's outputs, a column for each pose."""
         rows = []
-        for cell in self.as_json()["cells"]:
+        for cell in self.to_json()["cells"]:
             poses = {
                 name if len(output["values"]) == 1 else f"{name}, pose {pose}": value
                 for name, output in cell.get("outputs", {}).items()
@@ -111,7 +112,7 @@ class GridResult(Tabled):
             rows.append({name: value for name, value in cell.items() if not isinstance(value, list | dict)} | poses)
         return by_name(rows)
 
-    def as_json(self) -> dict[str, Any]:
+    def json_content(self) -> dict[str, Any]:
         """Return what result.json holds: mm."""
         front = self.front
         return {
@@ -159,12 +160,8 @@ class CellTurns:
     seconds: float = 0.0
     turns: int = 0
     gained: float = 0.0
-    value: float = float("inf")  # m, after the last turn
-    beneath: float = float("inf")  # m, of the nearest layout that its seeds were made of
-
-    def as_row(self) -> dict[str, Any]:
-        """Return a row for JSON: infinite values are absent."""
-        return {name: value for name, value in vars(self).items() if value != float("inf")}
+    value: Annotated[float, Key(brief=True)] = float("inf")  # m, after the last turn
+    beneath: Annotated[float, Key(brief=True)] = float("inf")  # m, of the nearest layout that its seeds were made of
 
 
 def best_beneath(cell: Cell, result: GridResult) -> float:

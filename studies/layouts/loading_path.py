@@ -1,11 +1,10 @@
 """The loading path: the motion from rest to a result, and copies of it with changed inputs. Which shape is reached."""
 
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, ClassVar
 
 import numpy as np
 
-from fabdesign.formats.json_file import plain
 from fabdesign.formats.schema import Key, Millimetre
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
@@ -37,6 +36,11 @@ class LoadingPath:
     motion: Copy
     copies: tuple[Copy, ...]
     shape: Poses
+    json_keys: ClassVar = "nominal", "worst", "reached", "sensitive", "copies", "sentences"
+
+    @property
+    def nominal(self) -> Annotated[Millimetre, Key("nominal_mm")]:
+        return self.motion.value
 
     @property
     def reached(self) -> bool:
@@ -48,18 +52,18 @@ class LoadingPath:
         return [copy for copy in self.copies if copy.on_another_branch]
 
     @property
-    def worst(self) -> float:
+    def worst(self) -> Annotated[Millimetre, Key("worst_mm")]:
         """Return m, at most; infinite where one diverged."""
         values = [self.motion.value, *(copy.value for copy in self.copies)]
         return float(np.max(np.where(np.isfinite(values), values, np.inf)))
 
     @property
-    def sensitive(self) -> bool:
+    def sensitive(self) -> Annotated[bool, Key("hangs_on_it")]:
         """Return whether small changes of the inputs lead to another stable shape."""
         return not self.reached or bool(self.on_another_branch)
 
     @property
-    def sentences(self) -> list[str]:
+    def sentences(self) -> Annotated[list[str], Key("said")]:
         mm, worst = f"{in_mm(self.motion.value):.2f}", f"{in_mm(self.worst):.2f} mm"
         lines = []
         if not self.reached:
@@ -85,18 +89,6 @@ class LoadingPath:
             f"all {len(self.copies)} motions with changed inputs ({', '.join(copy.name for copy in self.copies)}); the "
             f"worst is {worst} from the target."
         ]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return `way` of result.json: mm, null where a motion diverged."""
-        path = {
-            "nominal_mm": in_mm(self.motion.value),
-            "worst_mm": in_mm(self.worst),
-            "reached": self.reached,
-            "hangs_on_it": self.sensitive,
-            "copies": self.copies,
-            "said": self.sentences,
-        }
-        return dict(plain(path))
 
 
 def loading_path(

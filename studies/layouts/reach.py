@@ -2,7 +2,7 @@
 out of reach where the nearest shape misses it, and what would bring it nearer."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -66,7 +66,7 @@ class Helps:
         gains = [f"{change.what}: {in_mm(self.before - change.value):.1f} mm" for change in self.nearer[:SHOWN]]
         return [f"What would bring it nearer, by derivatives: {'; '.join(gains)}."]
 
-    def as_json(self) -> list[dict[str, Any]]:
+    def json_content(self) -> list[dict[str, Any]]:
         """Return a row a change."""
         return [{"what": change.what, "gain_mm": in_mm(self.before - change.value)} for change in self.nearer]
 
@@ -231,17 +231,17 @@ class Reach:
                 lines.append(f"No real cloth takes this shape{of}: it passes through itself {where}.")
         return lines
 
-    def as_json(self) -> dict[str, Any]:
+    def json_content(self) -> dict[str, Any]:
         """Return what `reach` in result.json holds: mm; u and v in m."""
         return {
             "gap_mm": in_mm(self.gap),
             "out_of_reach": self.out_of_reach,
             "converged": self.lacking is None,
-            "needs": asdict(self.lacking) if self.lacking and self.lacking.evaluations else None,
-            "held_by": list(self.held_by),
+            "needs": self.lacking if self.lacking and self.lacking.evaluations else None,
+            "held_by": self.held_by,
             "passes_through_itself": self.passes_through_itself,
             "missed": [{"u": m.place[0], "v": m.place[1], "off_mm": in_mm(m.off)} for m in self.missed],
-            "helps": self.helps.as_json() if self.helps else None,
+            "helps": self.helps,
             "said": self.sentences,
         }
 

@@ -19,7 +19,6 @@ from fabdesign.nouns.pressure import poses_in_words
 from fabdesign.units import in_mm
 from studies.layout_search.target import LoadedTarget, is_wished, measure_of
 from studies.layouts.result import StudyResult
-from studies.layouts.robustness import in_words as robust_in_words
 from studies.report import page
 from studies.report.charts import DARK, GREY, chart, cloth_mesh, cloud, curve, path, scene, target_cloud
 from studies.report.page import Chart, kpa
@@ -210,7 +209,7 @@ def _study(number: int, title: str, result: StudyResult) -> Iterator[page.Block]
         yield page.TableBlock((), [(name, *values) for name, values in result.outputs.items()])
     if robust:
         yield page.Title("Manufacturing tolerances: simulated copies", 3)
-        yield from page.texts("note" if robust.on_another_branch else "quiet", robust_in_words(robust))
+        yield from page.texts("note" if robust.on_another_branch else "quiet", robust.sentences)
         copies = shape_png(result.points[0], result.targets[0].points, [shape[0] for shape in robust.shapes])
         yield page.Picture(copies, "the shape, its copies with scatter and the target")
     margins = [(name.replace("_", " "), _with_unit(name, margin)) for name, margin in result.constraints.items()]

@@ -1,7 +1,7 @@
 """The result of a study, its files, and as its search's history keeps it, so that the same call answers at once."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from enum import Enum, auto
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -32,7 +32,6 @@ from studies.layouts.loading_path import LoadingPath
 from studies.layouts.reach import Reach
 from studies.layouts.refinement import fewer_in_words, front_in_words, kept_fewer
 from studies.layouts.robustness import Robustness
-from studies.layouts.robustness import as_json as robust_json
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +170,7 @@ class StudyResult(Tabled):
             "normal, mean over its regions)."
         )
 
-    def as_json(self) -> dict[str, Any]:
+    def json_content(self) -> dict[str, Any]:
         """Return what result.json holds: distances in mm, pressures in kPa, margins in m (kPa for pressure);
         `surface_beyond` is a share of the points."""
         return {
@@ -181,17 +180,17 @@ class StudyResult(Tabled):
             "diverged": sum(entry.diverged for entry in self.history),
             "wall_s": self.wall_s,
             "limit_s": self.study.limits.seconds,
-            "muscles": [asdict(muscle) for muscle in self.design.muscles],
+            "muscles": self.design.muscles,
             "pressures_kpa": pressures_kpa(self.pressure),
             "constraints": {k: in_kpa(v) if k == "pressure" else v for k, v in self.constraints.items()},
             "stop_reason": self.stop_reason,
-            "expected_within_mm": None if self.within is None else in_mm(self.within),
+            "expected_within_mm": self.within and in_mm(self.within),
             "poses": self._poses(),
             "outputs": self.output_values,
-            "reach": self.reach.as_json(),
-            "way": self.loading_path.as_json() if self.loading_path else None,
+            "reach": self.reach,
+            "way": self.loading_path,
             "after_a_tenth_mm": self.after_a_tenth and in_mm(self.after_a_tenth),
-            "robust": self.robust and self.study.robust and robust_json(self.robust, self.study.robust),
+            "robust": self.robust,
             "fewer": self.fewer and self._fewer(self.fewer),
             "seed": self.study.seed,
             "targets": [target.description for target in self.targets],
@@ -200,7 +199,7 @@ class StudyResult(Tabled):
     def write(self, out: Path) -> None:
         """Write `design.toml` with its bench tables, `pressures.csv` (`pressures_2.csv` of a second pose),
         `result.json`."""
-        write_best(out, self.design, self.pressure, self.as_json(), [t.time for t in self.targets], self.study.rise)
+        write_best(out, self.design, self.pressure, self, [t.time for t in self.targets], self.study.rise)
 
 
 def pressures_kpa(pressures: Array) -> list[Any]:
@@ -213,7 +212,7 @@ def write_best(
     out: Path,
     design: Design,
     pressures: Array,
-    result: dict[str, Any],
+    result: Any,
     times: list[float | None],
     rise: float = RISE,
 ) -> None:

@@ -7,11 +7,12 @@ true copies confirms it. Near a fold they do not: there copies stand in their pl
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated, ClassVar
 
 import numpy as np
 from scipy.stats import norm, qmc
 
-from fabdesign.formats.json_file import plain
+from fabdesign.formats.schema import MM, Key, Millimetre
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.predictor import Predictor
@@ -39,26 +40,71 @@ class Robustness:
     expected_linear, yield_linear: by derivatives; holds: whether these agree with the copies. yielded: share within
     `tolerance`. on_another_branch: copies of another stable shape, or diverged. band: (2 n,) m that the points of the
     first pose move by, standard deviation. delicate: the muscle, from 0, and the value with it 3 mm off. doubled: how
-    often one of its muscles was laid as two.
+    often one of its muscles was laid as two. chosen_for: the measure by which the study chooses.
     """
 
-    nominal: float
-    expected_linear: float
-    yield_linear: float
-    holds: bool
-    tolerance: float
-    expected: float
-    yielded: float
-    worst: float
-    on_another_branch: int
+    nominal: Annotated[Millimetre, Key("nominal_mm")]
+    expected_linear: Annotated[Millimetre, Key("first_order.expected_mm")]
+    yield_linear: Annotated[float, Key("first_order.yield")]
+    holds: Annotated[bool, Key("first_order.holds")]
+    tolerance: Annotated[Millimetre, Key("tolerance_mm")]
+    expected: Annotated[Millimetre, Key("expected_mm")]
+    yielded: Annotated[float, Key("yield")]
+    worst: Annotated[Millimetre, Key("worst_mm")]
+    on_another_branch: Annotated[int, Key("elsewhere")]
     shapes: tuple[Poses, ...]
     band: Array
     delicate: tuple[int, float]
+    chosen_for: str
     doubled: int = 0
+    json_keys: ClassVar = (
+        "nominal", "expected", "worst", "yielded", "tolerance", "copies", "on_another_branch", "expected_linear",
+        "yield_linear", "holds", "widths", "most_delicate", "doubled", "chosen_for", "sentences",
+    )  # fmt: skip
 
     @property
     def copies(self) -> int:
         return len(self.shapes)
+
+    @property
+    def widths(self) -> Annotated[dict[str, float], Key("band_mm"), MM]:
+        """Return the mean and the largest of the band, m."""
+        return {"mean": float(self.band.mean()), "largest": float(self.band.max())}
+
+    @property
+    def most_delicate(self) -> Annotated[dict[str, float], Key("delicate")]:
+        muscle, value = self.delicate
+        return {"muscle": muscle, "off_mm": in_mm(OFF), "value_mm": in_mm(value)}
+
+    @property
+    def sentences(self) -> Annotated[list[str], Key("said")]:
+        """Return sentences for people."""
+        band, (muscle, value) = self.band, self.delicate
+        lines = [
+            f"{self.copies} copies with the scatter of building were simulated. {self.yielded:.0%} of them are "
+            f"within {in_mm(self.tolerance):.2f} mm of the target. Mean {in_mm(self.expected):.2f} mm, worst "
+            f"{in_mm(self.worst):.2f} mm; without scatter {in_mm(self.nominal):.2f} mm.",
+            f"The standard deviation of a point's place is {in_mm(band.mean()):.1f} mm in the mean and "
+            f"{in_mm(band.max()):.1f} mm at most.",
+            f"Muscle {muscle} matters most: {in_mm(OFF):.0f} mm off its place it gives {in_mm(value):.2f} mm.",
+        ]
+        if self.doubled:
+            times = "once" if self.doubled == 1 else f"{self.doubled} times"
+            lines.append(
+                f"A muscle was laid as two beside each other at less pressure, {times}: their errors are independent "
+                "and average out."
+            )
+        if not self.holds:
+            lines.append(
+                "The derivatives are not valid here, as near a bifurcation: they give "
+                f"{in_mm(self.expected_linear):.2f} mm. The values above are those of the copies."
+            )
+        if self.on_another_branch:
+            lines.append(
+                f"{self.on_another_branch} copies come to another stable shape, or to none: the layout is near a "
+                "bifurcation."
+            )
+        return lines
 
 
 def first_order(
@@ -155,6 +201,7 @@ def robustness_of(
         shapes=tuple(sound),
         band=np.sqrt(np.square(moved).sum(axis=2).mean(axis=0)),
         delicate=_most_delicate(scatter, model if holds else None, objective, coarse, len(result[0].muscles)),
+        chosen_for=robust.choose,
     )
 
 
@@ -169,58 +216,3 @@ def _most_delicate(
     values = np.array([objective.value(shape) for shape in shapes]).reshape(muscles, len(directions))
     worst = np.where(np.isfinite(values), values, np.inf).max(axis=1)
     return int(np.argmax(worst)), float(np.max(worst))
-
-
-def as_json(robustness: Robustness, robust: Robust) -> dict[str, object]:
-    """Return `robust` of result.json: mm, null where copies diverged."""
-    band, (muscle, value) = robustness.band, robustness.delicate
-    content = {
-        "nominal_mm": in_mm(robustness.nominal),
-        "expected_mm": in_mm(robustness.expected),
-        "worst_mm": in_mm(robustness.worst),
-        "yield": robustness.yielded,
-        "tolerance_mm": in_mm(robustness.tolerance),
-        "copies": robustness.copies,
-        "elsewhere": robustness.on_another_branch,
-        "first_order": {
-            "expected_mm": in_mm(robustness.expected_linear),
-            "yield": robustness.yield_linear,
-            "holds": robustness.holds,
-        },
-        "band_mm": {"mean": in_mm(band.mean()), "largest": in_mm(band.max())},
-        "delicate": {"muscle": muscle, "off_mm": in_mm(OFF), "value_mm": in_mm(value)},
-        "doubled": robustness.doubled,
-        "chosen_for": robust.choose,
-        "said": in_words(robustness),
-    }
-    return dict(plain(content))
-
-
-def in_words(robustness: Robustness) -> list[str]:
-    """Return sentences for people."""
-    band, (muscle, value) = robustness.band, robustness.delicate
-    lines = [
-        f"{robustness.copies} copies with the scatter of building were simulated. {robustness.yielded:.0%} of them are "
-        f"within {in_mm(robustness.tolerance):.2f} mm of the target. Mean {in_mm(robustness.expected):.2f} mm, worst "
-        f"{in_mm(robustness.worst):.2f} mm; without scatter {in_mm(robustness.nominal):.2f} mm.",
-        f"The standard deviation of a point's place is {in_mm(band.mean()):.1f} mm in the mean and "
-        f"{in_mm(band.max()):.1f} mm at most.",
-        f"Muscle {muscle} matters most: {in_mm(OFF):.0f} mm off its place it gives {in_mm(value):.2f} mm.",
-    ]
-    if robustness.doubled:
-        times = "once" if robustness.doubled == 1 else f"{robustness.doubled} times"
-        lines.append(
-            f"A muscle was laid as two beside each other at less pressure, {times}: their errors are independent and "
-            "average out."
-        )
-    if not robustness.holds:
-        lines.append(
-            "The derivatives are not valid here, as near a bifurcation: they give "
-            f"{in_mm(robustness.expected_linear):.2f} mm. The values above are those of the copies."
-        )
-    if robustness.on_another_branch:
-        lines.append(
-            f"{robustness.on_another_branch} copies come to another stable shape, or to none: the layout is near a "
-            "bifurcation."
-        )
-    return lines

@@ -1,7 +1,7 @@
 """A target cloud becomes a layout with pressures: one study from its file to its report."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Unpack
 
@@ -169,7 +169,7 @@ def _reporting(
                 "objective_mm": in_mm(best.value),
                 "evaluations": evaluations.history.evaluations,
                 "wall_s": evaluations.elapsed,
-                "muscles": [asdict(muscle) for muscle in design.muscles],
+                "muscles": design.muscles,
                 "pressures_kpa": pressures_kpa(pressures),
                 "stop_reason": f"unfinished: the best so far, in stage {evaluations.stages[best.stage].name}",
             }

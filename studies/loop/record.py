@@ -97,9 +97,9 @@ class LoopOutcome:
         measured = [turn for turn in self.turns if turn.device is not None]
         return min(measured, key=lambda turn: turn.device["excess"] if turn.device else np.inf, default=None)
 
-    def as_json(self) -> dict[str, Any]:
+    def json_content(self) -> dict[str, Any]:
         """Return what result.json holds."""
-        return plain(self) | {"unit": "mm", "best": self.best and self.best.name}
+        return vars(self) | {"unit": "mm", "best": self.best and self.best.name}
 
 
 def loop_content(study: LoopStudy, targets: Sequence[LoadedTarget]) -> dict[str, str]:
@@ -142,7 +142,7 @@ def write_report(
     for turn in outcome.turns:
         blocks += _turn(turn, study, targets, folder)
     last = page.Text(f"fabdesign {__version__}, seed {outcome.seed}, {outcome.wall_s:.0f} s.")
-    write_result(out, outcome.as_json(), f"{outcome.name}: loop", [*blocks, last])
+    write_result(out, outcome, f"{outcome.name}: loop", [*blocks, last])
 
 
 def _head(outcome: LoopOutcome, targets: Sequence[LoadedTarget]) -> Iterator[page.Block]:

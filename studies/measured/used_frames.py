@@ -11,13 +11,13 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
-from fabdesign.formats.json_file import plain, read_json, write_json
+from fabdesign.formats.json_file import read_json, write_json
 from fabdesign.formats.schema import Key
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import PARAMETERS, Case, ForwardModel, Term
@@ -43,11 +43,7 @@ class Stretch:
     begin: Annotated[float, Key("from_s")]  # s after rest
     end: Annotated[float, Key("to_s")]  # s
     why: str = WHY
-    set_name: Annotated[str, Key("set")] = ""  # of the trial's set; empty where there is but one
-
-    def as_json(self) -> dict[str, Any]:
-        """Return it as files have it, with its set only where there are several."""
-        return {key: value for key, value in plain(self).items() if value != ""}
+    set_name: Annotated[str, Key("set", brief=True)] = ""  # of the trial's set; empty where there is but one
 
     @property
     def named(self) -> str:
@@ -67,19 +63,14 @@ def used_mask(stretches: Sequence[Stretch], trial: str, times: Array, *, set_nam
 class UsedFrames:
     """Which frames of the trials of some sets are used. stretches: left out; None where they were not looked for."""
 
-    stretches: tuple[Stretch, ...] | None
-    share_left_out: float  # of the trials' frames
-    several: bool = False  # sets: stretches are then named by set and trial
+    stretches: Annotated[tuple[Stretch, ...] | None, Key("unjudged")]
+    share_left_out: Annotated[float, Key("share_unjudged")]  # of the trials' frames
+    several: Annotated[bool, Key("")] = False  # sets: stretches are then named by set and trial
 
     def at(self, measured: MeasurementSet, trial: Trial, times: Array | None = None) -> Flags:
         """Return (T,) whether each frame of a trial of the set is used, or what is seen at `times` [s] of it."""
         times = trial.times if times is None else times
         return used_mask(self.stretches or (), trial.name, times, set_name=measured.name if self.several else "")
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the keys `unjudged` and `share_unjudged` of every command."""
-        listed = None if self.stretches is None else [stretch.as_json() for stretch in self.stretches]
-        return {"unjudged": listed, "share_unjudged": self.share_left_out}
 
     @property
     def in_words(self) -> str:

@@ -17,7 +17,6 @@ from scipy.spatial import cKDTree
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import label_effect
 from fabdesign.nouns.array import Array, Indices
-from fabdesign.units import in_mm
 from optimize.fit.clouds import Match, Sample, places_on_cloth
 from optimize.fit.cross_validation import Gain, LeftOut, Scored
 from optimize.fit.fitted import Fit
@@ -141,10 +140,6 @@ class Decoys:
     def chance(self) -> float:
         """Return the excess that one decoy in twenty gains, m; 0 without any."""
         return max(0.0, float(np.quantile([gain for gain, _ in self.gains], CHANCE))) if self.gains else 0.0
-
-    def as_json(self, tolerance: float) -> dict[str, float]:
-        """Return `decoys` of `trace.json`; tolerance: m."""
-        return {"tried": len(self.gains), "taken": self.taken(tolerance), "chance_mm": in_mm(self.chance)}
 
     def taken(self, least: float) -> int:
         """Return how many would be called missing, where an effect must gain `least` [m]."""

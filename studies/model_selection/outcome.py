@@ -120,8 +120,8 @@ class TraceOutcome(Tabled):
         }
 
 
-def write_trace(files: Path, content: Mapping[str, Any], model: Model, html: str) -> None:
+def write_trace(files: Path, outcome: "TraceOutcome", model: Model, html: str) -> None:
     """Write `trace.json`, `model.toml` and `report.html` into a folder."""
-    write_json(files / "trace.json", content)
+    write_json(files / "trace.json", outcome)
     write_model(model, files / "model.toml")
     write_text(files / "report.html", html)

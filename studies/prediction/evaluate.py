@@ -72,7 +72,7 @@ def evaluate_sets(
     for job in jobs:
         of_set, results = results[: len(job.trials)], results[len(job.trials) :]
         tables[job.role][job.title] = _summarise(job, of_set)
-    return SetEvaluation(tables["test"], tables["fit"], used, model.unreliable)
+    return SetEvaluation(tables["test"], used, tables["fit"], model.unreliable)
 
 
 @dataclass(frozen=True)

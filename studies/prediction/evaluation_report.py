@@ -1,15 +1,16 @@
 """The outcome of an evaluation: errors per trial and per design, and its folder, numbers, tables and a picture."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 from fabdesign.formats.csv_table import write_rows
 from fabdesign.formats.json_file import plain, write_json
 from fabdesign.formats.result_tables import Columns, Tabled
+from fabdesign.formats.schema import MM, Key
 from fabdesign.geometry.metrics import Closed, Errors, Statistics, beyond_in_words
 from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.output import new_folder
@@ -34,6 +35,7 @@ class TrialResult:
     after: Errors
     used: float = 1.0  # share of its frames
     intervals: IntervalScore | None = None  # of the model's 90 % intervals; None: it has none
+    json_keys: ClassVar = "before", "after", "intervals"
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,25 @@ class DesignResult:
         """Return trials of which no frame is used."""
         return [t.trial for t in self.trials if not t.used]
 
+    def json_content(self) -> dict[str, Any]:
+        """Return what `evaluate --json` prints of a design: mm."""
+
+        def millimetres(table: Mapping[str, Statistics]) -> dict[str, Any]:
+            return plain({name: table[name] for name in ERRORS}, MM) | {"surface_beyond": table["beyond"]}
+
+        return {
+            "before": millimetres(self.before),
+            "after": millimetres(self.after),
+            "closed": asdict(self.closed) | {"value": self.closed.surface},
+            "noise": {"sigma_mm": in_mm(self.noise.sigma), "strays": self.noise.strays},
+            "histogram": {error: histogram(self, error) for error in ("chamfer", "surface_rms")},
+            "source": self.source,
+            "intervals": self.intervals,
+            "trials": {trial.trial: trial for trial in self.trials},
+            "diverged": self.diverged,
+            "without_judged_frame": self.without_frames,
+        }
+
 
 @dataclass(frozen=True)
 class SetEvaluation(Tabled):
@@ -69,19 +90,14 @@ class SetEvaluation(Tabled):
     each."""
 
     designs: Mapping[str, DesignResult]
-    others: Mapping[str, DesignResult]
-    used: UsedFrames
-    unreliable: tuple[str, ...] = ()  # parameters of the model whose intervals its fit calls not reliable
+    used: Annotated[UsedFrames, Key(inside=True)]
+    others: Annotated[Mapping[str, DesignResult], Key(brief=True)] = field(default_factory=dict)
+    # parameters of the model whose intervals its fit calls not reliable
+    unreliable: Annotated[tuple[str, ...], Key(brief=True)] = ()
     skipped: tuple[str, ...] = ()
-
-    def as_json(self) -> dict[str, Any]:
-        """Return what `evaluate --json` prints: mm."""
-        result: dict[str, Any] = {"designs": {name: _as_json(design) for name, design in self.designs.items()}}
-        if self.others:
-            result["others"] = {name: _as_json(design) for name, design in self.others.items()}
-        if self.unreliable:
-            result["unreliable"] = list(self.unreliable)
-        return dict(plain(result | self.used.as_json() | {"metric": "chamfer, surface_rms", "unit": "mm"}))
+    metric: str = "chamfer, surface_rms"
+    unit: str = "mm"
+    json_keys: ClassVar = "designs", "others", "unreliable", "used", "metric", "unit"
 
     @property
     def rows(self) -> list[tuple[str, TrialResult]]:
@@ -94,8 +110,8 @@ class SetEvaluation(Tabled):
         [mm]."""
         rows = self.rows
         columns: Columns = {"design": [name for name, _ in rows]}
-        for key, field in (("set", "set_name"), ("trial", "trial"), ("order", "order"), ("role", "role")):
-            columns[key] = [getattr(trial, field) for _, trial in rows]
+        for key, name in (("set", "set_name"), ("trial", "trial"), ("order", "order"), ("role", "role")):
+            columns[key] = [getattr(trial, name) for _, trial in rows]
         columns["judged"] = [trial.used for _, trial in rows]
         for when in ("before", "after"):
             for error in ERRORS:
@@ -105,32 +121,6 @@ class SetEvaluation(Tabled):
             for k, name in enumerate(("interval_inside", "interval_width", "interval_crps")):
                 columns[name] = [np.nan if score is None else score.shown[k] for score in scores]
         return columns
-
-
-def _as_json(design: DesignResult) -> dict[str, Any]:
-    def millimetres(table: Mapping[str, Statistics]) -> dict[str, dict[str, float]]:
-        distances = {name: {key: in_mm(x) for key, x in asdict(table[name]).items()} for name in ERRORS}
-        return distances | {"surface_beyond": asdict(table["beyond"])}
-
-    return {
-        "before": millimetres(design.before),
-        "after": millimetres(design.after),
-        "closed": asdict(design.closed) | {"value": design.closed.surface},
-        "noise": {"sigma_mm": in_mm(design.noise.sigma), "strays": design.noise.strays},
-        "histogram": {error: histogram(design, error) for error in ("chamfer", "surface_rms")},
-        "source": design.source,
-        "intervals": _intervals_json(design.intervals),
-        "trials": {
-            r.trial: {"before": r.before, "after": r.after, "intervals": _intervals_json(r.intervals)}
-            for r in design.trials
-        },
-        "diverged": design.diverged,
-        "without_judged_frame": design.without_frames,
-    }
-
-
-def _intervals_json(score: IntervalScore | None) -> dict[str, float] | None:
-    return None if score is None else dict(zip(("inside", "width_mm", "crps_mm"), score.shown, strict=True))
 
 
 def _values(design: DesignResult, error: str) -> tuple[np.ndarray, np.ndarray]:
@@ -151,7 +141,7 @@ def histogram(design: DesignResult, error: str) -> dict[str, list[float]]:
 def write_evaluation(evaluation: SetEvaluation, out: Path) -> None:
     """Write `evaluation.json`, `trials.csv`, `evaluation.md` and `histogram.png` into the folder `out`, all or none."""
     with new_folder(out, made_by="evaluate") as unfinished:
-        write_json(unfinished / "evaluation.json", evaluation.as_json())
+        write_json(unfinished / "evaluation.json", evaluation)
         (unfinished / "evaluation.md").write_text(tables_markdown(evaluation), encoding="utf-8")
         _write_trials(evaluation, unfinished / "trials.csv")
         write_histogram(evaluation, unfinished / "histogram.png")

@@ -7,14 +7,16 @@ and in a group, and it would bring pandas and multiprocess."""
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
 from fabdesign.errors import InputError, SimulationError
+from fabdesign.formats.json_file import plain
 from fabdesign.formats.result_tables import Columns, Tabled, by_name
+from fabdesign.formats.schema import Key
 from fabdesign.nouns.array import Array
 from fabdesign.study_files.sensitivity_file import SensitivityStudy
 from studies.prediction.stability import snaps
@@ -28,10 +30,10 @@ INTERVAL = 5.0, 95.0  # percentiles of a 90 % interval
 class Screening:
     """Morris: elementary effects, changes of the output over an input's whole range. (inputs,) each."""
 
-    mean: Array
     mu_star: Array  # mean of their absolute values (Campolongo et al. 2007)
+    mu_star90: Annotated[Array, Key("interval90")]  # (inputs, 2)
+    mean: Annotated[Array, Key("mu")]
     sigma: Array  # their standard deviation: from interactions and curvature
-    mu_star90: Array  # (inputs, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +41,9 @@ class Indices:
     """Sobol indices, (groups,) each: shares of the output's variance."""
 
     first: Array
+    first90: Annotated[Array, Key("first_interval90")]  # (groups, 2)
     total: Array
-    first90: Array  # (groups, 2)
-    total90: Array
+    total90: Annotated[Array, Key("total_interval90")]
 
 
 def screening(paths: Array, values: Array, *, seed: int = 0) -> Screening:
@@ -54,14 +56,14 @@ def screening(paths: Array, values: Array, *, seed: int = 0) -> Screening:
     np.put_along_axis(effects, moved, np.diff(values, axis=1) * sign / STEP, axis=1)
     size = np.abs(effects)
     resampled = np.array([size[pick].mean(axis=0) for pick in _picks(len(size), seed)])
-    return Screening(effects.mean(axis=0), size.mean(axis=0), effects.std(axis=0, ddof=1), _interval(resampled))
+    return Screening(size.mean(axis=0), _interval(resampled), effects.mean(axis=0), effects.std(axis=0, ddof=1))
 
 
 def indices(values: Array, *, seed: int = 0) -> Indices:
     """Return the indices by the outputs (rows, 2 + groups) of `saltelli_rows`, all finite and not all equal."""
     first, total = _indices(values)
     resampled = np.array([_indices(values[pick]) for pick in _picks(len(values), seed)])
-    return Indices(first, total, _interval(resampled[:, 0]), _interval(resampled[:, 1]))
+    return Indices(first, _interval(resampled[:, 0]), total, _interval(resampled[:, 1]))
 
 
 def _indices(values: Array) -> tuple[Array, Array]:
@@ -82,10 +84,6 @@ def _interval(resampled: Array) -> Array:
 
 Measured = TypeVar("Measured", Screening, Indices)
 FEWEST = {"morris": 4, "sobol": 8}  # whole rows or trajectories under which nothing is said
-_FIGURES = {  # keys of result.json, and what they hold
-    "morris": {"mu_star": "mu_star", "interval90": "mu_star90", "mu": "mean", "sigma": "sigma"},
-    "sobol": {"first": "first", "first_interval90": "first90", "total": "total", "total_interval90": "total90"},
-}
 WIDE = 0.4  # of an output's variance: a wider interval of a Sobol index ranks nothing
 ROWS = {"morris": "trajectories", "sobol": "rows"}
 MANY_SNAP = 0.05  # share of samples that snap above which indices depend partly on chance
@@ -226,7 +224,7 @@ class SensitivityResult(Tabled):
     def indices(self, output: str) -> dict[str, dict[str, Any]]:
         """Return first, total and their intervals of an output, by parameter. Raises InputError where there are
         none."""
-        entry = self.as_json()["outputs"].get(output, {})
+        entry = self.to_json()["outputs"].get(output, {})
         if "sobol" not in entry:
             known = ", ".join(column.name for column in self.watched)
             raise InputError(f"{output}: no indices; expected an output that varies, of {known}")
@@ -237,13 +235,13 @@ class SensitivityResult(Tabled):
         return by_name(
             [
                 {"output": output, "unit": entry["unit"], "parameter": name, "method": method} | _flat(numbers)
-                for output, entry in self.as_json()["outputs"].items()
-                for method in _FIGURES
+                for output, entry in self.to_json()["outputs"].items()
+                for method in FEWEST
                 for name, numbers in entry.get(method, {}).items()
             ]
         )
 
-    def as_json(self) -> dict[str, Any]:
+    def json_content(self) -> dict[str, Any]:
         """Return what result.json holds."""
         return {
             "outputs": {c.name: self._output(k) for k, c in enumerate(self.watched)},
@@ -268,9 +266,9 @@ class SensitivityResult(Tabled):
         measured = {"morris": (self.screenings[k], self.inputs.names), "sobol": (self.sobol[k], self.inputs.groups)}
         for method, (measure, names) in measured.items():
             if measure is not None:
+                columns = plain(measure)
                 entry[method] = {
-                    name: {key: getattr(measure, figure)[i].tolist() for key, figure in _FIGURES[method].items()}
-                    for i, name in enumerate(names)
+                    name: {key: values[i] for key, values in columns.items()} for i, name in enumerate(names)
                 }
         return entry
 

@@ -220,7 +220,7 @@ class _Sweep:
             if self.study.seconds is not None and self._store.spent[0] >= self.study.seconds:
                 break
             numbers = missing[begin : begin + at_once]
-            wall, cpu = working_time.seconds(), working_time.processor_seconds()
+            wall, cpu = working_time.seconds(), working_time.processor.seconds()
             try:
                 new = compute(values[numbers])
             except KeyboardInterrupt:
@@ -229,7 +229,7 @@ class _Sweep:
                 self._interrupted = True
                 break
             added = dict(zip(numbers, new, strict=True))
-            self._store.add(part, added, wall=working_time.seconds() - wall, cpu=working_time.processor_seconds() - cpu)
+            self._store.add(part, added, wall=working_time.seconds() - wall, cpu=working_time.processor.seconds() - cpu)
             done |= added
             self._done += cases * len(numbers)
             self._computed += cases * len(numbers)

@@ -5,14 +5,11 @@ dropped, and what is left is kept only if whole trials left out gain half of the
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from fabdesign.effects.learned import DISCOVERED, formula
+from fabdesign.effects.learned import DISCOVERED
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.model import EffectTerm
-from fabdesign.units import in_mm
 from optimize.fit.cross_validation import LeftOut
 from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
@@ -32,14 +29,6 @@ class Discovered:
     fit: Fit
     before: float
     excess: float
-
-    def as_json(self, effect: EffectTerm) -> dict[str, Any]:
-        """Return `discovered` of `trace.json`; effect: as the model has it."""
-        return {
-            "formula": formula(effect.term.values),
-            "parameters": {name: q for name, q in effect.parameters.items() if q.value},
-            "excess_mm": {"before": in_mm(self.before), "after": in_mm(self.excess)},
-        }
 
 
 def discover(task: Task, selection: Selection) -> Discovered | None:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from fabdesign.effects import EFFECTS
+from fabdesign.effects.learned import formula
 from fabdesign.effects.registry import effects_of
-from fabdesign.formats.json_file import plain
 from fabdesign.formats.result_tables import OfModel, Summary
 from fabdesign.geometry.metrics import over
 from fabdesign.nouns.forward import ForwardModel
@@ -130,16 +130,16 @@ class Outcome(TraceOutcome, OfModel):
         """Return the verdict, and the model's parameters."""
         return Summary([f"Outcome: {self.verdict}"], self.columns())
 
-    def as_json(self) -> dict[str, Any]:
+    def json_content(self) -> dict[str, Any]:
         """Return `trace.json`; mm."""
-        excess = self.evidence
+        excess, decoys = self.evidence, self.selection.decoys
         after = excess.after if self.verdict == "effect" else excess.before
         after = after if self.discovered is None else self.discovered.excess
         means = [
             MeanErrors(mean_of(self.errors, "fit", which), mean_of(self.errors, "test", which), left_out)
             for which, left_out in (("before", excess.before), ("after", after))
         ]
-        trace = self.entries("surface_rms", "mm", *means) | {
+        return self.entries("surface_rms", "mm", *means) | {
             "other_layouts": {
                 name: {
                     "trials": len(errors),
@@ -152,11 +152,21 @@ class Outcome(TraceOutcome, OfModel):
                 "when_s": self.remains.when,
                 "follows": self.follows,
             },
-            "unjudged": [stretch.as_json() for stretch in self.data.used.stretches or ()],
+            "unjudged": self.data.used.stretches or (),
             "unjudged_share": self.data.used.share_left_out,
             "weights": {"share_below_tenth": self.share_below_tenth, "input_accuracy": self.data.accuracy},
-            "decoys": None if self.selection.decoys is None else self.selection.decoys.as_json(self.tolerance),
-            "discovered": None if self.discovered is None else self.discovered.as_json(self.model.effects[-1]),
+            "decoys": decoys
+            and {
+                "tried": len(decoys.gains),
+                "taken": decoys.taken(self.tolerance),
+                "chance_mm": in_mm(decoys.chance),
+            },
+            "discovered": self.discovered
+            and {
+                "formula": formula(self.model.effects[-1].term.values),
+                "parameters": {name: q for name, q in self.model.effects[-1].parameters.items() if q.value},
+                "excess_mm": {"before": in_mm(self.discovered.before), "after": in_mm(self.discovered.excess)},
+            },
             "next_experiment": self.next_experiment,
             "excess": {
                 "unit": "mm",
@@ -168,7 +178,6 @@ class Outcome(TraceOutcome, OfModel):
             "detectable": {c.name: c.detectable for c in self.candidates if not c.chosen},
             "said": self.sentences,
         }
-        return dict(plain(trace))
 
 
 def noise_floor(errors: Sequence[TrialError], otherwise: float) -> float:

@@ -98,7 +98,7 @@ def experiment_in_words(outcome: Outcome) -> str | None:
 
 def as_text(outcome: Outcome) -> str:
     """Return a trace in words for the terminal."""
-    result = outcome.as_json()
+    result = outcome.to_json()
     error = result["error"]
     lines = [f"{outcome.verdict}: {verdict_in_words(outcome)}"]
     lines.append(
@@ -133,7 +133,7 @@ def render_report(outcome: Outcome) -> str:
 
 def _answer(outcome: Outcome) -> Iterator[page.Block]:
     """Yield the verdict, how far the model is off, and what each effect would take."""
-    result = outcome.as_json()
+    result = outcome.to_json()
     yield page.Title(f"{outcome.name}: what the model lacks", 1)
     verdict = page.sentence(verdict_in_words(outcome))
     yield page.Text(Markup("<b>{}.</b> {}").format(outcome.verdict.capitalize(), verdict), "verdict")

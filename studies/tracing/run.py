@@ -111,7 +111,7 @@ def trace_set(
         from studies.tracing.report import render_report  # here: pages are heavy
 
         with work.adding() as files:
-            write_trace(files, outcome.as_json(), outcome.model, render_report(outcome))
+            write_trace(files, outcome, outcome.model, render_report(outcome))
     return outcome
 
 

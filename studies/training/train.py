@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from corrector.field import load_corrector, write_weights
 from fabdesign.files.model_file import write_model
+from fabdesign.formats.json_file import plain
 from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.geometry.distances import chamfer
 from fabdesign.geometry.metrics import Closed, Errors, closed, mean_errors, trial_errors
@@ -24,13 +25,11 @@ from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.output import others_in, work_folder
 from fabdesign.runtime.fingerprint import sha256
 from fabdesign.runtime.store import Checkpoint
-from fabdesign.units import in_mm
 from fabdesign.version import SIMULATOR, __version__
 from optimize.fit.parameters import FitVector
 from studies.intervals.calibrate import spread_json, with_spread
 from studies.measured.fit_data import noise_of
 from studies.measured.used_frames import UsedFrames
-from studies.prediction.evaluation_report import ERRORS
 from studies.training.data import (
     Chosen,
     KeptMotions,
@@ -69,12 +68,11 @@ class TrainingResult(Tabled):
     intervals: str  # how good they are, or why there are none
     skipped: tuple[str, ...] = ()
 
-    def as_json(self) -> dict[str, Any]:
+    def json_content(self) -> dict[str, Any]:
         """Return what `train --json` prints: mm."""
 
         def millimetres(errors: Errors) -> dict[str, float]:
-            values = {name: in_mm(getattr(errors, name)) for name in ERRORS}
-            return {name: value for name, value in values.items() if np.isfinite(value)}
+            return {name: value for name, value in errors.millimetres().items() if np.isfinite(value)}
 
         return {
             "network": self.about["network"],
@@ -94,12 +92,12 @@ class TrainingResult(Tabled):
                 for name, of in self.held_out.items()
             },
             "spread": spread_json(self.model),
-            **self.used.as_json(),
+            **plain(self.used),
         }
 
     def columns(self) -> Columns:
         """Return errors in mm of each design that was held out: design, trials, then each error before and after."""
-        held = self.as_json()["held_out"]
+        held = self.to_json()["held_out"]
         columns: Columns = {"design": [*held], "trials": [of["trials"] for of in held.values()]}
         for when in ("before", "after"):
             for name in sorted({name for of in held.values() for name in of[when]}):

@@ -109,20 +109,20 @@ def _pose(
     failed, sound = len(drawn) - 1 - len(sound), with_error(sound, drawn[0])
     away = np.sqrt(np.square(sound - sound.mean(axis=0)).sum(axis=-1))  # (models, points)
     tips = in_mm(np.array([tip(shape, unsewn.design.fabric) for shape in sound]))
-    return {
-        "pressures_kpa": in_kpa(pose).tolist(),
-        "band_mm": in_mm(float(np.sqrt(np.square(away).mean()))),
-        "widest_mm": in_mm(float(np.sqrt(np.square(away).mean(axis=0)).max())),
-        "tip_mm": {axis: _percentiles(tips[:, k]) for k, axis in enumerate("xyz")},
-        "outputs": {
+    return PoseResult(
+        pressures_kpa=in_kpa(pose).tolist(),
+        band_mm=in_mm(float(np.sqrt(np.square(away).mean()))),
+        widest_mm=in_mm(float(np.sqrt(np.square(away).mean(axis=0)).max())),
+        tip_mm={axis: _percentiles(tips[:, k]) for k, axis in enumerate("xyz")},
+        outputs={
             output.text: {"unit": output.unit, "percentiles": _percentiles(np.array([output.of(s) for s in sound]))}
             for output in unsewn.outputs
         },
-        "mean_curvature": _percentiles(np.array([mean_curvature(shape) for shape in sound])),
-        "failed": failed,
-        "snaps": bool(snaps(moves(drawn[0], *off)[None])[0]),
-        "middle": np.round(_column(sound), 6).tolist(),
-    }
+        mean_curvature=_percentiles(np.array([mean_curvature(shape) for shape in sound])),
+        failed=failed,
+        snaps=bool(snaps(moves(drawn[0], *off)[None])[0]),
+        middle=np.round(_column(sound), 6).tolist(),
+    )
 
 
 def _column(shapes: Array) -> Array:
@@ -233,17 +233,19 @@ def measurement(
     remaining = {name: in_mm(after(b, matrix)) for name, matrix in gained.items()}
     ranked = sorted(remaining, key=lambda name: remaining[name])
     best = by_name[ranked[0]].program if ranked else None
-    return {
-        "spread_mm": in_mm(spread(b, np.eye(len(draws.names)))),
-        "due_to_mm": {name: in_mm(spread(b[:, k : k + 1], np.eye(1))) for k, name in enumerate(draws.names)},
-        "candidates": {name: {"design": by_name[name].design.name, "left_mm": remaining[name]} for name in ranked},
-        "program": None if best is None else {
+    return Measurement(
+        spread_mm=in_mm(spread(b, np.eye(len(draws.names)))),
+        due_to_mm={name: in_mm(spread(b[:, k : k + 1], np.eye(1))) for k, name in enumerate(draws.names)},
+        candidates={name: {"design": by_name[name].design.name, "left_mm": remaining[name]} for name in ranked},
+        program=None
+        if best is None
+        else {
             "time_s": best.time.tolist(),
             "pressure_kpa": in_kpa(best.pressure).round(3).tolist(),
             "duration_s": best.duration,
         },
-        "in_turn_mm": {name: in_mm(value) for name, value in in_turn(b, gained, IN_TURN).items()},
-    }  # fmt: skip
+        in_turn_mm={name: in_mm(value) for name, value in in_turn(b, gained, IN_TURN).items()},
+    )
 
 
 def candidates_of(unsewn: Unsewn, rig: RigLimits) -> list[CandidateMeasurement]:

@@ -1,13 +1,16 @@
 """The result of a study of what is not measured yet: `result.json` in mm, kPa and 1/m, and a page."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NotRequired, TypedDict
+from typing import Annotated, Any
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from fabdesign.formats.result_tables import Columns, Tabled, by_name
+from fabdesign.formats.schema import Key
 from fabdesign.formats.toml_file import file_stem
 from fabdesign.units import in_mm
 from fabdesign.version import __version__
@@ -18,7 +21,8 @@ from studies.study import write_result
 Percentiles = list[float]  # 5, 50 and 95 % over the drawn models
 
 
-class PoseResult(TypedDict):
+@dataclass(frozen=True)
+class PoseResult:
     """Shapes at rest under one row of pressures. band: RMS that a drawn model's shape lies from the mean shape; widest:
     where that is most. snaps: near a bifurcation. middle: m, each model's z and y down the middle line, for the picture
     alone. failed: models that found no shape at rest. outputs: by what the study asks for, `unit` and `percentiles`."""
@@ -31,10 +35,11 @@ class PoseResult(TypedDict):
     mean_curvature: Percentiles
     failed: int
     snaps: bool
-    middle: NotRequired[list[list[list[float]]]]
+    middle: Annotated[list[list[list[float]]], Key("")]
 
 
-class Measurement(TypedDict):
+@dataclass(frozen=True)
+class Measurement:
     """The information of a measurement. due_to: spread by each unknown's own part, in the covariance's order;
     candidates: the best first, each `design` and the spread `left_mm` after it, and its program (`time_s`,
     `pressure_kpa`, `duration_s`). in_turn: those that tell most together, each beside those before it,
@@ -47,26 +52,46 @@ class Measurement(TypedDict):
     in_turn_mm: dict[str, float]
 
 
-class UnseenResult(TypedDict):
-    """design to measurement: of a layout before it is sewn. free and left_out: of designs left out in turn. None: not
-    begun, because the time was used. calibrated: whether the shapes' intervals are; intervals: what they are from, in
-    words."""
+@dataclass(frozen=True)
+class UnsewnResult:
+    """A layout before it is sewn. calibrated: whether the shapes' intervals are; intervals: what they are from, in
+    words. None: not begun, because the time was used."""
+
+    design: str
+    model_points_per_side: int
+    doubted: Sequence[str]
+    poses: list[PoseResult] | None
+    unknown: Sequence[str]
+    calibrated: bool
+    intervals: str
+    corrector: dict[str, Any]
+    measurement: Measurement | None
+
+
+@dataclass(frozen=True)
+class UnseenResult(Tabled):
+    """free and left_out: of designs left out in turn; None of one that was not begun, because the time was used."""
 
     name: str
     seed: int
     points_per_side: int
-    design: NotRequired[str]
-    model_points_per_side: NotRequired[int]
-    doubted: NotRequired[list[str]]
-    poses: NotRequired[list[PoseResult] | None]
-    unknown: NotRequired[list[str]]
-    calibrated: NotRequired[bool]
-    intervals: NotRequired[str]
-    corrector: NotRequired[dict[str, Any]]
-    measurement: NotRequired[Measurement | None]
-    free: NotRequired[list[str]]
-    left_out: NotRequired[dict[str, dict[str, Any] | None]]
-    wall_s: NotRequired[float]
+    unsewn: Annotated[UnsewnResult | None, Key(inside=True)] = None
+    free: Annotated[Sequence[str] | None, Key(brief=True)] = None
+    left_out: Annotated[dict[str, dict[str, Any] | None] | None, Key(brief=True)] = None
+    wall_s: float = 0.0
+
+    def columns(self) -> Columns:
+        """Return a row a pose and output: pose, output, unit, and its 5, 50 and 95 % over the drawn models."""
+        rows: list[dict[str, object]] = []
+        for number, pose in enumerate((self.unsewn and self.unsewn.poses) or ()):
+            values = [(f"tip_{axis}", "mm", ends) for axis, ends in pose.tip_mm.items()]
+            values.append(("mean_curvature", "1/m", pose.mean_curvature))
+            values += [(name, output["unit"], output["percentiles"]) for name, output in pose.outputs.items()]
+            rows += [
+                {"pose": number, "output": name, "unit": unit, "low90": low, "middle": middle, "high90": high}
+                for name, unit, (low, middle, high) in values
+            ]
+        return by_name(rows)
 
 
 _STATISTICS = ("mean", "max", "min", "std")
@@ -78,58 +103,57 @@ points of a frame. The set points of the first program are in result.json, <code
 
 def write_report(result: UnseenResult, out: Path, *, pictures: Path) -> None:
     """Write `result.json` and `report.html` into `out`; `pictures` holds the overlays."""
-    ended = f"seed {result['seed']}, {result.get('wall_s', 0.0):.0f} s. fabdesign {__version__}"
-    last = page.Text(f"{result['points_per_side']} grid points a side, {ended}.", "quiet")
-    blocks = [page.Title(result["name"], 1), *_shapes(result), *_left_out(result, pictures), last]
-    write_result(out, without_lines(result), result["name"], blocks)
+    ended = f"seed {result.seed}, {result.wall_s:.0f} s. fabdesign {__version__}"
+    last = page.Text(f"{result.points_per_side} grid points a side, {ended}.", "quiet")
+    blocks = [page.Title(result.name, 1), *_shapes(result), *_left_out(result, pictures), last]
+    write_result(out, result, result.name, blocks)
 
 
 def _shapes(result: UnseenResult) -> Iterator[page.Block]:
     """Yield the shapes of a layout before it is sewn, and what to measure."""
-    if not result.get("design"):
+    if (unsewn := result.unsewn) is None:
         return
-    sentence = page.sentence(result["corrector"]["said"])
-    yield page.Text(f"""Design {result["design"]}, before it is sewn: shapes at rest of models drawn from the model's
+    sentence = page.sentence(unsewn.corrector["said"])
+    yield page.Text(f"""Design {unsewn.design}, before it is sewn: shapes at rest of models drawn from the model's
         joint covariance. {sentence}""")
-    yield from page.texts("note", map(page.sentence, _notes(result)))
-    yield page.Columns([[*_pose(pose)] for pose in result.get("poses") or []], "faces")
-    if measurement := result.get("measurement"):
-        yield from _measurement(measurement)
+    yield from page.texts("note", map(page.sentence, _notes(unsewn, result.points_per_side)))
+    yield page.Columns([[*_pose(pose)] for pose in unsewn.poses or []], "faces")
+    if unsewn.measurement is not None:
+        yield from _measurement(unsewn.measurement)
 
 
 def _pose(pose: PoseResult) -> Iterator[page.Block]:
-    yield page.Title(f"{', '.join(f'{p:g}' for p in pose['pressures_kpa'])} kPa")
+    yield page.Title(f"{', '.join(f'{p:g}' for p in pose.pressures_kpa)} kPa")
     yield page.Picture(_band_figure(pose))
-    if pose["snaps"]:
+    if pose.snaps:
         yield page.Text(_SNAPS, "note")
-    values = {f"lower edge {axis}, mm": pose["tip_mm"][axis] for axis in "xyz"}
-    values |= {f"{name}, {output['unit']}": output["percentiles"] for name, output in pose["outputs"].items()}
+    values = {f"lower edge {axis}, mm": pose.tip_mm[axis] for axis in "xyz"}
+    values |= {f"{name}, {output['unit']}": output["percentiles"] for name, output in pose.outputs.items()}
     rows = [(name, *(f"{round(x, 1) + 0:.1f}" for x in row)) for name, row in values.items()]
-    yield page.TableBlock(("", "5 %", "middle", "95 %"), [*rows, ("mean curvature, 1/m", *pose["mean_curvature"])])
-    failed = f" {pose['failed']} models found no shape at rest." if pose["failed"] else ""
-    yield page.Text(f"""A drawn shape lies {pose["band_mm"]:.2f} mm RMS from the mean shape, {pose["widest_mm"]:.2f} mm
+    yield page.TableBlock(("", "5 %", "middle", "95 %"), [*rows, ("mean curvature, 1/m", *pose.mean_curvature)])
+    failed = f" {pose.failed} models found no shape at rest." if pose.failed else ""
+    yield page.Text(f"""A drawn shape lies {pose.band_mm:.2f} mm RMS from the mean shape, {pose.widest_mm:.2f} mm
         where the scatter is widest.{failed}""")
 
 
 def _measurement(measurement: Measurement) -> Iterator[page.Block]:
     yield page.Title("What to measure")
-    yield page.Text(_MEASURED.format(measurement["spread_mm"]))
-    rows = [(name, c["design"], c["left_mm"]) for name, c in measurement["candidates"].items()]
+    yield page.Text(_MEASURED.format(measurement.spread_mm))
+    rows = [(name, c["design"], c["left_mm"]) for name, c in measurement.candidates.items()]
     yield page.TableBlock(("program", "on", "left, mm"), rows, left_aligned=(1,))
-    in_turn = ", ".join(f"{name} (leaves {remaining:.2f} mm)" for name, remaining in measurement["in_turn_mm"].items())
+    in_turn = ", ".join(f"{name} (leaves {remaining:.2f} mm)" for name, remaining in measurement.in_turn_mm.items())
     yield page.Text(f"Measured one after another, each telling most beside those before it: {in_turn}.")
     head = "unknown, in the covariance's order", "spread by its own part, mm"
-    yield page.TableBlock(head, [*measurement["due_to_mm"].items()])
+    yield page.TableBlock(head, [*measurement.due_to_mm.items()])
 
 
 def _left_out(result: UnseenResult, pictures: Path) -> Iterator[page.Block]:
     """Yield each design as those of the others predict it."""
-    left_out = result.get("left_out") or {}
-    if not left_out:
+    if not (left_out := result.left_out):
         return
     done = {name: entry for name, entry in left_out.items() if entry}
     yield page.Title("Each design left out in turn")
-    free = ", ".join(result.get("free") or [])
+    free = ", ".join(result.free or ())
     states = f" Without effects: factors fitted alone. After: factors and effects ({free}) fitted together."
     yield page.Text(f"""The model is calibrated on the trials of the other designs and evaluated on the design left out.
         Before: the data sheet.{states if free else ""} Values in mm over trials.""")
@@ -178,40 +202,27 @@ def _effect_rows(effects: list[dict[str, Any]]) -> list[tuple[str, str, str, str
     ]
 
 
-def _notes(result: UnseenResult) -> list[str]:
+def _notes(unsewn: UnsewnResult, grid: int) -> list[str]:
     """Return what must be said beside the shapes' intervals."""
-    if not result.get("design"):
-        return []
-    notes, fitted_grid, grid = [], result["model_points_per_side"], result["points_per_side"]
-    notes.append(result["intervals"])
-    if result["doubted"] and not result["calibrated"]:
+    notes, fitted_grid = [unsewn.intervals], unsewn.model_points_per_side
+    if unsewn.doubted and not unsewn.calibrated:
         notes.append(
-            f"the model's intervals of {', '.join(result['doubted'])} are not reliable: its fit left more than "
+            f"the model's intervals of {', '.join(unsewn.doubted)} are not reliable: its fit left more than "
             "noise. The intervals here follow from them and are probably too narrow"
         )
     if fitted_grid != grid:
         notes.append(f"the model's factors belong to a grid of {fitted_grid} points a side; these shapes have {grid}")
-    if result["unknown"]:
-        unknown = ", ".join(result["unknown"])
+    if unsewn.unknown:
+        unknown = ", ".join(unsewn.unknown)
         notes.append(
             f"the model has no data on {unknown}: the tolerance of the data sheet is used (15 %). A bench reduces it"
         )
     return notes
 
 
-def without_lines(result: UnseenResult) -> UnseenResult:
-    """Return the result without the middle lines, which are for the picture."""
-    shown = result.copy()
-    if poses := result.get("poses"):
-        shown["poses"] = poses = [pose.copy() for pose in poses]
-        for pose in poses:
-            pose.pop("middle", None)
-    return shown
-
-
 def _band_figure(pose: PoseResult) -> Figure:
     """Return the cloth's middle line from the side: of every drawn model, and their mean."""
-    lines = in_mm(np.array(pose["middle"]))
+    lines = in_mm(np.array(pose.middle))
     figure = Figure(figsize=(4.2, 4.2), layout="constrained")
     axes = figure.subplots()
     for line in lines:
@@ -237,32 +248,31 @@ def _histogram_figure(sizes: dict[str, Any]) -> Figure:
 
 def as_text(result: UnseenResult) -> str:
     """Return the result in words."""
-    lines = []
-    for pose in result.get("poses") or []:
-        low, middle, high = pose["tip_mm"]["z"]
-        shown = ", ".join(f"{p:g}" for p in pose["pressures_kpa"])
-        snaps = "; may buckle to either side" if pose["snaps"] else ""
+    lines, unsewn = [], result.unsewn
+    for pose in (unsewn and unsewn.poses) or ():
+        low, middle, high = pose.tip_mm["z"]
+        shown = ", ".join(f"{p:g}" for p in pose.pressures_kpa)
+        snaps = "; may buckle to either side" if pose.snaps else ""
         lines.append(
             f"{shown} kPa: lower edge at z = {middle:.1f} mm (90 % {low:.1f} to {high:.1f}), "
-            f"shape within {pose['band_mm']:.2f} mm RMS{snaps}"
+            f"shape within {pose.band_mm:.2f} mm RMS{snaps}"
         )
-        for name, output in pose["outputs"].items():
+        for name, output in pose.outputs.items():
             low, middle, high = output["percentiles"]
             lines.append(f"  {name}: {middle:.1f} {output['unit']} (90 % {low:.1f} to {high:.1f})")
-    if result.get("design"):
-        lines.append(result["corrector"]["said"])
-        lines += _notes(result)
-    measurement = result.get("measurement")
-    if measurement and measurement["candidates"]:
-        name, best = next(iter(measurement["candidates"].items()))
+    if unsewn is not None:
+        lines += [unsewn.corrector["said"], *_notes(unsewn, result.points_per_side)]
+    if unsewn is not None and unsewn.measurement is not None and unsewn.measurement.candidates:
+        measurement = unsewn.measurement
+        name, best = next(iter(measurement.candidates.items()))
         lines.append(
-            f"the best measurement: {name}, on {best['design']}; it reduces {measurement['spread_mm']:.2f} mm RMS "
+            f"the best measurement: {name}, on {best['design']}; it reduces {measurement.spread_mm:.2f} mm RMS "
             f"to {best['left_mm']:.2f}"
         )
-        more = [f"{name} ({mm:.2f})" for name, mm in [*measurement["in_turn_mm"].items()][1:]]
+        more = [f"{name} ({mm:.2f})" for name, mm in [*measurement.in_turn_mm.items()][1:]]
         if more:
             lines.append(f"beside it, in this order: {', '.join(more)}")
-    for name, errors in (result.get("left_out") or {}).items():
+    for name, errors in (result.left_out or {}).items():
         if errors is None:
             lines.append(f"{name} left out: not started, because the time was used")
             continue

@@ -10,6 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from fabdesign.errors import InputError
+from fabdesign.formats.json_file import of_exact, plain
 from fabdesign.formats.toml_file import file_stem
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
@@ -39,7 +40,7 @@ from studies.unseen.prediction import (
     measurement,
     predicted,
 )
-from studies.unseen.report import Measurement, UnseenResult, write_report
+from studies.unseen.report import Measurement, PoseResult, UnseenResult, UnsewnResult, write_report
 
 _UNSEWN = 0.5  # of the work, that predictions of a layout that is not sewn take beside measured designs
 _DERIVATIVES = 0.3  # of it, after which measurements are compared
@@ -68,13 +69,13 @@ def run_unseen(
         progress(unseen_in_words(study), None)
         if forward is None:
             forward, coarse = simulator(study.points_per_side, study), coarse or simulator(GRID)
-        result: UnseenResult = {"name": study.name, "seed": study.seed, "points_per_side": study.points_per_side}
         before = parts(progress, _UNSEWN)[0] if study.measured is not None else progress
-        result = with_unsewn(result, study, forward, checkpoint, before)
+        unsewn = unsewn_result(study, forward, checkpoint, before)
+        result = UnseenResult(study.name, study.seed, study.points_per_side, unsewn)
         if study.measured is not None:
-            result["free"] = list(study.free)
-            result["left_out"] = _left_out(study, work, forward, coarse or forward, checkpoint, progress)
-        result["wall_s"] = checkpoint.spent
+            designs = _left_out(study, work, forward, coarse or forward, checkpoint, progress)
+            result = replace(result, free=study.free, left_out=designs)
+        result = replace(result, wall_s=checkpoint.spent)
         with work.adding() as files:
             write_report(result, files, pictures=work.folder)
     return result
@@ -97,12 +98,12 @@ def unseen_in_words(study: UnseenStudy) -> str:
     return in_words(seconds, *what, on_cores())
 
 
-def with_unsewn(
-    result: UnseenResult, study: UnseenStudy, engine: ForwardModel, checkpoint: Checkpoint, progress: Progress
-) -> UnseenResult:
-    """Return the result with what there is to say of a layout before it is sewn."""
+def unsewn_result(
+    study: UnseenStudy, engine: ForwardModel, checkpoint: Checkpoint, progress: Progress
+) -> UnsewnResult | None:
+    """Return what there is to say of a layout before it is sewn; None where the study has none."""
     if (unsewn := study.unsewn) is None:
-        return result
+        return None
     draws = Draws(unsewn.model, unsewn.design)
     bare = replace(unsewn.model, parameters={}, effects=())  # a case brings all of it
     forward = replace(forward_model(engine, unsewn.model), model=bare)
@@ -114,18 +115,18 @@ def with_unsewn(
         progress(f"what {len(candidates)} measurements would tell", _DERIVATIVES)
         return measurement(unsewn, draws, forward, candidates)
 
-    return {
-        **result,
-        "design": unsewn.design.name,
-        "model_points_per_side": unsewn.model.points_per_side,
-        "doubted": list(unsewn.model.unreliable),
-        "poses": poses,
-        "unknown": list(draws.unknown),
-        "calibrated": spread_of(unsewn.model) is not None,
-        "intervals": intervals_statement(unsewn.model),
-        "corrector": corrector_statement(unsewn.model, unsewn),
-        "measurement": checkpoint.get("measurement", measure),
-    }
+    measured = checkpoint.get("measurement", measure)
+    return UnsewnResult(
+        design=unsewn.design.name,
+        model_points_per_side=unsewn.model.points_per_side,
+        doubted=unsewn.model.unreliable,
+        poses=poses and of_exact(list[PoseResult], poses),
+        unknown=draws.unknown,
+        calibrated=spread_of(unsewn.model) is not None,
+        intervals=intervals_statement(unsewn.model),
+        corrector=corrector_statement(unsewn.model, unsewn),
+        measurement=measured and of_exact(Measurement, measured),
+    )
 
 
 def _left_out(
@@ -201,12 +202,10 @@ def left_out(
 
     evaluation = evaluated(model, "")
     _overlay(*_shown(tests, measured, evaluation), model, forward, picture)
-    row = evaluation.as_json()["designs"][name] | evaluation.used.as_json()
+    row = plain(evaluation.designs[name]) | plain(evaluation.used)
     if model.effects:
-        row["without_effects"] = evaluated(calibration.model.before, ", factors alone").as_json()["designs"][name][
-            "after"
-        ]
-    content = calibration.as_json()
+        row["without_effects"] = plain(evaluated(calibration.model.before, ", factors alone").designs[name])["after"]
+    content = calibration.to_json()
     return row | {
         "factors": {k: {key: p[key] for key in ("factor", "interval90")} for k, p in content["parameters"].items()},
         "effects": content["effects"],

@@ -196,10 +196,9 @@ class Distance:
         """Return what `overall` is of; empty between still shapes."""
         return "" if len(self.times) == 1 else "mean of the motion" if self.both_move else "at the motion's end"
 
-    def as_json(self) -> dict[str, object]:
+    def json_content(self) -> dict[str, object]:
         """Return the distance as JSON, in mm; null: not known."""
-        values = {name: mm if np.isfinite(mm) else None for name, mm in self.overall.millimetres().items()}
-        return {"from": self.reference, "of": self.when or "still shapes", "unit": "mm", **values}
+        return {"from": self.reference, "of": self.when or "still shapes", "unit": "mm", **self.overall.millimetres()}
 
 
 def errors_in_words(errors: Errors) -> str:

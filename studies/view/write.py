@@ -63,7 +63,7 @@ def write_panels(
             save_picture(items, path, apart, times, overlay=overlay)
         else:
             save_animation(items, path, apart, overlay=overlay)
-    return [{} if distance is None else {"distance": distance.as_json()} for distance in apart]
+    return [{} if distance is None else {"distance": distance} for distance in apart]
 
 
 # shares of width and height from the upper left corner, seen from the front

@@ -56,7 +56,7 @@ def test_the_answer_is_a_cloud_from_the_sixth_frame_on(measured: Path, tmp_path:
     (of,) = result.held_out.values()
     assert of.closed.surface is None
     assert np.isfinite(of.after.chamfer)
-    assert "surface_rms" not in result.as_json()["held_out"]["two"]["after"]
+    assert "surface_rms" not in result.to_json()["held_out"]["two"]["after"]
 
 
 def test_a_training_that_was_stopped_ends_the_same(measured: Path, tmp_path: Path) -> None:

@@ -170,7 +170,7 @@ def test_known_factors_come_back_and_ambiguities_are_said(measured, tmp_path):
     assert again.provenance.fitted == ("curled/000", "curled/001", "curled/002", "curled/003")
     assert again.provenance.held_out == ("curled/004",)
     assert "shear" in as_text(found)
-    assert set(found.as_json()["parameters"]) == set(PARAMETERS)
+    assert set(found.to_json()["parameters"]) == set(PARAMETERS)
 
 
 def test_ctrl_c_keeps_the_values_reached(measured):
@@ -197,7 +197,7 @@ def test_ctrl_c_keeps_the_values_reached(measured):
     assert not any(p.reliable for p in found.model.parameters.values())
     assert any("interrupted after" in line for line in found.warnings)
     assert "interrupted after" in as_text(found) and "a likely cause" not in as_text(found)
-    assert found.as_json()["interrupted"]
+    assert found.to_json()["interrupted"]
     # the factors alone are whole, and the fit with an effect has hardly begun
     found = interrupted("to 0.5 s, iteration 2", ("scale_error",), interruptible=True)
     assert found.fit.interrupted and found.model.effects == ()
@@ -442,7 +442,7 @@ def test_a_lag_that_the_model_lacks_marks_the_intervals(tmp_path):
     measured = write(tmp_path / "set", [100, 150, 250, 300, 200], forward=Curler(lag=0.9))
     found = calibrate(measured, Curler(), options=CalibrationOptions(engines=ONE_ENGINE))
     assert found.warnings
-    assert not found.as_json()["believable"]
+    assert not found.to_json()["believable"]
     assert "not reliable" in as_text(found) and "NOT reliable: the fit leaves" in as_text(found)
     write_model(found.model, tmp_path / "model.toml")
     assert not any(p.reliable for p in read_model(tmp_path / "model.toml").parameters.values())
@@ -476,7 +476,7 @@ def test_a_diverging_trial_is_left_out_from_there_on(tmp_path):
     assert found.fit.lost == (("002", pytest.approx(0.7)),)
     assert "002: the motion diverged; left out from 0.70 s on" in as_text(found)
     lost = np.mean(TIMES >= 0.7 - 1e-9) / 3  # of one trial of three
-    assert found.fit.outlying == found.as_json()["outlying"] == pytest.approx(lost)
+    assert found.fit.outlying == found.to_json()["outlying"] == pytest.approx(lost)
     assert f"NOT reliable: {lost:.0%} of the frames fitted are far off" in as_text(found)
     assert not any(p.reliable for p in found.model.parameters.values())
     alone = dataclasses.replace(measured, trials=measured.trials[2:3])
@@ -571,7 +571,7 @@ def test_sensitive_stretches_are_named_and_left_out(tmp_path):
     assert stretch.trial == "003" and 0.2 <= stretch.begin <= 0.4 and stretch.end == pytest.approx(1.2)
     assert found.used.share_left_out == pytest.approx(5 / 32, abs=2 / 32)
     assert "left out as sensitive" in as_text(found) and "003" in as_text(found)
-    assert found.as_json()["unjudged"][0]["trial"] == "003"
+    assert found.to_json()["unjudged"][0]["trial"] == "003"
     assert found.model.parameters["damping"].factor == pytest.approx(1.3, rel=0.01)
     assert found.fit.after < 0.5 * blind.fit.after
     assert blind.used.stretches is None

@@ -7,6 +7,7 @@ import pytest
 from sheets import rolled_sheet
 from test_calibrate import write
 
+from fabdesign.formats.json_file import plain
 from studies.measured.used_frames import Stretch, find_used_frames, used_mask
 from studies.prediction.stability import instants_elsewhere
 
@@ -87,10 +88,10 @@ def test_several_sets_stretches_are_named_by_set_and_trial(trials, tmp_path):
     sets = [dataclasses.replace(found, name=name) for name in ("first", "second")]
     used = find_used_frames([(sets[0], sets[0].trials[:1]), (sets[1], sets[1].trials)], Buckler())
     [stretch] = used.stretches
-    assert stretch.as_json()["set"] == "second" and "second/002 0." in used.in_words
+    assert plain(stretch)["set"] == "second" and "second/002 0." in used.in_words
     assert used.at(sets[0], found.trials[2]).all() and not used.at(sets[1], found.trials[2]).all()
     assert used.share_left_out == pytest.approx(0.7 / 1.5 / 4, abs=0.05)
-    assert find_used_frames([(found, found.trials)], None).as_json() == {"unjudged": None, "share_unjudged": 0.0}
+    assert plain(find_used_frames([(found, found.trials)], None)) == {"unjudged": None, "share_unjudged": 0.0}
 
 
 def test_a_motion_that_diverges_is_left_out():
@@ -115,4 +116,4 @@ def test_frames_within_a_stretch_are_left_out():
     stretches = (Stretch("a", 0.2, 0.4),)
     assert used_mask(stretches, "a", np.array([0.1, 0.2, 0.3, 0.4, 0.5])).tolist() == [True, False, False, False, True]
     assert used_mask(stretches, "b", np.array([0.3])).all()
-    assert dataclasses.asdict(stretches[0])["begin"] == stretches[0].as_json()["from_s"] == 0.2
+    assert dataclasses.asdict(stretches[0])["begin"] == plain(stretches[0])["from_s"] == 0.2

@@ -131,7 +131,7 @@ def sweep() -> SensitivityStudy:
 
 
 def sensitivity(place: Path) -> object:
-    found = run_sensitivity(sweep(), place / "sweep", forward=AnalyticCloth()).as_json()
+    found = run_sensitivity(sweep(), place / "sweep", forward=AnalyticCloth()).to_json()
     return {key: value for key, value in found.items() if key not in ("wall_s", "cpu_s")}
 
 

@@ -13,6 +13,7 @@ from benchmarks import demo_model
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.model_file import read_model, write_model
 from fabdesign.files.trial_file import read_trial
+from fabdesign.formats.json_file import plain
 from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import EffectTerm, Model, Quantity
@@ -131,7 +132,7 @@ def test_the_page_says_what_was_closed() -> None:
     errors = measured.ShippedErrors(
         replace(found, description="a <synthetic rig>"), shipped, of, 0.0, by_trial, {"078": far}
     )
-    page, text, values = html_of("demo", as_blocks(errors)), measured.as_text(errors), errors.as_json()
+    page, text, values = html_of("demo", as_blocks(errors)), measured.as_text(errors), plain(errors)
     assert [model["closed"] for model in values["models"]] == [None, None, pytest.approx(0.5), pytest.approx(2 / 3)]
     assert "<td>50%</td>" in page and "<td>67%</td>" in page and "&lt;synthetic rig&gt;" in page
     assert "synthetic rig" in text and "Effects in the model: air drag, odd muscle." in text

@@ -75,9 +75,9 @@ def test_help_fits_a_screen(name: str) -> None:
 
 def test_an_evaluation_repeats_what_the_fit_called_not_reliable() -> None:
     model = Model(parameters={"bending": Parameter(1.0, (0.9, 1.1), reliable=False), "shear": Parameter(1.0)})
-    evaluation = SetEvaluation({}, {}, UsedFrames(None, 0.0), model.unreliable)
+    evaluation = SetEvaluation({}, UsedFrames(None, 0.0), unreliable=model.unreliable)
     assert "intervals of bending are not reliable" in tables_markdown(evaluation)
-    assert evaluation.as_json()["unreliable"] == ["bending"]
+    assert evaluation.to_json()["unreliable"] == ["bending"]
 
 
 def test_errors_of_a_few_trials_are_marks_not_bars_of_height_one() -> None:

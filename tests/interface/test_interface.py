@@ -365,7 +365,7 @@ STUDIES = {
         ),
     ),
     "unseen": (
-        "studies.unseen.run.with_unsewn",
+        "studies.unseen.run.unsewn_result",
         "pressures = [[200.5, 0]]\nsamples = 9\npoints_per_side = 15\n[rig_limits]\nrate = 400\n"
         '[measured]\nset = "pair"\ntrials = 2\nfree = ["air_drag"]\n',
         lambda: fabdesign.unseen(

@@ -80,7 +80,7 @@ def test_data_sheet_against_parameters_on_test_trials_only(measured):
     assert design.before["chamfer"].min > 2 * design.after["chamfer"].max
     assert design.closed.surface == pytest.approx(1, abs=0.05)
     assert design.noise.sigma == pytest.approx(0.0006, rel=0.1)
-    printed = json.loads(json.dumps(evaluation.as_json()))
+    printed = json.loads(json.dumps(evaluation.to_json()))
     assert printed["unit"] == "mm"
     values = printed["designs"]["cross"]["before"]["chamfer"]
     trials = [t["before"]["chamfer"] for t in printed["designs"]["cross"]["trials"].values()]
@@ -172,8 +172,8 @@ class Tosser(Curler):
 def test_sensitive_stretches_are_left_out_and_named(measured, tmp_path):
     blind = evaluate_sets(forward_model(Curler(), SOFT), [measured])
     found = evaluate_sets(forward_model(Curler(), SOFT), [measured], coarse=Tosser())
-    assert blind.as_json()["unjudged"] is None
-    printed = found.as_json()
+    assert blind.to_json()["unjudged"] is None
+    printed = found.to_json()
     [stretch] = printed["unjudged"]
     assert (stretch["trial"], stretch["from_s"], stretch["to_s"]) == ("002", 0.0, 0.3)
     assert printed["share_unjudged"] == pytest.approx(0.5)

@@ -85,7 +85,7 @@ def test_calibrated_on_some_trials_they_hold_on_others(
     [design] = evaluation.designs.values()
     found = design.intervals
     assert found is not None and 0.75 <= found.inside <= 1 and found.count == 8 * 2 * 9
-    shown = json.loads(json.dumps(evaluation.as_json()))["designs"]["cross"]
+    shown = json.loads(json.dumps(evaluation.to_json()))["designs"]["cross"]
     assert shown["intervals"]["width_mm"] == pytest.approx(1e3 * found.width)
     assert shown["trials"]["002"]["intervals"]["inside"] >= 0
     assert f"cross: 90 % intervals hold {found.inside:.0%} of the regions' heights" in tables_markdown(evaluation)

@@ -190,7 +190,7 @@ def test_outputs_in_words_of_a_bent_cloth() -> None:
 
 
 def numbers(result: object) -> object:
-    return {k: v for k, v in result.as_json().items() if k not in ("wall_s", "cpu_s")}  # type: ignore[attr-defined]
+    return {k: v for k, v in result.to_json().items() if k not in ("wall_s", "cpu_s")}  # type: ignore[attr-defined]
 
 
 def test_a_study_says_what_matters_and_writes_it(study: SensitivityStudy, tmp_path: Path) -> None:
@@ -292,13 +292,13 @@ def test_both_methods_are_said(study: SensitivityStudy, tmp_path: Path) -> None:
 def test_failed_samples_are_left_out_with_their_rows_and_counted(study: SensitivityStudy, tmp_path: Path) -> None:
     study = replace(study, methods=("sobol",))
     result = run_sensitivity(study, tmp_path / "some", forward=AnalyticCloth(fail_above=295e3))
-    samples = result.as_json()["samples"]
+    samples = result.to_json()["samples"]
     rows = [*csv.DictReader((tmp_path / "some" / "samples.csv").open())]
     lost = [r for r in rows if r["tip_z [mm]"] == ""]
     assert samples["failed"] == len(lost) > 0
     assert all(float(r["pressure.0"]) > 295 for r in lost)
     assert samples["sobol_left_out"] == len({r["row"] for r in lost if r["method"] == "sobol"})
-    assert np.isfinite(result.as_json()["outputs"]["tip_z"]["mean"])
+    assert np.isfinite(result.to_json()["outputs"]["tip_z"]["mean"])
     with pytest.raises(SimulationError, match="samples failed"):
         run_sensitivity(study, tmp_path / "most", forward=AnalyticCloth(fail_above=120e3))
 

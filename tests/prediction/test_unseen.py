@@ -92,19 +92,19 @@ def write_measured(folder: Path, device: Arc | None = None, effects: tuple[Term,
 def test_calibrated_intervals_hold_what_the_model_lacks_too(folder: Path) -> None:
     (folder / "s.toml").write_text(STUDY + "samples = 200\npressures = [[200, 200]]\n")
     alone = run_unseen(folder / "s.toml", folder / "alone", forward=Arc())
-    assert not alone["calibrated"] and "from the model's joint covariance alone" in as_text(alone)
+    assert not alone.unsewn.calibrated and "from the model's joint covariance alone" in as_text(alone)
     model = read_model(folder / "m.toml")
     spread = Spread(0.004, TWO_SIDED, 0.0, 20, 0.9, spread_hash(model))
     write_model(replace(model, spread=spread), folder / "m.toml")
     found = run_unseen(folder / "s.toml", folder / "out", forward=Arc())
-    assert found["calibrated"] and "calibrated on 20 measured trials" in as_text(found)
-    one, other = (result["poses"][0]["tip_mm"] for result in (alone, found))
+    assert found.unsewn.calibrated and "calibrated on 20 measured trials" in as_text(found)
+    one, other = (result.to_json()["poses"][0]["tip_mm"] for result in (alone, found))
     for axis in "yz":  # 4 mm along the normal at the lower edge, in quadrature
         before, after = (own[axis][2] - own[axis][0] for own in (one, other))
         assert after > before
-    bands = [result["poses"][0]["band_mm"] for result in (alone, found)]
+    bands = [result.to_json()["poses"][0]["band_mm"] for result in (alone, found)]
     assert np.sqrt(bands[1] ** 2 - bands[0] ** 2) == pytest.approx(4 / TWO_SIDED, rel=0.15)
-    assert found["measurement"] == alone["measurement"]
+    assert found.unsewn.measurement == alone.unsewn.measurement
 
 
 def test_shapes_have_intervals_and_the_best_measurement_is_said(folder: Path) -> None:
@@ -113,7 +113,7 @@ def test_shapes_have_intervals_and_the_best_measurement_is_said(folder: Path) ->
     (folder / "s.toml").write_text(STUDY + "samples = 200\npressures = [[200, 200]]\n" + outputs + candidates)
     arc = Arc()
     result = run_unseen(folder / "s.toml", folder / "out", forward=arc)
-    pose = result["poses"][0]
+    pose = result.to_json()["poses"][0]
     # final = 0.9 / 1.2 of a turn's radian, axis offset not known to the model: 0.15; bending and gain 0.03 and 0.05
     spread_of_turn = 0.75 * np.sqrt(0.03**2 + 0.05**2 + 0.15**2)
     z = [rolled_sheet(0.05 + 0.75 + k * 1.645 * spread_of_turn, n=41) for k in (-1, 1)]
@@ -122,9 +122,9 @@ def test_shapes_have_intervals_and_the_best_measurement_is_said(folder: Path) ->
     assert sorted((low, high)) == pytest.approx(edges, rel=0.15)
     assert low < middle < high
     assert not pose["snaps"]
-    assert result["unknown"] == ["muscle_types.EM20.axis_offset"]
-    assert result["corrector"]["said"] == "no corrector in this model"
-    found = result["measurement"]
+    assert result.unsewn.unknown == ("muscle_types.EM20.axis_offset",)
+    assert result.unsewn.corrector["said"] == "no corrector in this model"
+    found = result.to_json()["measurement"]
     assert found["spread_mm"] == pytest.approx(pose["band_mm"], rel=0.15)
     assert next(iter(found["candidates"])) == "200,200"
     assert found["candidates"]["0,0"]["left_mm"] == pytest.approx(found["spread_mm"])  # at rest nothing is learned
@@ -141,7 +141,7 @@ def test_shapes_have_intervals_and_the_best_measurement_is_said(folder: Path) ->
     asked = arc.asked
     again = run_unseen(folder / "s.toml", folder / "out", forward=arc)
     assert arc.asked == asked
-    assert json.loads((folder / "out" / "result.json").read_text())["measurement"] == again["measurement"]
+    assert json.loads((folder / "out" / "result.json").read_text())["measurement"] == again.to_json()["measurement"]
     with pytest.raises(InputError, match="seed was 1, now 2"):
         run_unseen(replace(UnseenStudy.read(folder / "s.toml"), seed=2), folder / "out", forward=arc)
 
@@ -155,7 +155,7 @@ def test_a_model_that_is_not_to_be_believed_or_of_another_grid_is_said_to_be(fol
     assert study.points_per_side == 61
     result = run_unseen(replace(study, points_per_side=21), folder / "out", forward=Arc())
     page, text = (folder / "out" / "report.html").read_text(), as_text(result)
-    assert result["doubted"] == ["bending"]
+    assert result.unsewn.doubted == ("bending",)
     for said in ("intervals of bending are not reliable", "a grid of 61 points a side; these shapes have 21"):
         assert said in page and said in text
 
@@ -165,7 +165,7 @@ def test_designs_for_which_there_was_no_time_are_said(folder: Path) -> None:
     text = STUDY + 'samples = 8\n[measured]\nset = "set"\n[limits]\nseconds = 1e-6\n'  # the shapes take it all
     (folder / "s.toml").write_text(text)
     result = run_unseen(folder / "s.toml", folder / "out", forward=Arc())
-    assert result["left_out"] == {"one": None, "two": None}
+    assert result.left_out == {"one": None, "two": None}
     assert "Not started, because the time was used: one, two." in (folder / "out" / "report.html").read_text()
 
 
@@ -190,9 +190,9 @@ def test_a_rig_that_is_slow_gets_programs_that_it_can_run(folder: Path) -> None:
     (folder / "s.toml").write_text(STUDY + "[rig_limits]\npressure = 250\nrate = 400\nduration = 2.0\n")
     assert [*study_findings(folder / "s.toml").problems] == []
     result = run_unseen(folder / "s.toml", folder / "out", forward=Arc())
-    names = [*result["measurement"]["candidates"]]
+    names = [*result.unsewn.measurement.candidates]
     assert names and all("ramp" in name for name in names)
-    assert np.max(result["measurement"]["program"]["pressure_kpa"]) <= 250
+    assert np.max(result.unsewn.measurement.program["pressure_kpa"]) <= 250
     assert fastest(constant_program([1e5])) == np.inf
 
 
@@ -228,8 +228,8 @@ def test_each_design_is_left_out_in_turn_and_a_kill_loses_one(folder: Path) -> N
         folder / "s.toml", folder / "out", forward=Arc(15), progress=lambda line, share: told.append(line)
     )
     assert told and not any(line.startswith("without one") for line in told)
-    assert set(result["left_out"]) == {"one", "two"}
-    for found in result["left_out"].values():
+    assert set(result.left_out) == {"one", "two"}
+    for found in result.left_out.values():
         assert len(found["trials"]) == 2
         assert found["fitted"] == 3
         assert found["after"]["surface_rms"]["mean"] < found["before"]["surface_rms"]["mean"]
@@ -250,8 +250,8 @@ def test_effects_are_fitted_to_the_others_and_carried_over(folder: Path, run: Ru
     text = 'format = "fabdesign.study/1"\nkind = "unseen"\n[measured]\nset = "set"\nfree = ["rest_curvature.down"]\n'
     (folder / "s.toml").write_text(text)
     result = run_unseen(folder / "s.toml", folder / "out", forward=Arc(15))
-    assert set(result["left_out"]) == {"one", "two"}
-    for found in result["left_out"].values():
+    assert set(result.left_out) == {"one", "two"}
+    for found in result.left_out.values():
         (effect,) = found["effects"]
         curvature = effect["parameters"]["down"]
         assert effect["name"] == "rest_curvature"
@@ -294,7 +294,7 @@ def test_sensitive_stretches_are_neither_fitted_nor_evaluated(folder: Path) -> N
     text = 'format = "fabdesign.study/1"\nkind = "unseen"\n[measured]\nset = "set"\n'
     (folder / "s.toml").write_text(text)
     result = run_unseen(folder / "s.toml", folder / "out", forward=Arc(15), coarse=Toss())
-    for name, found in result["left_out"].items():
+    for name, found in result.left_out.items():
         other = {"one": "two", "two": "one"}[name]
         assert [(s["trial"], s["from_s"], s["to_s"]) for s in found["unjudged"]] == [(f"{name}_2", 0.3, 0.9)]
         assert [s["trial"] for s in found["fit_unjudged"]] == [f"{other}_2"]

@@ -4,14 +4,14 @@ import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from fabdesign.formats.json_file import json_text, write_json
-from fabdesign.formats.schema import Key, Millimetre
+from fabdesign.formats.json_file import json_text, plain, write_json
+from fabdesign.formats.schema import MM, Key, Millimetre
 from studies.report import page
 from studies.report.charts import Gain, chart, cloud, curve, gains, scene
 from studies.report.page import gain_in_words, html_of, kpa, mm, png_address, sentence, svg_of
@@ -72,6 +72,39 @@ class Inner:
     value: float
     points: np.ndarray
     off: Annotated[Millimetre, Key("off_mm")] = 0.002
+
+
+@dataclass(frozen=True)
+class Outer:
+    """A result whose file has a table, the keys of an inner one, and not all of it."""
+
+    inner: Annotated[Inner | None, Key(inside=True)]
+    depths: Annotated[np.ndarray, Key("depth.each_mm"), MM]
+    name: Annotated[str, Key(brief=True)] = ""
+    solver: object = None
+    json_keys: ClassVar = "deepest", "depths", "inner", "name"
+
+    @property
+    def deepest(self) -> Annotated[float, Key("depth.most_mm"), MM]:
+        return float(self.depths.max())
+
+
+@dataclass(frozen=True)
+class Apart:
+    """A result whose file is of another shape."""
+
+    outer: Outer
+
+    def json_content(self) -> dict[str, object]:
+        return {"several": [self.outer], "depths": self.outer.depths}
+
+
+def test_json_of_a_result_is_as_it_declares_it() -> None:
+    depths = np.array([0.001, 0.002])
+    table = {"depth": {"most_mm": 2.0, "each_mm": [1.0, 2.0]}}
+    outer = Outer(Inner(1.0, np.zeros(1)), depths, solver=object())
+    assert plain(outer) == table | {"value": 1.0, "points": [0.0], "off_mm": 2.0}
+    assert plain(Apart(Outer(None, depths, "n"))) == {"several": [table | {"name": "n"}], "depths": [0.001, 0.002]}
 
 
 def test_json_of_results_knows_no_nan(tmp_path: Path) -> None:

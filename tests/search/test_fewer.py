@@ -152,8 +152,8 @@ def test_a_study_says_how_few_would_do_and_does_not_try_it_twice(study: Study, t
     told: list[int] = []
     again = run_study(study, tmp_path / "out", forward=AnalyticCloth(21), progress=lambda _: told.append(1))
     assert not told
-    assert again.as_json()["fewer"] == result["fewer"]
-    assert again.as_json()["pressures_kpa"] == pytest.approx(result["pressures_kpa"])
+    assert again.to_json()["fewer"] == result["fewer"]
+    assert again.to_json()["pressures_kpa"] == pytest.approx(result["pressures_kpa"])
 
 
 def test_going_on_keeps_what_a_number_of_muscles_came_to(study: Study) -> None:

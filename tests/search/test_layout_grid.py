@@ -129,7 +129,7 @@ def test_more_muscles_and_a_second_face_are_never_worse(timed: GridResult) -> No
     assert [cell.name for cell in reached] == ["1_EM20_front", "1_EM20_both", "2_EM20_front", "2_EM20_both"]
     for one, other in itertools.product(reached, reached):
         assert not one.includes(other) or reached[one] <= reached[other]
-    rows = {row["name"]: row for row in result.as_json()["cells"]}
+    rows = {row["name"]: row for row in result.to_json()["cells"]}
     for f in result.cells:
         assert 1e3 * reached[f.cell] == rows[f.cell.name]["objective_mm"] <= rows[f.cell.name]["searched_mm"]
 
@@ -191,7 +191,7 @@ def test_what_did_not_help_is_said(timed: GridResult) -> None:
 def test_a_cell_without_room_is_told(folder: Path) -> None:
     text = STUDY.replace("[1, 2]", "[1, 9]")
     (folder / "s.toml").write_text(text.replace("250", "80") + "spacing = 0.04\n")
-    result = run_layouts(folder / "s.toml", folder / "out", forward=AnalyticCloth()).as_json()
+    result = run_layouts(folder / "s.toml", folder / "out", forward=AnalyticCloth()).to_json()
     assert "no layout of 9 muscles keeps the limits" in result["cells"][1]["why_not"]
     assert result["front"] == ["1_EM20_front"]
     (folder / "s.toml").write_text(text.replace("[1, 9]", "[9]") + "spacing = 0.04\n")

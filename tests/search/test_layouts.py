@@ -14,6 +14,7 @@ from fabdesign.files.measurement_set import read_set
 from fabdesign.files.model_file import read_model
 from fabdesign.files.pressure_file import constant_program, read_pressures
 from fabdesign.files.trial_file import TrialData, read_trial, write_trial
+from fabdesign.formats.json_file import plain
 from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
@@ -23,7 +24,7 @@ from fabdesign.nouns.pressure import regulated
 from fabdesign.study_files.study_file import MuscleChoice, Study, StudyLimits
 from fabdesign.study_files.study_targets import TargetFile
 from studies.demo import measured
-from studies.demo.run import as_json, as_text, run_demo
+from studies.demo.run import as_text, run_demo
 from studies.layouts.result import write_best
 from studies.layouts.run import FILES, run_study
 from tests.analytic_cloth import AnalyticCloth
@@ -95,7 +96,7 @@ def test_a_finished_study_answers_at_once(trial: Path, tmp_path: Path) -> None:
     first = run_study(cut, out, forward=AnalyticCloth())
     written = {name: (out / name).read_bytes() for name in FILES}
     again = run_study(cut, out, forward=Refusing())
-    assert again.as_json() == first.as_json() and again.history == first.history
+    assert again.to_json() == first.to_json() and again.history == first.history
     assert again.search_time.endswith(
         "all in earlier calls on this folder, which count together: a larger limit goes on"
     )
@@ -120,7 +121,7 @@ def test_a_finished_study_answers_at_once(trial: Path, tmp_path: Path) -> None:
 def test_a_result_says_within_how_much_it_is_expected(trial: Path, tmp_path: Path) -> None:
     spread = Spread(0.003, 0.0, 0.0, 20, 0.9, spread_hash(Model()))
     result = run_study(study(trial, model=Model(spread=spread)), tmp_path / "out", forward=AnalyticCloth())
-    assert result.as_json()["expected_within_mm"] == pytest.approx(3.0)
+    assert result.to_json()["expected_within_mm"] == pytest.approx(3.0)
     assert "What is sewn is expected within 3.00 mm of this shape" in (tmp_path / "out" / "report.html").read_text()
 
 
@@ -254,7 +255,7 @@ def test_the_demo_runs_both_searches_on_embedded_data(tmp_path: Path, monkeypatc
     )
     monkeypatch.setattr("studies.demo.run.evaluate_shipped", lambda **_: shipped)  # held by tests/house/test_demo.py
     found = run_demo(tmp_path, forward=AnalyticCloth(), coarse=AnalyticCloth(21))
-    runs, results = as_json(found)["runs"], found.runs
+    runs, results = plain(found)["runs"], found.runs
     assert [run["name"] for run in runs] == ["basic", "free"]
     assert all(run["chamfer_floor"] < run["chamfer"] < 30 for run in runs)  # a closed form is no cloth
     assert [len(results[0].design.muscles), len(results[1].design.muscles) <= 4] == [8, True]
@@ -270,7 +271,7 @@ def test_the_demo_runs_both_searches_on_embedded_data(tmp_path: Path, monkeypatc
     monkeypatch.setattr("studies.demo.run.evaluate_shipped", again)
     monkeypatch.setattr("studies.demo.run.render_report", again)
     repeated = run_demo(tmp_path, forward=Refusing(), coarse=Refusing())
-    assert as_json(repeated) == as_json(found) and as_text(repeated) == as_text(found)
+    assert plain(repeated) == plain(found) and as_text(repeated) == as_text(found)
 
 
 def test_the_demo_target_is_the_measured_one(data: Path) -> None:

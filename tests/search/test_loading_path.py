@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from sheets import rolled_sheet
 
+from fabdesign.formats.json_file import plain
 from fabdesign.nouns.catalogue import build
 from fabdesign.study_files.study_file import Study
 from fabdesign.study_files.study_targets import TargetFile
@@ -98,7 +99,7 @@ def test_a_motion_that_diverges_is_on_another_branch():
     forward = Buckler()
     forward.motions = lambda cases, times: [np.full((1, 3362, 3), np.nan, np.float32) for _ in cases]
     [path] = paths(forward, 4.0, APART)
-    assert path.as_json()["worst_mm"] is None and not path.reached and len(path.on_another_branch) == 6
+    assert plain(path)["worst_mm"] is None and not path.reached and len(path.on_another_branch) == 6
 
 
 def result_of(folder: Path, forward, *pressures):
@@ -118,7 +119,7 @@ def result_of(folder: Path, forward, *pressures):
 def test_of_designs_equally_near_one_with_a_sure_loading_path_wins(tmp_path: Path) -> None:
     result = result_of(tmp_path, Buckler(), ALIKE, APART)
     np.testing.assert_allclose(result.pressure, APART)
-    assert not result.as_json()["way"]["hangs_on_it"]
+    assert not result.to_json()["way"]["hangs_on_it"]
 
 
 def test_no_further_layout_is_moved_than_is_needed_or_the_time_allows(
@@ -139,6 +140,6 @@ def test_no_further_layout_is_moved_than_is_needed_or_the_time_allows(
 
 def test_what_is_reported_is_what_the_motion_reaches(tmp_path: Path) -> None:
     result = result_of(tmp_path, Buckler(rise=5.0), ALIKE)  # at rest in front, where no motion leads
-    assert result.as_json()["way"]["reached"] is False
+    assert result.to_json()["way"]["reached"] is False
     assert result.objective == pytest.approx(result.loading_path.motion.value) and result.objective > 0.01
     assert "No simple rise of the pressures reaches" in render_report("duo", [Section("duo", result)])

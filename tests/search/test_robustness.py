@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from fabdesign.files.pressure_file import constant_program
+from fabdesign.formats.json_file import plain
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.column import Column, FacesJacobian
 from fabdesign.nouns.design import Design
@@ -20,7 +21,7 @@ from fabdesign.study_files.study_targets import Robust, TargetFile
 from optimize.search.design_space import DesignSpace, Limits
 from optimize.search.objective import Objective, Target
 from optimize.search.starts import Start
-from studies.layouts.robustness import as_json, first_order, in_words, most_robust, robustness_of
+from studies.layouts.robustness import first_order, most_robust, robustness_of
 from studies.layouts.run import run_study
 from studies.layouts.scatter import Scatter, linear
 from studies.prediction.forward_model import forward_model
@@ -148,9 +149,9 @@ def test_near_a_fold_copies_stand_in_place_of_derivatives(objective: Objective, 
     assert found.expected_linear > 1.5 * found.expected == 1.5 * true.expected
     assert found.on_another_branch == true.on_another_branch == 0
     assert found.delicate[1] == pytest.approx(true.delicate[1], rel=0.05)
-    kept = as_json(found, ROBUST)
-    assert kept["first_order"]["holds"] is False  # type: ignore[index]
-    assert "The values above are those of the copies." in in_words(found)[-1]
+    kept = plain(found)
+    assert kept["first_order"]["holds"] is False
+    assert "The values above are those of the copies." in found.sentences[-1]
 
 
 class Recording(AnalyticCloth):

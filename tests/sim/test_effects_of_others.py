@@ -8,8 +8,7 @@ import pytest
 from benchmarks.trace import withheld
 from fabdesign.effects import BUILT_IN, EFFECTS, Effect, EffectParameter
 from fabdesign.effects.acting import acting_pressure
-from fabdesign.effects.registry import effect_named, register_file
-from fabdesign.effects.table import markdown_table
+from fabdesign.effects.registry import effect_named, markdown_table, register_file
 from fabdesign.errors import InputError
 from fabdesign.nouns.forward import Term
 from optimize.fit.free_parameters import fit_vector

@@ -181,7 +181,7 @@ def test_no_effect_is_adequate_in_the_median_too(lagging):
     _, outcome = lagging
     for before, typical, adequate in ((0.4e-3, 0.4e-3, True), (0.4e-3, 0.6e-3, False), (0.6e-3, 0.4e-3, False)):
         evidence = replace(outcome.evidence, before=before, typical=typical)
-        rows = {row["name"]: row["adequate"] for row in replace(outcome, evidence=evidence).as_json()["candidates"]}
+        rows = {row["name"]: row["adequate"] for row in replace(outcome, evidence=evidence).to_json()["candidates"]}
         assert rows["none"] is adequate is evidence.adequate(outcome.tolerance)
 
 
@@ -230,7 +230,7 @@ def test_the_same_call_goes_on_from_what_is_kept_and_another_set_is_refused(lagg
 
     measured, counting = read_set(folder / "set"), Counting()
     again = trace_set(measured, folder / "out", inputs=[folder / "set"], forward=counting)
-    assert again.as_json() == outcome.as_json()
+    assert again.to_json() == outcome.to_json()
     assert counting.cases < 250  # no fit
     other = write(tmp_path / "other")
     with pytest.raises(InputError, match="holds other work"):
@@ -242,7 +242,7 @@ def test_nothing_is_found_where_nothing_is(tmp_path):
     assert outcome.verdict == "adequate"
     assert outcome.effects == ()
     assert outcome.evidence.before < 0.3e-3
-    assert outcome.as_json()["error"]["before"]["held_out"] == pytest.approx(
+    assert outcome.to_json()["error"]["before"]["held_out"] == pytest.approx(
         1e3 * np.hypot(outcome.evidence.before, outcome.floor)
     )
 
@@ -253,7 +253,7 @@ def test_what_no_effect_does_is_unexplained(tmp_path, monkeypatch):
     assert outcome.verdict == "unexplained"
     assert outcome.effects == ()
     assert outcome.model.effects == ()
-    assert outcome.as_json()["discovered"] is None
+    assert outcome.to_json()["discovered"] is None
 
 
 def test_a_formula_is_discovered_where_no_effect_of_the_list_explains(tmp_path, monkeypatch):
@@ -266,7 +266,7 @@ def test_a_formula_is_discovered_where_no_effect_of_the_list_explains(tmp_path, 
     bend = effect.parameters["bend"]
     low, high = bend.interval90
     assert low < bend.value < high and bend.value == pytest.approx(0.3, abs=0.06)
-    found = outcome.as_json()
+    found = outcome.to_json()
     assert set(found["discovered"]["parameters"]) == {"bend"}
     assert found["discovered"]["formula"] == f"p {bend.value:+.3g} p (p / 200 kPa - 1)"
     assert found["discovered"]["excess_mm"]["after"] < 0.5 * found["discovered"]["excess_mm"]["before"]

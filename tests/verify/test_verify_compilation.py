@@ -22,7 +22,7 @@ from studies.layouts.run import run_study
 
 basic = demo_studies(Path(str(files("fabdesign") / "data" / TARGET)))[0]
 run_study(replace(basic, limits=StudyLimits(seconds=float(sys.argv[2]), evaluations=40)), Path(sys.argv[1]))
-print(working_time.compile_seconds())
+print(working_time.wall.excluded)
 """
 
 
