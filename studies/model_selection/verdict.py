@@ -37,12 +37,20 @@ class Evidence:
     fitted: float | None = None  # m that the refitted model leaves of the trials that it was fitted to; None: `before`
     fitted_after: float = math.inf  # m, the same with all effects
     typical: float = 0.0  # m, the median over trials held out of what the refitted model leaves of each
+    typical_after: float = math.inf  # m, the same with all effects
     drift: float = 0.0  # m by which it certainly changes from the first trial of the session to the last
 
     def adequate(self, tolerance: float) -> bool:
         """Return whether the refitted model leaves no more than the tolerance [m], in the mean and in the median, and
         does not change by more over the session."""
         return max(self.before, self.typical, self.drift) <= tolerance
+
+    def explains_most_trials(self, tolerance: float) -> bool:
+        """Return whether the effects are the cause of what is left of half of the trials held out, whatever is left of
+        single ones, which may stand at another stable shape. tolerance: m."""
+        return (
+            self.typical > tolerance >= self.typical_after and 1 - self.typical_after / self.typical >= SHARE_OF_A_CAUSE
+        )
 
 
 def decide(evidence: Evidence, tolerance: float) -> Word:
@@ -56,6 +64,8 @@ def decide(evidence: Evidence, tolerance: float) -> Word:
     if evidence.structure > STRUCTURE:  # the nearest of the wrong names
         return "unexplained"
     if evidence.fitted_after <= tolerance:  # a trial left out may need a factor that the others do not fix
+        return "effect"
+    if evidence.explains_most_trials(tolerance):
         return "effect"
     closed = 1 - evidence.after / evidence.before
     by_baseline = max(1 - evidence.box_before / evidence.before, 0.0)

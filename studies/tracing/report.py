@@ -46,10 +46,7 @@ def verdict_in_words(outcome: Outcome) -> str:
             f"{in_mm(evidence.box_before):.2f} mm of it."
         )
         if evidence.typical <= outcome.tolerance:
-            sentence += (
-                f" Half of the trials leave no more than {in_mm(evidence.typical):.2f} mm each: what single trials do "
-                "not have in common may be the experiment's (handling, heat), or another stable shape of the cloth."
-            )
+            sentence += _of_single_trials(evidence.typical)
         return sentence
     named = " and ".join(_one_answer(effect, outcome.alike) for effect in outcome.effects)
     sentence = (
@@ -59,9 +56,19 @@ def verdict_in_words(outcome: Outcome) -> str:
     if evidence.after > outcome.tolerance >= evidence.fitted_after:
         sentence += f", which leaves {in_mm(evidence.fitted_after):.2f} mm of the trials that it was fitted to"
     sentence += "."
+    if min(evidence.after, evidence.fitted_after) > outcome.tolerance >= evidence.typical_after:
+        sentence += _of_single_trials(evidence.typical_after)
     if outcome.alike:
         sentence += f" {_how_to_tell(outcome.alike)}"
     return sentence
+
+
+def _of_single_trials(typical: float) -> str:
+    """Return a sentence on what is left of single trials. typical: m, the median of trials."""
+    return (
+        f" Half of the trials leave no more than {in_mm(typical):.2f} mm each: what single trials do not have in "
+        "common may be the experiment's (handling, heat), or another stable shape of the cloth."
+    )
 
 
 def _one_answer(effect: EffectTerm, alike: Sequence[Explanation]) -> str:

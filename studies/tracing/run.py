@@ -181,6 +181,7 @@ def _evidence(selection: Selection, data: MeasuredData, structure: float) -> Evi
         fitted=before.scored.excess(floor),
         fitted_after=after.scored.excess(floor),
         typical=plain.typical(floor),
+        typical_after=chosen.typical(floor),
         drift=certain_drift(Judged(selection.plain, folds, floor), data.session[:, 0]),
     )
 

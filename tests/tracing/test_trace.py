@@ -404,6 +404,10 @@ def test_a_step_ends_where_the_quadratic_model_is_least_within_the_bounds(seed):
         (Evidence(2e-3, 0.7e-3, 1, 0.8e-3), "effect"),  # beyond the tolerance, but most of it
         (Evidence(1.62e-3, 0.83e-3, 2, 1.55e-3), "unexplained"),  # less than half of the gap
         (Evidence(1.62e-3, 0.75e-3, 2, 1.2e-3), "effect"),  # more than half, and than the black box
+        (Evidence(1.7e-3, 1e-3, 1, 1.6e-3, typical=0.6e-3, typical_after=0.2e-3), "effect"),  # of all but one trial
+        (Evidence(1.7e-3, 1e-3, 1, 1.6e-3, typical=0.6e-3, typical_after=0.3e-3), "unexplained"),  # half of it
+        (Evidence(3e-3, 2e-3, 1, 2.9e-3, typical=1.6e-3, typical_after=0.6e-3), "unexplained"),  # beyond the tolerance
+        (Evidence(1.7e-3, 1e-3, 1, 1.6e-3, 0.5, typical=0.6e-3, typical_after=0.2e-3), "unexplained"),
         (Evidence(3e-3, 2.2e-3, 1, 0.8e-3), "unexplained"),  # the best leaves structure
         (Evidence(6e-3, 2e-3, 1, 2.4e-3, 0.5), "unexplained"),  # that goes with the cloth's pose
         (Evidence(6e-3, 0.4e-3, 1, 2.4e-3, 0.5), "effect"),  # within the tolerance, whatever is left
