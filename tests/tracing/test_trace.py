@@ -157,6 +157,15 @@ def test_a_lag_is_found_with_its_size_and_what_it_leaves_is_noise(lagging):
     assert explains(outcome.evidence) > 0.65
 
 
+def test_what_is_left_of_single_trials_is_said(lagging):
+    """Where half of the trials are within the tolerance, and the mean is not."""
+    _, outcome = lagging
+    for after, says in ((1e-3, True), (0.4e-3, False)):
+        evidence = replace(outcome.evidence, after=after, fitted_after=0.8e-3, typical_after=0.2e-3)
+        answer = as_text(replace(outcome, evidence=evidence)).splitlines()[0]
+        assert ("Half of the trials leave no more than 0.20 mm each" in answer) is says
+
+
 def test_trace_json_has_what_the_format_says(lagging):
     folder, _ = lagging
     found = json.loads((folder / "out" / "trace.json").read_text())
