@@ -114,7 +114,7 @@ def _each(convert: Callable[[Any], Any], value: Any) -> Any:
 
 
 def of_exact(kind: type[T], value: Any) -> T:
-    """Return the value of that type that `plain` gave, exact. Raises KeyError, TypeError or ValueError for anything
+    """Return the value of that type that `exact` was given. Raises KeyError, TypeError or ValueError for anything
     else."""
     return cast(T, _of(kind, value))
 

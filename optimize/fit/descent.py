@@ -1,6 +1,6 @@
 """The one fit: bounded Gauss-Newton steps in a problem's unknowns, with priors; honest covariances."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -177,7 +177,8 @@ class _Work:
         """Fit over growing horizons unless the start is known, then all rows, then with the finer engine if any."""
         problem, coarse = self.problem, self.problem.coarse
         *early, last = problem.horizons
-        early = early if self._is_lost else []
+        known = self._start_on_all_rows(coarse) if early else None
+        early = early if self.start.x is None and known is None else []
         costs = np.cumsum([*early, last, 0 if coarse is problem else last])
         *shares, all_rows, finer = parts(progress, *(costs / costs[-1]).tolist()[:-1])
         starts, along, hopeless = self._starts, np.diag(constants.STEP * problem.vector.scale), False
@@ -186,7 +187,7 @@ class _Work:
             starts, hopeless = state.x[None], state.misfit.rms > self.policy.hopeless
             if hopeless:
                 break
-        descent, evaluation = self._begun(coarse, starts)
+        descent, evaluation = self._begun(coarse, known or self._evaluated(coarse, starts))
         state = begun(coarse, evaluation, along, self.start.jacobian)
         if hopeless:
             return descent.concluded(state, self.iterations, "hopeless")
@@ -198,15 +199,13 @@ class _Work:
             course = self._descend(descent, _Course(state, exact=False), self.policy.finer, "finer grid, ", finer)
         return descent.concluded(course.state, self.iterations, course.ended or "iterations")
 
-    @property
-    def _is_lost(self) -> bool:
-        """Return whether steps on all rows may go astray: not from a given start, nor where little is left of them."""
-        coarse = self.problem.coarse
-        if self.start.x is not None:
-            return False
-        if not np.isfinite(coarse.expected):
-            return True
-        return coarse.evaluate([coarse.vector.start])[0].misfit.rms > constants.WRONG * coarse.expected
+    def _start_on_all_rows(self, problem: Problem) -> list[Evaluation] | None:
+        """Return the vector's start as `_evaluated` does where it leaves so little of all rows that steps on these go
+        on from it; None where they may go astray, and where another start is given."""
+        if self.start.x is not None or not np.isfinite(problem.expected):
+            return None
+        evaluations = self._evaluated(problem, self._starts)
+        return evaluations if evaluations[0].misfit.rms <= constants.WRONG * problem.expected else None
 
     @property
     def _starts(self) -> Array:
@@ -222,11 +221,14 @@ class _Work:
         state = self._descend(descent, _Course(state), UNSURE, problem.span(horizon), progress).state
         return state, directions(step_to_minimum(state, problem.vector, inputs, far=np.inf)[1], problem.vector)
 
-    def _begun(self, problem: Problem, starts: Array) -> tuple[_Descent, Evaluation]:
-        """Return a descent on all rows, and the best of the starts (k, p)."""
+    def _evaluated(self, problem: Problem, starts: Array) -> list[Evaluation]:
+        """Return the starts (k, p) on all rows, and the data sheet last, which may be the only start."""
         sheet = np.zeros((1, starts.shape[1]))
-        evaluations = problem.evaluate([*starts, *(sheet if starts.any() else [])])
-        best = min(evaluations[: len(starts)], key=lambda one: one.misfit.rms)
+        return problem.evaluate([*starts, *(sheet if starts.any() else [])])
+
+    def _begun(self, problem: Problem, evaluations: Sequence[Evaluation]) -> tuple[_Descent, Evaluation]:
+        """Return a descent on all rows, and the best of the starts, as `_evaluated` gives them."""
+        best = min(evaluations[:-1] or evaluations, key=lambda one: one.misfit.rms)
         inputs = problem.input_errors(best) if self.start.inputs is None else self.start.inputs
         return _Descent(problem, inputs, evaluations[-1].misfit.rms, self.policy.hopeless, self.policy.content), best
 

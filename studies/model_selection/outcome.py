@@ -120,7 +120,7 @@ class TraceOutcome(Tabled):
         }
 
 
-def write_trace(files: Path, outcome: "TraceOutcome", model: Model, html: str) -> None:
+def write_trace(files: Path, outcome: TraceOutcome, model: Model, html: str) -> None:
     """Write `trace.json`, `model.toml` and `report.html` into a folder."""
     write_json(files / "trace.json", outcome)
     write_model(model, files / "model.toml")
