@@ -13,6 +13,7 @@ from fabdesign.runtime import working_time
 from fabdesign.units import in_mm
 from optimize.search.design_space import DesignSpace, Vector
 from optimize.search.history import Entry, History
+from optimize.search.mirror import has_even_targets, is_even
 from optimize.search.objective import Objective, Poses
 from optimize.search.slopes import Slopes, jacobians_for, slopes_of
 
@@ -99,6 +100,7 @@ class Evaluations:
         self.stage = "start"  # under way
         self.message = ""  # for people, once there is something to tell
         self.objective, self._at_rest = objective, objective.at_rest
+        self.even_targets = has_even_targets(objective)
         self._on_progress, self.margin = on_progress, MARGIN
         self.seconds, self._most = seconds, evaluations
         self.limit = seconds
@@ -126,20 +128,31 @@ class Evaluations:
 
     def best_point(self) -> tuple[DesignSpace, Vector]:
         """Return the best so far; before the first evaluation, the first start."""
-        if self.best is None:
-            return self.starts[0]
-        return self.space(self.best.start, self.best.stage), self.best.x
+        return self.starts[0] if self.best is None else self.point(self.best)
+
+    def nearest(self) -> Best | None:
+        """Return the best, or where the targets are even an even layout that is as near."""
+        best = self.best
+        if best is None or not self.even_targets:
+            return best
+        as_near = [rival for rival in self.rivals.values() if rival.value <= (1 + MARGIN) * best.value]
+        return min((rival for rival in as_near if is_even(self.point(rival))), key=lambda r: r.value, default=best)
 
     def finalists(self, most: int = FINALISTS) -> list[tuple[DesignSpace, Vector]]:
-        """Return the best, and what other starts came to that is as near: another layout or other pressures."""
-        best, points = self.best, [self.best_point()]
-        if best is None or not self.stages[best.stage].values_as(self.stages[-1]):
+        """Return the nearest, and what other starts came to that is as near: another layout or other pressures."""
+        first = self.nearest()
+        points = [self.best_point() if first is None else self.point(first)]
+        if first is None or not self.stages[first.stage].values_as(self.stages[-1]):
             return points
         for rival in sorted(self.rivals.values(), key=lambda rival: rival.value):
-            point = self.space(rival.start, rival.stage), rival.x
-            if rival.start != best.start and len(points) < most and not any(_same(point, other) for other in points):
+            point = self.point(rival)
+            if rival.start != first.start and len(points) < most and not any(_same(point, other) for other in points):
                 points.append(point)
         return points
+
+    def point(self, reached: Best) -> tuple[DesignSpace, Vector]:
+        """Return where it lies."""
+        return self.space(reached.start, reached.stage), reached.x
 
     def space(self, start: int, number: int) -> DesignSpace:
         """Return the start's, with the freedom that the stage of this number gives."""
