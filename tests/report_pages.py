@@ -13,8 +13,9 @@ from fabdesign.nouns.design import Design
 from fabdesign.study_files.layouts_file import Cell, LayoutsStudy
 from fabdesign.study_files.study_file import Study, read_study
 from fabdesign.study_files.study_targets import TargetFile
+from optimize.search.best import Stage
 from optimize.search.design_space import DesignSpace
-from optimize.search.evaluations import Evaluations, Stage
+from optimize.search.evaluations import Evaluations
 from optimize.search.history import History
 from optimize.search.objective import Objective
 from studies.benches.trace_report import render_bench

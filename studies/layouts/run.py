@@ -15,8 +15,9 @@ from fabdesign.output import WorkFolder, write_text
 from fabdesign.runtime import working_time
 from fabdesign.study_files.study_file import Study, read_study, require_searchable
 from fabdesign.units import in_mm
+from optimize.search.best import MARGIN
 from optimize.search.design_space import DesignSpace
-from optimize.search.evaluations import FINALISTS, MARGIN, Evaluations
+from optimize.search.evaluations import FINALISTS, Evaluations
 from optimize.search.history import History
 from optimize.search.margins import constraint_margins
 from optimize.search.multistart import INTERRUPTED, search
@@ -117,7 +118,7 @@ def searched(
         evaluations=study.limits.evaluations,
         on_progress=progress,
     )
-    evaluations.margin, evaluations.limit = ROBUST_MARGIN if study.robust else MARGIN, study.limits.seconds
+    evaluations.reached.margin, evaluations.limit = ROBUST_MARGIN if study.robust else MARGIN, study.limits.seconds
     stop_reason, fewer = search(evaluations, further=further_starts(study), floor=_floor(study, targets)), None
     try:
         fewer = None if stop_reason == INTERRUPTED else shrunk(study, evaluations)
@@ -160,7 +161,7 @@ def _reporting(
     floor = _floor(study, targets)
 
     def report(evaluations: Evaluations) -> None:
-        best, shape = evaluations.best, evaluations.best_shape
+        best, shape = evaluations.best, evaluations.reached.shape
         if best is not None and written[-1:] != [best.value]:
             written.append(best.value)
             space, x = evaluations.best_point()
