@@ -23,8 +23,9 @@ from studies.benches.tracing import examine
 from studies.layout_grid.report import render
 from studies.layout_grid.turns import CellResult, GridResult
 from studies.layout_search.target import LoadedTarget, load_target
+from studies.layouts.kept import Verification
 from studies.layouts.report import Section, render_report
-from studies.layouts.result import StudyResult, Verification
+from studies.layouts.result import StudyResult
 from studies.layouts.run import study_result
 from studies.prediction.forward_model import forward_model
 from tests.analytic_cloth import AnalyticCloth

@@ -31,11 +31,12 @@ from studies.layout_search.first_layouts import (
     stages_of,
 )
 from studies.layout_search.target import LoadedTarget, load_target, target_errors
+from studies.layouts.kept import Verification, answer, keep, study_content
 from studies.layouts.loading_path import LoadingPath, loading_path
 from studies.layouts.reach import helps_of, lacking_of, missed_at, reach_of
 from studies.layouts.refinement import POOL, ROBUST_MARGIN, made_robust, search_seconds, shrunk
 from studies.layouts.report import Section, render_report
-from studies.layouts.result import StudyResult, Verification, answer, keep, pressures_kpa, study_content, write_best
+from studies.layouts.result import StudyResult, pressures_kpa, write_best
 from studies.layouts.robustness import robustness_of
 from studies.prediction.forward_model import forward_model, without_resistance
 from studies.study import Simulated, StudyRun

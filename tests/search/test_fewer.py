@@ -169,7 +169,11 @@ def test_going_on_keeps_what_a_number_of_muscles_came_to(study: Study) -> None:
         fewer = shrunk(study, before)
         after = Evaluations(objective, [bare], stages, history, seconds=900, evaluations=9000)
         save_state(after, load_state(after, None))  # what a round of the search that goes on keeps
-        assert fewer is not None and len(fewer.front) > 1 and after.reached.front == before.reached.front == list(fewer.front)
+        assert (
+            fewer is not None
+            and len(fewer.front) > 1
+            and after.reached.front == before.reached.front == list(fewer.front)
+        )
         again = shrunk(study, after)
     assert again is not None
     assert len(again.start[0].design.muscles) <= len(fewer.start[0].design.muscles) and again.value <= fewer.value
