@@ -19,7 +19,7 @@ from optimize.search.starts import Start
 
 EVEN = 1e-6  # of a variable, by which an even layout may differ from its image,
 EVEN_SHAPE = 1e-4  # and m RMS of a shape: what a grid and single precision leave
-EVEN_CLOUD = 1.1  # times the mean distance of its points to the next one: another sample of one surface has 1;
+EVEN_CLOUD = 1.05  # times the mean distance of its points to the next one: another sample of one surface has 1;
 EVEN_MARKERS = 1e-3  # m, in place of it where points are few
 ACROSS = np.array([-1.0, 1.0, 1.0])  # what an image does to x, y, z
 
