@@ -16,7 +16,7 @@ RISES = 0.01, 60.0  # s
 
 @dataclass(frozen=True)
 class Settings:
-    """What a simulator is made with. Raises InputError where an option is out of range."""
+    """The options of a simulator. Raises InputError where an option is out of range."""
 
     points_per_side: int = POINTS_PER_SIDE
     time_step: float = 1 / 1920  # s, right after a jump of pressure; more in one as time goes on (sim/time_steps.py)

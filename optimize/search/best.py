@@ -55,7 +55,7 @@ class Best:
 
 
 class BestSoFar:
-    """What is best on the models of `stages`; of different models a later stage's knows better, whatever it says.
+    """The best on the models of `stages`; of different models a later stage's knows better, whatever it says.
 
     rivals: of each start, the nearest on the last stage's model, while within `margin` of the best, a share of its
     value. by_count: number of muscles -> m, the nearest on that model.
@@ -87,7 +87,7 @@ class BestSoFar:
             known = self.rivals.get(rival.start)
             if known is None or rival.value < known.value:
                 self.rivals[rival.start] = rival
-            self.rivals = {near.start: near for near in self.within(self.margin)}
+            self.rivals = {kept.start: kept for kept in self.within(self.margin)}
 
     def within(self, margin: float) -> list[Best]:
         """Return the rivals within a share of the best value, the nearest first; none of a best that is not of the last

@@ -92,8 +92,8 @@ class Evaluations:
         """Return the best, or where the targets are even an even layout that is as near."""
         if self.best is None or not self.even_targets:
             return self.best
-        as_near = self.reached.within(MARGIN)
-        return next((rival for rival in as_near if is_even(self.point(rival))), self.best)
+        rivals = self.reached.within(MARGIN)
+        return next((rival for rival in rivals if is_even(self.point(rival))), self.best)
 
     def finalists(self, most: int = FINALISTS) -> list[tuple[DesignSpace, Vector]]:
         """Return the nearest, and what other starts came to that is as near: another layout or other pressures."""

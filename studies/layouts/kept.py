@@ -1,4 +1,5 @@
-"""What the history of a search keeps of its result, so that the same call answers at once, and what the same is."""
+"""A result as the history of its search keeps it, so that the same call answers at once; and what makes two calls the
+same."""
 
 from collections.abc import Sequence
 from dataclasses import fields
