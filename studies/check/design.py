@@ -218,7 +218,7 @@ def study_findings(path: Path) -> Findings:
 
 
 _TEXTS = ("format", "name", "specimen", "output", "description", "source")
-_CONSTANTS = {"muscle": SIZES, "strip": ("width", "direction")}  # that a law's file takes; others are labels
+_OF_A_STRIP = ("width", "direction")  # constants that a law's file takes; others are labels
 
 
 def bench_findings(path: Path) -> Findings:
@@ -232,7 +232,8 @@ def _unread(path: Path, bench: Bench) -> Iterator[str]:
     for key, value in parse_toml(path).items():
         if isinstance(value, str) and key not in _TEXTS:
             yield f"{key} is a text that nothing reads{nearest(key, _TEXTS)}"
-    wanted = [name for name in _CONSTANTS.get(bench.specimen, ()) if name not in bench.constants]
+    read = SIZES if bench.is_muscle else _OF_A_STRIP if bench.specimen == "strip" else ()
+    wanted = [name for name in read if name not in bench.constants]
     for name in bench.constants:
         if meant := nearest(name, wanted):
             yield f"{name} is a constant that nothing reads{meant}"
