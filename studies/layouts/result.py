@@ -25,6 +25,7 @@ from fabdesign.version import SIMULATOR, __version__
 from optimize.search.evaluations import SLOPES, TIME_USED
 from optimize.search.history import Entry, History
 from optimize.search.multistart import INTERRUPTED
+from optimize.search.objective import MEASURES
 from optimize.search.search_state import of_rows
 from optimize.search.thinning import Fewer
 from studies.layout_search.target import LoadedTarget, pose_errors
@@ -103,12 +104,12 @@ class StudyResult(Tabled):
     @property
     def objective(self) -> float:
         """Return m, of the measure that was searched."""
-        return self.errors.chamfer if self.study.objective == "chamfer" else self.errors.surface_rms
+        return MEASURES[self.study.objective].errors(self.errors)[0]
 
     @property
     def floor(self) -> float:
         """Return what noise and sampling allow of that measure, m."""
-        return self.errors.chamfer_floor if self.study.objective == "chamfer" else self.errors.surface_floor
+        return MEASURES[self.study.objective].errors(self.errors)[1]
 
     @property
     def after_a_tenth(self) -> float | None:
