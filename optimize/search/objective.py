@@ -164,14 +164,6 @@ class Measure:
     thin: int = 1
 
 
-def _surface_rms(target: Target, pose: Array) -> float:
-    return surface_rms(target.points, pose, target.face, target.weighting)
-
-
-def _surface_rms_gradient(target: Target, pose: Array) -> tuple[float, Array]:
-    return _faces_gradient(target.points[::SURFACE_THIN], pose, target, _capped_rms)
-
-
 def _chamfer(target: Target, pose: Array) -> float:
     """Return the Chamfer distance, unsquared, both directions summed; of markers the mean one to the cloth."""
     if target.markers:
@@ -190,7 +182,10 @@ MEASURES: Mapping[MeasureName, Measure] = {
         "Chamfer distance", _chamfer, _chamfer_gradient, lambda errors: (errors.chamfer, errors.chamfer_floor), THIN
     ),
     "surface_rms": Measure(
-        "surface RMS", _surface_rms, _surface_rms_gradient, lambda errors: (errors.surface_rms, errors.surface_floor)
+        "surface RMS",
+        lambda target, pose: surface_rms(target.points, pose, target.face, target.weighting),
+        lambda target, pose: _faces_gradient(target.points[::SURFACE_THIN], pose, target, _capped_rms),
+        lambda errors: (errors.surface_rms, errors.surface_floor),
     ),
 }
 
