@@ -52,7 +52,7 @@ def prediction(path: Path, bench: Bench) -> Predict:
             raise InputError(f"{path}: the law of specimen {law.specimen}; {bench.file} has {bench.specimen}")
         return LAWS[bench.specimen].read(law)
     part = read_part(path)
-    if bench.specimen == "muscle":
+    if bench.is_muscle:
         return _of_muscle(part, path, bench)
     if bench.specimen != "strip" or part.fabric is None or (curve := part.fabric.membrane_curve) is None:
         raise InputError(f"{path}: no law of a {bench.specimen}, which {bench.file} has; expected what calibrate wrote")

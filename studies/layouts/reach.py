@@ -23,7 +23,7 @@ from fabdesign.units import in_kpa, in_mm
 from optimize.search.design_space import DesignSpace
 from optimize.search.evaluations import Evaluations
 from optimize.search.multistart import evaluations_to_converge, has_converged
-from optimize.search.objective import Objective
+from optimize.search.objective import MEASURES, Objective
 from optimize.search.slopes import Change, Nearer, jacobians_for, what_helps
 from optimize.search.starts import Start
 from studies.layout_search.target import LoadedTarget, is_wished
@@ -257,8 +257,7 @@ def reach_of(
 ) -> Reach:
     """Return the reach. pressures (poses, channels) Pa, shapes (poses, 2 n, 3) m and `margins` (`constraint_margins`)
     of the result."""
-    chamfer = study.objective == "chamfer"
-    value, floor = (errors.chamfer, errors.chamfer_floor) if chamfer else (errors.surface_rms, errors.surface_floor)
+    value, floor = MEASURES[study.objective].errors(errors)
     size = design.fabric.width, design.fabric.height
     places = [pierced(shape) for shape in shapes]
     return Reach(

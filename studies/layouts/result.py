@@ -21,6 +21,7 @@ from fabdesign.units import in_kpa, in_mm
 from optimize.search.evaluations import SLOPES, TIME_USED
 from optimize.search.history import Entry
 from optimize.search.multistart import INTERRUPTED
+from optimize.search.objective import MEASURES
 from optimize.search.thinning import Fewer
 from studies.layout_search.target import LoadedTarget, pose_errors
 from studies.layouts.loading_path import LoadingPath
@@ -98,12 +99,12 @@ class StudyResult(Tabled):
     @property
     def objective(self) -> float:
         """Return m, of the measure that was searched."""
-        return self.errors.chamfer if self.study.objective == "chamfer" else self.errors.surface_rms
+        return MEASURES[self.study.objective].errors(self.errors)[0]
 
     @property
     def floor(self) -> float:
         """Return what noise and sampling allow of that measure, m."""
-        return self.errors.chamfer_floor if self.study.objective == "chamfer" else self.errors.surface_floor
+        return MEASURES[self.study.objective].errors(self.errors)[1]
 
     @property
     def after_a_tenth(self) -> float | None:

@@ -111,7 +111,7 @@ def first_order(
     scatter: Scatter, model: LinearShape, objective: Objective, tolerance: float, *, seed: int
 ) -> tuple[float, float]:
     """Return the expected value [m] and yield, by derivatives."""
-    return _mean_and_yield([objective.value(model.at(z)) for z in normals(scatter, seed)], tolerance)
+    return mean_and_yield([objective.value(model.at(z)) for z in normals(scatter, seed)], tolerance)
 
 
 def normals(scatter: Scatter, seed: int) -> Array:
@@ -120,7 +120,7 @@ def normals(scatter: Scatter, seed: int) -> Array:
     return np.asarray(norm.ppf(sequence))
 
 
-def _mean_and_yield(values: Sequence[float], tolerance: float) -> tuple[float, float]:
+def mean_and_yield(values: Sequence[float], tolerance: float) -> tuple[float, float]:
     """Return m and a share; infinite m where a copy diverged."""
     counted = np.where(np.isfinite(values), values, np.inf)
     return float(counted.mean()), float((counted <= tolerance).mean())
@@ -164,7 +164,7 @@ def _expected(
         if _holds([objective.value(about.model.at(z)) for z in zs[:PROBES]], values):
             return first_order(scatter, about.model, objective, tolerance, seed=seed)
     more = scatter.shapes(objective, coarse, [*zs[len(values) : FOLD_COPIES]])
-    return _mean_and_yield([*values, *(objective.value(shape) for shape in more)], tolerance)
+    return mean_and_yield([*values, *(objective.value(shape) for shape in more)], tolerance)
 
 
 def robustness_of(
