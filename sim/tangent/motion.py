@@ -31,12 +31,13 @@ def solve_in_motion(
 ) -> list[Solved]:
     """Return the responses of the lanes of a batch, each at an instant, as their middle, and the columns solved."""
     state = {"x0": "middle", "q": "middle", "v0": "velocity", "a0": "acceleration"}
-    put(batch.blocks, {plane: _padded([getattr(one, name) for one in instants]) for plane, name in state.items()})
-    farthest = 0.0 if batch.added else FARTHEST  # forces of effects are no part of the tangent
-    balanced = Balanced(batch, lanes, cases, springs=SPRINGS, farthest=farthest)
-    put(batch.blocks, {"vp": _padded([-one.velocity for one in instants])})
+    put(batch.blocks, {plane: state_of(instants, name) for plane, name in state.items()})
+    balanced = Balanced(batch, lanes, cases, springs=SPRINGS, farthest=FARTHEST)
+    if batch.added:  # forces of effects are no part of the tangent: what they hold off its balance stays where it is
+        put(batch.blocks, {"q": state_of(instants, "middle")})
+    put(batch.blocks, {"vp": -state_of(instants, "velocity")})
     changes = balanced.changes()
-    put(batch.blocks, {"vp": _padded([one.moved_velocity for one in instants])})
+    put(batch.blocks, {"vp": state_of(instants, "moved_velocity")})
     loads = [(SPRINGS * one.moved - one.moved_acceleration).reshape(-1, 3) for one in instants]
     forces = [mass[:, None] * load for mass, load in zip(balanced.host.masses, loads, strict=True)]
     write_columns(*batch.grid, 1, np.array(forces, np.float32).reshape(1, batch.blocks, LANES, -1, 3))
@@ -56,6 +57,7 @@ def balance_of(solved: Solved, count: int) -> Balance:
     return Balance(solved.middle + np.float32(nothing), changes + np.float32(nothing))
 
 
-def _padded(values: Sequence[Array]) -> NDArray[np.float32]:
-    """Return (blocks, nodes, 3, LANES) of (n, n, 3) a lane, with a ring of zeros."""
-    return side_by_side([np.pad(value, ((1, 1), (1, 1), (0, 0))).reshape(-1, 3).T for value in values])
+def state_of(instants: Sequence[Instant], field: str) -> NDArray[np.float32]:
+    """Return (blocks, nodes, 3, LANES) of a field of each lane's instant, with a ring of zeros."""
+    fields = [np.pad(getattr(one, field), ((1, 1), (1, 1), (0, 0))) for one in instants]
+    return side_by_side([field.reshape(-1, 3).T for field in fields])

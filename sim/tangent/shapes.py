@@ -67,7 +67,7 @@ def solve_at_rest(batch: Batch, lanes: Sequence[LaneColumns], cases: MovedCases)
 class Balanced:
     """The lanes of a batch where forces balance with inertia and damping, near x0, at the velocity v0 and the
     acceleration a0 in the fields. springs: 1/s^2 times the mass, that hold the shape. farthest: m, RMS that Newton
-    steps may move it; 0: none are taken, and what is missing is taken as a force that stays."""
+    steps may move it."""
 
     def __init__(
         self, batch: Batch, lanes: Sequence[LaneColumns], cases: MovedCases, *, springs: float, farthest: float
@@ -77,11 +77,10 @@ class Balanced:
         self._batch, self._lanes = batch, lanes
         self.host = Explicit(cases, lanes, batch.nu)
         before = batch.positions(F.x0)
-        turns, iterations = (SETTLING, ITERATIONS) if farthest else (1, 0)  # none, but for the preconditioner
-        settled = _solve(batch, self.host, turns, settles=True, iterations=iterations)[:, -1] == SOLVED
+        settled = _solve(batch, self.host, SETTLING, settles=True)[:, -1] == SOLVED
         self.middle = batch.positions(F.q)
         moved = np.sqrt(np.square(self.middle - before).sum(axis=-1).mean(axis=(1, 2)))
-        self.settled: NDArray[np.bool_] = (settled & (moved < farthest)) | (not farthest)  # NaN compares false
+        self.settled: NDArray[np.bool_] = settled & (moved < farthest)  # NaN compares false
 
     def changes(self) -> list[dict[int, NDArray[np.float32]]]:
         """Return the solutions of each lane's columns, by column."""
@@ -129,12 +128,10 @@ class Balanced:
         return shapes.swapaxes(1, 2).reshape(-1, slots, *self.middle.shape[1:]), outcomes
 
 
-def _solve(
-    batch: Batch, host: Explicit, turns: int, *, settles: bool = False, iterations: int = ITERATIONS
-) -> NDArray[np.int32]:
+def _solve(batch: Batch, host: Explicit, turns: int, *, settles: bool = False) -> NDArray[np.int32]:
     """Return (lanes, turns) what came of so many linear solves."""
     solve_columns(
-        *batch.grid, batch.points, batch.support, batch.smoothing, int(settles), turns, iterations, TOLERANCE,
+        *batch.grid, batch.points, batch.support, batch.smoothing, int(settles), turns, ITERATIONS, TOLERANCE,
         STIFFENED, host.pressure,
     )  # fmt: skip
     outcomes = np.empty((batch.blocks, turns, LANES), np.int32)

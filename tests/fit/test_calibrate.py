@@ -22,7 +22,7 @@ from optimize.fit.free_parameters import fit_vector
 from optimize.fit.misfit import Misfit
 from optimize.fit.normal import Normal, directions
 from optimize.fit.parameters import DECLARED, PRIOR
-from optimize.fit.problem import Evaluation, FitProblem, Problem, horizons_of
+from optimize.fit.problem import Evaluation, FitProblem, Problem
 from sim.motion import faces
 from studies.calibration.calibrate import DRAWN, CalibrationOptions
 from studies.calibration.calibrate import calibrate_sets as calibrate
@@ -353,25 +353,6 @@ def test_the_fine_engine_has_the_last_word(measured):
     assert {trials, 2 * trials, 7 * trials} <= set(slopes.batches) <= {trials, 2 * trials, 3 * trials, 7 * trials}
 
 
-def test_early_frames_lead_past_false_minima_of_late_ones(tmp_path, monkeypatch):
-    measured = write(tmp_path / "set", [100, 200, 300, 250, 150], forward=Swinger(), times=np.arange(1, 15) / 10)
-    found = calibrate(exact(measured), Swinger(), options=CalibrationOptions(engines=ONE_ENGINE))
-    assert found.fit.converged
-    assert found.model.factors["damping"] == pytest.approx(1.3, rel=0.005)
-    monkeypatch.setattr("optimize.fit.problem.horizons_of", lambda samples: [1.4])
-    at_once = calibrate(exact(measured), Swinger(), options=CalibrationOptions(engines=ONE_ENGINE))
-    assert abs(np.log(at_once.model.factors["damping"] / 1.3)) > 0.05
-    assert at_once.warnings and not found.warnings
-    assert at_once.fit.after > 1.3 * found.fit.after
-
-
-def test_horizons_are_those_with_frames_of_their_own():
-    early, late = (Sample(None, np.array(times), ()) for times in ([0.0, 0.5, 0.6], [0.4, 1.4, 2.2]))
-    assert horizons_of([early]) == [0.5, 1.0]
-    assert horizons_of([early, late]) == [0.5, 1.0, 2.5]
-    assert horizons_of([Sample(None, np.array([3.0]), ())]) == [3.0]
-
-
 def test_one_frame_of_a_cloth_at_rest_leaves_the_data_sheet(tmp_path):
     """Which is said once: no combinations of factors on which the data say little."""
     measured = write(tmp_path / "set", [0, 0], times=TIMES[:1])
@@ -451,7 +432,6 @@ def test_a_lag_that_the_model_lacks_marks_the_intervals(tmp_path):
 def test_factors_of_a_wrong_model_are_not_refined(tmp_path, monkeypatch):
     """What a missing effect leaves is no reason for last steps; it ends as near, as far as that can be said."""
     measured = write(tmp_path / "set", [100, 150, 250, 300, 200], forward=Curler(lag=0.9))
-    monkeypatch.setattr("optimize.fit.problem.horizons_of", lambda samples: [1.2])  # the same frames in both
     asked = []
 
     def fitted():
