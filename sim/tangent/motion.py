@@ -11,7 +11,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import Balance
 from fabdesign.nouns.forward import Instant
 from sim.kernels.fields import LANES

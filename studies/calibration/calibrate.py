@@ -181,7 +181,7 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, options: Calibration
 
         alone = replace(early, named=f"factors of {len(data.trials)} trials", progress_of=no_effects)
         plain = alone.fit(alone.problem(some, factors), FitStart(factor_starts(balanced, factors)), _last(factors))
-        fitted = joint_fit(data, vector, fits.within(_WITHOUT_EFFECTS, 1.0), balanced)
+        fitted = joint_fit(data, vector, fits.within(_WITHOUT_EFFECTS, 1.0), balanced, plain.x)
     except KeyboardInterrupt as stop:
         reached = stop.fit() if options.interruptible and isinstance(stop, Interrupted) else None
         if not options.interruptible or (reached is None and plain is None):

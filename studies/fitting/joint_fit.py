@@ -7,15 +7,18 @@ where a column costs a motion of every trial.
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import label_effect
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Term
 from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.policy import ROUGH
 from optimize.fit.significance import needed
-from studies.fitting.fits import Fits, shown, starts_of
+from studies.fitting.fits import Fits, shown, starts_of, with_factors
 from studies.measured.fit_data import MeasuredData
 
 FEW = 8  # trials, by which effects without a tangent are asked for first
@@ -23,11 +26,11 @@ KEPT = 4.0  # of log likelihood: an effect that costs less to drop in balance, o
 _AT_LAST = 0.5  # of all work, where the last fit has more trials
 
 
-def joint_fit(data: MeasuredData, vector: FitVector, fits: Fits, balanced: Fit | None) -> Fit:
-    """Return the fit of all frames from where they are in balance."""
+def joint_fit(data: MeasuredData, vector: FitVector, fits: Fits, balanced: Fit | None, factors: Array) -> Fit:
+    """Return the fit of all frames from where they are in balance, or from `factors` with effects at nothing."""
     nothing = frozenset() if balanced is None else unneeded(balanced)
     there, index = vector.only(set(vector.labels) - nothing)
-    starts = starts_of(vector, balanced, nothing)[:, index]
+    starts = np.array([*starts_of(vector, balanced, nothing)[:, index], with_factors(there, factors)])
     if len(data.trials) > FEW and there.terms:
         early = fits.coarse.within(0.0, _AT_LAST)
         some = data.only_spread(FEW)

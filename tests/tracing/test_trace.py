@@ -447,7 +447,9 @@ def late(tmp_path_factory):
     data = MeasuredData.of([measured], fit_trials(measured.trials), UsedFrames(None, 0.0), DRAWN, seed=0)
     vector = fit_vector(["all"], designs=[build("cross")])
     forward = Predictor(Curler(), Model(), sensing=True)
-    found = fit(Fits(forward, 0.5e-3).problem(data, vector))
+    near = {"filling_lag.fill": 0.25, "filling_lag.empty": 0.25, "supply_droop.share": 0.1}  # as balance leads
+    start = FitStart(np.array([near.get(name, 0.0) for name in vector.names]))
+    found = fit(Fits(forward, 0.5e-3).problem(data, vector), start)
     return found, data
 
 
