@@ -36,14 +36,13 @@ from optimize.fit.normal import step_to_minimum
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import Linearisation, Problem
 
-FRAMES, POINTS = 10, 400  # of a trial, and of a frame
+FRAMES = 10  # of a trial, that balance
+POINTS = 400  # of a frame
 HALF = 2  # frames to each side, through which velocity and acceleration are seen
 WIDEST = 0.2  # s that these may span: in as much a swing of 8 rad/s turns by a quarter
 FIRST = 0.1  # s after rest, before which little has moved
 INSTANTS = np.arange(-2, 3) / 160  # s, from a frame, of the motion's own velocity and acceleration
-SPRINGS = (
-    500.0  # 1/s^2 by which an error of an acceleration is a displacement: a balance's springs and a swing's square
-)
+SPRINGS = 500.0  # 1/s^2, those of a balance and a swing's square: an acceleration's error over it is a displacement
 RADIUS = 0.05  # m, of a cloth's bends: a displacement d is off by d^2 over it where it is taken as linear
 STEP = 0.007  # of a prior's deviation, of a column
 ITERATIONS = 12
@@ -217,7 +216,7 @@ def _central(every: Match, frames: Sequence[FramesAround]) -> Match:
     return Match(**(fields | {"frame": frame[kept]}))
 
 
-def come_near(
+def fit_balance(
     problem: BalanceProblem, *, named: str = "", checkpoint: Checkpoint | None = None, progress: Progress = silent
 ) -> Fit:
     """Return where Gauss-Newton steps lead from the vector's start. No step is judged: the residuals of another place
@@ -226,7 +225,7 @@ def come_near(
         fresh: list[Fit] = []
 
         def arrays() -> Arrays:
-            fresh.append(come_near(problem, progress=progress))
+            fresh.append(fit_balance(problem, progress=progress))
             return {"x": fresh[0].x}
 
         there = checkpoint.arrays(f"fit_{named}", arrays)["x"]

@@ -54,7 +54,7 @@ class Unstrained:
 
     def __init__(self, middle: Array) -> None:
         n = len(middle)
-        first, second, weight = _edges(n)
+        (first, second), weight = _edges(n)
         place, normal = middle.reshape(-1, 3), normals(middle).reshape(-1, 3)
         edge = place[second] - place[first]
         pull = edge * (weight / np.square(edge).sum(axis=1))[:, None]  # strain of the edge by a displacement
@@ -84,10 +84,10 @@ class Unstrained:
         return np.asarray(field + sum(moved)).reshape(along.shape)
 
 
-def _edges(n: int) -> tuple[Indices, Indices, Array]:
-    """Return both ends of the edges and diagonals of an n x n grid, and their weights."""
+def _edges(n: int) -> tuple[Indices, Array]:
+    """Return both ends (2, m) of the edges and diagonals of an n x n grid, and their weights (m,)."""
     k = np.arange(n * n).reshape(n, n)
     pairs = (k[:, :-1], k[:, 1:]), (k[:-1], k[1:]), (k[:-1, :-1], k[1:, 1:]), (k[1:, :-1], k[:-1, 1:])
-    first, second = (np.concatenate([pair[end].ravel() for pair in pairs]) for end in (0, 1))
+    ends = np.array([np.concatenate([pair[end].ravel() for pair in pairs]) for end in (0, 1)])
     weights = np.concatenate([np.full(one.size, w) for (one, _), w in zip(pairs, (1.0, 1.0, 0.5, 0.5), strict=True)])
-    return first, second, weights
+    return ends, weights

@@ -102,7 +102,7 @@ class MovedCases:
 
 
 class LaneColumns(NamedTuple):
-    """What rides in a lane, by numbers: a case, and which of the columns are solved there. tick: of a motion, and
+    """The content of a lane, by numbers: a case, and which of the columns are solved there. tick: of a motion, and
     (n, n, 3) m/s^2 its acceleration then; at rest neither."""
 
     case: int

@@ -169,9 +169,9 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, options: Calibration
     fits = replace(fits, named=f"effects of {len(data.trials)} trials")
     try:
         if not vector.terms:
-            near = starts_of(vector, fit_in_balance(data, fits.within(0.0, _IN_BALANCE), vector))
+            starts = starts_of(vector, fit_in_balance(data, fits.within(0.0, _IN_BALANCE), vector))
             last = fits.within(_IN_BALANCE, 1.0)
-            return last.fit(last.problem(data, vector), FitStart(near), _last(vector))
+            return last.fit(last.problem(data, vector), FitStart(starts), _last(vector))
         factors, early = vector.without_effects, fits.within(0.0, _WITHOUT_EFFECTS)
         some = data.only_spread(TRIALS)
         balanced = fit_in_balance(data, early, vector)

@@ -11,7 +11,7 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.runtime.store import Checkpoint
-from optimize.fit.balance import BalanceProblem, acting_in_balance, come_near, frames_around
+from optimize.fit.balance import BalanceProblem, acting_in_balance, fit_balance, frames_around
 from optimize.fit.descent import FitStart, Progress, fit, parts, silent
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitVector
@@ -79,7 +79,7 @@ def fit_in_balance(data: MeasuredData, fits: Fits, vector: FitVector) -> Fit | N
     def say(line: str, share: float) -> None:
         progress(f"{named}, {line}", share)
 
-    return come_near(problem, named=named, checkpoint=fits.checkpoint, progress=say)
+    return fit_balance(problem, named=named, checkpoint=fits.checkpoint, progress=say)
 
 
 def starts_of(vector: FitVector, balanced: Fit | None, dropped: Collection[str] = ()) -> Array:

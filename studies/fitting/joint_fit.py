@@ -21,7 +21,7 @@ from optimize.fit.significance import needed
 from studies.fitting.fits import Fits, shown, starts_of, with_factors
 from studies.measured.fit_data import MeasuredData
 
-FEW = 8  # trials, by which effects without a tangent are asked for first
+EARLY_TRIALS = 8  # trials, by which effects without a tangent are asked for first
 KEPT = 4.0  # of log likelihood: an effect that costs less to drop in balance, or by few trials, is not fitted on
 _AT_LAST = 0.5  # of all work, where the last fit has more trials
 
@@ -31,9 +31,9 @@ def joint_fit(data: MeasuredData, vector: FitVector, fits: Fits, balanced: Fit |
     nothing = frozenset() if balanced is None else unneeded(balanced)
     there, index = vector.only(set(vector.labels) - nothing)
     starts = np.array([*starts_of(vector, balanced, nothing)[:, index], with_factors(there, factors)])
-    if len(data.trials) > FEW and there.terms:
+    if len(data.trials) > EARLY_TRIALS and there.terms:
         early = fits.coarse.within(0.0, _AT_LAST)
-        some = data.only_spread(FEW)
+        some = data.only_spread(EARLY_TRIALS)
         begun = early.fit(early.problem(some, there), FitStart(starts), ROUGH, "of few trials")
         certain = set() if balanced is None else {label_effect(label) for label in shown(balanced)}
         idle = {label for label in unneeded(begun) if label_effect(label) not in certain}
