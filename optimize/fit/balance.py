@@ -39,7 +39,7 @@ from optimize.fit.problem import Linearisation, Problem
 FRAMES = 10  # of a trial, that balance
 POINTS = 400  # of a frame
 HALF = 2  # frames to each side, through which velocity and acceleration are seen
-WIDEST = 0.2  # s that these may span: in as much a swing of 8 rad/s turns by a quarter
+WIDEST = 0.28  # s that these may span, as at 15 Hz: beyond, a swing of 8 rad/s turns by more than a third
 FIRST = 0.1  # s after rest, before which little has moved
 INSTANTS = np.arange(-2, 3) / 160  # s, from a frame, of the motion's own velocity and acceleration
 SPRINGS = 500.0  # 1/s^2, those of a balance and a swing's square: an acceleration's error over it is a displacement
