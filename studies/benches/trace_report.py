@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 from markupsafe import Markup
@@ -37,6 +37,14 @@ class BenchOutcome(TraceOutcome):
     fit: tuple[float, float]  # before, after
     test: tuple[float, float] | None  # the same on records of role test, looked at once; None without any
     curves: tuple[Curve, ...]
+    metric = METRIC
+    json_keys: ClassVar = (
+        *TraceOutcome.json_keys,
+        ("error.noise_from", "noise.source"),
+        ("within_tolerance", lambda of: [of.small.name] if of.small else []),
+        ("residual", lambda of: {"where": None, "when_s": None, "follows": None}),
+        ("unjudged", lambda of: []), ("discovered", lambda of: None), ("next_experiment", lambda of: None),
+    )  # fmt: skip
 
     @property
     def model(self) -> Model:
@@ -67,23 +75,12 @@ class BenchOutcome(TraceOutcome):
         rows = self.to_json()["candidates"][1:]
         return {key: [row[key] for row in rows] for key in ("name", "held_out", "gain")}
 
-    def json_content(self) -> dict[str, Any]:
-        """Return `trace.json`."""
-        tests = self.test or (None, None)
-        after = self.verdict == "effect"
-        evidence, small = self.evidence, self.small
-        crossed = evidence.before, evidence.after
-        pairs = [MeanErrors(self.fit[k], tests[k], crossed[k]) for k in (0, after)]
-        trace = self.entries(METRIC, self.unit, *pairs)
-        trace["error"]["noise_from"] = self.noise.source
-        more = {
-            "within_tolerance": [small.name] if small else [],
-            "residual": {"where": None, "when_s": None, "follows": None},
-            "unjudged": [],
-            "discovered": None,
-            "next_experiment": None,
-        }
-        return trace | more
+    @property
+    def means(self) -> tuple[MeanErrors, MeanErrors]:
+        """Return the errors before and after."""
+        tests, crossed = self.test or (None, None), (self.evidence.before, self.evidence.after)
+        before, after = (MeanErrors(self.fit[k], tests[k], crossed[k]) for k in (0, self.verdict == "effect"))
+        return before, after
 
 
 def _simulated(effect: EffectTerm) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib import pyplot as plt
@@ -52,14 +52,13 @@ class Demo:
 
     runs: list[StudyResult]
     shipped: ShippedErrors | None
+    json_keys: ClassVar = ("runs", lambda of: [*map(_run, of.runs)]), ("measured_set", "shipped")
 
-    def json_content(self) -> dict[str, Any]:
-        """Return what `demo --json` prints; distances in mm."""
-        runs = [
-            {"name": run.study.name, **plain(run.errors), "evaluations": len(run.history), "wall_s": run.wall_s}
-            for run in self.runs
-        ]
-        return {"runs": runs, "measured_set": self.shipped}
+
+def _run(result: StudyResult) -> dict[str, Any]:
+    """Return what `demo --json` prints of a search."""
+    counts = {"evaluations": len(result.history), "wall_s": result.wall_s}
+    return {"name": result.study.name, **plain(result.errors), **counts}
 
 
 def run_demo(

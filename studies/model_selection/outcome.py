@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from fabdesign.formats.json_file import write_json
 from fabdesign.formats.result_tables import Tabled
 from fabdesign.nouns.model import EffectTerm, Model
 from fabdesign.output import write_text
-from fabdesign.units import in_mm
 from studies.model_selection.rules import Selection
 from studies.model_selection.verdict import Evidence, Word, explains
 
@@ -61,6 +60,14 @@ class TraceOutcome(Tabled):
     candidates: tuple[Candidate, ...]
     named: Mapping[str, EffectTerm]
     indistinguishable: tuple[str, ...]
+    json_keys: ClassVar[tuple[Any, ...]] = (
+        ("format", lambda of: "fabdesign.trace/1"),
+        "verdict", ("effects", "_effects"), "indistinguishable", ("candidates", "_candidates"),
+        ("error.metric", "metric"), ("error.unit", "unit"),
+        ("error.noise_floor", lambda of: of.shown(of.floor)), ("error.tolerance", lambda of: of.shown(of.tolerance)),
+        ("error.ceiling", lambda of: of.held_out(of.evidence.box_before)),
+        ("error.before", lambda of: of._pair(of.means[0])), ("error.after", lambda of: of._pair(of.means[1])),
+    )  # fmt: skip
 
     @cached_property
     def explained(self) -> dict[str, float]:
@@ -70,54 +77,53 @@ class TraceOutcome(Tabled):
         every = max(sum(costs.values()), 1e-30)
         return {} if share is None else {label: share * cost / every for label, cost in costs.items()}
 
-    def entries(self, metric: str, unit: str, before: MeanErrors, after: MeanErrors) -> dict[str, Any]:
-        """Return what `trace.json` says of a set and of a bench; a set's errors in mm."""
-        scale, evidence = in_mm(1.0) if unit == "mm" else 1.0, self.evidence
+    @property
+    def means(self) -> tuple[MeanErrors, MeanErrors]:
+        """Return the errors before and after."""
+        raise NotImplementedError
+
+    def shown(self, error: float) -> float:
+        """Return an error as `trace.json` has it."""
+        return error
+
+    def held_out(self, excess: float) -> float:
+        """Return the error of what is left out by its excess, as `trace.json` has it."""
+        return self.shown(float(np.hypot(excess, self.floor)))
+
+    def _pair(self, errors: MeanErrors) -> dict[str, float | None]:
+        test, left_out = errors.test, self.held_out(errors.excess)
+        fit, held_out = errors.fit and self.shown(errors.fit), left_out if test is None else self.shown(test)
+        return {"fit": fit, "held_out": held_out, "cross_validated": left_out}
+
+    @property
+    def _effects(self) -> list[dict[str, Any]]:
+        return [
+            {
+                "name": effect.name,
+                "site": EFFECTS[effect.name].site,
+                "scope": effect.scope or EFFECTS[effect.name].scope,
+                "parameters": effect.parameters,
+                "explains": self.explained.get(label),
+            }
+            for label, effect in self.named.items()
+        ]
+
+    @property
+    def _candidates(self) -> list[dict[str, Any]]:
+        """Return a row a candidate; the first is the model without effects."""
+        evidence = self.evidence
         none = Candidate("none", 0.0, (0.0, 0.0), evidence.before, max(evidence.typical, evidence.drift), False)
-
-        def held_out(excess: float) -> float:
-            return scale * float(np.hypot(excess, self.floor))
-
-        def pair(errors: MeanErrors) -> dict[str, float | None]:
-            fit, test, left_out = errors.fit and scale * errors.fit, errors.test, held_out(errors.excess)
-            shown = left_out if test is None else scale * test
-            return {"fit": fit, "held_out": shown, "cross_validated": left_out}
-
-        return {
-            "format": "fabdesign.trace/1",
-            "verdict": self.verdict,
-            "effects": [
-                {
-                    "name": effect.name,
-                    "site": EFFECTS[effect.name].site,
-                    "scope": effect.scope or EFFECTS[effect.name].scope,
-                    "parameters": effect.parameters,
-                    "explains": self.explained.get(label),
-                }
-                for label, effect in self.named.items()
-            ],
-            "indistinguishable": self.indistinguishable,
-            "candidates": [
-                {
-                    "name": c.name,
-                    "held_out": held_out(c.excess),
-                    "gain": scale * c.gain,
-                    "interval90": [scale * end for end in c.interval90],
-                    "adequate": c.adequate(self.tolerance),
-                    "chosen": c.chosen and self.verdict == "effect",
-                }
-                for c in (none, *self.candidates)
-            ],
-            "error": {
-                "metric": metric,
-                "unit": unit,
-                "noise_floor": scale * self.floor,
-                "tolerance": scale * self.tolerance,
-                "ceiling": held_out(evidence.box_before),
-                "before": pair(before),
-                "after": pair(after),
-            },
-        }
+        return [
+            {
+                "name": c.name,
+                "held_out": self.held_out(c.excess),
+                "gain": self.shown(c.gain),
+                "interval90": [*map(self.shown, c.interval90)],
+                "adequate": c.adequate(self.tolerance),
+                "chosen": c.chosen and self.verdict == "effect",
+            }
+            for c in (none, *self.candidates)
+        ]
 
 
 def write_trace(files: Path, outcome: TraceOutcome, model: Model, html: str) -> None:

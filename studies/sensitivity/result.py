@@ -7,7 +7,7 @@ and in a group, and it would bring pandas and multiprocess."""
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,6 +126,14 @@ class SensitivityResult(Tabled):
     wall_s: float
     cpu_s: float
     interrupted: bool = False  # by Ctrl-C
+    json_keys: ClassVar = (
+        ("outputs", lambda of: {column.name: of._output(k) for k, column in enumerate(of.watched)}),
+        ("inputs", lambda of: dict(zip(of.inputs.names, of.inputs.units, strict=True))),
+        ("samples.computed", "samples"), ("samples.failed", "failed"),
+        ("samples.**", lambda of: {f"{m}_left_out": int((~f.sound).sum()) for m, f in of.computed.items()}),
+        ("samples.looked_at", lambda of: len(of.moves)), ("samples.snapping", "snapping"),
+        ("said", "sentences"), "complete", "study.points_per_side", "wall_s", "cpu_s", "study.seed",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         for method, samples in self.computed.items():
@@ -240,26 +248,6 @@ class SensitivityResult(Tabled):
                 for name, numbers in entry.get(method, {}).items()
             ]
         )
-
-    def json_content(self) -> dict[str, Any]:
-        """Return what result.json holds."""
-        return {
-            "outputs": {c.name: self._output(k) for k, c in enumerate(self.watched)},
-            "inputs": dict(zip(self.inputs.names, self.inputs.units, strict=True)),
-            "samples": {
-                "computed": self.samples,
-                "failed": self.failed,
-                **{f"{m}_left_out": int((~f.sound).sum()) for m, f in self.computed.items()},
-                "looked_at": len(self.moves),
-                "snapping": self.snapping,
-            },
-            "said": self.sentences,
-            "complete": self.complete,
-            "points_per_side": self.study.points_per_side,
-            "wall_s": self.wall_s,
-            "cpu_s": self.cpu_s,
-            "seed": self.study.seed,
-        }
 
     def _output(self, k: int) -> dict[str, Any]:
         entry: dict[str, Any] = {"unit": self.watched[k].unit, **self.spread(k)}

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -41,6 +41,21 @@ class Outcome(TraceOutcome, OfModel):
     model: Model
     next_experiment: Mapping[str, Any] | None
     discovered: Discovered | None = None
+    metric, unit = "surface_rms", "mm"
+    json_keys: ClassVar = (
+        *TraceOutcome.json_keys,
+        ("other_layouts", "_other_layouts"),
+        ("residual.where", "remains.where"), ("residual.when_s", "remains.when"), ("residual.follows", "follows"),
+        ("unjudged", lambda of: of.data.used.stretches or ()), ("unjudged_share", "data.used.share_left_out"),
+        ("weights.share_below_tenth", "share_below_tenth"), ("weights.input_accuracy", "data.accuracy"),
+        ("decoys", "_decoys"), ("discovered", "_discovered"), "next_experiment",
+        ("excess.unit", "unit"), ("excess.before", lambda of: in_mm(of.evidence.before)),
+        ("excess.after", lambda of: in_mm(of.evidence.after)),
+        ("excess.black_box", lambda of: in_mm(of.evidence.box_before)),
+        ("excess.fitted", lambda of: of.evidence.fitted and in_mm(of.evidence.fitted)),
+        ("detectable", lambda of: {c.name: c.detectable for c in of.candidates if not c.chosen}),
+        ("said", "sentences"),
+    )  # fmt: skip
 
     @property
     def name(self) -> str:
@@ -130,54 +145,53 @@ class Outcome(TraceOutcome, OfModel):
         """Return the verdict, and the model's parameters."""
         return Summary([f"Outcome: {self.verdict}"], self.columns())
 
-    def json_content(self) -> dict[str, Any]:
-        """Return `trace.json`; mm."""
-        excess, decoys = self.evidence, self.selection.decoys
-        after = excess.after if self.verdict == "effect" else excess.before
-        after = after if self.discovered is None else self.discovered.excess
-        means = [
-            MeanErrors(mean_of(self.errors, "fit", which), mean_of(self.errors, "test", which), left_out)
-            for which, left_out in (("before", excess.before), ("after", after))
-        ]
-        return self.entries("surface_rms", "mm", *means) | {
-            "other_layouts": {
-                name: {
-                    "trials": len(errors),
-                    **{which: in_mm(float(mean_of(errors, "test", which) or 0.0)) for which in ("before", "after")},
-                }
-                for name, errors in other_layouts(self.errors).items()
-            },
-            "residual": {
-                "where": self.remains.where,
-                "when_s": self.remains.when,
-                "follows": self.follows,
-            },
-            "unjudged": self.data.used.stretches or (),
-            "unjudged_share": self.data.used.share_left_out,
-            "weights": {"share_below_tenth": self.share_below_tenth, "input_accuracy": self.data.accuracy},
-            "decoys": decoys
-            and {
-                "tried": len(decoys.gains),
-                "taken": decoys.taken(self.tolerance),
-                "chance_mm": in_mm(decoys.chance),
-            },
-            "discovered": self.discovered
-            and {
-                "formula": formula(self.model.effects[-1].term.values),
-                "parameters": {name: q for name, q in self.model.effects[-1].parameters.items() if q.value},
-                "excess_mm": {"before": in_mm(self.discovered.before), "after": in_mm(self.discovered.excess)},
-            },
-            "next_experiment": self.next_experiment,
-            "excess": {
-                "unit": "mm",
-                "before": in_mm(excess.before),
-                "after": in_mm(excess.after),
-                "black_box": in_mm(excess.box_before),
-                "fitted": excess.fitted and in_mm(excess.fitted),
-            },
-            "detectable": {c.name: c.detectable for c in self.candidates if not c.chosen},
-            "said": self.sentences,
+    @property
+    def means(self) -> tuple[MeanErrors, MeanErrors]:
+        """Return the errors before and after."""
+        which = ("before", self.evidence.before), ("after", self.excess_after)
+        before, after = (
+            MeanErrors(mean_of(self.errors, "fit", w), mean_of(self.errors, "test", w), x) for w, x in which
+        )
+        return before, after
+
+    @property
+    def excess_after(self) -> float:
+        """Return m."""
+        if self.discovered is not None:
+            return self.discovered.excess
+        return self.evidence.after if self.verdict == "effect" else self.evidence.before
+
+    @property
+    def _other_layouts(self) -> dict[str, dict[str, float]]:
+        return {
+            name: {
+                "trials": len(errors),
+                **{which: in_mm(float(mean_of(errors, "test", which) or 0.0)) for which in ("before", "after")},
+            }
+            for name, errors in other_layouts(self.errors).items()
         }
+
+    @property
+    def _decoys(self) -> dict[str, float] | None:
+        if (decoys := self.selection.decoys) is None:
+            return None
+        tried, taken = len(decoys.gains), decoys.taken(self.tolerance)
+        return {"tried": tried, "taken": taken, "chance_mm": in_mm(decoys.chance)}
+
+    @property
+    def _discovered(self) -> dict[str, Any] | None:
+        if self.discovered is None:
+            return None
+        effect = self.model.effects[-1]
+        return {
+            "formula": formula(effect.term.values),
+            "parameters": {name: q for name, q in effect.parameters.items() if q.value},
+            "excess_mm": {"before": in_mm(self.discovered.before), "after": in_mm(self.discovered.excess)},
+        }
+
+    def shown(self, error: float) -> float:
+        """Return mm."""
+        return in_mm(error)
 
 
 def noise_floor(errors: Sequence[TrialError], otherwise: float) -> float:

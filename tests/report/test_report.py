@@ -82,21 +82,17 @@ class Outer:
     depths: Annotated[np.ndarray, Key("depth.each_mm"), MM]
     name: Annotated[str, Key(brief=True)] = ""
     solver: object = None
-    json_keys: ClassVar = "deepest", "depths", "inner", "name"
-
-    @property
-    def deepest(self) -> Annotated[float, Key("depth.most_mm"), MM]:
-        return float(self.depths.max())
+    json_keys: ClassVar = ("depth.most_mm", lambda of: float(of.depths.max())), "depths", "inner", "name"
 
 
 @dataclass(frozen=True)
 class Apart:
-    """A result whose file is of another shape."""
+    """A result whose keys are computed, or of what it holds."""
 
     outer: Outer
-
-    def json_content(self) -> dict[str, object]:
-        return {"several": [self.outer], "depths": self.outer.depths}
+    json_keys: ClassVar = (
+        ("several", lambda of: [of.outer]), "outer.depths", ("off.most_mm", "outer.inner.off"), ("**", "outer.inner")
+    )  # fmt: skip
 
 
 def test_json_of_a_result_is_as_it_declares_it() -> None:
@@ -104,7 +100,12 @@ def test_json_of_a_result_is_as_it_declares_it() -> None:
     table = {"depth": {"most_mm": 2.0, "each_mm": [1.0, 2.0]}}
     outer = Outer(Inner(1.0, np.zeros(1)), depths, solver=object())
     assert plain(outer) == table | {"value": 1.0, "points": [0.0], "off_mm": 2.0}
-    assert plain(Apart(Outer(None, depths, "n"))) == {"several": [table | {"name": "n"}], "depths": [0.001, 0.002]}
+    assert plain(Apart(Outer(None, depths, "n"))) == {
+        "several": [table | {"name": "n"}],
+        "depths": [0.001, 0.002],
+        "off": {"most_mm": None},
+    }
+    assert plain(Apart(outer))["off"] == {"most_mm": 2.0} and plain(Apart(outer))["off_mm"] == 2.0
 
 
 def test_json_of_results_knows_no_nan(tmp_path: Path) -> None:
