@@ -13,7 +13,6 @@ from fabdesign.units import in_mm
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitParameter
 from studies.fitting.fitted_model import excess
-from studies.intervals.calibrate import spread_json
 from studies.measured.fit_data import MeasuredData
 from studies.measured.used_frames import UsedFrames
 
@@ -52,8 +51,7 @@ class Calibration(OfModel):
         ("noise", lambda of: {"sigma": in_mm(of.noise.sigma), "strays": of.noise.strays, "unit": "mm"}),
         "model.provenance.fitted", "model.provenance.held_out", "fit.outlying",
         ("lost", lambda of: [{"trial": trial, "from_s": time} for trial, time in of.fit.lost]),
-        "skipped", ("input_accuracy", "data.accuracy"), ("spread", lambda of: spread_json(of.model)),
-        ("**", "data.used"),
+        "skipped", ("input_accuracy", "data.accuracy"), "model.spread", ("**", "data.used"),
         "fit.iterations", "fit.converged", "fit.interrupted",
     )  # fmt: skip
 

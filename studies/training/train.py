@@ -26,7 +26,7 @@ from fabdesign.runtime.fingerprint import sha256
 from fabdesign.runtime.store import Checkpoint
 from fabdesign.version import SIMULATOR, __version__
 from optimize.fit.parameters import FitVector
-from studies.intervals.calibrate import spread_json, with_spread
+from studies.intervals.calibrate import with_spread
 from studies.measured.fit_data import noise_of
 from studies.measured.used_frames import UsedFrames
 from studies.training.data import (
@@ -77,7 +77,7 @@ class TrainingResult(Tabled):
     skipped: tuple[str, ...] = ()
     json_keys: ClassVar = (
         "about.network", "base", "learned_from", "about.trust_limit", "about.left_out", "held_out",
-        ("spread", lambda of: spread_json(of.model)), ("**", "used"),
+        "model.spread", ("**", "used"),
     )  # fmt: skip
 
     def columns(self) -> Columns:

@@ -8,7 +8,6 @@ Verdinelli 1995), and the shape that times B on both sides."""
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +26,15 @@ from fabdesign.units import in_kpa, in_mm
 from optimize.fit.parameters import PRIOR
 from studies.intervals.band import shapes_with_error
 from studies.prediction.stability import moves, snaps, to_either_side
-from studies.unseen.report import Measurement, Percentiles, PoseResult
+from studies.unseen.report import (
+    CorrectorReach,
+    Measurement,
+    OutputSpread,
+    Percentiles,
+    PoseResult,
+    RankedMeasurement,
+    SetPoints,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +122,7 @@ def _pose(
         widest_mm=in_mm(float(np.sqrt(np.square(away).mean(axis=0)).max())),
         tip_mm={axis: _percentiles(tips[:, k]) for k, axis in enumerate("xyz")},
         outputs={
-            output.text: {"unit": output.unit, "percentiles": _percentiles(np.array([output.of(s) for s in sound]))}
+            output.text: OutputSpread(output.unit, _percentiles(np.array([output.of(s) for s in sound])))
             for output in unsewn.outputs
         },
         mean_curvature=_percentiles(np.array([mean_curvature(shape) for shape in sound])),
@@ -148,16 +155,16 @@ def intervals_statement(model: Model) -> str:
     )
 
 
-def corrector_statement(model: Model, unsewn: Unsewn) -> dict[str, Any]:
-    """Return whether the model's corrector applies to the design, and in words."""
+def corrector_reach(model: Model, unsewn: Unsewn) -> CorrectorReach:
+    """Return whether the model's corrector applies to the design."""
     if model.corrector is None:
-        return {"applies": None, "said": "no corrector in this model"}
+        return CorrectorReach(None, "no corrector in this model")
     from corrector.field import load_corrector  # here: it loads the weights
 
     trust = load_corrector(model).trust(unsewn.design)
     far = f"{trust.distance:.2f} from the designs that it learned from, its limit is {trust.limit:.2f}"
     statement = f"the corrector applies: {far}" if trust.applies else f"the corrector does not apply: {far}"
-    return {"applies": trust.applies, "distance": trust.distance, "limit": trust.limit, "said": statement}
+    return CorrectorReach(trust.applies, statement, trust.distance, trust.limit)
 
 
 STEP = 0.5  # of z, in differences
@@ -236,14 +243,8 @@ def measurement(
     return Measurement(
         spread_mm=in_mm(spread(b, np.eye(len(draws.names)))),
         due_to_mm={name: in_mm(spread(b[:, k : k + 1], np.eye(1))) for k, name in enumerate(draws.names)},
-        candidates={name: {"design": by_name[name].design.name, "left_mm": remaining[name]} for name in ranked},
-        program=None
-        if best is None
-        else {
-            "time_s": best.time.tolist(),
-            "pressure_kpa": in_kpa(best.pressure).round(3).tolist(),
-            "duration_s": best.duration,
-        },
+        candidates={name: RankedMeasurement(by_name[name].design.name, remaining[name]) for name in ranked},
+        program=best and SetPoints(best.time.tolist(), in_kpa(best.pressure).round(3).tolist(), best.duration),
         in_turn_mm={name: in_mm(value) for name, value in in_turn(b, gained, IN_TURN).items()},
     )
 

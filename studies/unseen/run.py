@@ -35,7 +35,7 @@ from studies.study import Simulated, StudyRun, kept_content, simulator
 from studies.unseen.prediction import (
     Draws,
     candidates_of,
-    corrector_statement,
+    corrector_reach,
     intervals_statement,
     measurement,
     predicted,
@@ -124,7 +124,7 @@ def unsewn_result(
         unknown=draws.unknown,
         calibrated=spread_of(unsewn.model) is not None,
         intervals=intervals_statement(unsewn.model),
-        corrector=corrector_statement(unsewn.model, unsewn),
+        corrector=corrector_reach(unsewn.model, unsewn),
         measurement=measured and of_exact(Measurement, measured),
     )
 
