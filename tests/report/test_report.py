@@ -28,6 +28,14 @@ def test_a_page_holds_its_figures_and_plotly_only_with_one() -> None:
     assert "<script" not in html_of("a <b>", [page.Text("x")])
 
 
+def test_a_new_block_is_one_declaration_as_contributing_has_it() -> None:
+    recipe = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("## Show something new on a page")[1]
+    names = dict(vars(page))
+    exec(recipe.split("```python\n")[1].split("```")[0], names)
+    text = html_of("q", [page.Columns([[names["Quote"]("it <holds>", "a & b")]])])
+    assert "<blockquote>it &lt;holds&gt;<br>a &amp; b</blockquote>" in text
+
+
 def test_values_are_shown_in_mm_and_kpa() -> None:
     assert (mm(0.01234), mm(0.01234, 0), kpa(123456)) == ("12.34", "12", "123")
 
