@@ -72,8 +72,8 @@ class BenchOutcome(TraceOutcome):
 
     def columns(self) -> Columns:
         """Return a row a candidate: its name, error of records left out and gain."""
-        rows = self.to_json()["candidates"][1:]
-        return {key: [row[key] for row in rows] for key in ("name", "held_out", "gain")}
+        rows = self.rows[1:]
+        return {key: [getattr(row, key) for row in rows] for key in ("name", "held_out", "gain")}
 
     @property
     def means(self) -> tuple[MeanErrors, MeanErrors]:
@@ -151,7 +151,7 @@ def _blocks(outcome: BenchOutcome) -> Iterator[page.Block]:
     yield page.Title(f"{outcome.bench.name}: what its quasi-static law lacks", 1)
     yield page.Text(Markup("<b>{}.</b> {}").format(outcome.verdict.capitalize(), bench_in_words(outcome)), "verdict")
     yield from page.texts("quiet", [page.sentence(x) for x in (outcome.bench.description, outcome.bench.source) if x])
-    yield charts.error_bars(outcome.to_json()["error"], "noise", unit, "RMS of records left out", scale)
+    yield charts.error_bars(outcome.compared, "noise", unit, "RMS of records left out", scale)
     yield page.Title("Candidates")
     gains = [
         charts.Gain(c.name + " (wrong sign)" * c.refused, c.gain, c.interval90, c.chosen) for c in outcome.candidates

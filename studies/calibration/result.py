@@ -47,7 +47,7 @@ class Calibration(OfModel):
         ("believable", lambda of: not of.warnings),
         ("doubts", "warnings"),
         ("residual", lambda of: {"before": in_mm(of.fit.before), "after": in_mm(of.fit.after), "unit": "mm"}),
-        ("excess", lambda of: {"after": in_mm(excess(of.fit.after, of.noise)), "unit": "mm"}),
+        ("excess", lambda of: {"after": in_mm(of.excess), "unit": "mm"}),
         ("noise", lambda of: {"sigma": in_mm(of.noise.sigma), "strays": of.noise.strays, "unit": "mm"}),
         "model.provenance.fitted", "model.provenance.held_out", "fit.outlying",
         ("lost", lambda of: [{"trial": trial, "from_s": time} for trial, time in of.fit.lost]),
@@ -59,6 +59,11 @@ class Calibration(OfModel):
     def used(self) -> UsedFrames:
         """Return frames that took part: not those of sensitive stretches."""
         return self.data.used
+
+    @property
+    def excess(self) -> float:
+        """Return m of the residual over the noise."""
+        return excess(self.fit.after, self.noise)
 
     @property
     def noise(self) -> SensorNoise:

@@ -69,7 +69,7 @@ def learn(
             model = learned if study.learning.trace_grid == study.points_per_side else None
     if model is None:
         calibration = _calibrated(study, sets, started, simulators, say)
-        model, remaining = calibration.model, calibration.to_json()["excess"]["after"]
+        model, remaining = calibration.model, in_mm(calibration.excess)
         notes.append(f"calibrated on {len(model.provenance.fitted)} trials: {remaining:.2f} mm over the noise remain")
         notes += [f"warning: the intervals are not reliable: {why}" for why in calibration.warnings]
     trained = False

@@ -27,6 +27,27 @@ class MeanErrors(NamedTuple):
 
 
 @dataclass(frozen=True)
+class ShownErrors:
+    """Errors of a model, as `trace.json` has them. held_out: of those of role test, where there are any."""
+
+    fit: float | None
+    held_out: float
+    cross_validated: float
+
+
+@dataclass(frozen=True)
+class CandidateRow:
+    """A candidate, as `trace.json` has it."""
+
+    name: str
+    held_out: float
+    gain: float
+    interval90: tuple[float, float]
+    adequate: bool
+    chosen: bool
+
+
+@dataclass(frozen=True)
 class Candidate:
     """An effect. gain: m, or the bench's unit, of excess, in quadrature, that trials or records left out gain by it: of
     a set's beside the effects chosen, to first order; of a bench's by itself. excess, typical: of the model with it, in
@@ -62,11 +83,11 @@ class TraceOutcome(Tabled):
     indistinguishable: tuple[str, ...]
     json_keys: ClassVar[tuple[Any, ...]] = (
         ("format", lambda of: "fabdesign.trace/1"),
-        "verdict", ("effects", "_effects"), "indistinguishable", ("candidates", "_candidates"),
+        "verdict", ("effects", "_effects"), "indistinguishable", ("candidates", "rows"),
         ("error.metric", "metric"), ("error.unit", "unit"),
         ("error.noise_floor", lambda of: of.shown(of.floor)), ("error.tolerance", lambda of: of.shown(of.tolerance)),
         ("error.ceiling", lambda of: of.held_out(of.evidence.box_before)),
-        ("error.before", lambda of: of._pair(of.means[0])), ("error.after", lambda of: of._pair(of.means[1])),
+        ("error.before", lambda of: of.errors_shown[0]), ("error.after", lambda of: of.errors_shown[1]),
     )  # fmt: skip
 
     @cached_property
@@ -90,10 +111,22 @@ class TraceOutcome(Tabled):
         """Return the error of what is left out by its excess, as `trace.json` has it."""
         return self.shown(float(np.hypot(excess, self.floor)))
 
-    def _pair(self, errors: MeanErrors) -> dict[str, float | None]:
-        test, left_out = errors.test, self.held_out(errors.excess)
-        fit, held_out = errors.fit and self.shown(errors.fit), left_out if test is None else self.shown(test)
-        return {"fit": fit, "held_out": held_out, "cross_validated": left_out}
+    @property
+    def errors_shown(self) -> list[ShownErrors]:
+        """Return the errors before and after."""
+        pairs = []
+        for fit, test, excess in self.means:
+            left_out = self.held_out(excess)
+            held_out = left_out if test is None else self.shown(test)
+            pairs.append(ShownErrors(fit and self.shown(fit), held_out, left_out))
+        return pairs
+
+    @property
+    def compared(self) -> list[float]:
+        """Return the noise floor, and the errors held out of the baseline, after and before."""
+        before, after = self.errors_shown
+        ends = self.shown(self.floor), self.held_out(self.evidence.box_before)
+        return [*ends, after.held_out, before.held_out]
 
     @property
     def _effects(self) -> list[dict[str, Any]]:
@@ -109,19 +142,19 @@ class TraceOutcome(Tabled):
         ]
 
     @property
-    def _candidates(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[CandidateRow]:
         """Return a row a candidate; the first is the model without effects."""
         evidence = self.evidence
         none = Candidate("none", 0.0, (0.0, 0.0), evidence.before, max(evidence.typical, evidence.drift), False)
         return [
-            {
-                "name": c.name,
-                "held_out": self.held_out(c.excess),
-                "gain": self.shown(c.gain),
-                "interval90": [*map(self.shown, c.interval90)],
-                "adequate": c.adequate(self.tolerance),
-                "chosen": c.chosen and self.verdict == "effect",
-            }
+            CandidateRow(
+                name=c.name,
+                held_out=self.held_out(c.excess),
+                gain=self.shown(c.gain),
+                interval90=(self.shown(c.interval90[0]), self.shown(c.interval90[1])),
+                adequate=c.adequate(self.tolerance),
+                chosen=c.chosen and self.verdict == "effect",
+            )
             for c in (none, *self.candidates)
         ]
 

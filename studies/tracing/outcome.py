@@ -53,8 +53,7 @@ class Outcome(TraceOutcome, OfModel):
         ("excess.after", lambda of: in_mm(of.evidence.after)),
         ("excess.black_box", lambda of: in_mm(of.evidence.box_before)),
         ("excess.fitted", lambda of: of.evidence.fitted and in_mm(of.evidence.fitted)),
-        ("detectable", lambda of: {c.name: c.detectable for c in of.candidates if not c.chosen}),
-        ("said", "sentences"),
+        "detectable", ("said", "sentences"),
     )  # fmt: skip
 
     @property
@@ -160,6 +159,11 @@ class Outcome(TraceOutcome, OfModel):
         if self.discovered is not None:
             return self.discovered.excess
         return self.evidence.after if self.verdict == "effect" else self.evidence.before
+
+    @property
+    def detectable(self) -> dict[str, Mapping[str, float]]:
+        """Return the smallest value of each strength that would show, by candidate that is not in the model."""
+        return {c.name: c.detectable for c in self.candidates if not c.chosen}
 
     @property
     def _other_layouts(self) -> dict[str, dict[str, float]]:

@@ -236,9 +236,13 @@ def measurement(
         spread_mm=in_mm(spread(b, np.eye(len(draws.names)))),
         due_to_mm={name: in_mm(spread(b[:, k : k + 1], np.eye(1))) for k, name in enumerate(draws.names)},
         candidates={name: report.RankedMeasurement(by_name[name].design.name, remaining[name]) for name in ranked},
-        program=best and report.SetPoints(best.time.tolist(), in_kpa(best.pressure).round(3).tolist(), best.duration),
+        program=None if best is None else _set_points(best),
         in_turn_mm={name: in_mm(value) for name, value in in_turn(b, gained, IN_TURN).items()},
     )
+
+
+def _set_points(program: PressureProgram) -> report.SetPoints:
+    return report.SetPoints(program.time.tolist(), in_kpa(program.pressure).round(3).tolist(), program.duration)
 
 
 def candidates_of(unsewn: Unsewn, rig: RigLimits) -> list[CandidateMeasurement]:
