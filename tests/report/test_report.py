@@ -2,16 +2,17 @@
 
 import json
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar, get_type_hints
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 from fabdesign.formats.json_file import json_text, plain, write_json
-from fabdesign.formats.schema import MM, Key, Millimetre
+from fabdesign.formats.schema import MM, Key, Millimetre, members
 from studies.report import page
 from studies.report.charts import Gain, chart, cloud, curve, gains, scene
 from studies.report.page import gain_in_words, html_of, kpa, mm, png_address, sentence, svg_of
@@ -114,6 +115,33 @@ def test_json_of_a_result_is_as_it_declares_it() -> None:
         "off": {"most_mm": None},
     }
     assert plain(Apart(outer))["off"] == {"most_mm": 2.0} and plain(Apart(outer))["off_mm"] == 2.0
+
+
+def _type_of(form: Any, name: str) -> Any:
+    """Return the type of an attribute, without None; None where nothing says it."""
+    member = getattr(form, name, None)
+    getter = getattr(member, "fget", None) or getattr(member, "func", None)
+    assert member is not None or name in form.__dataclass_fields__, f"{form.__name__} has no {name}"
+    try:
+        hint = get_type_hints(getter).get("return") if getter else get_type_hints(form).get(name)
+    except NameError:  # of a type that is loaded for checks alone
+        return None
+    kinds = members(hint)
+    return kinds[0] if len(kinds) == 1 and is_dataclass(kinds[0]) else None
+
+
+def test_keys_of_results_are_of_what_is_there() -> None:
+    files = [file for package in ("fabdesign", "studies") for file in (ROOT / package).rglob("*.py")]
+    count = 0
+    for file in (file for file in files if "    json_keys: ClassVar" in file.read_text(encoding="utf-8")):
+        module = import_module(".".join(file.relative_to(ROOT).with_suffix("").parts))
+        for form in (each for each in vars(module).values() if isinstance(each, type) and "json_keys" in vars(each)):
+            for source in (entry[1] if isinstance(entry, tuple) else entry for entry in form.json_keys):
+                kind: Any = form
+                for name in () if callable(source) else source.split("."):
+                    kind = kind and _type_of(kind, name)
+                    count += 1
+    assert count > 100
 
 
 def test_json_of_results_knows_no_nan(tmp_path: Path) -> None:
