@@ -50,7 +50,7 @@ class TracedEffects(TypedDict):
 
     verdict: str
     effects: list[str]
-    indistinguishable: list[list[str]]
+    indistinguishable: list[str]
     excess: dict[str, float | None]
 
 

@@ -49,11 +49,7 @@ class Outcome(TraceOutcome, OfModel):
         ("unjudged", lambda of: of.data.used.stretches or ()), ("unjudged_share", "data.used.share_left_out"),
         ("weights.share_below_tenth", "share_below_tenth"), ("weights.input_accuracy", "data.accuracy"),
         ("decoys", "_decoys"), ("discovered", "_discovered"), "next_experiment",
-        ("excess.unit", "unit"), ("excess.before", lambda of: in_mm(of.evidence.before)),
-        ("excess.after", lambda of: in_mm(of.evidence.after)),
-        ("excess.black_box", lambda of: in_mm(of.evidence.box_before)),
-        ("excess.fitted", lambda of: of.evidence.fitted and in_mm(of.evidence.fitted)),
-        "detectable", ("said", "sentences"),
+        ("excess.unit", "unit"), ("excess.**", "excess"), "detectable", ("said", "sentences"),
     )  # fmt: skip
 
     @property
@@ -159,6 +155,13 @@ class Outcome(TraceOutcome, OfModel):
         if self.discovered is not None:
             return self.discovered.excess
         return self.evidence.after if self.verdict == "effect" else self.evidence.before
+
+    @property
+    def excess(self) -> dict[str, float | None]:
+        """Return mm over the noise by what it is of; None: not known."""
+        of = self.evidence
+        values = {"before": of.before, "after": of.after, "black_box": of.box_before, "fitted": of.fitted}
+        return {name: value and in_mm(value) for name, value in values.items()}
 
     @property
     def detectable(self) -> dict[str, Mapping[str, float]]:
