@@ -127,8 +127,7 @@ class SensitivityResult(Tabled):
     cpu_s: float
     interrupted: bool = False  # by Ctrl-C
     json_keys: ClassVar = (
-        ("outputs", lambda of: {column.name: of._output(k) for k, column in enumerate(of.watched)}),
-        ("inputs", lambda of: dict(zip(of.inputs.names, of.inputs.units, strict=True))),
+        "outputs", ("inputs", lambda of: dict(zip(of.inputs.names, of.inputs.units, strict=True))),
         ("samples.computed", "samples"), ("samples.failed", "failed"),
         ("samples.**", lambda of: {f"{m}_left_out": int((~f.sound).sum()) for m, f in of.computed.items()}),
         ("samples.looked_at", lambda of: len(of.moves)), ("samples.snapping", "snapping"),
@@ -232,7 +231,7 @@ class SensitivityResult(Tabled):
     def indices(self, output: str) -> dict[str, dict[str, Any]]:
         """Return first, total and their intervals of an output, by parameter. Raises InputError where there are
         none."""
-        entry = self.to_json()["outputs"].get(output, {})
+        entry = self.outputs.get(output, {})
         if "sobol" not in entry:
             known = ", ".join(column.name for column in self.watched)
             raise InputError(f"{output}: no indices; expected an output that varies, of {known}")
@@ -243,11 +242,16 @@ class SensitivityResult(Tabled):
         return by_name(
             [
                 {"output": output, "unit": entry["unit"], "parameter": name, "method": method} | _flat(numbers)
-                for output, entry in self.to_json()["outputs"].items()
+                for output, entry in self.outputs.items()
                 for method in FEWEST
                 for name, numbers in entry.get(method, {}).items()
             ]
         )
+
+    @cached_property
+    def outputs(self) -> dict[str, dict[str, Any]]:
+        """Return the unit of each output, its spread, and its measures by parameter."""
+        return {column.name: self._output(k) for k, column in enumerate(self.watched)}
 
     def _output(self, k: int) -> dict[str, Any]:
         entry: dict[str, Any] = {"unit": self.watched[k].unit, **self.spread(k)}
