@@ -71,8 +71,8 @@ def _optimized(result: StudyResult, given: Mapping[str, Any]) -> Shown:
     )
     outputs = [f"{name}: {', '.join(values)}" for name, values in result.outputs.items()]
     after = [line for line in (result.fewer_in_words, result.within_in_words) if line]
-    for part in (result.robust, result.reach, result.loading_path):
-        after += part.sentences if part else []
+    after += result.robust.sentences if result.robust else []
+    after += result.reach.sentences + (result.loading_path.sentences if result.loading_path else [])
     if result.errors.beyond >= MANY_BEYOND:
         after.append(beyond_in_words(result.errors.beyond))
     targets = [f"target: {target.description}" for target in result.targets]
