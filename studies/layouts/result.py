@@ -64,8 +64,9 @@ class StudyResult(Tabled):
         "wall_s", ("limit_s", "study.limits.seconds"), "design.muscles",
         ("pressures_kpa", lambda of: of.pressure if len(of.pressure) > 1 else of.pressure[0]),
         ("constraints", lambda of: {k: in_kpa(v) if k == "pressure" else v for k, v in of.constraints.items()}),
-        "stop_reason", ("expected_within_mm", "within"), ("poses", "_poses"), ("outputs", "output_values"), "reach",
-        ("way", "loading_path"), ("after_a_tenth_mm", "after_a_tenth"), "robust", ("fewer", "_fewer"), "study.seed",
+        "stop_reason", ("expected_within_mm", "within"), ("poses", lambda of: of._poses()),
+        ("outputs", "output_values"), "reach", ("way", "loading_path"), ("after_a_tenth_mm", "after_a_tenth"), "robust",
+        ("fewer", lambda of: of.fewer and of._fewer(of.fewer)), "study.seed",
         ("targets", lambda of: [target.description for target in of.targets]),
     )  # fmt: skip
 
@@ -144,7 +145,6 @@ class StudyResult(Tabled):
             for output in self.study.outputs
         }
 
-    @property
     def _poses(self) -> list[dict[str, float]]:
         """Return the errors of each pose where there are several."""
         if len(self.targets) == 1:
@@ -154,11 +154,7 @@ class StudyResult(Tabled):
             errors.millimetres() | {"weight": target.weight} for errors, target in zip(each, self.targets, strict=True)
         ]
 
-    @property
-    def _fewer(self) -> dict[str, Any] | None:
-        """Return how many muscles serve."""
-        if (fewer := self.fewer) is None:
-            return None
+    def _fewer(self, fewer: Fewer) -> dict[str, Any]:
         return {
             "muscles": len(fewer.start[0].design.muscles),
             "of": fewer.count,
@@ -191,12 +187,6 @@ class StudyResult(Tabled):
         """Write `design.toml` with its bench tables, `pressures.csv` (`pressures_2.csv` of a second pose),
         `result.json`."""
         write_best(out, self.design, self.pressure, self, [t.time for t in self.targets], self.study.rise)
-
-
-def pressures_kpa(pressures: Array) -> list[Any]:
-    """Return one list of kPa for a single pose, else a list a pose."""
-    kpa = in_kpa(pressures).tolist()
-    return kpa[0] if len(kpa) == 1 else kpa
 
 
 def write_best(

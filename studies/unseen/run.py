@@ -33,7 +33,8 @@ from studies.prediction.forward_model import forward_model, sensed_model
 from studies.prediction.stability import to_either_side
 from studies.study import Simulated, StudyRun, kept_content, simulator
 from studies.unseen import prediction
-from studies.unseen.report import Measurement, PoseResult, UnseenResult, UnsewnResult, write_report
+from studies.unseen.report import write_report
+from studies.unseen.result import Measurement, PoseResult, UnseenResult, UnsewnResult
 
 _UNSEWN = 0.5  # of the work, that predictions of a layout that is not sewn take beside measured designs
 _DERIVATIVES = 0.3  # of it, after which measurements are compared
