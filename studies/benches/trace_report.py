@@ -13,12 +13,13 @@ from fabdesign.formats.result_tables import Columns
 from fabdesign.nouns.array import Array, Indices
 from fabdesign.nouns.bench import Bench, BenchRecord
 from fabdesign.nouns.model import EffectTerm, Model, Provenance
+from fabdesign.nouns.trial import Role
 from fabdesign.runtime.fingerprint import sha256
 from fabdesign.units import in_kpa, in_mm
 from fabdesign.version import __version__
 from studies.benches.evaluate import METRIC
 from studies.benches.records import BenchNoise, for_people, output_of, shown
-from studies.model_selection.outcome import Candidate, MeanErrors, TraceOutcome
+from studies.model_selection.outcome import Candidate, TraceOutcome, When
 from studies.model_selection.verdict import STRUCTURE, effect_in_words
 from studies.report import charts, page
 
@@ -30,6 +31,8 @@ AXES = {"time": (1.0, "s"), "pressure": (in_kpa(1.0), "kPa"), "length": (in_mm(1
 class BenchOutcome(TraceOutcome):
     """The outcome of a trace of a bench. Errors in the output's SI unit, RMS of records left out."""
 
+    metric: ClassVar = METRIC
+
     bench: Bench
     unit: str
     noise: BenchNoise
@@ -37,7 +40,6 @@ class BenchOutcome(TraceOutcome):
     fit: tuple[float, float]  # before, after
     test: tuple[float, float] | None  # the same on records of role test, looked at once; None without any
     curves: tuple[Curve, ...]
-    metric = METRIC
     json_keys: ClassVar = (
         *TraceOutcome.json_keys,
         ("error.noise_from", "noise.source"),
@@ -45,6 +47,11 @@ class BenchOutcome(TraceOutcome):
         ("residual", lambda of: {"where": None, "when_s": None, "follows": None}),
         ("unjudged", lambda of: []), ("discovered", lambda of: None), ("next_experiment", lambda of: None),
     )  # fmt: skip
+
+    def mean_error(self, role: Role, when: When) -> float | None:
+        """Return the mean error of records of a role; None where there are none."""
+        errors = self.fit if role == "fit" else self.test
+        return errors and errors[when == "after" and self.verdict == "effect"]
 
     @property
     def model(self) -> Model:
@@ -74,13 +81,6 @@ class BenchOutcome(TraceOutcome):
         """Return a row a candidate: its name, error of records left out and gain."""
         rows = self.rows[1:]
         return {key: [getattr(row, key) for row in rows] for key in ("name", "held_out", "gain")}
-
-    @property
-    def means(self) -> tuple[MeanErrors, MeanErrors]:
-        """Return the errors before and after."""
-        tests, crossed = self.test or (None, None), (self.evidence.before, self.evidence.after)
-        before, after = (MeanErrors(self.fit[k], tests[k], crossed[k]) for k in (0, self.verdict == "effect"))
-        return before, after
 
 
 def _simulated(effect: EffectTerm) -> bool:

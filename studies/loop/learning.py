@@ -138,7 +138,7 @@ def traced_by(
         verdict=outcome.verdict,
         effects=[effect.name for effect in outcome.effects],
         indistinguishable=[*outcome.indistinguishable],
-        excess=plain(outcome.excess),
+        excess=plain(outcome.excess_mm),
     )
     return Traced(traced, outcome.model, [f"trace: {verdict_in_words(outcome)}"])
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -13,17 +13,12 @@ from fabdesign.files.model_file import write_model
 from fabdesign.formats.json_file import write_json
 from fabdesign.formats.result_tables import Tabled
 from fabdesign.nouns.model import EffectTerm, Model
+from fabdesign.nouns.trial import Role
 from fabdesign.output import write_text
 from studies.model_selection.rules import Selection
 from studies.model_selection.verdict import Evidence, Word, explains
 
-
-class MeanErrors(NamedTuple):
-    """Errors of a model, and its excess where each trial or record is left out in turn; None where there are none."""
-
-    fit: float | None
-    test: float | None
-    excess: float
+When = Literal["before", "after"]
 
 
 @dataclass(frozen=True)
@@ -71,7 +66,11 @@ class Candidate:
 @dataclass(frozen=True, eq=False)
 class TraceOutcome(Tabled):
     """The outcome of a trace. Errors in m, or in the bench's unit. floor: the noise of what is compared. named: the
-    effects that the verdict stands by, by their label in the fit. indistinguishable: those that would do as well."""
+    effects that the verdict stands by, by their label in the fit. indistinguishable: those that would do as well.
+    metric, unit: of errors in `trace.json`; scale: what errors are times there."""
+
+    metric: ClassVar[str]
+    scale: ClassVar[float] = 1.0
 
     verdict: Word
     evidence: Evidence
@@ -85,9 +84,9 @@ class TraceOutcome(Tabled):
         ("format", lambda of: "fabdesign.trace/1"),
         "verdict", ("effects", "_effects"), "indistinguishable", ("candidates", "rows"),
         ("error.metric", "metric"), ("error.unit", "unit"),
-        ("error.noise_floor", lambda of: of.shown(of.floor)), ("error.tolerance", lambda of: of.shown(of.tolerance)),
+        ("error.noise_floor", lambda of: of.scale * of.floor), ("error.tolerance", lambda of: of.scale * of.tolerance),
         ("error.ceiling", lambda of: of.held_out(of.evidence.box_before)),
-        ("error.before", lambda of: of.errors_shown[0]), ("error.after", lambda of: of.errors_shown[1]),
+        ("error.before", lambda of: of.errors_shown("before")), ("error.after", lambda of: of.errors_shown("after")),
     )  # fmt: skip
 
     @cached_property
@@ -98,35 +97,29 @@ class TraceOutcome(Tabled):
         every = max(sum(costs.values()), 1e-30)
         return {} if share is None else {label: share * cost / every for label, cost in costs.items()}
 
-    @property
-    def means(self) -> tuple[MeanErrors, MeanErrors]:
-        """Return the errors before and after."""
+    def mean_error(self, role: Role, when: When) -> float | None:
+        """Return the mean error of trials or records of a role; None where there are none."""
         raise NotImplementedError
 
-    def shown(self, error: float) -> float:
-        """Return an error as `trace.json` has it."""
-        return error
+    def excess(self, when: When) -> float:
+        """Return the excess of trials or records left out, after by the model that is written."""
+        return self.evidence.after if when == "after" and self.verdict == "effect" else self.evidence.before
 
     def held_out(self, excess: float) -> float:
         """Return the error of what is left out by its excess, as `trace.json` has it."""
-        return self.shown(float(np.hypot(excess, self.floor)))
+        return self.scale * float(np.hypot(excess, self.floor))
 
-    @property
-    def errors_shown(self) -> list[ShownErrors]:
-        """Return the errors before and after."""
-        pairs = []
-        for fit, test, excess in self.means:
-            left_out = self.held_out(excess)
-            held_out = left_out if test is None else self.shown(test)
-            pairs.append(ShownErrors(fit and self.shown(fit), held_out, left_out))
-        return pairs
+    def errors_shown(self, when: When) -> ShownErrors:
+        """Return the errors before or after."""
+        fit, test = (self.mean_error(role, when) for role in ("fit", "test"))
+        left_out = self.held_out(self.excess(when))
+        return ShownErrors(fit and self.scale * fit, left_out if test is None else self.scale * test, left_out)
 
     @property
     def compared(self) -> list[float]:
         """Return the noise floor, and the errors held out of the baseline, after and before."""
-        before, after = self.errors_shown
-        ends = self.shown(self.floor), self.held_out(self.evidence.box_before)
-        return [*ends, after.held_out, before.held_out]
+        before, after = (self.errors_shown(when).held_out for when in ("before", "after"))
+        return [self.scale * self.floor, self.held_out(self.evidence.box_before), after, before]
 
     @property
     def _effects(self) -> list[dict[str, Any]]:
@@ -150,8 +143,8 @@ class TraceOutcome(Tabled):
             CandidateRow(
                 name=c.name,
                 held_out=self.held_out(c.excess),
-                gain=self.shown(c.gain),
-                interval90=(self.shown(c.interval90[0]), self.shown(c.interval90[1])),
+                gain=self.scale * c.gain,
+                interval90=(self.scale * c.interval90[0], self.scale * c.interval90[1]),
                 adequate=c.adequate(self.tolerance),
                 chosen=c.chosen and self.verdict == "effect",
             )

@@ -13,13 +13,14 @@ from fabdesign.formats.result_tables import OfModel, Summary
 from fabdesign.geometry.metrics import over
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.model import EffectTerm, Model
+from fabdesign.nouns.trial import Role
 from fabdesign.units import in_mm
 from optimize.fit.fitted import Fit
 from optimize.fit.misfit import frames_of
 from optimize.fit.significance import undecided
 from studies.fitting.fitted_model import far_factors, fitted_model, with_engines
 from studies.measured.fit_data import MeasuredData
-from studies.model_selection.outcome import MeanErrors, TraceOutcome
+from studies.model_selection.outcome import TraceOutcome, When
 from studies.model_selection.rules import Selection
 from studies.model_selection.verdict import GROSS
 from studies.tracing.discovered_term import Discovered
@@ -33,6 +34,10 @@ _LITTLE = 0.1  # of its share, below which a frame's weight is told
 class Outcome(TraceOutcome, OfModel):
     """The result of a trace of a set. Distances are in m."""
 
+    metric: ClassVar = "surface_rms"
+    scale: ClassVar = in_mm(1.0)
+    unit: ClassVar = "mm"
+
     data: MeasuredData
     forward: ForwardModel
     alike: tuple[Explanation, ...]  # models that do as well, with another effect in the place of one chosen
@@ -41,7 +46,6 @@ class Outcome(TraceOutcome, OfModel):
     model: Model
     next_experiment: Mapping[str, Any] | None
     discovered: Discovered | None = None
-    metric, unit = "surface_rms", "mm"
     json_keys: ClassVar = (
         *TraceOutcome.json_keys,
         ("other_layouts", "_other_layouts"),
@@ -49,7 +53,7 @@ class Outcome(TraceOutcome, OfModel):
         ("unjudged", lambda of: of.data.used.stretches or ()), ("unjudged_share", "data.used.share_left_out"),
         ("weights.share_below_tenth", "share_below_tenth"), ("weights.input_accuracy", "data.accuracy"),
         ("decoys", "_decoys"), ("discovered", "_discovered"), "next_experiment",
-        ("excess.unit", "unit"), ("excess.**", "excess"), "detectable", ("said", "sentences"),
+        ("excess.unit", "unit"), ("excess.**", "excess_mm"), "detectable", ("said", "sentences"),
     )  # fmt: skip
 
     @property
@@ -109,7 +113,7 @@ class Outcome(TraceOutcome, OfModel):
                 "the last; to tell a drift over the session, repeat the first trial at its end"
             )
         lines += far_factors(self.after)
-        measured = mean_of(self.errors, "test", "after")
+        measured = self.mean_error("test", "after")
         excess = 0.0 if measured is None else over(measured, self.floor)
         if self.verdict != "unexplained" and excess > GROSS * self.tolerance:
             lines.append(
@@ -136,29 +140,21 @@ class Outcome(TraceOutcome, OfModel):
             )
         return lines
 
+    def mean_error(self, role: Role, when: When) -> float | None:
+        """Return the mean error of trials of a role, m; None where there are none."""
+        return mean_of(self.errors, role, when)
+
+    def excess(self, when: When) -> float:
+        """Return the excess of trials left out, m."""
+        return super().excess(when) if self.discovered is None or when == "before" else self.discovered.excess
+
     def summary(self) -> Summary:
         """Return the verdict, and the model's parameters."""
         return Summary([f"Outcome: {self.verdict}"], self.columns())
 
     @property
-    def means(self) -> tuple[MeanErrors, MeanErrors]:
-        """Return the errors before and after."""
-        which = ("before", self.evidence.before), ("after", self.excess_after)
-        before, after = (
-            MeanErrors(mean_of(self.errors, "fit", w), mean_of(self.errors, "test", w), x) for w, x in which
-        )
-        return before, after
-
-    @property
-    def excess_after(self) -> float:
-        """Return m."""
-        if self.discovered is not None:
-            return self.discovered.excess
-        return self.evidence.after if self.verdict == "effect" else self.evidence.before
-
-    @property
-    def excess(self) -> dict[str, float | None]:
-        """Return mm over the noise by what it is of; None: not known."""
+    def excess_mm(self) -> dict[str, float | None]:
+        """Return the excess by what it is of; None: not known."""
         of = self.evidence
         values = {"before": of.before, "after": of.after, "black_box": of.box_before, "fitted": of.fitted}
         return {name: value and in_mm(value) for name, value in values.items()}
@@ -195,10 +191,6 @@ class Outcome(TraceOutcome, OfModel):
             "parameters": {name: q for name, q in effect.parameters.items() if q.value},
             "excess_mm": {"before": in_mm(self.discovered.before), "after": in_mm(self.discovered.excess)},
         }
-
-    def shown(self, error: float) -> float:
-        """Return mm."""
-        return in_mm(error)
 
 
 def noise_floor(errors: Sequence[TrialError], otherwise: float) -> float:
