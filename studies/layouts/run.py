@@ -14,7 +14,7 @@ from fabdesign.nouns.predictor import Predictor
 from fabdesign.output import WorkFolder, write_text
 from fabdesign.runtime import working_time
 from fabdesign.study_files.study_file import Study, read_study, require_searchable
-from fabdesign.units import in_kpa, in_mm
+from fabdesign.units import in_mm
 from optimize.search.design_space import DesignSpace
 from optimize.search.evaluations import FINALISTS, MARGIN, Evaluations
 from optimize.search.history import History
@@ -34,7 +34,7 @@ from studies.layouts.loading_path import LoadingPath, loading_path
 from studies.layouts.reach import helps_of, lacking_of, missed_at, reach_of
 from studies.layouts.refinement import POOL, ROBUST_MARGIN, made_robust, search_seconds, shrunk
 from studies.layouts.report import Section, render_report
-from studies.layouts.result import StudyResult, Verification, answer, keep, study_content, write_best
+from studies.layouts.result import StudyResult, Verification, answer, keep, pressures_kpa, study_content, write_best
 from studies.layouts.robustness import robustness_of
 from studies.prediction.forward_model import forward_model, without_resistance
 from studies.study import Simulated, StudyRun
@@ -170,7 +170,7 @@ def _reporting(
                 "evaluations": evaluations.history.evaluations,
                 "wall_s": evaluations.elapsed,
                 "muscles": design.muscles,
-                "pressures_kpa": in_kpa(pressures if len(pressures) > 1 else pressures[0]),
+                "pressures_kpa": pressures_kpa(pressures),
                 "stop_reason": f"unfinished: the best so far, in stage {evaluations.stages[best.stage].name}",
             }
             with work.adding() as files:
