@@ -484,6 +484,7 @@ def test_ctrl_c_keeps_what_is_done(asked: Callable[[], list[str]], monkeypatch: 
     assert not found.complete and len(found) == 128 and calls == [64, 64, 22]
     table = found.to_table()
     assert table["channel_1_kpa"].iloc[-1] == rows[127, 1] and table["forward"].iloc[0] == found["forward"][0]
+    assert json.loads(json.dumps(found.to_json())) == {**{k: [*v] for k, v in table.items()}, "complete": False}
     calls.clear()
     with pytest.warns(UserWarning, match="interrupted, with the first 128 of 150 motions"):
         shapes = fabdesign.equilibrium("cross.toml", rows)
