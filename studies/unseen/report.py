@@ -35,7 +35,7 @@ def _shapes(result: UnseenResult) -> Iterator[page.Block]:
     """Yield the shapes of a layout before it is sewn, and what to measure."""
     if (unsewn := result.unsewn) is None:
         return
-    sentence = page.sentence(unsewn.corrector.said)
+    sentence = page.sentence(unsewn.corrector.sentence)
     yield page.Text(f"""Design {unsewn.design}, before it is sewn: shapes at rest of models drawn from the model's
         joint covariance. {sentence}""")
     yield from page.texts("note", map(page.sentence, _notes(unsewn, result.points_per_side)))
@@ -61,7 +61,7 @@ def _pose(pose: PoseResult) -> Iterator[page.Block]:
 def _measurement(measurement: Measurement) -> Iterator[page.Block]:
     yield page.Title("What to measure")
     yield page.Text(_MEASURED.format(measurement.spread_mm))
-    rows = [(name, c.design, c.left_mm) for name, c in measurement.candidates.items()]
+    rows = [(name, c.design, c.remaining_mm) for name, c in measurement.candidates.items()]
     yield page.TableBlock(("program", "on", "left, mm"), rows, left_aligned=(1,))
     in_turn = ", ".join(f"{name} (leaves {remaining:.2f} mm)" for name, remaining in measurement.in_turn_mm.items())
     yield page.Text(f"Measured one after another, each telling most beside those before it: {in_turn}.")
@@ -183,13 +183,13 @@ def as_text(result: UnseenResult) -> str:
             low, middle, high = output.percentiles
             lines.append(f"  {name}: {middle:.1f} {output.unit} (90 % {low:.1f} to {high:.1f})")
     if unsewn is not None:
-        lines += [unsewn.corrector.said, *_notes(unsewn, result.points_per_side)]
+        lines += [unsewn.corrector.sentence, *_notes(unsewn, result.points_per_side)]
     if unsewn is not None and unsewn.measurement is not None and unsewn.measurement.candidates:
         measurement = unsewn.measurement
         name, best = next(iter(measurement.candidates.items()))
         lines.append(
             f"the best measurement: {name}, on {best.design}; it reduces {measurement.spread_mm:.2f} mm RMS "
-            f"to {best.left_mm:.2f}"
+            f"to {best.remaining_mm:.2f}"
         )
         more = [f"{name} ({mm:.2f})" for name, mm in [*measurement.in_turn_mm.items()][1:]]
         if more:

@@ -40,7 +40,7 @@ class RankedMeasurement:
     """A measurement on a design, and the spread that it would leave."""
 
     design: str
-    left_mm: float
+    remaining_mm: Annotated[float, Key("left_mm")]
 
 
 @dataclass(frozen=True)
@@ -70,10 +70,10 @@ class CorrectorReach:
     """Whether the model's corrector applies to the design, and in words; None: the model has none."""
 
     applies: bool | None
-    said: str
+    sentence: str
     distance: Annotated[float | None, Key(brief=True)] = None
     limit: Annotated[float | None, Key(brief=True)] = None
-    json_keys: ClassVar = "applies", "distance", "limit", "said"
+    json_keys: ClassVar = "applies", "distance", "limit", ("said", "sentence")
 
 
 @dataclass(frozen=True)
