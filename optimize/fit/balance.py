@@ -218,21 +218,28 @@ def _central(every: Match, frames: Sequence[FramesAround]) -> Match:
 
 def fit_balance(
     problem: BalanceProblem, *, named: str = "", checkpoint: Checkpoint | None = None, progress: Progress = silent
-) -> Fit:
-    """Return where Gauss-Newton steps lead from the vector's start. No step is judged: the residuals of another place
-    are of another motion, where other frames count. checkpoint: keeps where they led, by the name."""
+) -> Fit | None:
+    """Return where Gauss-Newton steps lead from the vector's start; None where no frame has a balance. No step is
+    judged: the residuals of another place are of another motion, where other frames count. checkpoint: keeps where they
+    led, by the name."""
     if checkpoint is not None:
-        fresh: list[Fit] = []
+        fresh: list[Fit | None] = []
 
         def arrays() -> Arrays:
-            fresh.append(fit_balance(problem, progress=progress))
-            return {"x": fresh[0].x}
+            fresh.append(fit := fit_balance(problem, progress=progress))
+            return {"x": np.zeros(0) if fit is None else fit.x}
 
-        there = checkpoint.arrays(f"fit_{named}", arrays)["x"]
-        return fresh[0] if fresh else concluded(problem, problem.at(there), None, np.nan, 0, "converged")
+        kept = checkpoint.arrays(f"fit_{named}", arrays)["x"]
+        if fresh or not len(kept):
+            return fresh[0] if fresh else None
+        return concluded(problem, problem.at(kept), None, np.nan, 0, "converged")
     x, vector = problem.vector.start, problem.vector
+    state: Linearisation | None = None
     for k in range(ITERATIONS):
-        state = problem.at(x)
+        there = problem.at(x)
+        if not (np.isfinite(there.misfit.residual) & np.isfinite(there.jacobian).all(axis=1)).any():
+            break
+        state = there
         step, _ = step_to_minimum(state, vector)
         promised = capped(state.misfit.residual + state.jacobian @ step)
         progress(f"iteration {k + 1}: {in_mm(state.misfit.rms):.3f} mm RMS", (k + 1) / (k + 3))
@@ -240,6 +247,8 @@ def fit_balance(
         longest = float(np.abs(step / vector.scale).max())
         if longest < SLIGHT or promised > (1 - LEAST_GAIN) * state.misfit.rms:
             break
+    if state is None:
+        return None
     fit = concluded(problem, state, None, state.misfit.rms, k + 1, "converged" if k + 1 < ITERATIONS else "iterations")
     return replace(fit, x=fit.minimum)
 

@@ -9,6 +9,7 @@ from fabdesign.files.measurement_set import NewTrial, TrialData, read_set, write
 from fabdesign.files.trial_file import program_of
 from fabdesign.geometry.shape import Shape, normals
 from fabdesign.nouns.catalogue import build
+from fabdesign.nouns.column import Balance
 from fabdesign.nouns.forward import Case, Term
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import PressureProgram
@@ -136,6 +137,17 @@ def test_an_engine_without_balance_begins_where_the_vector_does(data, vector):
     assert fit_in_balance(data, bare, vector) is None
     assert (starts_of(vector, None) == vector.start[None]).all()
     assert (factor_starts(None, vector.without_effects) == 0).all()
+
+
+def test_a_set_of_which_no_frame_balances_begins_where_the_vector_does(data, forward, vector):
+    class Falling(Simulator):
+        def balances(self, cases, instants, columns):
+            return [
+                [Balance(np.full((21, 21, 3), np.nan), np.full((len(columns), 21, 21, 3), np.nan))] * len(some)
+                for some in instants
+            ]
+
+    assert fit_in_balance(data, Fits(Predictor(Falling(21), sensing=True), 0.5e-3), vector) is None
 
 
 def test_a_balance_is_kept(data, forward, vector, balanced):
