@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.files.bench_file import read_bench
 from fabdesign.formats.codec import Encoder
-from fabdesign.formats.json_file import plain
 from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.geometry.curves import design_matrix
 from fabdesign.nouns.array import Array
@@ -52,19 +51,12 @@ class BenchCalibration(Tabled):
     speed: float | None = None  # 1/s, of a muscle's contraction in all records, where there is only one
     files: tuple[str, ...] = ()  # names of those that were written
 
-    def json_content(self) -> dict[str, Any]:
-        """Return what `calibrate BENCH --json` prints."""
-        return {
-            "bench": self.bench.name,
-            "unit": self.unit,
-            "error_fit": self.error_fit,
-            "error_left_out": self.error_left_out,
-            "error_test": self.error_test,
-            "error_as_fitted": self.error_as_fitted,
-            **plain(self.noise),
-            "constants": {name: {"value": q.value, "unit": q.unit} for name, q in self.constants.items()},
-            "effects": [Encoder().encode(effect) for effect in self.effects],
-        }
+    json_keys: ClassVar = (
+        ("bench", "bench.name"), "unit", "error_fit", "error_left_out", "error_test", "error_as_fitted",
+        ("**", "noise"),
+        ("constants", lambda of: {name: {"value": q.value, "unit": q.unit} for name, q in of.constants.items()}),
+        ("effects", lambda of: [Encoder().encode(effect) for effect in of.effects]),
+    )  # fmt: skip
 
     def columns(self) -> Columns:
         """Return name, value and unit of every constant."""

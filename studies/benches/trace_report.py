@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 from markupsafe import Markup
@@ -13,12 +13,13 @@ from fabdesign.formats.result_tables import Columns
 from fabdesign.nouns.array import Array, Indices
 from fabdesign.nouns.bench import Bench, BenchRecord
 from fabdesign.nouns.model import EffectTerm, Model, Provenance
+from fabdesign.nouns.trial import Role
 from fabdesign.runtime.fingerprint import sha256
 from fabdesign.units import in_kpa, in_mm
 from fabdesign.version import __version__
 from studies.benches.evaluate import METRIC
 from studies.benches.records import BenchNoise, for_people, output_of, shown
-from studies.model_selection.outcome import Candidate, MeanErrors, TraceOutcome
+from studies.model_selection.outcome import Candidate, TraceOutcome, When
 from studies.model_selection.verdict import STRUCTURE, effect_in_words
 from studies.report import charts, page
 
@@ -30,6 +31,8 @@ AXES = {"time": (1.0, "s"), "pressure": (in_kpa(1.0), "kPa"), "length": (in_mm(1
 class BenchOutcome(TraceOutcome):
     """The outcome of a trace of a bench. Errors in the output's SI unit, RMS of records left out."""
 
+    metric: ClassVar = METRIC
+
     bench: Bench
     unit: str
     noise: BenchNoise
@@ -37,6 +40,18 @@ class BenchOutcome(TraceOutcome):
     fit: tuple[float, float]  # before, after
     test: tuple[float, float] | None  # the same on records of role test, looked at once; None without any
     curves: tuple[Curve, ...]
+    json_keys: ClassVar = (
+        *TraceOutcome.json_keys,
+        ("error.noise_from", "noise.source"),
+        ("within_tolerance", lambda of: [of.small.name] if of.small else []),
+        ("residual", lambda of: {"where": None, "when_s": None, "follows": None}),
+        ("unjudged", lambda of: []), ("discovered", lambda of: None), ("next_experiment", lambda of: None),
+    )  # fmt: skip
+
+    def mean_error(self, role: Role, when: When) -> float | None:
+        """Return the mean error of records of a role; None where there are none."""
+        errors = self.fit if role == "fit" else self.test
+        return errors and errors[when == "after" and self.verdict == "effect"]
 
     @property
     def model(self) -> Model:
@@ -64,26 +79,8 @@ class BenchOutcome(TraceOutcome):
 
     def columns(self) -> Columns:
         """Return a row a candidate: its name, error of records left out and gain."""
-        rows = self.to_json()["candidates"][1:]
-        return {key: [row[key] for row in rows] for key in ("name", "held_out", "gain")}
-
-    def json_content(self) -> dict[str, Any]:
-        """Return `trace.json`."""
-        tests = self.test or (None, None)
-        after = self.verdict == "effect"
-        evidence, small = self.evidence, self.small
-        crossed = evidence.before, evidence.after
-        pairs = [MeanErrors(self.fit[k], tests[k], crossed[k]) for k in (0, after)]
-        trace = self.entries(METRIC, self.unit, *pairs)
-        trace["error"]["noise_from"] = self.noise.source
-        more = {
-            "within_tolerance": [small.name] if small else [],
-            "residual": {"where": None, "when_s": None, "follows": None},
-            "unjudged": [],
-            "discovered": None,
-            "next_experiment": None,
-        }
-        return trace | more
+        rows = self.rows[1:]
+        return {key: [getattr(row, key) for row in rows] for key in ("name", "held_out", "gain")}
 
 
 def _simulated(effect: EffectTerm) -> bool:
@@ -154,7 +151,7 @@ def _blocks(outcome: BenchOutcome) -> Iterator[page.Block]:
     yield page.Title(f"{outcome.bench.name}: what its quasi-static law lacks", 1)
     yield page.Text(Markup("<b>{}.</b> {}").format(outcome.verdict.capitalize(), bench_in_words(outcome)), "verdict")
     yield from page.texts("quiet", [page.sentence(x) for x in (outcome.bench.description, outcome.bench.source) if x])
-    yield charts.error_bars(outcome.to_json()["error"], "noise", unit, "RMS of records left out", scale)
+    yield charts.error_bars(outcome.compared, "noise", unit, "RMS of records left out", scale)
     yield page.Title("Candidates")
     gains = [
         charts.Gain(c.name + " (wrong sign)" * c.refused, c.gain, c.interval90, c.chosen) for c in outcome.candidates

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -13,13 +13,14 @@ from fabdesign.formats.result_tables import OfModel, Summary
 from fabdesign.geometry.metrics import over
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.model import EffectTerm, Model
+from fabdesign.nouns.trial import Role
 from fabdesign.units import in_mm
 from optimize.fit.fitted import Fit
 from optimize.fit.misfit import frames_of
 from optimize.fit.significance import undecided
 from studies.fitting.fitted_model import far_factors, fitted_model, with_engines
 from studies.measured.fit_data import MeasuredData
-from studies.model_selection.outcome import MeanErrors, TraceOutcome
+from studies.model_selection.outcome import TraceOutcome, When
 from studies.model_selection.rules import Selection
 from studies.model_selection.verdict import GROSS
 from studies.tracing.discovered_term import Discovered
@@ -33,6 +34,10 @@ _LITTLE = 0.1  # of its share, below which a frame's weight is told
 class Outcome(TraceOutcome, OfModel):
     """The result of a trace of a set. Distances are in m."""
 
+    metric: ClassVar = "surface_rms"
+    scale: ClassVar = in_mm(1.0)
+    unit: ClassVar = "mm"
+
     data: MeasuredData
     forward: ForwardModel
     alike: tuple[Explanation, ...]  # models that do as well, with another effect in the place of one chosen
@@ -41,6 +46,15 @@ class Outcome(TraceOutcome, OfModel):
     model: Model
     next_experiment: Mapping[str, Any] | None
     discovered: Discovered | None = None
+    json_keys: ClassVar = (
+        *TraceOutcome.json_keys,
+        ("other_layouts", "_other_layouts"),
+        ("residual.where", "remains.where"), ("residual.when_s", "remains.when"), ("residual.follows", "follows"),
+        ("unjudged", lambda of: of.data.used.stretches or ()), ("unjudged_share", "data.used.share_left_out"),
+        ("weights.share_below_tenth", "share_below_tenth"), ("weights.input_accuracy", "data.accuracy"),
+        ("decoys", "_decoys"), ("discovered", "_discovered"), "next_experiment",
+        ("excess.unit", "unit"), ("excess.**", "excess_mm"), "detectable", ("said", "sentences"),
+    )  # fmt: skip
 
     @property
     def name(self) -> str:
@@ -99,7 +113,7 @@ class Outcome(TraceOutcome, OfModel):
                 "the last; to tell a drift over the session, repeat the first trial at its end"
             )
         lines += far_factors(self.after)
-        measured = mean_of(self.errors, "test", "after")
+        measured = self.mean_error("test", "after")
         excess = 0.0 if measured is None else over(measured, self.floor)
         if self.verdict != "unexplained" and excess > GROSS * self.tolerance:
             lines.append(
@@ -126,57 +140,56 @@ class Outcome(TraceOutcome, OfModel):
             )
         return lines
 
+    def mean_error(self, role: Role, when: When) -> float | None:
+        """Return the mean error of trials of a role, m; None where there are none."""
+        return mean_of(self.errors, role, when)
+
+    def excess(self, when: When) -> float:
+        """Return the excess of trials left out, m."""
+        return super().excess(when) if self.discovered is None or when == "before" else self.discovered.excess
+
     def summary(self) -> Summary:
         """Return the verdict, and the model's parameters."""
         return Summary([f"Outcome: {self.verdict}"], self.columns())
 
-    def json_content(self) -> dict[str, Any]:
-        """Return `trace.json`; mm."""
-        excess, decoys = self.evidence, self.selection.decoys
-        after = excess.after if self.verdict == "effect" else excess.before
-        after = after if self.discovered is None else self.discovered.excess
-        means = [
-            MeanErrors(mean_of(self.errors, "fit", which), mean_of(self.errors, "test", which), left_out)
-            for which, left_out in (("before", excess.before), ("after", after))
-        ]
-        return self.entries("surface_rms", "mm", *means) | {
-            "other_layouts": {
-                name: {
-                    "trials": len(errors),
-                    **{which: in_mm(float(mean_of(errors, "test", which) or 0.0)) for which in ("before", "after")},
-                }
-                for name, errors in other_layouts(self.errors).items()
-            },
-            "residual": {
-                "where": self.remains.where,
-                "when_s": self.remains.when,
-                "follows": self.follows,
-            },
-            "unjudged": self.data.used.stretches or (),
-            "unjudged_share": self.data.used.share_left_out,
-            "weights": {"share_below_tenth": self.share_below_tenth, "input_accuracy": self.data.accuracy},
-            "decoys": decoys
-            and {
-                "tried": len(decoys.gains),
-                "taken": decoys.taken(self.tolerance),
-                "chance_mm": in_mm(decoys.chance),
-            },
-            "discovered": self.discovered
-            and {
-                "formula": formula(self.model.effects[-1].term.values),
-                "parameters": {name: q for name, q in self.model.effects[-1].parameters.items() if q.value},
-                "excess_mm": {"before": in_mm(self.discovered.before), "after": in_mm(self.discovered.excess)},
-            },
-            "next_experiment": self.next_experiment,
-            "excess": {
-                "unit": "mm",
-                "before": in_mm(excess.before),
-                "after": in_mm(excess.after),
-                "black_box": in_mm(excess.box_before),
-                "fitted": excess.fitted and in_mm(excess.fitted),
-            },
-            "detectable": {c.name: c.detectable for c in self.candidates if not c.chosen},
-            "said": self.sentences,
+    @property
+    def excess_mm(self) -> dict[str, float | None]:
+        """Return the excess by what it is of; None: not known."""
+        of = self.evidence
+        values = {"before": of.before, "after": of.after, "black_box": of.box_before, "fitted": of.fitted}
+        return {name: value and in_mm(value) for name, value in values.items()}
+
+    @property
+    def detectable(self) -> dict[str, Mapping[str, float]]:
+        """Return the smallest value of each strength that would show, by candidate that is not in the model."""
+        return {c.name: c.detectable for c in self.candidates if not c.chosen}
+
+    @property
+    def _other_layouts(self) -> dict[str, dict[str, float]]:
+        return {
+            name: {
+                "trials": len(errors),
+                **{which: in_mm(float(mean_of(errors, "test", which) or 0.0)) for which in ("before", "after")},
+            }
+            for name, errors in other_layouts(self.errors).items()
+        }
+
+    @property
+    def _decoys(self) -> dict[str, float] | None:
+        if (decoys := self.selection.decoys) is None:
+            return None
+        tried, taken = len(decoys.gains), decoys.taken(self.tolerance)
+        return {"tried": tried, "taken": taken, "chance_mm": in_mm(decoys.chance)}
+
+    @property
+    def _discovered(self) -> dict[str, Any] | None:
+        if self.discovered is None:
+            return None
+        effect = self.model.effects[-1]
+        return {
+            "formula": formula(effect.term.values),
+            "parameters": {name: q for name, q in effect.parameters.items() if q.value},
+            "excess_mm": {"before": in_mm(self.discovered.before), "after": in_mm(self.discovered.excess)},
         }
 
 
