@@ -63,7 +63,5 @@ def to_the_end(name: str, end: FitStage) -> Policy:
 
 
 ROUGH = Policy("rough", _ROUGH_STAGE, UNSURE)
-# Balance leads near: a frame that is far off then is of a cloth on another side, not of an effect that is missing.
-FROM_BALANCE = Policy("from balance", replace(_ROUGH_STAGE, far=FAR), UNSURE)
 END = to_the_end("to its end", _PRECISE)
 DECLARED_ALONE = to_the_end("declared parameters", CLOSE)

@@ -19,7 +19,7 @@ from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
-from optimize.fit.policy import DECLARED_ALONE, FROM_BALANCE, ROUGH
+from optimize.fit.policy import DECLARED_ALONE, ROUGH
 from optimize.fit.significance import NEEDED, cheapest_first, conditioned, cost, needed
 from studies.fitting.fits import factor_starts, fit_in_balance, starts_of, with_factors
 from studies.fitting.fitted_model import expected_rms
@@ -49,7 +49,7 @@ def select(task: Task) -> Selection:
         to_its_end = FitStart(plain.minimum, plain.state.jacobian, plain.inputs)
         return _adequate(task, vector, task.fit("plain to its end", plain.vector, to_its_end, DECLARED_ALONE))
     starts = [*starts_of(vector, balanced), with_factors(vector, plain.x)]
-    policy = replace(FROM_BALANCE, content=expected_rms(task.data.noise, task.tolerance))
+    policy = replace(ROUGH, content=expected_rms(task.data.noise, task.tolerance))
     everything = task.fit("every effect", vector, FitStart(np.array(starts)), policy)
     task.say(so_far(needed(everything.minimum, everything.covariance, everything.vector, NEEDED)))
     return backwards(task, everything, task.weighed(plain, everything.inputs))
