@@ -12,6 +12,7 @@ from fabdesign.nouns.array import Array, Indices
 from fabdesign.nouns.bench import BenchRecord
 from fabdesign.nouns.forward import Term
 from fabdesign.nouns.lag import first_order
+from fabdesign.nouns.model import NORMAL90
 from fabdesign.units import in_kpa
 from optimize.fit.fitted import Fit, concluded
 from optimize.fit.parameters import FitParameter, FitVector
@@ -19,7 +20,6 @@ from optimize.fit.problem import BenchProblem
 from optimize.fit.significance import NEEDED, conditioned, eliminated
 from studies.benches.cylinder import friction_state
 from studies.benches.law import ROUNDS, Law, rms
-from studies.fitting.fitted_model import QUANTILE
 from studies.model_selection.judged import Judged
 from studies.model_selection.outcome import Candidate
 from studies.model_selection.rules import ON_BENCHES, Refits, Selection, follow
@@ -237,7 +237,7 @@ def candidates_of(task: BenchTask, selection: Selection) -> tuple[Candidate, ...
 
 def _wrong_sign(task: BenchTask, alone: Judged) -> bool:
     """Return whether a strength is less than it can be for certain."""
-    most = alone.fit.x + QUANTILE * task.deviation(alone.fit, either_sign)
+    most = alone.fit.x + NORMAL90 * task.deviation(alone.fit, either_sign)
     return any(m < lowest(name) for m, name in zip(most.tolist(), alone.fit.vector.names, strict=True))
 
 

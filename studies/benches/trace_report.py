@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from markupsafe import Markup
@@ -13,12 +13,13 @@ from fabdesign.formats.result_tables import Columns
 from fabdesign.nouns.array import Array, Indices
 from fabdesign.nouns.bench import Bench, BenchRecord
 from fabdesign.nouns.model import EffectTerm, Model, Provenance
+from fabdesign.nouns.trial import Role
 from fabdesign.runtime.fingerprint import sha256
 from fabdesign.units import in_kpa, in_mm
 from fabdesign.version import __version__
 from studies.benches.evaluate import METRIC
-from studies.benches.records import BenchNoise, for_people, output_of, shown
-from studies.model_selection.outcome import Candidate, MeanErrors, TraceOutcome
+from studies.benches.records import BenchNoise, for_people, output_of, shown, unit_of
+from studies.model_selection.outcome import Candidate, TraceOutcome, When
 from studies.model_selection.verdict import STRUCTURE, effect_in_words
 from studies.report import charts, page
 
@@ -30,13 +31,24 @@ AXES = {"time": (1.0, "s"), "pressure": (in_kpa(1.0), "kPa"), "length": (in_mm(1
 class BenchOutcome(TraceOutcome):
     """The outcome of a trace of a bench. Errors in the output's SI unit, RMS of records left out."""
 
+    metric: ClassVar = METRIC
+
     bench: Bench
-    unit: str
     noise: BenchNoise
     effects: tuple[EffectTerm, ...]  # that were certain, also where they do not explain what is missing
     fit: tuple[float, float]  # before, after
     test: tuple[float, float] | None  # the same on records of role test, looked at once; None without any
     curves: tuple[Curve, ...]
+
+    @property
+    def unit(self) -> str:
+        """Return the output's SI unit."""
+        return unit_of(self.bench)
+
+    def mean_error(self, role: Role, when: When) -> float | None:
+        """Return the mean error of records of a role; None where there are none."""
+        errors = self.fit if role == "fit" else self.test
+        return errors and errors[when == "after" and self.verdict == "effect"]
 
     @property
     def model(self) -> Model:
@@ -69,12 +81,7 @@ class BenchOutcome(TraceOutcome):
 
     def json_content(self) -> dict[str, Any]:
         """Return `trace.json`."""
-        tests = self.test or (None, None)
-        after = self.verdict == "effect"
-        evidence, small = self.evidence, self.small
-        crossed = evidence.before, evidence.after
-        pairs = [MeanErrors(self.fit[k], tests[k], crossed[k]) for k in (0, after)]
-        trace = self.entries(METRIC, self.unit, *pairs)
+        trace, small = self.entries(), self.small
         trace["error"]["noise_from"] = self.noise.source
         more = {
             "within_tolerance": [small.name] if small else [],

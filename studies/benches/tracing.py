@@ -18,7 +18,7 @@ from optimize.fit.clouds import evenly
 from optimize.fit.cross_validation import Scored
 from optimize.fit.descent import Progress, parts
 from studies.benches.law import ROUNDS, rms
-from studies.benches.records import LAWS, noise_of, output_of, require_columns, unit_of
+from studies.benches.records import LAWS, noise_of, output_of, require_columns
 from studies.benches.trace_fit import (
     BenchTask,
     Columns,
@@ -99,7 +99,6 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
         named={effect.name: effect for effect in effects} if verdict == "effect" else {},
         indistinguishable=alike(task, selection.judged) if verdict == "effect" else (),
         bench=bench,
-        unit=unit_of(bench),
         noise=noise,
         effects=effects,
         fit=(rms(residual), rms(remaining)),

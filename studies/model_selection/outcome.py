@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -13,18 +13,12 @@ from fabdesign.files.model_file import write_model
 from fabdesign.formats.json_file import write_json
 from fabdesign.formats.result_tables import Tabled
 from fabdesign.nouns.model import EffectTerm, Model
+from fabdesign.nouns.trial import Role
 from fabdesign.output import write_text
-from fabdesign.units import in_mm
 from studies.model_selection.rules import Selection
 from studies.model_selection.verdict import Evidence, Word, explains
 
-
-class MeanErrors(NamedTuple):
-    """Errors of a model, and its excess where each trial or record is left out in turn; None where there are none."""
-
-    fit: float | None
-    test: float | None
-    excess: float
+When = Literal["before", "after"]
 
 
 @dataclass(frozen=True)
@@ -51,7 +45,11 @@ class Candidate:
 @dataclass(frozen=True, eq=False)
 class TraceOutcome(Tabled):
     """The outcome of a trace. Errors in m, or in the bench's unit. floor: the noise of what is compared. named: the
-    effects that the verdict stands by, by their label in the fit. indistinguishable: those that would do as well."""
+    effects that the verdict stands by, by their label in the fit. indistinguishable: those that would do as well.
+    metric, unit: of errors in `trace.json`; scale: what errors are times there."""
+
+    metric: ClassVar[str]
+    scale: ClassVar[float] = 1.0
 
     verdict: Word
     evidence: Evidence
@@ -70,18 +68,31 @@ class TraceOutcome(Tabled):
         every = max(sum(costs.values()), 1e-30)
         return {} if share is None else {label: share * cost / every for label, cost in costs.items()}
 
-    def entries(self, metric: str, unit: str, before: MeanErrors, after: MeanErrors) -> dict[str, Any]:
-        """Return what `trace.json` says of a set and of a bench; a set's errors in mm."""
-        scale, evidence = in_mm(1.0) if unit == "mm" else 1.0, self.evidence
+    @property
+    def unit(self) -> str:
+        raise NotImplementedError
+
+    def mean_error(self, role: Role, when: When) -> float | None:
+        """Return the mean error of trials or records of a role; None where there are none."""
+        raise NotImplementedError
+
+    def excess(self, when: When) -> float:
+        """Return the excess of trials or records left out, after by the model that is written."""
+        return self.evidence.after if when == "after" and self.verdict == "effect" else self.evidence.before
+
+    def entries(self) -> dict[str, Any]:
+        """Return what `trace.json` says of a set and of a bench."""
+        scale, evidence = self.scale, self.evidence
         none = Candidate("none", 0.0, (0.0, 0.0), evidence.before, max(evidence.typical, evidence.drift), False)
 
         def held_out(excess: float) -> float:
             return scale * float(np.hypot(excess, self.floor))
 
-        def pair(errors: MeanErrors) -> dict[str, float | None]:
-            fit, test, left_out = errors.fit and scale * errors.fit, errors.test, held_out(errors.excess)
+        def errors(when: When) -> dict[str, float | None]:
+            fit, test = (self.mean_error(role, when) for role in ("fit", "test"))
+            left_out = held_out(self.excess(when))
             shown = left_out if test is None else scale * test
-            return {"fit": fit, "held_out": shown, "cross_validated": left_out}
+            return {"fit": fit and scale * fit, "held_out": shown, "cross_validated": left_out}
 
         return {
             "format": "fabdesign.trace/1",
@@ -109,13 +120,13 @@ class TraceOutcome(Tabled):
                 for c in (none, *self.candidates)
             ],
             "error": {
-                "metric": metric,
-                "unit": unit,
+                "metric": self.metric,
+                "unit": self.unit,
                 "noise_floor": scale * self.floor,
                 "tolerance": scale * self.tolerance,
                 "ceiling": held_out(evidence.box_before),
-                "before": pair(before),
-                "after": pair(after),
+                "before": errors("before"),
+                "after": errors("after"),
             },
         }
 

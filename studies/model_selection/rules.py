@@ -6,7 +6,7 @@ A rule more is a function here, with a threshold of its own and a line of `ON_SE
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -24,7 +24,7 @@ class Selection:
     plain: the declared parameters alone. judged: the fit with what is needed, and what trials left out say of it; that
     of `plain` itself where nothing is. small: effects that are certain but within the tolerance, or like all others too
     small for a cause. decoys: beside what is chosen; None without effects. at_rest: what shapes at rest say of the
-    effects that act there.
+    effects that act there. drift: m by which the declared parameters alone certainly change over the session.
 
     For the rules: of_all: m of excess that all effects leave of trials left out. most: the fit with most effects; what
     goes one after another must not add up, so fits with fewer are compared with it. asked: effects that a fit without
@@ -39,6 +39,7 @@ class Selection:
     small: tuple[str, ...] = ()
     decoys: Decoys | None = None
     at_rest: Fit | None = None
+    drift: float = 0.0
     most: Judged | None = None
     asked: tuple[str, ...] = ()
     exact: bool = True
@@ -48,6 +49,11 @@ class Selection:
     def chosen(self) -> Fit:
         """Return the fit with what is needed."""
         return self.judged.fit
+
+    @cached_property
+    def before(self) -> Judged:
+        """Return what trials left out say of the declared parameters alone."""
+        return Judged(self.plain, self.folds, self.floor)
 
     @property
     def folds(self) -> Sequence[int]:

@@ -4,35 +4,26 @@ The basis functions that `learned` has inside the simulator are fitted together,
 dropped, and what is left is kept only if whole trials left out gain half of their excess by it.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from fabdesign.effects.learned import DISCOVERED
 from fabdesign.nouns.array import Array
-from optimize.fit.cross_validation import LeftOut
 from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.policy import END, ROUGH
 from optimize.fit.significance import NEEDED, eliminated
+from studies.model_selection.judged import Judged
 from studies.model_selection.rules import Selection
 from studies.model_selection.verdict import LEAST_SHARE
 from studies.tracing.task import Task
 
 
-@dataclass(frozen=True, eq=False)
-class Discovered:
-    """A fit with few coefficients beside the declared parameters. before, excess: m of trials left out, without and
-    with them."""
-
-    fit: Fit
-    before: float
-    excess: float
-
-
-def discover(task: Task, selection: Selection) -> Discovered | None:
-    """Fit a formula from the data sheet, as the joint fit; None where nothing is needed or too little gained."""
+def discover(task: Task, selection: Selection) -> Judged | None:
+    """Fit a formula from the data sheet, as the joint fit: few coefficients beside the declared parameters. None where
+    nothing is needed or too little gained."""
     inputs = selection.everything.inputs
     vector = fit_vector([DISCOVERED.name], factors=task.factors, designs=task.designs)
     full = task.fit("discovered", vector, FitStart(inputs=inputs), ROUGH)
@@ -41,9 +32,8 @@ def discover(task: Task, selection: Selection) -> Discovered | None:
         return None
     parameters = (p for p in vector.parameters if p.is_factor or p.name.rpartition(".")[2] in kept)
     necessary = replace(vector, parameters=tuple(parameters))
-    fitted = task.fit(f"discovered, {' '.join(kept)}", necessary, FitStart(start, inputs=inputs), END)
-    before, excess = (LeftOut.of(one, task.data.folds).scored().excess(task.floor) for one in (selection.plain, fitted))
-    return Discovered(fitted, before, excess) if excess <= (1 - LEAST_SHARE) * before else None
+    judged = task.judged(task.fit(f"discovered, {' '.join(kept)}", necessary, FitStart(start, inputs=inputs), END))
+    return judged if judged.excess <= (1 - LEAST_SHARE) * selection.before.excess else None
 
 
 def _needed(fit: Fit) -> tuple[list[str], Array]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -13,16 +13,17 @@ from fabdesign.formats.result_tables import OfModel, Summary
 from fabdesign.geometry.metrics import over
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.model import EffectTerm, Model
+from fabdesign.nouns.trial import Role
 from fabdesign.units import in_mm
 from optimize.fit.fitted import Fit
 from optimize.fit.misfit import frames_of
 from optimize.fit.significance import undecided
 from studies.fitting.fitted_model import far_factors, fitted_model, with_engines
 from studies.measured.fit_data import MeasuredData
-from studies.model_selection.outcome import MeanErrors, TraceOutcome
+from studies.model_selection.judged import Judged
+from studies.model_selection.outcome import TraceOutcome, When
 from studies.model_selection.rules import Selection
 from studies.model_selection.verdict import GROSS
-from studies.tracing.discovered_term import Discovered
 from studies.tracing.experiment import Explanation
 from studies.tracing.residual_analysis import Remains, TrialError, mean_of, other_layouts
 
@@ -31,7 +32,12 @@ _LITTLE = 0.1  # of its share, below which a frame's weight is told
 
 @dataclass(frozen=True, eq=False)
 class Outcome(TraceOutcome, OfModel):
-    """The result of a trace of a set. Distances are in m."""
+    """The result of a trace of a set. Distances are in m. discovered: a fit with a formula, and what trials left out
+    say of it."""
+
+    metric: ClassVar = "surface_rms"
+    scale: ClassVar = in_mm(1.0)
+    unit: ClassVar = "mm"
 
     data: MeasuredData
     forward: ForwardModel
@@ -40,7 +46,7 @@ class Outcome(TraceOutcome, OfModel):
     remains: Remains
     model: Model
     next_experiment: Mapping[str, Any] | None
-    discovered: Discovered | None = None
+    discovered: Judged | None = None
 
     @property
     def name(self) -> str:
@@ -99,7 +105,7 @@ class Outcome(TraceOutcome, OfModel):
                 "the last; to tell a drift over the session, repeat the first trial at its end"
             )
         lines += far_factors(self.after)
-        measured = mean_of(self.errors, "test", "after")
+        measured = self.mean_error("test", "after")
         excess = 0.0 if measured is None else over(measured, self.floor)
         if self.verdict != "unexplained" and excess > GROSS * self.tolerance:
             lines.append(
@@ -126,6 +132,14 @@ class Outcome(TraceOutcome, OfModel):
             )
         return lines
 
+    def mean_error(self, role: Role, when: When) -> float | None:
+        """Return the mean error of trials of a role, m; None where there are none."""
+        return mean_of(self.errors, role, when)
+
+    def excess(self, when: When) -> float:
+        """Return the excess of trials left out, m."""
+        return super().excess(when) if self.discovered is None or when == "before" else self.discovered.excess
+
     def summary(self) -> Summary:
         """Return the verdict, and the model's parameters."""
         return Summary([f"Outcome: {self.verdict}"], self.columns())
@@ -133,13 +147,7 @@ class Outcome(TraceOutcome, OfModel):
     def json_content(self) -> dict[str, Any]:
         """Return `trace.json`; mm."""
         excess, decoys = self.evidence, self.selection.decoys
-        after = excess.after if self.verdict == "effect" else excess.before
-        after = after if self.discovered is None else self.discovered.excess
-        means = [
-            MeanErrors(mean_of(self.errors, "fit", which), mean_of(self.errors, "test", which), left_out)
-            for which, left_out in (("before", excess.before), ("after", after))
-        ]
-        return self.entries("surface_rms", "mm", *means) | {
+        return self.entries() | {
             "other_layouts": {
                 name: {
                     "trials": len(errors),
@@ -165,7 +173,7 @@ class Outcome(TraceOutcome, OfModel):
             and {
                 "formula": formula(self.model.effects[-1].term.values),
                 "parameters": {name: q for name, q in self.model.effects[-1].parameters.items() if q.value},
-                "excess_mm": {"before": in_mm(self.discovered.before), "after": in_mm(self.discovered.excess)},
+                "excess_mm": {"before": in_mm(excess.before), "after": in_mm(self.discovered.excess)},
             },
             "next_experiment": self.next_experiment,
             "excess": {

@@ -18,14 +18,12 @@ from fabdesign.runtime.store import Checkpoint
 from fabdesign.units import in_mm
 from fabdesign.version import SIMULATOR
 from optimize.fit.clouds import Density, evenly
-from optimize.fit.cross_validation import LeftOut
 from studies.fitting.fits import with_shapes_at_rest
 from studies.fitting.fitted_model import EXCESS, doubted
 from studies.measured.fit_data import MeasuredData, TooLittle
 from studies.measured.splits import TRIALS, fit_trials, of_each_design
 from studies.measured.used_frames import GRID, find_used_frames
 from studies.model_selection.black_box import Residuals, baseline_score
-from studies.model_selection.judged import Judged, certain_drift
 from studies.model_selection.outcome import write_trace
 from studies.model_selection.rules import Selection
 from studies.model_selection.verdict import Evidence, decide
@@ -169,20 +167,18 @@ def _check(model: Model) -> None:
 
 
 def _evidence(selection: Selection, data: MeasuredData, structure: float) -> Evidence:
-    floor, folds = selection.floor, selection.folds
-    plain, chosen = LeftOut.of(selection.plain, folds).scored(), selection.judged.scored
-    before, after = (Residuals.of(data, fit) for fit in (selection.plain, selection.chosen))
+    floor, without, chosen = selection.floor, selection.before.scored, selection.judged.scored
+    before = Residuals.of(data, selection.plain)
     return Evidence(
-        before=plain.excess(floor),
+        before=without.excess(floor),
         after=chosen.excess(floor),
         effects=len(selection.chosen.vector.labels),
-        box_before=baseline_score(before, folds).excess(floor),
+        box_before=baseline_score(before, selection.folds).excess(floor),
         structure=structure,
         fitted=before.scored.excess(floor),
-        fitted_after=after.scored.excess(floor),
-        typical=plain.typical(floor),
+        typical=without.typical(floor),
         typical_after=chosen.typical(floor),
-        drift=certain_drift(Judged(selection.plain, folds, floor), data.session[:, 0]),
+        drift=selection.drift,
     )
 
 

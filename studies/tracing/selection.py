@@ -48,11 +48,12 @@ def select(task: Task) -> Selection:
     plain = task.fit("plain", vector.without_effects, factors, hopeful)
     judged = task.judged(plain)
     excess = max(judged.excess, judged.scored.typical(task.floor))
-    remaining = max(excess, certain_drift(judged, task.data.session[:, 0]))
-    if remaining <= task.tolerance and plain.vector.is_plausible(plain.x):
+    drift = certain_drift(judged, task.data.session[:, 0])
+    if max(excess, drift) <= task.tolerance and plain.vector.is_plausible(plain.x):
         task.say(so_far(()))
         to_its_end = FitStart(plain.minimum, plain.state.jacobian, plain.inputs)
-        return _adequate(task, vector, task.fit("plain to its end", plain.vector, to_its_end, DECLARED_ALONE))
+        plain = task.fit("plain to its end", plain.vector, to_its_end, DECLARED_ALONE)
+        return replace(_adequate(task, vector, plain), drift=drift)
     if at_rest is not None:
         everything = task.fit("every effect", vector, begin, AT_REST)
     else:
@@ -64,7 +65,7 @@ def select(task: Task) -> Selection:
         everything = joint_fit(task.data, vector, start, replace(task.fits, named="every effect"))
     task.say(so_far(needed(everything.minimum, everything.covariance, everything.vector, NEEDED)))
     selection = backwards(task, everything, task.weighed(plain, everything.inputs))
-    return replace(selection, at_rest=at_rest)
+    return replace(selection, at_rest=at_rest, drift=drift)
 
 
 def backwards(task: Task, everything: Fit, plain: Fit) -> Selection:
