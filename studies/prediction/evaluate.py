@@ -18,6 +18,7 @@ from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import MeasurementSet, Role, Trial
 from fabdesign.runtime.effort import batches
+from optimize.fit.clouds import Motion
 from studies.intervals.band import IntervalJudge, interval_judges
 from studies.measured.fit_data import noise_clouds
 from studies.measured.used_frames import NONE_USED, UsedFrames, find_used_frames
@@ -135,13 +136,22 @@ def _errors(
     job: _Job, used: UsedFrames, seed: int, trial: Trial, frames: Sequence[Array], judge: IntervalJudge, *predicted: Any
 ) -> TrialResult:
     """Return the errors of a trial with these clouds before and after; its motions are `predicted`."""
-    name, kept = job.measured.name, np.flatnonzero(used.at(job.measured, trial))
-    if not len(kept):
-        return TrialResult(name, trial.name, trial.order, trial.role, _UNKNOWN, _UNKNOWN, 0.0)
-    clouds, seed = [frames[k] for k in kept.tolist()], seed + trial.order
-    before, after = (trial_errors(clouds, motion[kept], job.noise.result(), seed=seed) for motion in predicted)
-    share, judged = len(kept) / len(frames), judge(frames, kept)
-    return TrialResult(name, trial.name, trial.order, trial.role, before, after, share, judged)
+    kept, judged = np.flatnonzero(used.at(job.measured, trial)), None
+    before, after = _UNKNOWN, _UNKNOWN
+    if len(kept):
+        clouds, motions = [frames[k] for k in kept.tolist()], [motion[kept] for motion in predicted]
+        before, after = errors_of(trial, clouds, motions, job.noise.result(), seed=seed)
+        judged = judge(frames, kept)
+    about = job.measured.name, trial.name, trial.design.name, trial.order, trial.role
+    return TrialResult(*about, before, after, len(kept) / len(frames), judged)
+
+
+def errors_of(
+    trial: Trial, clouds: Sequence[Array], motions: Sequence[Motion], noise: SensorNoise, *, seed: int = 0
+) -> list[Errors]:
+    """Return the errors of several models on some frames of a trial, with the same draws for their floors. clouds: k of
+    (n, 3) m; motions: (k, 2 n, 3) m of each model."""
+    return [trial_errors(clouds, motion, noise, seed=seed + trial.order) for motion in motions]
 
 
 def _motions(trials: Sequence[Trial], *predictors: Predictor) -> list[list[Any]]:

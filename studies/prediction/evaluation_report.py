@@ -29,6 +29,7 @@ class TrialResult:
 
     set_name: str
     trial: str
+    design: str
     order: int
     role: str
     before: Errors

@@ -24,8 +24,9 @@ from studies.model_selection.judged import Judged
 from studies.model_selection.outcome import TraceOutcome, When
 from studies.model_selection.rules import Selection
 from studies.model_selection.verdict import GROSS
+from studies.prediction.evaluation_report import TrialResult
 from studies.tracing.experiment import Explanation
-from studies.tracing.residual_analysis import Remains, TrialError, mean_of, other_layouts
+from studies.tracing.residual_analysis import Remains, mean_of, other_layouts
 
 _LITTLE = 0.1  # of its share, below which a frame's weight is told
 
@@ -42,7 +43,7 @@ class Outcome(TraceOutcome, OfModel):
     data: MeasuredData
     forward: ForwardModel
     alike: tuple[Explanation, ...]  # models that do as well, with another effect in the place of one chosen
-    errors: tuple[TrialError, ...]
+    errors: tuple[TrialResult, ...]
     remains: Remains
     model: Model
     next_experiment: Mapping[str, Any] | None
@@ -188,7 +189,7 @@ class Outcome(TraceOutcome, OfModel):
         }
 
 
-def noise_floor(errors: Sequence[TrialError], otherwise: float) -> float:
+def noise_floor(errors: Sequence[TrialResult], otherwise: float) -> float:
     """Return `surface_floor` of the set, m."""
     of_roles = (mean_of(errors, role, "after", "surface_floor") for role in ("test", "fit"))
     return next((floor for floor in of_roles if floor is not None), otherwise)

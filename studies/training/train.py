@@ -16,7 +16,7 @@ from fabdesign.files.model_file import write_model
 from fabdesign.formats.json_file import plain
 from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.geometry.distances import chamfer
-from fabdesign.geometry.metrics import Closed, Errors, closed, mean_errors, trial_errors
+from fabdesign.geometry.metrics import Closed, Errors, closed, mean_errors
 from fabdesign.nouns.corrector import Trust, central_hash
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.model import Model
@@ -30,6 +30,7 @@ from optimize.fit.parameters import FitVector
 from studies.intervals.calibrate import spread_json, with_spread
 from studies.measured.fit_data import noise_of
 from studies.measured.used_frames import UsedFrames
+from studies.prediction.evaluate import errors_of
 from studies.training.data import (
     Chosen,
     KeptMotions,
@@ -223,13 +224,14 @@ def _tested(model: Model, held: Sequence[Chosen], motions: KeptMotions, seed: in
                 continue
             frames = trial.load().frames
             clouds = [frames[k] for k in kept]
-            before.append(trial_errors(clouds, simple[kept], noise, seed=seed + trial.order))
-            if declared is not None:
-                sheet.append(trial_errors(clouds, declared[k][kept], noise, seed=seed + trial.order))
+            models = [simple, *(declared[k : k + 1] if declared else [])]
+            first, *others = errors_of(trial, clouds, [motion[kept] for motion in models], noise, seed=seed)
+            before.append(first)
+            sheet += others
             if corrector.ordered:
-                after.append(trial_errors(clouds, answer[kept], noise, seed=seed + trial.order))
+                after += errors_of(trial, clouds, [answer[kept]], noise, seed=seed)
             else:
-                after.append(unordered_errors(clouds, answer[kept], before[-1].chamfer_floor))
+                after.append(unordered_errors(clouds, answer[kept], first.chamfer_floor))
         if not before:
             continue
         means = [mean_errors(each) for each in (before, after)]

@@ -44,9 +44,10 @@ from studies.model_selection.black_box import Residuals, baseline_score, basis_o
 from studies.model_selection.judged import CAUSE, Judged, certain_drift, decoys_beside, exchanged, strength, turned
 from studies.model_selection.rules import Selection, loses
 from studies.model_selection.verdict import Evidence, decide, explains
+from studies.prediction.evaluation_report import TrialResult
 from studies.tracing.candidates import candidates_of
 from studies.tracing.report import as_text
-from studies.tracing.residual_analysis import TrialError, other_layouts, remains
+from studies.tracing.residual_analysis import other_layouts, remains
 from studies.tracing.run import DRAWN, trace_set
 from studies.tracing.selection import backwards, begin_without, enough, reduced, sparse, worth
 from studies.tracing.task import Task, label_in
@@ -417,7 +418,10 @@ def test_a_step_ends_where_the_quadratic_model_is_least_within_the_bounds(seed):
         (Evidence(1.62e-3, 0.83e-3, 2, 1.55e-3), "unexplained"),  # less than half of the gap
         (Evidence(1.62e-3, 0.75e-3, 2, 1.2e-3), "effect"),  # more than half, and than the black box
         (Evidence(1.7e-3, 1e-3, 1, 1.6e-3, typical=0.6e-3, typical_after=0.2e-3), "effect"),  # of all but one trial
-        (Evidence(1.7e-3, 1e-3, 1, 1.6e-3, typical=0.6e-3, typical_after=0.3e-3), "effect"),  # by half, and within the tolerance
+        (
+            Evidence(1.7e-3, 1e-3, 1, 1.6e-3, typical=0.6e-3, typical_after=0.3e-3),
+            "effect",
+        ),  # by half, and within the tolerance
         (Evidence(1.7e-3, 1e-3, 1, 1.6e-3, typical=0.4e-3, typical_after=0.2e-3), "unexplained"),  # of single trials
         (Evidence(3e-3, 2e-3, 1, 2.9e-3, typical=1.6e-3, typical_after=0.6e-3), "unexplained"),  # beyond the tolerance
         (Evidence(1.7e-3, 1e-3, 1, 1.6e-3, 0.5, typical=0.6e-3, typical_after=0.2e-3), "unexplained"),
@@ -441,7 +445,7 @@ def test_the_verdict_is_that_of_the_rules(evidence, verdict):
 def test_layouts_of_which_no_trial_was_fitted_stand_by_themselves():
     some = Errors(4.2e-3, 4.1e-3, 1e-3, 0.6e-3)
     told = [("a", "fit"), ("a", "test"), ("b", "test"), ("b", "test")]
-    errors = [TrialError(str(k), design, role, some, some) for k, (design, role) in enumerate(told)]
+    errors = [TrialResult("set", str(k), design, k, role, some, some) for k, (design, role) in enumerate(told)]
     assert {name: [e.trial for e in own] for name, own in other_layouts(errors).items()} == {"b": ["2", "3"]}
 
 
