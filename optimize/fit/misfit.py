@@ -24,7 +24,7 @@ class Loss:
 
     def scale(self, residual: Array) -> float:
         """Return the robust standard deviation."""
-        return max(1.4826 * float(np.median(np.abs(residual))), self.smallest)
+        return max(deviation_by_median(residual), self.smallest)
 
     def of(self, t: Array) -> Array:
         """Return the -log likelihood (N,) of residuals in units of their scale (Huber's function)."""
@@ -66,8 +66,13 @@ def not_strays(misfit: Misfit) -> NDArray[np.bool_]:
     for points in frames_of(misfit)[1]:
         sizes = size[points]
         if np.isfinite(sizes).all():
-            kept[points] = sizes <= misfit.loss.stray * max(1.4826 * float(np.median(sizes)), 1e-4)
+            kept[points] = sizes <= misfit.loss.stray * max(deviation_by_median(sizes), 1e-4)
     return kept
+
+
+def deviation_by_median(residual: Array) -> float:
+    """Return the standard deviation of normal noise whose sizes have this median."""
+    return 1.4826 * float(np.median(np.abs(residual)))
 
 
 def capped(residual: Array, cap: float = CAP) -> float:

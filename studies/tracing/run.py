@@ -27,8 +27,7 @@ from studies.model_selection.black_box import Residuals, baseline_score
 from studies.model_selection.outcome import write_trace
 from studies.model_selection.rules import Selection
 from studies.model_selection.verdict import Evidence, decide
-from studies.tracing.candidates import candidates_of, same_from_rest
-from studies.tracing.discovered_term import discover
+from studies.tracing.candidates import candidates_of, discover, same_from_rest
 from studies.tracing.experiment import Explanation, next_experiment
 from studies.tracing.outcome import Outcome, model_of, noise_floor
 from studies.tracing.residual_analysis import errors_of_trials, remains
