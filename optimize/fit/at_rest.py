@@ -14,6 +14,7 @@ from fabdesign.files.trial_file import TrialData
 from fabdesign.geometry.shape import Shape
 from fabdesign.nouns.array import Array, Floats, Indices
 from fabdesign.nouns.column import Column, Jacobians, of_effect
+from fabdesign.nouns.fabric import SWING
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.nouns.trial import Accuracy, Trial
@@ -156,13 +157,12 @@ def acting_at_rest(vector: FitVector) -> FitVector:
 HELD = 0.3  # s that it must stand at the end of constant pressures: a swing stops for a moment where it turns
 AHEAD = 0.13  # s between the frames that are compared
 PLACES, POINTS = 60, 60  # of a frame, and points of each
-SWING = 8.0  # rad/s, of a hung cloth: a speed over this is how far it swings
 CLOUD = 400  # points of a shape
 
 
 def standing_of(trial: Trial, data: TrialData, noise: float, rng: np.random.Generator) -> Iterator[Standing]:
     """Yield a shape of a trial for each stretch under constant pressures at whose end the cloth stands: the rest of its
-    swing is within the `noise` [m] of a point."""
+    swing, its speed over SWING, is within the `noise` [m] of a point."""
     pressure = data.program.at(data.time)
     changed = np.concatenate([[True], (pressure[1:] != pressure[:-1]).any(axis=1)])
     for stretch in np.split(np.arange(len(data.time)), np.flatnonzero(changed)[1:]):
