@@ -212,19 +212,19 @@ def select(task: BenchTask) -> Selection:
     what records left out gain too little by, with shapes and strengths fitted anew."""
     none = task.fit()
     if none.excess <= task.tolerance:
-        return Selection(none.fit, none.fit, none)
+        return Selection(none.fit, none, none)
     everything = task.shaped(task.effects)
     known = conditioned(everything.fit.x.copy(), everything.fit.covariance, everything.off)
     labels = [*eliminated(*known, everything.parts, NEEDED)[0]]
     if not labels:
-        return Selection(everything.fit, none.fit, none)
+        return Selection(everything.fit, none, none)
     judged = task.shaped(labels)
-    return follow(ON_BENCHES, task, Selection(everything.fit, none.fit, judged, everything.excess, most=judged))
+    return follow(ON_BENCHES, task, Selection(everything.fit, none, judged, everything.excess))
 
 
 def candidates_of(task: BenchTask, selection: Selection) -> tuple[Candidate, ...]:
     """Return every effect by itself, at its best shape and with any sign, the one that leaves least first."""
-    rows, before = [], task.judged(selection.plain).excess
+    rows, before = [], selection.before.excess
     for effect in task.effects:
         alone = task.shaped([effect], bound=either_sign)
         gain, interval = alone.gains_without(())[effect]

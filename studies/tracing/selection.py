@@ -73,15 +73,15 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> Selection:
     weights of `everything`."""
     labels, small = worth(task, everything)
     if not labels:
-        alone = task.alone(everything, plain)
-        return Selection(everything, alone, task.judged(alone), small=tuple(small))
+        alone = task.judged(task.alone(everything, plain))
+        return Selection(everything, alone, alone, small=tuple(small))
     known = enough(task, everything, labels, plain)
     exact = known is not None
     if known is None:
         fewer, labels = reduced(task, everything, labels)
         known = task.with_effects(fewer, labels)
     judged, of_all = task.judged(known), task.judged(everything).excess
-    begun = Selection(everything, plain, judged, of_all, tuple(small), most=judged, exact=exact)
+    begun = Selection(everything, task.judged(plain), judged, of_all, tuple(small), exact=exact)
     return follow(ON_SETS, task, begun)
 
 
@@ -91,7 +91,8 @@ def _adequate(task: Task, vector: FitVector, plain: Fit) -> Selection:
         "every effect beside them", vector, FitStart(beside(vector, plain.x), inputs=plain.inputs)
     )
     small = sparse(everything, needed(everything.minimum, everything.covariance, vector, NEEDED))
-    return Selection(everything, plain, task.judged(plain), small=tuple(small))
+    judged = task.judged(plain)
+    return Selection(everything, judged, judged, small=tuple(small))
 
 
 def without(vector: FitVector, known: Sequence[str]) -> FitVector:

@@ -556,7 +556,7 @@ def test_an_effect_that_is_next_to_nothing_is_no_cause(selected, late, unhurried
     droop, lag = (strength(found, label) for label in ("supply_droop", "filling_lag"))
     assert droop == pytest.approx(0.15 / EFFECTS["supply_droop"].parameters["share"].deviation, rel=0.2)
     assert min(droop, lag) > CAUSE and droop != lag
-    chosen = Selection(joint, unhurried, Judged(found, data.folds, data.noise.sigma))
+    chosen = Selection(joint, *(Judged(one, data.folds, data.noise.sigma) for one in (unhurried, found)))
     assert sorted(chosen.labels) == ["filling_lag", "supply_droop"] and not chosen.slight
     less, more = sorted(chosen.labels, key=partial(strength, found))
     monkeypatch.setattr("studies.model_selection.judged.CAUSE", (droop + lag) / 2)
@@ -821,7 +821,7 @@ def test_a_model_with_another_effect_instead_is_where_the_residuals_are_least(la
     (joint, data), (found, *_) = late, selected
     monkeypatch.setattr("optimize.fit.significance.ALIKE", 0.15)
     monkeypatch.setattr("studies.tracing.candidates.alike", lambda *_: [])  # where the joint fit is: above
-    selection = Selection(joint, unhurried, Judged(found, data.folds, data.noise.sigma))
+    selection = Selection(joint, *(Judged(one, data.folds, data.noise.sigma) for one in (unhurried, found)))
     _, instead = candidates_of(selection)
     # a late clock does a fifth of what the lag does, and nothing of the droop
     clocks = instead.keys() & {"dead_time", "time_offset"}
