@@ -229,7 +229,7 @@ def candidates_of(task: BenchTask, selection: Selection) -> tuple[Candidate, ...
         alone = task.shaped([effect], bound=either_sign)
         gain, interval = alone.gains_without(())[effect]
         takes = interval[0] > 0 and alone.excess <= (1 - STRUCTURE) * before
-        remaining, chosen = (alone.excess, alone.scored.typical(task.floor)), effect in selection.chosen.vector.labels
+        remaining, chosen = (alone.excess, alone.typical), effect in selection.chosen.vector.labels
         refused = takes and _wrong_sign(task, alone)
         rows.append((alone.scored.rms(), Candidate(effect, gain, interval, *remaining, chosen, refused=refused)))
     return tuple(candidate for _, candidate in sorted(rows, key=lambda row: row[0]))

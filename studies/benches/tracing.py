@@ -86,7 +86,7 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
     beside = sampled.baseline(remaining) if selection.gains else box
     evidence = Evidence(
         selection.before.excess, refitted.excess, len(chosen), box.excess(floor),
-        structure=1 - float(beside.squares.sum() / np.square(remaining).sum()), typical=selection.before.scored.typical(floor),
+        structure=1 - float(beside.squares.sum() / np.square(remaining).sum()), typical=selection.before.typical,
     )  # fmt: skip
     verdict, effects = decide(evidence, limit), _effects(task, refitted, chosen)
     return BenchOutcome(

@@ -54,6 +54,11 @@ class Judged:
         """Return the error of trials left out over the noise, m."""
         return self.scored.excess(self.floor)
 
+    @property
+    def typical(self) -> float:
+        """Return the median over trials left out of the excess of each, m."""
+        return self.scored.typical(self.floor)
+
     @cached_property
     def parts(self) -> dict[str, Indices]:
         """Return the unknowns of each effect that take part; without the effects that have none."""

@@ -166,17 +166,16 @@ def _check(model: Model) -> None:
 
 
 def _evidence(selection: Selection, data: MeasuredData, structure: float) -> Evidence:
-    floor, without, chosen = selection.floor, selection.before.scored, selection.judged.scored
-    before = Residuals.of(data, selection.plain)
+    before, after, residuals = selection.before, selection.judged, Residuals.of(data, selection.plain)
     return Evidence(
-        before=without.excess(floor),
-        after=chosen.excess(floor),
+        before=before.excess,
+        after=after.excess,
         effects=len(selection.chosen.vector.labels),
-        box_before=baseline_score(before, selection.folds).excess(floor),
+        box_before=baseline_score(residuals, selection.folds).excess(selection.floor),
         structure=structure,
-        fitted=before.scored.excess(floor),
-        typical=without.typical(floor),
-        typical_after=chosen.typical(floor),
+        fitted=residuals.scored.excess(selection.floor),
+        typical=before.typical,
+        typical_after=after.typical,
         drift=selection.drift,
     )
 

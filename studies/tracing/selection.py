@@ -47,7 +47,7 @@ def select(task: Task) -> Selection:
     hopeful = replace(ROUGH, hopeless=expected_rms(task.data.noise, HOPELESS * task.tolerance))
     plain = task.fit("plain", vector.without_effects, factors, hopeful)
     judged = task.judged(plain)
-    excess = max(judged.excess, judged.scored.typical(task.floor))
+    excess = max(judged.excess, judged.typical)
     drift = certain_drift(judged, task.data.session[:, 0])
     if max(excess, drift) <= task.tolerance and plain.vector.is_plausible(plain.x):
         task.say(so_far(()))
