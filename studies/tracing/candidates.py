@@ -35,9 +35,7 @@ def candidates_of(selection: Selection) -> tuple[tuple[Candidate, ...], dict[str
     others = [label for label in everything.vector.labels if label_effect(label) not in taken]
     parts = {label: everything.vector.part(label) for label in others}
     columns = np.concatenate([np.zeros(0, dtype=np.intp), *parts.values()]).astype(np.intp)
-    wide = LeftOut.of(chosen, selection.folds).with_columns(
-        everything.state.jacobian[:, columns], everything.vector.prior[columns]
-    )
+    wide = selection.judged.trials.with_columns(everything.state.jacobian[:, columns], everything.vector.prior[columns])
     count, first, places = len(chosen.x), len(chosen.x), {}
     for label, part in parts.items():
         places[label] = np.arange(first, first + len(part))

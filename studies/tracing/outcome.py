@@ -33,8 +33,8 @@ _LITTLE = 0.1  # of its share, below which a frame's weight is told
 
 @dataclass(frozen=True, eq=False)
 class Outcome(TraceOutcome, OfModel):
-    """The result of a trace of a set. Distances are in m. discovered: a fit with a formula, and what trials left out
-    say of it."""
+    """The result of a trace of a set. Distances are in m. final: the model's fit, and what trials left out say of it:
+    of the declared parameters alone unless effects or a formula were found."""
 
     metric: ClassVar = "surface_rms"
     scale: ClassVar = in_mm(1.0)
@@ -47,7 +47,7 @@ class Outcome(TraceOutcome, OfModel):
     remains: Remains
     model: Model
     next_experiment: Mapping[str, Any] | None
-    discovered: Judged | None = None
+    final: Judged
 
     @property
     def name(self) -> str:
@@ -63,10 +63,12 @@ class Outcome(TraceOutcome, OfModel):
 
     @property
     def after(self) -> Fit:
-        """Return the model's fit: of the declared parameters alone unless effects or a formula were found."""
-        if self.discovered is not None:
-            return self.discovered.fit
-        return self.selection.chosen if self.verdict == "effect" else self.selection.plain
+        return self.final.fit
+
+    @property
+    def discovered(self) -> Judged | None:
+        """Return the fit with a formula; None without one."""
+        return None if self.final in (self.selection.before, self.selection.judged) else self.final
 
     @property
     def effects(self) -> tuple[EffectTerm, ...]:
@@ -139,7 +141,7 @@ class Outcome(TraceOutcome, OfModel):
 
     def excess(self, when: When) -> float:
         """Return the excess of trials left out, m."""
-        return super().excess(when) if self.discovered is None or when == "before" else self.discovered.excess
+        return self.final.excess if when == "after" else self.evidence.before
 
     def summary(self) -> Summary:
         """Return the verdict, and the model's parameters."""

@@ -120,21 +120,19 @@ def _outcome(task: Task, every: Sequence[Trial], options: Options) -> Outcome:
     evidence = _evidence(selection, data, max(remainder.shares.values()))
     verdict = decide(evidence, options.tolerance)
     discovered = discover(task, selection) if verdict == "unexplained" else None
-    fitted = selection.chosen if verdict == "effect" else selection.plain
-    if discovered is not None:
-        fitted = discovered.fit
+    final = discovered or (selection.judged if verdict == "effect" else selection.before)
     if verdict != "effect" and selection.chosen is not selection.plain:
         remainder = remains(Residuals.of(data, selection.plain), selection.folds)
     task.say("errors before and after, on the trials fitted and once on those of role test")
-    errors = errors_of_trials(data, every, task.forward, selection.plain, fitted)
+    errors = errors_of_trials(data, every, task.forward, selection.plain, final.fit)
     candidates, instead = candidates_of(selection)
     if verdict == "effect":
         instead |= same_from_rest(task, selection)
     task.say("what to measure next")
-    model = model_of(fitted, selection, data, points_per_side=options.grid or GRID, known=known.effects)
+    model = model_of(final.fit, selection, data, points_per_side=options.grid or GRID, known=known.effects)
     named = {}
     if verdict == "effect":
-        terms = dict(zip(fitted.vector.labels, model.effects[len(known.effects) :], strict=True))
+        terms = dict(zip(final.fit.vector.labels, model.effects[len(known.effects) :], strict=True))
         named = {label: terms[label] for label in selection.labels}
     return Outcome(
         verdict=verdict,
@@ -152,7 +150,7 @@ def _outcome(task: Task, every: Sequence[Trial], options: Options) -> Outcome:
         remains=remainder,
         model=doubted(model) if verdict == "unexplained" else model,
         next_experiment=_experiment(task, selection, [*instead.values()], verdict),
-        discovered=discovered,
+        final=final,
     )
 
 
