@@ -149,13 +149,15 @@ def errors_of_trials(
     for trial in trials:
         if len(usable := np.flatnonzero(data.used.at(measured, trial))):
             frames.append((trial, usable[evenly(len(usable), FRAMES)]))
-    cases = [fit.vector.case(trial, fit.x) for fit in (before, after) for trial, _ in frames]
-    motions = forward.motions(cases, [trial.times[kept] for trial, kept in frames] * 2)
+    fits = dict.fromkeys((before, after))  # one where nothing was added
+    cases = [fit.vector.case(trial, fit.x) for fit in fits for trial, _ in frames]
+    motions = forward.motions(cases, [trial.times[kept] for trial, kept in frames] * len(fits))
     results = []
-    for (trial, kept), *pair in zip(frames, motions, motions[len(frames) :], strict=False):
+    for k, (trial, kept) in enumerate(frames):
         clouds = trial.load().frames
-        first, last = errors_of(trial, [clouds[k] for k in kept.tolist()], pair, data.noise)
-        results.append(TrialResult(measured.name, trial.name, trial.design.name, trial.order, trial.role, first, last))
+        each = errors_of(trial, [clouds[f] for f in kept.tolist()], motions[k :: len(frames)], data.noise)
+        about = measured.name, trial.name, trial.design.name, trial.order, trial.role
+        results.append(TrialResult(*about, each[0], each[-1]))
     return results
 
 
