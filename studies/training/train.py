@@ -9,13 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from corrector.field import load_corrector, write_weights
 from fabdesign.files.model_file import write_model
 from fabdesign.formats.json_file import plain
 from fabdesign.formats.result_tables import Columns, Tabled
-from fabdesign.geometry.distances import chamfer
 from fabdesign.geometry.metrics import Closed, Errors, closed, mean_errors
 from fabdesign.nouns.corrector import Trust, central_hash
 from fabdesign.nouns.forward import ForwardModel
@@ -224,34 +222,19 @@ def _tested(model: Model, held: Sequence[Chosen], motions: KeptMotions, seed: in
                 continue
             frames = trial.load().frames
             clouds = [frames[k] for k in kept]
-            models = [simple, *(declared[k : k + 1] if declared else [])]
-            first, *others = errors_of(trial, clouds, [motion[kept] for motion in models], noise, seed=seed)
+            models = [simple, *(declared[k : k + 1] if declared else []), answer]
+            shown = [motion[kept] for motion in models]
+            first, *known, last = errors_of(trial, clouds, shown, noise, seed=seed, ordered=corrector.ordered)
             before.append(first)
-            sheet += others
-            if corrector.ordered:
-                after += errors_of(trial, clouds, [answer[kept]], noise, seed=seed)
-            else:
-                after.append(unordered_errors(clouds, answer[kept], first.chamfer_floor))
+            sheet += known
+            after.append(last)
         if not before:
             continue
         means = [mean_errors(each) for each in (before, after)]
         trust = corrector.trust(of_design[0].trial.design)
-        known = mean_errors(sheet) if sheet else None
-        errors[name] = HeldOutErrors(len(before), trust, known, means[0], means[1], _closed(*means))
+        of_sheet = mean_errors(sheet) if sheet else None
+        errors[name] = HeldOutErrors(len(before), trust, of_sheet, means[0], means[1], closed(*means))
     return errors
-
-
-def unordered_errors(
-    clouds: Sequence[NDArray[np.floating]], answer: NDArray[np.float32], chamfer_floor: float
-) -> Errors:
-    """Return the errors [m]. An unordered answer has no surface, and its floor is that of the simulated surface."""
-    apart = float(np.mean([chamfer(cloud, points) for cloud, points in zip(clouds, answer, strict=True)]))
-    return Errors(apart, chamfer_floor, np.nan, np.nan, np.nan)
-
-
-def _closed(before: Errors, after: Errors) -> Closed:
-    share = closed(before, after)
-    return share if np.isfinite(after.surface_rms) else replace(share, surface=None)
 
 
 def _provenance(
