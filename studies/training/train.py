@@ -209,8 +209,7 @@ def _tested(model: Model, held: Sequence[Chosen], motions: KeptMotions, seed: in
     for name in sorted({chosen.trial.design_name for chosen in held}):
         of_design = [chosen for chosen in held if chosen.trial.design_name == name]
         noise = noise_of([chosen.trial for chosen in of_design])
-        sheet, before, after = list[Errors](), list[Errors](), list[Errors]()
-        plain = motions.of(of_design)
+        plain, rows = motions.of(of_design), list[list[Errors]]()
         by_sheet = [replace(c, key=f"{c.key}-sheet", case=case_of(c.trial, Model())) for c in of_design]
         declared = motions.of(by_sheet) if model.parameters else None
         wanted = replace(motions, history=corrector.history()).of(of_design)
@@ -223,17 +222,15 @@ def _tested(model: Model, held: Sequence[Chosen], motions: KeptMotions, seed: in
             frames = trial.load().frames
             clouds = [frames[k] for k in kept]
             models = [simple, *(declared[k : k + 1] if declared else []), answer]
-            shown = [motion[kept] for motion in models]
-            first, *known, last = errors_of(trial, clouds, shown, noise, seed=seed, ordered=corrector.ordered)
-            before.append(first)
-            sheet += known
-            after.append(last)
-        if not before:
+            shown = [points[kept] for points in models]
+            rows.append(errors_of(trial, clouds, shown, noise, seed=seed, ordered=corrector.ordered))
+        if not rows:
             continue
-        means = [mean_errors(each) for each in (before, after)]
+        before, *sheet, after = (mean_errors(each) for each in zip(*rows, strict=True))
         trust = corrector.trust(of_design[0].trial.design)
-        of_sheet = mean_errors(sheet) if sheet else None
-        errors[name] = HeldOutErrors(len(before), trust, of_sheet, means[0], means[1], closed(*means))
+        errors[name] = HeldOutErrors(
+            len(rows), trust, sheet[0] if sheet else None, before, after, closed(before, after)
+        )
     return errors
 
 
