@@ -1,9 +1,10 @@
 """Which cases lie in the fields together, in which lanes, and what they put there."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,6 +21,8 @@ from sim.kernels.fields import LANES
 from sim.kernels.transfer import load
 from sim.loading import contents_of
 from sim.schedule import Batch
+
+Result = TypeVar("Result")
 
 BLOCKS = 8  # of LANES designs in the fields at once
 
@@ -61,6 +64,11 @@ class Chunk:
     @property
     def channels(self) -> int:
         return max(1, *(case.program.pressure.shape[1] for case in self.cases))
+
+    def unpacked(self, lanes: Sequence[Result]) -> Iterator[tuple[int, Result]]:
+        """Yield the result of each case, of those of all lanes, with its place among the cases asked for."""
+        for k, place in enumerate(self.places):
+            yield place, lanes[self.packed.index(k)]
 
     def damped(self) -> "Chunk":
         """Return the chunk with so much air damping that they come to rest soon."""

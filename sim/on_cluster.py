@@ -15,7 +15,7 @@ from sim.chunks import BLOCKS
 from sim.kernels.fields import LANES
 
 Model = TypeVar("Model")
-_Task = tuple[Any, str, list[Case], list[Array] | Sequence[Column] | None]  # model, method, cases, times or columns
+_Task = tuple[Any, str, list[Case], list[Any]]  # model, method, cases, what else it takes
 
 
 @dataclass(frozen=True)
@@ -39,16 +39,24 @@ class OnCluster:
         self,
         method: str,
         cases: Sequence[Case],
-        times: Sequence[Array] | None = None,
+        times: Sequence[Any] | None = None,
         columns: Sequence[Column] | None = None,
     ) -> list[Any]:
-        """Return what `method` of the model gives, a result for each case, at its own times or by the same columns.
-        Raises SimulationError where a batch killed two workers."""
+        """Return what `method` of the model gives, a result for each case, at its own times or instants, by the same
+        columns. Raises SimulationError where a batch killed two workers."""
         if not cases:
             return []
-        parts = batches(cases, times, workers=self.cluster.workers, threads=self.cluster.threads)
+        parts = batches(cases, None if columns else times, workers=self.cluster.workers, threads=self.cluster.threads)
         tasks = [
-            (self.model, method, [cases[i] for i in part], columns if times is None else [times[i] for i in part])
+            (
+                self.model,
+                method,
+                [cases[i] for i in part],
+                [
+                    *([] if times is None else [[times[i] for i in part]]),
+                    *([] if columns is None else [columns]),
+                ],
+            )
             for part in parts
         ]
         results: list[Any] = [None] * len(cases)
@@ -76,7 +84,7 @@ def _answer(task: _Task) -> list[Any]:
     """Return what the model answers, on a worker."""
     model, method, cases, further = task
     asked = getattr(model, method)
-    answers: list[Any] = asked(cases) if further is None else asked(cases, further)
+    answers: list[Any] = asked(cases, *further)
     return answers
 
 

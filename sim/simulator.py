@@ -1,7 +1,8 @@
 """The public way in: a batch of cases becomes motions or equilibrium shapes."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -12,7 +13,7 @@ from fabdesign.effects.acting import acting_pressure, active, specimen_of
 from fabdesign.effects.declaration import ActingPressure
 from fabdesign.errors import InputError, require_number
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.column import Column, FacesJacobian, move
+from fabdesign.nouns.column import Balance, Column, FacesJacobian, Instants, move
 from fabdesign.nouns.forward import HOLD, RISE, Case
 from fabdesign.nouns.model import POINTS_PER_SIDE
 from fabdesign.nouns.pressure import RISE_STEPS, rising_program
@@ -28,6 +29,8 @@ from sim.motion import SimulatedMotion, motion_of
 from sim.on_cluster import OnCluster
 from sim.schedule import Batch, by_block, of_motions
 from sim.step import Solve, advance
+from sim.tangent.explicit import LaneColumns, MovedCases
+from sim.tangent.motion import balance_of, solve_in_motion
 from sim.tangent.shapes import Jacobian, Solved, completed, faces_changes, share_out, solve_at_rest, together
 from sim.time_steps import Jumps, Steps, jumps_of, steps_of
 
@@ -259,16 +262,48 @@ class Simulator:
             [c for c, column in enumerate(columns) if all(map(_has_tangent, move(case, column, column.step).sides))]
             for case in cases
         ]
-        lanes = share_out(cases, solvable)
+        shares, moved = share_out(solvable), self._moved(cases, columns, self._at_rest_pressure)
         results: list[list[Solved]] = [[] for _ in cases]
         with lock:
-            for chunk in chunks_of([lane.case for _, lane in lanes], self.points_per_side):
+            for chunk in chunks_of([cases[i] for i, _ in shares], self.points_per_side):
                 batch = self._at_rest(chunk)
-                riding = [lanes[chunk.places[k]][1] for k in chunk.packed]
-                solved = solve_at_rest(batch, riding, columns, self._at_rest_pressure)
-                for k, i in enumerate(chunk.places):
-                    results[lanes[i][0]].append(solved[chunk.packed.index(k)])
+                lanes = [LaneColumns(*shares[chunk.places[k]]) for k in chunk.packed]
+                for i, one in chunk.unpacked(solve_at_rest(batch, lanes, moved)):
+                    results[shares[i][0]].append(one)
         return [together(parts) for parts in results]
+
+    def balances(self, cases: Sequence[Case], instants: Instants, columns: Sequence[Column]) -> list[list[Balance]]:
+        """Return how frames of motions change with each column where forces balance with inertia and damping
+        (sim/tangent/motion.py), at each case's own instants; NaN where no tangent is positive definite. A force
+        that an effect adds stays as it is."""
+        if (cluster := current()) is not None:
+            return OnCluster(self, cluster).ask("balances", cases, instants, columns)
+        until = max((one.time for some in instants for one in some), default=0.0)
+        moved = self._moved(cases, columns, partial(self._pressures, until))
+        frames = [(i, f) for i, some in enumerate(instants) for f in range(len(some))]
+        shares = share_out([range(len(columns))] * len(frames))
+        results: list[list[Solved]] = [[] for _ in frames]
+        with lock:
+            for chunk in chunks_of([cases[frames[k][0]] for k, _ in shares], self.points_per_side):
+                batch = laid(chunk, self.points_per_side, False)
+                lanes, states = [], []
+                for k, some in (shares[chunk.places[packed]] for packed in chunk.packed):
+                    i, f = frames[k]
+                    states.append(instants[i][f])
+                    tick = round(states[-1].time / self.time_step)
+                    lanes.append(LaneColumns(i, some, tick, states[-1].acceleration))
+                for k, one in chunk.unpacked(solve_in_motion(batch, lanes, moved, states)):
+                    results[shares[k][0]].append(one)
+        balances = iter(balance_of(together(parts), len(columns)) for parts in results)
+        return [[next(balances) for _ in some] for some in instants]
+
+    def _moved(self, cases: Sequence[Case], columns: Sequence[Column], pressure: Callable[[Case], Array]) -> MovedCases:
+        return MovedCases(cases, columns, self.points_per_side, pressure)
+
+    def _pressures(self, until: float, case: Case) -> Array:
+        """Return (ticks, channels) Pa that act at the ticks of a case, the last after `until` s."""
+        means = acting_pressure(case, round(until / self.time_step) + 2, self.time_step).means
+        return np.asarray(0.5 * (means + means[np.maximum(np.arange(len(means)) - 1, 0)]))
 
     def _at_rest(self, chunk: Chunk, approach: Approach = Approach.USUAL) -> Batch:
         """Return the chunk in the fields, after a damped motion to rest under its last pressures."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from itertools import count, takewhile
 from pathlib import Path
+from typing import ClassVar
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -110,6 +111,7 @@ class Exported:
     files: tuple[Path, ...]
     pressures: tuple[NDArray[np.float64], ...]  # (channels,) Pa of each pose, at the end of its program
     left_out: tuple[str, ...]  # what could not be made, and what would help
+    json_keys: ClassVar = "files", ("pressures_kpa", "pressures"), "left_out"
 
 
 @dataclass(frozen=True)

@@ -167,10 +167,19 @@ class EffectParameter:
     transform: Annotated[Literal["linear", "log"], Key("prior.transform")] = "linear"
     integer: bool = False  # a number of something, such as a channel: chosen, not fitted
     tried: tuple[float, ...] = ()  # where a fit of all effects has it, of a place as shares of the cloth: chosen too
-    json_keys: ClassVar = "unit", "what", "typical", "off", "bounds", "centre", "deviation", "transform"
+    json_keys: ClassVar = (
+        "unit",
+        "what",
+        "typical",
+        "off",
+        "bounds",
+        ("prior.centre", "centre"),
+        "deviation",
+        "transform",
+    )
 
     @property
-    def centre(self) -> Annotated[float, Key("prior.centre")]:
+    def centre(self) -> float:
         """Return the prior's centre."""
         return self.typical if self.off is None else self.off
 

@@ -15,11 +15,10 @@ from fabdesign.formats.codec import as_number, decode
 from fabdesign.formats.schema import Key
 from fabdesign.formats.table import Table, load_toml
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.bench import Bench, BenchRecord, Specimen
+from fabdesign.nouns.bench import MUSCLES, Bench, BenchRecord, Specimen
 from fabdesign.units import in_kpa
 
 FORMAT = "fabdesign.bench/1"
-SPECIMENS: tuple[Specimen, ...] = ("muscle", "strip", "cylinder", "actuator")
 _GAUGE = 0.02  # of the highest pressure: so far below zero a gauge may read without pressure
 _RATIOS = {  # said of a column that is not there
     "contraction": " (1 - l/l0; of a length, with rest_length in [constants], m)",
@@ -159,7 +158,7 @@ def _require_units(records: tuple[BenchRecord, ...], path: Path, specimen: Speci
     if pressures:
         lab_table.require_measured_pressures(np.concatenate(pressures), str(path))
         lowest, highest = (float(f(np.concatenate(pressures))) for f in (np.min, np.max))
-        if specimen == "muscle" and lowest < -_GAUGE * highest:
+        if specimen in MUSCLES and lowest < -_GAUGE * highest:
             raise InputError(
                 f"{path}: the lowest pressure is {in_kpa(lowest):.4g} kPa; expected gauge pressures of at least 0"
             )

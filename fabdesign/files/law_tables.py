@@ -17,7 +17,6 @@ from fabdesign.formats.csv_table import decimal, read_raw_table, write_rows
 from fabdesign.formats.lab_table import LabTable, require_measured_pressures
 from fabdesign.formats.schema import ABOVE_0, Key, Metre
 from fabdesign.formats.table import Table, load_toml
-from fabdesign.nouns.bench import Specimen
 from fabdesign.output import write_text
 from fabdesign.units import kilopascals
 
@@ -26,8 +25,9 @@ _STRETCH = 0.9  # a first strain from here on is a stretch
 _MOST = 5.0  # strain, more than any cloth bears
 BENCH_COLUMNS = ["pressure_kpa", "contraction", "force_n"]
 FORMAT = "fabdesign.bench-law/1"
+LawSpecimen = Literal["strip", "cylinder", "actuator"]
 # columns of the table by specimen; the first rises, or names a term
-TABLES: Mapping[Specimen, tuple[str, ...]] = {
+TABLES: Mapping[LawSpecimen, tuple[str, ...]] = {
     "strip": ("strain", "force_n", "low90_n", "high90_n"),
     "cylinder": ("term", "coefficient_n", "low90_n", "high90_n"),
     "actuator": ("pressure_kpa", "displacement_m"),
@@ -127,7 +127,7 @@ class BenchLaw:
     from -1 to 1), which follows the motion over the `presliding` distance; a term is the product of its factors.
     """
 
-    specimen: Specimen
+    specimen: LawSpecimen
     output: str  # force or displacement
     columns: Mapping[str, NDArray[np.float64]]  # (n,) each, in the file's units, by the names in TABLES without `term`
     terms: tuple[str, ...] = ()  # of a cylinder, such as "s p"
@@ -139,7 +139,7 @@ class BenchLaw:
 class LawKeys:
     """[law] as a file has it."""
 
-    specimen: Annotated[Literal["strip", "cylinder", "actuator"], Key("law.specimen"), "that was on the bench"]
+    specimen: Annotated[LawSpecimen, Key("law.specimen"), "that was on the bench"]
     output: Annotated[str, Key("law.output"), "force or displacement"]
     table: Annotated[Path, Key("law.table"), "a CSV beside it"]
     form: Annotated[str | None, Key("law.form"), "of a cylinder: the choice of terms"] = None
@@ -167,7 +167,6 @@ def write_bench_law(law: BenchLaw, path: Path, table: Path, *, comment: str = ""
     if comment:
         document.add(tomlkit.comment(comment))
     document["format"] = FORMAT
-    assert law.specimen != "muscle"
     keys = LawKeys(law.specimen, law.output, table, law.form, law.presliding)
     document.update(Encoder(table).encode(keys))
     header = TABLES[law.specimen]
@@ -176,7 +175,7 @@ def write_bench_law(law: BenchLaw, path: Path, table: Path, *, comment: str = ""
     write_text(path, tomlkit.dumps(document))
 
 
-def read_law_table(file: Path, specimen: Specimen) -> tuple[tuple[str, ...], dict[str, NDArray[np.float64]]]:
+def read_law_table(file: Path, specimen: LawSpecimen) -> tuple[tuple[str, ...], dict[str, NDArray[np.float64]]]:
     """Return a cylinder's terms (none of others) and the columns of numbers. Raises InputError."""
     header, rows, *_ = read_raw_table(file)
     if tuple(header) != TABLES[specimen]:

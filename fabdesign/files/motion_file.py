@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import isqrt
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,7 @@ class Motion(Tabled):
     size: tuple[float, float] | None = None  # m, width and height of the flat cloth; None: not known
     muscles: LacedMuscles | None = None  # None: not known
     band: NDArray[np.float64] | None = None  # (T, 3, 3) m
+    json_keys: ClassVar = ("frames", lambda of: len(of.time)), ("points", lambda of: of.points.shape[1])
 
     @property
     def faces(self) -> NDArray[np.float32]:
@@ -99,10 +100,6 @@ class Motion(Tabled):
         x, y, z = self.points.reshape(-1, 3).T
         names = np.array(["front", "back"])
         return {"time": self.time[at[0]], "face": names[at[1]], "row": at[2], "column": at[3], "x": x, "y": y, "z": z}
-
-    def to_json(self) -> dict[str, Any]:
-        """Return how much there is of it."""
-        return {"frames": len(self.time), "points": self.points.shape[1]}
 
 
 def write_motion(

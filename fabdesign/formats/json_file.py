@@ -1,8 +1,14 @@
 """Values as JSON, written and read in one way.
 
-Results stand there in the border's units, mm and kPa: a field of a dataclass, or a property's return type, declares key
-and unit where they differ (`Key` and `FileUnit` of `schema`), as in any other file. A class may name in `json_keys` the
-fields and properties that stand there; one whose JSON is of another shape has the method `json_content`.
+Results stand there in the border's units, mm and kPa: the fields of a dataclass declare key and unit where they differ
+(`Key` and `FileUnit` of `schema`), as in any other file. A class whose keys are not its fields has them in `json_keys`:
+
+    json_keys: ClassVar = (
+        "complete",  # a field or property
+        "study.seed",  # the key is its last name; of None all is None
+        ("by_time.error_mm", "errors.rms"),  # a key, in a table; one that ends in _mm or _kpa has that unit
+        ("cycles", lambda of: len(of.pressures)),  # what is computed of the object; with the key "**" a table's keys
+    )
 
 What is kept between runs stands there `exact`, to the last bit: SI, by the fields' own names, arrays as their bytes.
 Nothing but what a declared type says is made of it again, so that a file of others can do no harm.
@@ -10,7 +16,7 @@ Nothing but what a declared type says is made of it again, so that a file of oth
 
 import base64
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache, partial
 from math import isfinite
@@ -19,8 +25,9 @@ from types import NoneType
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from fabdesign.errors import InputError
-from fabdesign.formats.schema import FileKey, FileUnit, annotated, file_key, members, unit_of
+from fabdesign.formats.schema import MM, FileKey, FileUnit, Key, Notes, annotated, file_key, members, unit_of
 from fabdesign.output import write_text
+from fabdesign.units import in_kpa
 
 T = TypeVar("T")
 
@@ -50,7 +57,7 @@ def read_json(path: Path, kind: type = dict) -> Any:
 def plain(value: Any, unit: FileUnit | None = None) -> Any:
     """Return what JSON holds of a value: of a dataclass a table. unit: of numbers that declare none."""
     if is_dataclass(value) and not isinstance(value, type):
-        return plain(value.json_content()) if hasattr(value, "json_content") else _table(value, unit)
+        return _table(value, unit)
     if hasattr(value, "tolist"):  # of numpy, which is not loaded for a help
         return plain(value.tolist(), unit)
     if isinstance(value, Mapping | list | tuple):
@@ -65,8 +72,8 @@ def plain(value: Any, unit: FileUnit | None = None) -> Any:
 def _table(value: Any, unit: FileUnit | None) -> dict[str, Any]:
     """Return the table of a dataclass. unit: of the numbers that declare none."""
     table: dict[str, Any] = {}
-    for each in _keys(cast(Any, type(value))):
-        item, key = getattr(value, each.field), each.notes.key
+    for each, source in _keys(cast(Any, type(value))):
+        item, key = source(value), each.notes.key
         if not each.name or (key.brief and item == each.default):
             continue
         inner = table
@@ -77,19 +84,33 @@ def _table(value: Any, unit: FileUnit | None) -> dict[str, Any]:
     return table
 
 
+_UNITS = {"_mm": MM, "_kpa": FileUnit("kPa", write=in_kpa)}  # by the ending of a key
+
+
 @cache
-def _keys(form: type) -> tuple[FileKey, ...]:
-    """Return the keys of a dataclass: of the fields and properties that it names, else of all fields."""
-    keys = []
+def _keys(form: type) -> tuple[tuple[FileKey, Callable[[Any], Any]], ...]:
+    """Return the keys of a dataclass, each with what takes its value from the object."""
     declared = {field.name: field for field in fields(form)}
-    for name in getattr(form, "json_keys", declared):
-        if field := declared.get(name):
-            keys.append(file_key(name, field.type, field))
+    keys = []
+    for entry in getattr(form, "json_keys", declared):
+        name, source = entry if isinstance(entry, tuple) else (entry.rpartition(".")[2], entry)
+        if name == source and name in declared:
+            key = file_key(name, declared[name].type, declared[name])
         else:
-            member = getattr(form, name)
-            returned = (getattr(member, "fget", None) or member.func).__annotations__["return"]
-            keys.append(file_key(name, returned))
+            *tables, name = name.split(".")
+            unit = next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), None)
+            key = FileKey(name, tuple(tables), name, Any, Notes(Key(inside=name == "**"), unit), "")
+        keys.append((key, source if callable(source) else partial(_at, source.split("."))))
     return tuple(keys)
+
+
+def _at(path: Sequence[str], value: Any) -> Any:
+    """Return what stands at the end of a path of attributes, or of a mapping's keys; None behind a None."""
+    for name in path:
+        if value is None:
+            break
+        value = value[name] if isinstance(value, Mapping) else getattr(value, name)
+    return value
 
 
 def exact(value: Any) -> Any:

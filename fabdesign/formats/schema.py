@@ -120,8 +120,8 @@ def _file_keys(form: Any) -> tuple[FileKey, ...]:
     return tuple(file_key(each.name, hints[each.name], each) for each in fields(form) if each.init)
 
 
-def file_key(name: str, hint: Any, field: Any = None) -> FileKey:
-    """Return the key of a dataclass's field, or of a property, by its type."""
+def file_key(name: str, hint: Any, field: Any) -> FileKey:
+    """Return the key of a dataclass's field by its type."""
     factory = getattr(field, "default_factory", MISSING)
     default = getattr(field, "default", MISSING) if factory is MISSING else factory()
     plain, notes, sentence = annotated(hint)

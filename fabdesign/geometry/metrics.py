@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, astuple, dataclass, fields
 from functools import partial
 from itertools import islice
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -223,6 +223,7 @@ class Closed:
 
     surface: float | None  # of the excess of the surface RMS: the one figure by which models are compared
     chamfer: float | None  # beside it
+    json_keys: ClassVar = "surface", "chamfer", ("value", "surface")
 
 
 def closed(before: Errors, after: Errors) -> Closed:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fabdesign.interface.verb import DesignLike, File, Folder, ModelLike, SetLike
     from studies.loop.record import LoopOutcome
     from studies.sensitivity.result import SensitivityResult
-    from studies.unseen.report import UnseenResult
+    from studies.unseen.result import UnseenResult
 
 
 @study_verb("studies.sensitivity.report")

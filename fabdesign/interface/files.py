@@ -113,11 +113,8 @@ def _as_target(given: Placing | Looking) -> AsTarget:
 
 def _exported(made: Exported, given: Mapping[str, Any]) -> Shown:
     from fabdesign.nouns.pressure import poses_in_words
-    from fabdesign.units import in_kpa
 
-    files, kpa = [str(file) for file in made.files], [in_kpa(row).tolist() for row in made.pressures]
-    content = {"files": files, "pressures_kpa": kpa, "left_out": list(made.left_out)}
-    return Shown(content, "\n".join([*files, *poses_in_words(made.pressures)]))
+    return Shown(made, "\n".join([*map(str, made.files), *poses_in_words(made.pressures)]))
 
 
 @verb(_exported)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 def _evaluated(result: Any, given: Mapping[str, Any]) -> Shown:
     if hasattr(result, "as_markdown"):  # of a bench
-        return Shown(result.to_json(), result.as_markdown())
+        return Shown(result, result.as_markdown())
     from studies.prediction.evaluation_report import tables_markdown
 
     text = "\n".join([tables_markdown(result), *(f"skipped: {line}" for line in result.skipped)])
@@ -195,7 +195,7 @@ def _traced(result: Any, given: Mapping[str, Any]) -> Shown:
     from studies.tracing import report as of_set
 
     as_text = of_bench.as_text if hasattr(result, "bench") else of_set.as_text
-    return Shown(result.to_json(), f"{given['out']}: {as_text(result)}")
+    return Shown(result, f"{given['out']}: {as_text(result)}")
 
 
 def _share_or_metres(given: dict[str, Any]) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
 from fabdesign.errors import InputError
 from fabdesign.formats.result_tables import Columns, Tabled
@@ -187,6 +187,7 @@ class Sweep(Tabled):
     pressures: tuple[NDArray[np.float64], ...]
     values: Mapping[str, NDArray[np.float64]]
     complete: bool
+    json_keys: ClassVar = ("**", lambda of: of.columns()), "complete"
 
     def __getitem__(self, output: str) -> NDArray[np.float64]:
         """Return (n,) of an output."""
@@ -209,10 +210,6 @@ class Sweep(Tabled):
             **{f"channel_{k}_kpa": padded[:, k] for k in range(channels)},
             **self.values,
         }
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the columns."""
-        return {**self.columns(), "complete": self.complete}
 
 
 def sweep(

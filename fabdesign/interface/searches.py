@@ -62,22 +62,21 @@ def followed(run: Run) -> Callable[..., None]:
 def _optimized(result: StudyResult, given: Mapping[str, Any]) -> Shown:
     from fabdesign.geometry.metrics import MANY_BEYOND, beyond_in_words
     from fabdesign.nouns.pressure import poses_in_words
+    from fabdesign.units import in_mm
     from studies.layout_search.target import errors_in_words
 
-    content = result.to_json()
     text = (
-        f"{given['out']}: {content['objective_mm']:.3f} mm ({errors_in_words(result.study, result.errors)}) after "
-        f"{content['evaluations']} evaluations, {result.search_time}; {content['stop_reason']}"
+        f"{given['out']}: {in_mm(result.objective):.3f} mm ({errors_in_words(result.study, result.errors)}) after "
+        f"{len(result.history)} evaluations, {result.search_time}; {result.stop_reason}"
     )
     outputs = [f"{name}: {', '.join(values)}" for name, values in result.outputs.items()]
-    after = [content["fewer"]["said"]] if content["fewer"] else []
-    after += [result.within_in_words] if result.within_in_words else []
-    after += content["robust"]["said"] if content["robust"] else []
-    after += [*content["reach"]["said"], *content["way"]["said"]]
-    if content["surface_beyond"] >= MANY_BEYOND:
-        after.append(beyond_in_words(content["surface_beyond"]))
-    targets = [f"target: {target}" for target in content["targets"]]
-    return Shown(content, "\n".join([*targets, text, *poses_in_words([*result.pressure]), *outputs, *after]))
+    after = [line for line in (result.fewer_in_words, result.within_in_words) if line]
+    after += result.robust.sentences if result.robust else []
+    after += result.reach.sentences + (result.loading_path.sentences if result.loading_path else [])
+    if result.errors.beyond >= MANY_BEYOND:
+        after.append(beyond_in_words(result.errors.beyond))
+    targets = [f"target: {target.description}" for target in result.targets]
+    return Shown(result, "\n".join([*targets, text, *poses_in_words([*result.pressure]), *outputs, *after]))
 
 
 @verb(_optimized, "STUDY", interval=_INTERVAL, search=True)

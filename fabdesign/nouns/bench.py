@@ -9,6 +9,7 @@ from fabdesign.errors import InputError
 from fabdesign.nouns.array import Array
 
 Specimen = Literal["muscle", "strip", "cylinder", "actuator"]
+MUSCLES: tuple[Specimen, ...] = ("muscle",)  # whose calibration is a muscle type, which designs include
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +39,10 @@ class Bench:
     description: str = ""
     source: str = ""
     file: Path = Path("bench.toml")
+
+    @property
+    def is_muscle(self) -> bool:
+        return self.specimen in MUSCLES
 
     def of_role(self, role: str) -> list[BenchRecord]:
         """Return the records of a role."""

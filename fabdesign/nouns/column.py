@@ -13,7 +13,7 @@ from fabdesign.effects.acting import terms_of
 from fabdesign.effects.registry import effect_named
 from fabdesign.errors import InputError
 from fabdesign.nouns.array import Floats
-from fabdesign.nouns.forward import Case, Term
+from fabdesign.nouns.forward import Case, Instant, Term
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.nouns.pressure import PressureProgram
 
@@ -174,6 +174,17 @@ class FacesJacobian(NamedTuple):
 
 
 Jacobians = Callable[[Sequence[Case], Sequence[Column]], list[FacesJacobian]]
+
+
+class Balance(NamedTuple):
+    """How the mid-surface of a frame of a motion moves where its forces balance with inertia and damping."""
+
+    response: Floats  # (n, n, 3) m, to what the cloth seen has of these beyond the motion's
+    changes: Floats  # (p, n, n, 3) m per unit of the column; NaN, as `response`, where there is no tangent
+
+
+Instants = Sequence[Sequence[Instant]]  # of each case
+Balances = Callable[[Sequence[Case], Instants, Sequence[Column]], list[list[Balance]]]
 
 
 def with_on_top(

@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import MUSCLE_TYPES as MUSCLE_TYPES
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.design import Term as Term
@@ -31,6 +32,20 @@ class Case:
     factors: Mapping[str, float] = field(default_factory=dict)
     effects: tuple[Term, ...] = ()
     order: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """A frame of a motion, of the mid-surface on the simulator's own n x n grid, and how a cloth that was seen moves
+    relative to it. time: s after rest. Arrays: (n, n, 3)."""
+
+    time: float
+    middle: Array  # m
+    velocity: Array  # m/s
+    acceleration: Array  # m/s^2
+    moved: Array  # m, from this frame's mid-surface to the one seen
+    moved_velocity: Array  # m/s, how that changes
+    moved_acceleration: Array  # m/s^2
 
 
 class ForwardModel(Protocol):

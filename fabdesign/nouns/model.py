@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import NormalDist
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,6 +155,7 @@ class Spread:
         str, "hash of parameters, effects, covariance and corrector"
     ]  # fabdesign.nouns.model_sampling
     designs: Annotated[Mapping[str, Times], "times all of this, of designs by name"] = field(default_factory=dict)
+    json_keys: ClassVar = ("constant_mm", "constant"), "covariance", "motion", "trials", "held", "designs"
 
 
 @dataclass(frozen=True)

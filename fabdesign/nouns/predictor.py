@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fabdesign.effects.acting import is_sensing, observed, seen_at
 from fabdesign.geometry.shape import Shape, Sheet, sheets_of
 from fabdesign.nouns.array import Array, Floats
-from fabdesign.nouns.column import Column, FacesJacobian, Jacobians, with_on_top
+from fabdesign.nouns.column import Balances, Column, FacesJacobian, Jacobians, with_on_top
 from fabdesign.nouns.corrector import Corrector, with_history
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
@@ -86,6 +86,13 @@ class Predictor:
             return with_on_top(modelled, columns, simulated, self._on_top)
 
         return jacobians
+
+    @property
+    def balances(self) -> Balances | None:
+        """Return how frames of motions change where forces balance; None where the simulator does not offer it, or a
+        corrector adds what no force does."""
+        bare: Balances | None = getattr(self.simulator, "balances", None)
+        return None if self.corrector is not None else bare
 
     def _on_top(self, cases: Sequence[Case], shapes: Sequence[Floats]) -> list[NDArray[np.float32]]:
         """Return what the corrector and sensing make of shapes at rest; the cases with what the model adds."""

@@ -26,7 +26,7 @@ from fabdesign.units import in_kpa
 Kind = Literal["optimize", "sensitivity", "layouts", "unseen", "loop", "follow"]
 KINDS = get_args(Kind)
 Side = Literal["front", "back"]
-Measure = Literal["chamfer", "surface_rms"]
+MeasureName = Literal["chamfer", "surface_rms"]  # each is a `Measure` of optimize/search/objective.py
 CORNERS = 3  # between a muscle's ends, at most
 HIGHEST = 400e3  # Pa, of the pressures searched where the study does not say
 
@@ -214,7 +214,7 @@ class Study(StudyFile):
     positions: Annotated[bool, _POSITIONS, "of corner points vary; absent: where muscles is there"] = False
     muscles: Annotated[MuscleChoice | None, Key("variables.muscles"), "absent: the count stays"] = None
     limits: StudyLimits = StudyLimits()
-    objective: Annotated[Measure, "what is made small"] = "chamfer"
+    objective: Annotated[MeasureName, "what is made small"] = "chamfer"
     start_pressures: Annotated[NDArray[np.float64] | None, START_PRESSURES, "where the search begins"] = None
     earlier: Annotated[EarlierResult | None, _START, "the folder of an earlier result, to begin with"] = None
     order: Order = 0

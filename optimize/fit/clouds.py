@@ -3,7 +3,7 @@
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -60,12 +60,6 @@ def sample_trial(
 
 def _frames_until(times: Array, until: float) -> int:
     return max(int(np.searchsorted(times, until + 1e-6)), 1)
-
-
-def cut(sample: Sample, until: float) -> Sample:
-    """Return the sample with its frames up to `until` s, at least the first."""
-    count = _frames_until(sample.times, until)
-    return replace(sample, times=sample.times[:count], clouds=sample.clouds[:count])
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """The one fit: bounded Gauss-Newton steps in a problem's unknowns, with priors; honest covariances."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -14,7 +14,7 @@ from optimize.fit import policy as constants
 from optimize.fit.fitted import Ending, Fit, concluded, kept
 from optimize.fit.normal import LARGEST, Normal, directions, loss, step_to_minimum
 from optimize.fit.parameters import FitVector
-from optimize.fit.policy import END, UNSURE, FitStage, Policy
+from optimize.fit.policy import END, FitStage, Policy
 from optimize.fit.problem import Evaluation, InputErrors, Linearisation, Problem
 from optimize.fit.significance import needed
 
@@ -23,8 +23,8 @@ Progress = Callable[[str, float], None]  # what is done, and about what share of
 
 @dataclass(frozen=True, eq=False)
 class FitStart:
-    """Where a fit begins. x: (p,) or (k, p), on all rows at once, of several where the residuals are least; None: at
-    the vector's start, over growing horizons. jacobian: (N, p) m, of a place near x, of which columns of NaN are made;
+    """Where a fit begins. x: (p,) or (k, p), of several where the residuals are least; None: at the vector's start.
+    jacobian: (N, p) m, of a place near x, of which columns of NaN are made;
     the others are made again where its steps gain too little. inputs: what errors of them do on all rows, known from a
     fit of the same rows, so that models are compared by the same weights; None: the problem says."""
 
@@ -174,24 +174,12 @@ class _Work:
         self.reached: Callable[[], Fit] | None = None
 
     def fit(self, progress: Progress) -> Fit:
-        """Fit over growing horizons unless the start is known, then all rows, then with the finer engine if any."""
+        """Fit all rows, then with the finer engine if any."""
         problem, coarse = self.problem, self.problem.coarse
-        *early, last = problem.horizons
-        known = self._start_on_all_rows(coarse) if early else None
-        early = early if self.start.x is None and known is None else []
-        costs = np.cumsum([*early, last, 0 if coarse is problem else last])
-        *shares, all_rows, finer = parts(progress, *(costs / costs[-1]).tolist()[:-1])
-        starts, along, hopeless = self._starts, np.diag(constants.STEP * problem.vector.scale), False
-        for horizon, share in zip(early, shares, strict=True):
-            state, along = self._horizon(horizon, starts[0], along, share)
-            starts, hopeless = state.x[None], state.misfit.rms > self.policy.hopeless
-            if hopeless:
-                break
-        descent, evaluation = self._begun(coarse, known or self._evaluated(coarse, starts))
-        state = begun(coarse, evaluation, along, self.start.jacobian)
-        if hopeless:
-            return descent.concluded(state, self.iterations, "hopeless")
-        course = self._all_rows(descent, state, coarse.span(last), all_rows)
+        rows, finer = parts(progress, 1.0 if coarse is problem else 0.5)
+        descent, evaluation = self._begun(coarse)
+        state = begun(coarse, evaluation, np.diag(constants.STEP * problem.vector.scale), self.start.jacobian)
+        course = self._all_rows(descent, state, rows)
         if coarse is not problem:  # grids differ by less than a model does: one step is usual
             evaluation, sheet = problem.evaluate([course.state.x, np.zeros(len(course.state.x))])
             descent = _Descent(problem, descent.inputs, sheet.misfit.rms)
@@ -199,51 +187,25 @@ class _Work:
             course = self._descend(descent, _Course(state, exact=False), self.policy.finer, "finer grid, ", finer)
         return descent.concluded(course.state, self.iterations, course.ended or "iterations")
 
-    def _start_on_all_rows(self, problem: Problem) -> list[Evaluation] | None:
-        """Return the vector's start as `_evaluated` does where it leaves so little of all rows that steps on these go
-        on from it; None where they may go astray, and where another start is given."""
-        if self.start.x is not None or not np.isfinite(problem.expected):
-            return None
-        evaluations = self._evaluated(problem, self._starts)
-        return evaluations if evaluations[0].misfit.rms <= constants.WRONG * problem.expected else None
-
-    @property
-    def _starts(self) -> Array:
-        """Return the places (k, p) where the fit may begin."""
-        return np.atleast_2d(self.problem.vector.start if self.start.x is None else self.start.x)
-
-    def _horizon(self, horizon: float, x: Array, along: Array, progress: Progress) -> tuple[Linearisation, Array]:
-        """Return where steps over the first `horizon` s lead, and the rows of the next differences there."""
-        problem = self.problem.until(horizon)
-        evaluation = problem.evaluate([x])[0]
-        inputs = problem.input_errors(evaluation) if self.start.inputs is None else None
-        state, descent = problem.linearise(evaluation, along), _Descent(problem, inputs, evaluation.misfit.rms)
-        state = self._descend(descent, _Course(state), UNSURE, problem.span(horizon), progress).state
-        return state, directions(step_to_minimum(state, problem.vector, inputs, far=np.inf)[1], problem.vector)
-
-    def _evaluated(self, problem: Problem, starts: Array) -> list[Evaluation]:
-        """Return the starts (k, p) on all rows, and the data sheet last, which may be the only start."""
-        sheet = np.zeros((1, starts.shape[1]))
-        return problem.evaluate([*starts, *(sheet if starts.any() else [])])
-
-    def _begun(self, problem: Problem, evaluations: Sequence[Evaluation]) -> tuple[_Descent, Evaluation]:
-        """Return a descent on all rows, and the best of the starts, as `_evaluated` gives them."""
+    def _begun(self, problem: Problem) -> tuple[_Descent, Evaluation]:
+        """Return a descent, and the best of the starts, of which the data sheet may be the only one."""
+        starts = np.atleast_2d(problem.vector.start if self.start.x is None else self.start.x)
+        evaluations = problem.evaluate([*starts, *(np.zeros((1, starts.shape[1])) if starts.any() else [])])
         best = min(evaluations[:-1] or evaluations, key=lambda one: one.misfit.rms)
         inputs = problem.input_errors(best) if self.start.inputs is None else self.start.inputs
         return _Descent(problem, inputs, evaluations[-1].misfit.rms, self.policy.hopeless, self.policy.content), best
 
-    def _all_rows(self, descent: _Descent, state: Linearisation, line: str, progress: Progress) -> _Course:
+    def _all_rows(self, descent: _Descent, state: Linearisation, progress: Progress) -> _Course:
         """Return where the first steps and, where these leave little enough, the last ones lead."""
         begin, end, exact = self.policy.begin, self.policy.end, self.start.jacobian is None
         if end is None:
-            return self._descend(
-                descent, _Course(state, exact), replace(begin, exact_end=begin.exact_end and exact), line, progress
-            )
+            stage = replace(begin, exact_end=begin.exact_end and exact)
+            return self._descend(descent, _Course(state, exact), stage, "", progress)
         first, second = parts(progress, 0.5)
-        state = self._descend(descent, _Course(state, exact), begin, line, first).state
+        state = self._descend(descent, _Course(state, exact), begin, "", first).state
         if state.misfit.rms > constants.WRONG * self.problem.expected:
             end = replace(begin, exact_end=end.exact_end)
-        return self._descend(descent, _Course(state, exact=False), end, line, second)
+        return self._descend(descent, _Course(state, exact=False), end, "", second)
 
     def _descend(self, descent: _Descent, course: _Course, stage: FitStage, line: str, progress: Progress) -> _Course:
         """Return where a stage ends."""

@@ -36,8 +36,8 @@ class FitStage:
 @dataclass(frozen=True)
 class Policy:
     """How a fit goes on and ends. name: for people. begin: the first steps on all rows. end: those after them; None:
-    another fit goes on. finer: the last ones, of a problem with a finer engine. hopeless: m RMS: where a horizon leaves
-    more, or on all rows the minimum of the linearised residuals, the fit ends. content: m RMS: where steps that gain
+    another fit goes on. finer: the last ones, of a problem with a finer engine. hopeless: m RMS: where the
+    minimum of the linearised residuals leaves more, the fit ends. content: m RMS: where steps that gain
     too little leave no more, no Jacobian is made anew."""
 
     name: str
@@ -63,6 +63,7 @@ def to_the_end(name: str, end: FitStage) -> Policy:
 
 
 ROUGH = Policy("rough", _ROUGH_STAGE, UNSURE)
-AT_REST = Policy("at rest", UNSURE, UNSURE)  # a column costs little, but motions go on from there
+# Balance leads near: a frame that is far off then is of a cloth on another side, not of an effect that is missing.
+FROM_BALANCE = Policy("from balance", replace(_ROUGH_STAGE, far=FAR), UNSURE)
 END = to_the_end("to its end", _PRECISE)
 DECLARED_ALONE = to_the_end("declared parameters", CLOSE)

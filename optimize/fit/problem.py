@@ -11,7 +11,7 @@ from fabdesign.geometry.shape import Sheet, sheets_of
 from fabdesign.nouns.array import Array, Indices
 from fabdesign.nouns.forward import Case, ForwardModel, Term
 from fabdesign.nouns.trial import Accuracy, Trial
-from optimize.fit.clouds import BLOCK, Match, Motion, Sample, cut, derivatives, match, nodes_of
+from optimize.fit.clouds import Match, Motion, Sample, derivatives, match, nodes_of
 from optimize.fit.misfit import ROWS, Misfit, frames_of
 from optimize.fit.parameters import DECLARED, FitVector
 
@@ -60,19 +60,6 @@ class Problem:
     def changes(self, evaluation: Evaluation, rows: Array) -> Array:
         """Return the change (N, k) of each residual by k steps (k, p) of the unknowns."""
         raise NotImplementedError
-
-    @property
-    def horizons(self) -> Sequence[float]:
-        """Return s of the samples, one a descent; the last holds all."""
-        return (1.0,)
-
-    def until(self, horizon: float) -> "Problem":
-        """Return the problem of the samples' first `horizon` s."""
-        return self
-
-    def span(self, horizon: float) -> str:
-        """Return how progress begins over so many s."""
-        return ""
 
     @property
     def coarse(self) -> "Problem":
@@ -141,19 +128,6 @@ class FitProblem(Problem):
     vector: FitVector = DECLARED
     accuracy: Accuracy | None = None
     expected: float = np.inf
-
-    @cached_property
-    def horizons(self) -> Sequence[float]:
-        """Return the horizons of the samples, s."""
-        return horizons_of(self.samples)
-
-    def until(self, horizon: float) -> "FitProblem":
-        """Return the problem of the samples' first `horizon` s, on the cheaper engine alone."""
-        return replace(self.coarse, samples=[cut(sample, horizon) for sample in self.samples])
-
-    def span(self, horizon: float) -> str:
-        """Return how progress begins over so many s."""
-        return f"to {horizon:g} s, "
 
     @property
     def coarse(self) -> "FitProblem":
@@ -245,22 +219,6 @@ def widened(jacobian: Array, at: Indices | Sequence[int], count: int) -> Array:
     wide = np.full((len(jacobian), count), np.nan)
     wide[:, at] = jacobian
     return wide
-
-
-def horizons_of(samples: Sequence[Sample]) -> list[float]:
-    """Return s after rest, one a descent: 0.5, 1.0, 2.0 and so on while that holds frames that the one before does not
-    and is well short of the last, which holds all.
-
-    Cloth that buckles late goes one way or another at factors a hair apart; what came before leads to factors near
-    enough, and has fewer false minima."""
-    blocks = {max(1, int(np.ceil(time / BLOCK - 1e-6))) for sample in samples for time in sample.times}
-    last, before, horizon = BLOCK * max(blocks), 0.0, BLOCK
-    early: list[float] = []
-    while 1.4 * horizon <= last:
-        if any(before < BLOCK * k <= horizon for k in blocks):
-            early.append(horizon)
-        before, horizon = horizon, 2 * horizon
-    return [*early, last]
 
 
 def columns(evaluation: Evaluation, changes: Sequence[Motion]) -> Array:

@@ -1,16 +1,15 @@
 """How far a batch of designs comes from the target: forward model in, one number a design out."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.spatial import KDTree
 
-from fabdesign.geometry.metrics import chamfer_to, distance_to_faces, shares_at, surface_rms
+from fabdesign.geometry.metrics import Errors, chamfer_to, distance_to_faces, shares_at, surface_rms
 from fabdesign.geometry.placement import RigidMotion, onto
 from fabdesign.geometry.regions import Weighting
 from fabdesign.geometry.shape import Face, Shape
@@ -21,9 +20,9 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import SIDE, Case, ForwardModel
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import PressureProgram
+from fabdesign.study_files.study_file import MeasureName
 from optimize.search.design_space import DesignSpace, Vector
 
-Measure = Literal["chamfer", "surface_rms"]
 Poses = Array  # (poses, 2 n, 3) m: one design under each pose's pressures
 # m, of distances and their shares; and its slope by each
 Norm = Callable[[Array, Array], tuple[float, Array]]
@@ -51,14 +50,14 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class Objective:
-    """Mean over the poses' targets of the Chamfer distance [m] (unsquared, both directions summed) or surface RMS [m].
+    """Mean over the poses' targets of one of MEASURES [m].
 
     order: the place in the specimen's session of what is searched for, 0 of a rested one. weights: of the targets in
     the mean, above 0; empty: all alike.
     """
 
     targets: Sequence[Target]
-    measure: Measure = "chamfer"
+    measure: MeasureName = "chamfer"
     order: int = 0
     weights: Sequence[float] = ()
 
@@ -124,17 +123,13 @@ class Objective:
             return target.landmarks.mean(pose)
         if target.free:
             pose = target.motion(pose).of(pose)
-        if self.measure == "surface_rms":
-            return surface_rms(target.points, pose, target.face, target.weighting)
-        if target.markers:
-            return distance_to_faces(target.points, pose, target.face, target.weighting)
-        return chamfer_to(pose, target.face, target.weighting).of(target.points)
+        return MEASURES[self.measure].value(target, pose)
 
     @property
     def thin(self) -> int:
         """Return the stride through a shape's points that `gradient` can do with."""
         every_point = any(t.markers or t.landmarks is not None or t.weighting is not None for t in self.targets)
-        return THIN if self.measure == "chamfer" and not every_point else 1
+        return 1 if every_point else MEASURES[self.measure].thin
 
     def gradient(self, shape: Poses) -> tuple[float, Poses]:
         """Return the value [m] against the thinned targets, and its derivative by each coordinate (nearest neighbours
@@ -148,16 +143,51 @@ class Objective:
             return target.landmarks.gradient(pose)
         if target.free:  # at its minimum the motion itself has no slope
             motion = target.motion(pose)
-            value, slope = self._gradient_there(target, motion.of(pose))
+            value, slope = MEASURES[self.measure].gradient(target, motion.of(pose))
             return value, slope @ motion.turn
-        return self._gradient_there(target, pose)
+        return MEASURES[self.measure].gradient(target, pose)
 
-    def _gradient_there(self, target: Target, pose: Array) -> tuple[float, Array]:
-        if self.measure == "surface_rms":
-            return _faces_gradient(target.points[::SURFACE_THIN], pose, target, _capped_rms)
-        if target.markers:
-            return _faces_gradient(target.points, pose, target, _mean)
-        return _chamfer_gradient(_tree(target), pose, target.face, target.weighting)
+
+@dataclass(frozen=True)
+class Measure:
+    """A way to say how far a pose (2 n, 3) m lies from a target where it stands.
+
+    value: m. gradient: m against the thinned target, and its derivative by each coordinate (2 n, 3), nearest neighbours
+    held. errors: which of a result's errors it is, and that one's noise floor. thin: the stride through a pose's points
+    that `gradient` can do with.
+    """
+
+    name: str  # for people
+    value: Callable[[Target, Array], float]
+    gradient: Callable[[Target, Array], tuple[float, Array]]
+    errors: Callable[[Errors], tuple[float, float]]
+    thin: int = 1
+
+
+def _chamfer(target: Target, pose: Array) -> float:
+    """Return the Chamfer distance, unsquared, both directions summed; of markers the mean one to the cloth."""
+    if target.markers:
+        return distance_to_faces(target.points, pose, target.face, target.weighting)
+    return chamfer_to(pose, target.face, target.weighting).of(target.points)
+
+
+def _chamfer_gradient(target: Target, pose: Array) -> tuple[float, Array]:
+    if target.markers:
+        return _faces_gradient(target.points, pose, target, _mean)
+    return _points_gradient(_tree(target), pose, target.face, target.weighting)
+
+
+MEASURES: Mapping[MeasureName, Measure] = {
+    "chamfer": Measure(
+        "Chamfer distance", _chamfer, _chamfer_gradient, lambda errors: (errors.chamfer, errors.chamfer_floor), THIN
+    ),
+    "surface_rms": Measure(
+        "surface RMS",
+        lambda target, pose: surface_rms(target.points, pose, target.face, target.weighting),
+        lambda target, pose: _faces_gradient(target.points[::SURFACE_THIN], pose, target, _capped_rms),
+        lambda errors: (errors.surface_rms, errors.surface_floor),
+    ),
+}
 
 
 @lru_cache(maxsize=64)
@@ -165,7 +195,7 @@ def _tree(target: Target) -> KDTree:
     return KDTree(target.points[::THIN])
 
 
-def _chamfer_gradient(target: KDTree, every: Array, face: Face, weighting: Weighting | None) -> tuple[float, Array]:
+def _points_gradient(target: KDTree, every: Array, face: Face, weighting: Weighting | None) -> tuple[float, Array]:
     measured, model = np.asarray(target.data), half_of(every, face)
     weights = np.ones(len(model)) if weighting is None else half_of(weighting.of_points(len(every)), face)
     to_target, nearest_target = target.query(model)

@@ -1,6 +1,6 @@
 """Contact of the cloth with itself: nodes against the cells of other layers, as penalties.
 
-Equations 13-14 of docs/model.md. Which nodes meet which cells, where and from which side, is found between steps
+Equations 14-15 of docs/model.md. Which nodes meet which cells, where and from which side, is found between steps
 (sim/forces/contact.py); the forces below belong to the positions of the evaluation, so that the step stays
 implicit.
 """

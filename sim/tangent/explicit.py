@@ -9,6 +9,7 @@ constants move that far in the direction in which the column moves them.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from fabdesign.effects.acting import specimen_of
 from fabdesign.effects.declaration import Specimen
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.column import Move
+from fabdesign.nouns.column import Column, move
 from fabdesign.nouns.forward import OF_MUSCLES, Case
 from sim.grid import masses, muscle_masses
 from sim.kernels.fields import LANES
@@ -31,7 +32,7 @@ OF_SOLVER = "MEAN_MASS", "WEIGHT_TENSION"
 
 
 class LaidCase:
-    """A case as the forces take it, at rest under (channels,) Pa."""
+    """A case as the forces take it, under (channels,) Pa, or (ticks, channels) Pa of a motion."""
 
     def __init__(self, case: Case, pressure: Array, n: int) -> None:
         self.case, self.pressure, self.n = case, pressure, n
@@ -49,26 +50,65 @@ class LaidCase:
         return masses(self.specimen, self.n)
 
     @cached_property
-    def gravity(self) -> Array:
-        return np.array(self.specimen.design.fabric.gravity, dtype=float)
-
-    @cached_property
-    def strands(self) -> list[Strand]:
-        design, numbers = self.specimen.design, self.specimen.muscles
-        values = zip(*(numbers[name].tolist() for name in ("gain", "lever", "pressure_loss")), strict=True)
+    def _pulls(self) -> list[list[float]]:
+        numbers = self.specimen.muscles
         return [
-            Strand(muscle, design.muscle_types[muscle.type], float(self.pressure[muscle.channel]), *row)
-            for muscle, row in zip(design.muscles, values, strict=True)
+            list(row)
+            for row in zip(*(numbers[name].tolist() for name in ("gain", "lever", "pressure_loss")), strict=True)
+        ]
+
+    def at(self, tick: int | None) -> Array:
+        """Return (channels,) Pa, at a tick of a motion."""
+        return self.pressure if tick is None else self.pressure[tick]
+
+    def strands(self, tick: int | None) -> list[Strand]:
+        design, pressure = self.specimen.design, self.at(tick)
+        return [
+            Strand(muscle, design.muscle_types[muscle.type], float(pressure[muscle.channel]), *row)
+            for muscle, row in zip(design.muscles, self._pulls, strict=True)
         ]
 
 
-@dataclass(frozen=True, eq=False)
-class Sides:
+class Sides(NamedTuple):
     """A case moved to both sides along a column."""
 
     low: LaidCase
     high: LaidCase
     width: float  # between both, in the column's unit
+
+
+class MovedCases:
+    """Cases on n x n grids, each moved along columns, once. pressure(case): what LaidCase takes."""
+
+    def __init__(
+        self, cases: Sequence[Case], columns: Sequence[Column], n: int, pressure: Callable[[Case], Array]
+    ) -> None:
+        self._columns, self._n, self._pressure = columns, n, pressure
+        self.laid = [LaidCase(case, pressure(case), n) for case in cases]
+        self._sides: dict[tuple[int, int], Sides] = {}
+
+    def sides(self, case: int, column: int) -> Sides:
+        """Return both sides of a case along a column, by their numbers."""
+        if (case, column) not in self._sides:
+            base, moving = self.laid[case], self._columns[column]
+            move_of = move(base.case, moving, moving.step)
+            low, high = (self._side(base, side) for side in move_of.sides)
+            self._sides[case, column] = Sides(low, high, move_of.width)
+        return self._sides[case, column]
+
+    def _side(self, base: LaidCase, case: Case) -> LaidCase:
+        same = case.program is base.case.program and case.effects == base.case.effects
+        return LaidCase(case, base.pressure if same else self._pressure(case), self._n)
+
+
+class LaneColumns(NamedTuple):
+    """The content of a lane, by numbers: a case, and which of the columns are solved there. tick: of a motion, and
+    (n, n, 3) m/s^2 its acceleration then; at rest neither."""
+
+    case: int
+    columns: tuple[int, ...]
+    tick: int | None = None
+    acceleration: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,29 +122,26 @@ class ClothChange:
 class Explicit:
     """The lanes of a batch, and what columns change in them."""
 
-    def __init__(self, lanes: Sequence[Case], n: int, pressure: Callable[[Case], Array]) -> None:
-        self._n, self._pressure = n, pressure
-        unique = {id(case): LaidCase(case, pressure(case), n) for case in {id(case): case for case in lanes}.values()}
-        self._lanes = [unique[id(case)] for case in lanes]
-        self._grid = Grid(n, *np.max([touched(case.design, n) for case in lanes], axis=0).tolist())
-        fabrics = [lane.specimen.design.fabric for lane in self._lanes]
+    def __init__(self, moved: MovedCases, lanes: Sequence[LaneColumns], n: int) -> None:
+        self._moved, self._columns, self._n = moved, lanes, n
+        self._lanes = [moved.laid[lane.case] for lane in lanes]
+        self._grid = Grid(n, *np.max([touched(laid.case.design, n) for laid in self._lanes], axis=0).tolist())
+        fabrics = [laid.specimen.design.fabric for laid in self._lanes]
         self._spacing = np.array([(fabric.width, fabric.height) for fabric in fabrics]) / (n - 1)
-        self.pressure = _by_lane([lane.pressure for lane in self._lanes])  # (blocks, channels, LANES) Pa
-        self.constants = constants_of([lane.specimen for lane in self._lanes], n)
+        self.pressure = _by_lane([laid.at(lane.tick) for laid, lane in zip(self._lanes, lanes, strict=True)])
+        self.constants = constants_of([laid.specimen for laid in self._lanes], n)
 
-    def moved(self, moves: Sequence[Move | None]) -> list[Sides | None]:
-        """Return both sides of a move for each lane; None where there is none."""
+    @property
+    def masses(self) -> list[Array]:
+        """Return (n n,) kg of each lane."""
+        return [laid.mass for laid in self._lanes]
+
+    def moved(self, slot: int) -> list[Sides | None]:
+        """Return both sides of each lane along the column in a slot of its own; None where there is none."""
         return [
-            None
-            if change is None
-            else Sides(self._side(lane, change.sides[0]), self._side(lane, change.sides[1]), change.width)
-            for lane, change in zip(self._lanes, moves, strict=True)
+            self._moved.sides(lane.case, lane.columns[slot]) if slot < len(lane.columns) else None
+            for lane in self._columns
         ]
-
-    def _side(self, lane: LaidCase, case: Case) -> LaidCase:
-        base = lane.case
-        same = case.program is base.program and case.effects == base.effects
-        return LaidCase(case, lane.pressure if same else self._pressure(case), self._n)
 
     def of_cloth(self, moved: Sequence[Sides | None]) -> ClothChange | None:
         """Return what one column changes in the lanes' cloths; None where that is nothing."""
@@ -121,6 +158,15 @@ class Explicit:
             return None
         sides = side_by_side(list(middle - change)), side_by_side(list(middle + change))
         return ClothChange(sides, weight.reshape(-1, LANES).astype(np.float32))
+
+    def of_damping(self, moved: Sequence[Sides | None]) -> Array:
+        """Return (lanes,) by which share a unit of one column changes the viscous forces: all go by one factor."""
+        shares = np.zeros(len(self._lanes))
+        for k, sides in enumerate(moved):
+            if sides is not None:
+                low, high = (one.case.factors.get("damping", 1.0) for one in (sides.low, sides.high))
+                shares[k] = (high - low) / sides.width / max(0.5 * (high + low), 1e-9)
+        return shares
 
     @cached_property
     def _scale(self) -> Array:
@@ -140,14 +186,22 @@ class Explicit:
             for k, sides in enumerate(moved):
                 if sides is None:
                     continue
-                at = slot * count + k
-                for strands, sign in zip(_unlike(sides.low, sides.high), (-1, 1), strict=True):
+                at, tick = slot * count + k, self._columns[k].tick
+                for strands, sign in zip(
+                    _unlike(sides.low.strands(tick), sides.high.strands(tick)), (-1, 1), strict=True
+                ):
                     pulls += [Pull(strand, k, sign / sides.width, at) for strand in strands]
                 change = self._mass_change(k, sides.low, sides.high)
                 if change is not None:
-                    weights[at] = change[:, None] / sides.width * self._lanes[k].gravity
+                    weights[at] = change[:, None] / sides.width * self._felt(k)
         forces = weights + summed(pulls, middle, self._spacing, self._grid, len(weights))
         return forces.astype(np.float32).reshape(len(columns), count, *middle.shape[1:])
+
+    def _felt(self, lane: int) -> Array:
+        """Return (3,) or (n n, 3) m/s^2 that masses feel: gravity less the acceleration."""
+        gravity = np.array(self._lanes[lane].specimen.design.fabric.gravity, dtype=float)
+        acceleration = self._columns[lane].acceleration
+        return gravity if acceleration is None else np.asarray(gravity - acceleration.reshape(-1, 3))
 
     def _mass_change(self, lane: int, low: LaidCase, high: LaidCase) -> Array | None:
         """Return (n n,) kg from one side to the other; None where none is."""
@@ -162,15 +216,16 @@ class Explicit:
         return muscle_masses(changes, tuple(self._spacing[lane]), self._n)
 
 
-def _unlike(low: LaidCase, high: LaidCase) -> tuple[list[Strand], list[Strand]]:
+def _unlike(low: Sequence[Strand], high: Sequence[Strand]) -> tuple[list[Strand], list[Strand]]:
     """Return the muscles of both sides that do not pull alike."""
-    pairs = [pair for pair in zip(low.strands, high.strands, strict=True) if not pair[0].is_like(pair[1])]
+    pairs = [pair for pair in zip(low, high, strict=True) if not pair[0].is_like(pair[1])]
     return [one for one, _ in pairs], [other for _, other in pairs]
 
 
 def _same_cloth(one: Specimen, other: Specimen) -> bool:
-    """Return whether their constants are alike, but for those of the solver."""
-    ours, others = ({k: v for k, v in s.factors.items() if k not in OF_MUSCLES} for s in (one, other))
+    """Return whether their constants are alike, but for those of the solver and of damping."""
+    elsewhere = ("damping", *OF_MUSCLES)
+    ours, others = ({k: v for k, v in s.factors.items() if k not in elsewhere} for s in (one, other))
     curved = all(one.constants.get(name) == other.constants.get(name) for name in REST_CURVATURES)
     return curved and ours == others and one.design.fabric is other.design.fabric
 

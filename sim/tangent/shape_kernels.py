@@ -1,4 +1,4 @@
-"""Kernels of the derivatives of a shape at rest: forces there, their explicit changes, the linear solves.
+"""Kernels of the derivatives of a shape in balance: forces there, their explicit changes, the linear solves.
 
 The solves are preconditioned conjugate gradients on the tangent of the forces, one column after another, each lane its
 own.
@@ -97,7 +97,8 @@ def advance(b, nu, nv, npt, support, slot):
     F.reduce[b, 2] = Lanes(0.0)
     k = 0
     while k < count:
-        f = F.node3[b, F.f + k] * thrice(F.node[b, F.free + k])
+        f = F.node3[b, F.f + k] - thrice(F.scheme[b, CA] * F.node[b, F.mass + k]) * F.node3[b, F.p + k]
+        f = f * thrice(F.node[b, F.free + k])
         F.node3[b, F.f + k] = f
         F.reduce[b, 2] = F.reduce[b, 2] - sum3(F.node3[b, F.p + k] * f)
         k = F.after[k]
@@ -124,8 +125,8 @@ NOTHING_ADDED = ()  # forces of effects: shapes with them take differences
 
 
 @ti.func
-def forces_at_rest(b, nu, nv, npt, support, pressure: ti.template()):
-    """F.f <- forces at F.q without motion, under the channels' pressures."""
+def forces_held(b, nu, nv, npt, support, pressure: ti.template()):
+    """F.f <- forces at F.q less inertia, at the velocity and acceleration held, under the channels' pressures."""
     lane = 0
     while lane < LANES:
         k = 0
@@ -142,19 +143,21 @@ def forces_at_rest(b, nu, nv, npt, support, pressure: ti.template()):
 
 @Timed
 @ti.kernel
-def still(nb: ti.i32, nu: ti.i32, nv: ti.i32):
-    """The shape that was found becomes the state, without motion or a residual of before; T is zeroed."""
+def begin(nb: ti.i32, nu: ti.i32, nv: ti.i32, stiffness: ti.f32):
+    """The shape at x0 becomes the state, with the velocity v0 and the acceleration a0, without a residual of before.
+    Springs of `stiffness` 1/s^2 times the mass hold it there. T is zeroed."""
     ti.loop_config(serialize=True)
     for b in range(nb):
         k = 0
         while k < F.scheme.shape[1]:
             F.scheme[b, k] = Lanes(0.0)
             k = F.after[k]
+        F.scheme[b, CA] = Lanes(stiffness)
         k = 0
         while k < (nu + 2) * (nv + 2):
             F.node3[b, F.q + k] = F.node3[b, F.x0 + k]
-            F.node3[b, F.hv + k] = Wide(0.0)
-            F.node3[b, F.ha + k] = Wide(0.0)
+            F.node3[b, F.hv + k] = F.node3[b, F.v0 + k]
+            F.node3[b, F.ha + k] = F.node3[b, F.a0 + k]
             F.node3[b, F.carried + k] = Wide(0.0)
             k = F.after[k]
         k = 0
@@ -210,6 +213,40 @@ def explicit(
 
 
 @ti.kernel
+def _viscous_kernel(
+    nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, support: ti.i32, slot: ti.i32, weight: floats(2),
+    pressure: floats(3),
+):  # fmt: skip
+    """T.columns at `slot` += weight of the lane times what the velocity vp more changes in the forces."""
+    for task in range(nb * SPREAD):
+        if task % SPREAD == 0:
+            b = task // SPREAD
+            share = Lanes(0.0)
+            for lane in range(LANES):
+                share[lane] = weight[b, lane]
+            o = slot * F.nodes
+            turn = 0
+            while turn < 2:
+                add_velocity(b, nu, nv, 1.0 - 2.0 * turn)
+                forces_held(b, nu, nv, npt, support, pressure)
+                k = 0
+                while k < (nu + 2) * (nv + 2):
+                    force = (1.0 - 2.0 * turn) * thrice(share * F.node[b, F.free + k]) * F.node3[b, F.f + k]
+                    T.columns[b, o + k] = T.columns[b, o + k] + force
+                    k = F.after[k]
+                turn = F.after[turn]
+
+
+@ti.func
+def add_velocity(b, nu, nv, share):
+    """The velocity that is held grows by a share of vp."""
+    k = 0
+    while k < (nu + 2) * (nv + 2):
+        F.node3[b, F.hv + k] = F.node3[b, F.hv + k] + share * F.node3[b, F.vp + k]
+        k = F.after[k]
+
+
+@ti.kernel
 def _solve_kernel(
     nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, support: ti.i32, smoothing: ti.i32,
     settles: ti.i32, turns: ti.i32, iterations: ti.i32, tolerance: ti.f32, stiffened: ti.f32,
@@ -226,7 +263,7 @@ def _solve_kernel(
             turn = 0
             while turn < turns:
                 if settles == 1 or turn == 0:
-                    forces_at_rest(b, nu, nv, npt, support, pressure)
+                    forces_held(b, nu, nv, npt, support, pressure)
                 if settles == 1 and turn == 0:
                     precondition(b, nu, nv, npt, support, smoothing, stiffened)
                 o = turn * F.nodes
@@ -252,7 +289,8 @@ def _solve_kernel(
 @ti.func
 def precondition(b, nu, nv, npt, support, smoothing, stiffened):
     """The preconditioner of the shape at hand."""
-    F.scheme[b, CA] = Lanes(stiffened)
+    springs = F.scheme[b, CA]
+    F.scheme[b, CA] = springs + stiffened
     factorise(b, nu, nv)
     green(b, nu, nv, npt)
     frames(b, nu, nv, smoothing)
@@ -260,7 +298,7 @@ def precondition(b, nu, nv, npt, support, smoothing, stiffened):
         woodbury(b, nu, npt)
     if support < EDGES:
         assemble(b, nu, nv, npt)
-    F.scheme[b, CA] = Lanes(0.0)
+    F.scheme[b, CA] = springs
 
 
 @Timed
@@ -291,3 +329,4 @@ def read_outcomes(nb: ti.i32, slots: ti.i32, out: ints(3)):
 
 
 solve_columns = Timed(_solve_kernel, "derivatives")
+viscous = Timed(_viscous_kernel, "balance")

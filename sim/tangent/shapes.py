@@ -12,25 +12,26 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import Column, FacesJacobian, move
 from fabdesign.nouns.forward import Case
 from sim.kernels.fields import LANES, SLOTS, F, allocate_tangent
-from sim.kernels.transfer import put
+from sim.kernels.transfer import halt, put
 from sim.motion import faces
 from sim.schedule import Batch
-from sim.tangent.explicit import Explicit
-from sim.tangent.shape_kernels import SOLVED, explicit, read_columns, read_outcomes, solve_columns, still, write_columns
+from sim.tangent.explicit import Explicit, LaneColumns, MovedCases
+from sim.tangent.shape_kernels import (
+    SOLVED,
+    begin,
+    explicit,
+    read_columns,
+    read_outcomes,
+    solve_columns,
+    viscous,
+    write_columns,
+)
 
 ITERATIONS = 100  # at most, of a solve: some 25 are usual
 TOLERANCE = 1e-4  # of the preconditioned residual to the solution: soft modes then lack up to 1e-2 of a column
 SETTLING = 2  # Newton steps from where a damped motion came to rest
 FARTHEST = 1e-3  # m, RMS that they may move it: further lies another shape
 STIFFENED = 300.0  # 1/s^2 times the mass that the preconditioner adds, without which it may not be positive definite
-
-
-@dataclass(frozen=True, eq=False)
-class LaneColumns:
-    """A case that lies at rest in a lane, and which of the columns are solved there."""
-
-    case: Case
-    columns: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +43,11 @@ class Solved:
     changes: dict[int, NDArray[np.float32]]  # (n, n, 3) m per unit, by column; those that were not solved are absent
 
 
-def share_out(cases: Sequence[Case], columns: Sequence[Sequence[int]]) -> list[tuple[int, LaneColumns]]:
-    """Return lanes for the cases' `columns`, each with its case's index: where there are spare lanes a case takes
-    several, each with some of its columns."""
-    copies = max(1, min(LANES // max(len(cases), 1), *map(len, columns)) if columns else 1)
-    return [(i, LaneColumns(case, tuple(columns[i][k::copies]))) for i, case in enumerate(cases) for k in range(copies)]
+def share_out(columns: Sequence[Sequence[int]]) -> list[tuple[int, tuple[int, ...]]]:
+    """Return lanes for the `columns` of each case, each with its case's number: where there are spare lanes a case
+    takes several, each with some of its columns."""
+    copies = max(1, min(LANES // max(len(columns), 1), *map(len, columns)) if columns else 1)
+    return [(i, tuple(some[k::copies])) for i, some in enumerate(columns) for k in range(copies)]
 
 
 def together(lanes: Sequence[Solved]) -> Solved:
@@ -55,67 +56,87 @@ def together(lanes: Sequence[Solved]) -> Solved:
     return Solved(lanes[0].middle, lanes[0].settled, changes)
 
 
-def solve_at_rest(
-    batch: Batch, lanes: Sequence[LaneColumns], columns: Sequence[Column], pressure: Callable[[Case], Array]
-) -> list[Solved]:
-    """Return the solutions of the lanes of a batch at rest. pressure(case): (channels,) Pa that act there."""
-    allocate_tangent()
-    still(*batch.grid)
-    cases = [lane.case for lane in lanes]
-    host = Explicit(cases, batch.nu, pressure)
-    before = batch.positions(F.x0)
-    settled = _solve(batch, host, True, SETTLING)[:, -1] == SOLVED
-    middle = batch.positions(F.q)
-    moved = np.sqrt(np.square(middle - before).sum(axis=-1).mean(axis=(1, 2)))
-    settled &= moved < FARTHEST  # NaN compares false
-    changes: list[dict[int, NDArray[np.float32]]] = [{} for _ in lanes]
-    for first in range(0, max(len(lane.columns) for lane in lanes), SLOTS):
-        wanted = [lane.columns[first : first + SLOTS] for lane in lanes]
-        slots = max(map(len, wanted))
-        _put_right_sides(batch, cases, [[columns[c] for c in some] for some in wanted], host, middle)
-        iterations = _solve(batch, host, False, slots)
+def solve_at_rest(batch: Batch, lanes: Sequence[LaneColumns], cases: MovedCases) -> list[Solved]:
+    """Return the solutions of the lanes of a batch at rest."""
+    halt(*batch.grid)
+    balanced = Balanced(batch, lanes, cases, springs=0.0, farthest=FARTHEST)
+    changes = balanced.changes()
+    return [Solved(balanced.middle[i], bool(balanced.settled[i]), changes[i]) for i in range(len(lanes))]
+
+
+class Balanced:
+    """The lanes of a batch where forces balance with inertia and damping, near x0, at the velocity v0 and the
+    acceleration a0 in the fields. springs: 1/s^2 times the mass, that hold the shape. farthest: m, RMS that Newton
+    steps may move it."""
+
+    def __init__(
+        self, batch: Batch, lanes: Sequence[LaneColumns], cases: MovedCases, *, springs: float, farthest: float
+    ) -> None:
+        allocate_tangent()
+        begin(*batch.grid, springs)
+        self._batch, self._lanes = batch, lanes
+        self.host = Explicit(cases, lanes, batch.nu)
+        before = batch.positions(F.x0)
+        settled = _solve(batch, self.host, SETTLING, settles=True)[:, -1] == SOLVED
+        self.middle = batch.positions(F.q)
+        moved = np.sqrt(np.square(self.middle - before).sum(axis=-1).mean(axis=(1, 2)))
+        self.settled: NDArray[np.bool_] = settled & (moved < farthest)  # NaN compares false
+
+    def changes(self) -> list[dict[int, NDArray[np.float32]]]:
+        """Return the solutions of each lane's columns, by column."""
+        lanes = self._lanes
+        changes: list[dict[int, NDArray[np.float32]]] = [{} for _ in lanes]
+        for first in range(0, max(len(lane.columns) for lane in lanes), SLOTS):
+            wanted = [lane.columns[first : first + SLOTS] for lane in lanes]
+            slots = max(map(len, wanted))
+            self._put_right_sides(range(first, first + slots))
+            shapes, outcomes = self.solved(slots)
+            for i, some in enumerate(wanted):
+                changes[i] |= {c: shapes[i, k] for k, c in enumerate(some) if outcomes[i, k] == SOLVED}
+        return changes
+
+    def _put_right_sides(self, which: range) -> None:
+        """Put what the columns in some slots change in the forces, at the shape as it is, at their places in the
+        fields."""
+        batch, host = self._batch, self.host
+        moved = [host.moved(k) for k in which]
+        forces = host.of_muscles(moved, self.middle.astype(float).reshape(len(self._lanes), -1, 3))
+        write_columns(*batch.grid, len(which), forces.reshape(len(which), batch.blocks, LANES, -1, 3))
+        for slot, sides in enumerate(moved):
+            self.add_viscous(slot, -host.of_damping(sides))
+        changes = {slot: change for slot, sides in enumerate(moved) if (change := host.of_cloth(sides)) is not None}
+        for slot, change in changes.items():
+            for constants, weight in zip(change.sides, (-change.weight, change.weight), strict=True):
+                put(batch.blocks, {"lane": constants})
+                explicit(*batch.grid, batch.support, slot, weight)
+        if changes:
+            put(batch.blocks, {"lane": host.constants})
+
+    def add_viscous(self, slot: int, weight: Array) -> None:
+        """Add weight (lanes,) times what the velocity vp in the fields, more than is held, changes in the forces."""
+        if weight.any():
+            batch = self._batch
+            by_block = weight.reshape(-1, LANES).astype(np.float32)
+            viscous(*batch.grid, batch.points, batch.support, slot, by_block, self.host.pressure)
+
+    def solved(self, slots: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+        """Return (lanes, slots, n, n, 3) m, the solutions of right sides in the fields, and what came of them."""
+        batch = self._batch
+        outcomes = _solve(batch, self.host, slots)
         shapes = np.empty((batch.blocks, slots, LANES, batch.nu * batch.nv, 3), np.float32)
         read_columns(*batch.grid, slots, shapes)
-        by_lane = shapes.swapaxes(1, 2).reshape(len(lanes), slots, *middle.shape[1:])
-        for i, some in enumerate(wanted):
-            changes[i] |= {c: by_lane[i, k] for k, c in enumerate(some) if iterations[i, k] == SOLVED}
-    return [Solved(middle[i], bool(settled[i]), changes[i]) for i in range(len(lanes))]
+        return shapes.swapaxes(1, 2).reshape(-1, slots, *self.middle.shape[1:]), outcomes
 
 
-def _solve(batch: Batch, host: Explicit, settles: bool, turns: int) -> NDArray[np.int32]:
+def _solve(batch: Batch, host: Explicit, turns: int, *, settles: bool = False) -> NDArray[np.int32]:
     """Return (lanes, turns) what came of so many linear solves."""
     solve_columns(
         *batch.grid, batch.points, batch.support, batch.smoothing, int(settles), turns, ITERATIONS, TOLERANCE,
         STIFFENED, host.pressure,
     )  # fmt: skip
-    iterations = np.empty((batch.blocks, turns, LANES), np.int32)
-    read_outcomes(batch.blocks, turns, iterations)
-    return iterations.swapaxes(1, 2).reshape(-1, turns)
-
-
-def _put_right_sides(
-    batch: Batch, cases: Sequence[Case], wanted: Sequence[Sequence[Column]], host: Explicit, middle: NDArray[np.float32]
-) -> None:
-    """Put what each column changes in the forces, at the shape as it is, at the columns' places in the fields."""
-    slots = max(map(len, wanted))
-    moved = [
-        host.moved(
-            [
-                move(case, columns[slot], columns[slot].step) if slot < len(columns) else None
-                for case, columns in zip(cases, wanted, strict=True)
-            ]
-        )
-        for slot in range(slots)
-    ]
-    forces = host.of_muscles(moved, middle.astype(float).reshape(len(cases), -1, 3))
-    write_columns(*batch.grid, slots, forces.reshape(slots, batch.blocks, LANES, -1, 3))
-    changes = {slot: change for slot in range(slots) if (change := host.of_cloth(moved[slot])) is not None}
-    for slot, change in changes.items():
-        for constants, weight in zip(change.sides, (-change.weight, change.weight), strict=True):
-            put(batch.blocks, {"lane": constants})
-            explicit(*batch.grid, batch.support, slot, weight)
-    if changes:
-        put(batch.blocks, {"lane": host.constants})
+    outcomes = np.empty((batch.blocks, turns, LANES), np.int32)
+    read_outcomes(batch.blocks, turns, outcomes)
+    return outcomes.swapaxes(1, 2).reshape(-1, turns)
 
 
 SHIFT = 1e-5  # m that a node is moved at most: normals turn by 1e-3 on grids of 5 mm, and the rest is of second order

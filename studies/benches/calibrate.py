@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.files.bench_file import read_bench
 from fabdesign.formats.codec import Encoder
-from fabdesign.formats.json_file import plain
 from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.geometry.curves import design_matrix
 from fabdesign.nouns.array import Array
@@ -52,19 +51,12 @@ class BenchCalibration(Tabled):
     speed: float | None = None  # 1/s, of a muscle's contraction in all records, where there is only one
     files: tuple[str, ...] = ()  # names of those that were written
 
-    def json_content(self) -> dict[str, Any]:
-        """Return what `calibrate BENCH --json` prints."""
-        return {
-            "bench": self.bench.name,
-            "unit": self.unit,
-            "error_fit": self.error_fit,
-            "error_left_out": self.error_left_out,
-            "error_test": self.error_test,
-            "error_as_fitted": self.error_as_fitted,
-            **plain(self.noise),
-            "constants": {name: {"value": q.value, "unit": q.unit} for name, q in self.constants.items()},
-            "effects": [Encoder().encode(effect) for effect in self.effects],
-        }
+    json_keys: ClassVar = (
+        ("bench", "bench.name"), "unit", "error_fit", "error_left_out", "error_test", "error_as_fitted",
+        ("**", "noise"),
+        ("constants", lambda of: {name: {"value": q.value, "unit": q.unit} for name, q in of.constants.items()}),
+        ("effects", lambda of: [Encoder().encode(effect) for effect in of.effects]),
+    )  # fmt: skip
 
     def columns(self) -> Columns:
         """Return name, value and unit of every constant."""
@@ -96,13 +88,13 @@ def calibrate_bench(
     if not chosen:
         raise InputError(f"{bench.file}: no record of role fit; expected at least one")
     require_columns(bench, [*chosen, *tests])
-    if free and bench.specimen != "muscle":
+    if free and not bench.is_muscle:
         raise InputError(
             f"{bench.file}: --free {','.join(free)}: the specimen is a {bench.specimen}; expected a muscle"
         )
     vector = bench_vector(free, bench.name) if free else None
     unknowns = 0 if vector is None else len(vector.parameters)
-    if bench.specimen == "muscle":
+    if bench.is_muscle:
         rows = sum(len(BenchMuscle.measured(record)) for record in chosen)
         seconds = bench_fit_seconds(len(chosen), rows, unknowns)
         what = f"{len(chosen)} records", f"{rows} rows", *([f"{unknowns} unknowns of effects"] if free else [])
@@ -127,7 +119,7 @@ def calibrate_bench(
         noise=noise_of(bench),
         constants=law.constants(),
         effects=effects,
-        speed=only_speed(rows_of(chosen)) if bench.specimen == "muscle" else None,
+        speed=only_speed(rows_of(chosen)) if bench.is_muscle else None,
     )
 
 
@@ -176,7 +168,7 @@ def effects_in_words(calibration: BenchCalibration) -> list[str]:
 def next_step(calibration: BenchCalibration, output: Path) -> str:
     """Return what to do with `output`, the file that was written."""
     bench = calibration.bench
-    if bench.specimen == "muscle":
+    if bench.is_muscle:
         return f"fabdesign new LAYOUT --muscle-type {bench.name} --bench {output} -o DESIGN.toml"
     if bench.specimen == "strip" and "width" in bench.constants:
         return f'include = ["{output.name}"] in a design takes its stretch curve'
@@ -196,11 +188,12 @@ def _fit(
     refits: int = REFITS,
 ) -> tuple[Law, tuple[EffectTerm, ...]]:
     tell(0.0)
-    if bench.specimen == "muscle":
+    kind = LAWS[bench.specimen]
+    if issubclass(kind, BenchMuscle):
         effects = () if vector is None else fit_effects(partial(rows_of, records), vector, tell)
         terms = tuple(effect.term for effect in effects)
-        return BenchMuscle.fit(records, terms=terms, refits=refits), effects
-    return LAWS[bench.specimen].fit(records), ()
+        return kind.fit(records, terms=terms, refits=refits), effects
+    return kind.fit(records), ()
 
 
 def _error(bench: Bench, law: Law, records: Sequence[BenchRecord]) -> float:

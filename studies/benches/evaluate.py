@@ -4,7 +4,7 @@ say."""
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from fabdesign.files.bench_file import read_bench
 from fabdesign.files.design_file import DesignPart, read_part
 from fabdesign.files.law_tables import FORMAT as BENCH_LAW
 from fabdesign.files.law_tables import read_bench_law
-from fabdesign.formats.json_file import plain
 from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.formats.toml_file import parse_toml
 from fabdesign.geometry.metrics import Statistics
@@ -52,7 +51,7 @@ def prediction(path: Path, bench: Bench) -> Predict:
             raise InputError(f"{path}: the law of specimen {law.specimen}; {bench.file} has {bench.specimen}")
         return LAWS[bench.specimen].read(law)
     part = read_part(path)
-    if bench.specimen == "muscle":
+    if bench.is_muscle:
         return _of_muscle(part, path, bench)
     if bench.specimen != "strip" or part.fabric is None or (curve := part.fabric.membrane_curve) is None:
         raise InputError(f"{path}: no law of a {bench.specimen}, which {bench.file} has; expected what calibrate wrote")
@@ -85,12 +84,13 @@ class BenchEvaluation(Tabled):
     tests: Mapping[str, RecordErrors]
     others: Mapping[str, RecordErrors]
 
-    def json_content(self) -> dict[str, Any]:
-        """Return what `evaluate BENCH --json` prints."""
-        result: dict[str, Any] = {"designs": {self.bench.name: self._table(self.tests)} if self.tests else {}}
-        if self.others:
-            result["others"] = {self.bench.name: self._table(self.others)}
-        return result | {"metric": METRIC, "unit": self.unit} | plain(self.noise)
+    json_keys: ClassVar = (
+        ("designs", lambda of: {of.bench.name: of._table(of.tests)} if of.tests else {}),
+        ("**", lambda of: {"others": {of.bench.name: of._table(of.others)}} if of.others else {}),
+        ("metric", lambda of: METRIC),
+        "unit",
+        ("**", "noise"),
+    )
 
     def columns(self) -> Columns:
         """Return a row a record: its name, role and errors before and after, in `unit`."""

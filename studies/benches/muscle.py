@@ -108,13 +108,18 @@ class BenchMuscle(Law):
     terms: tuple[Term, ...] = ()  # effects that act
 
     @staticmethod
+    def by_formula(table: BenchTable) -> BenchTable:
+        """Return the rows with the forces of the law's formula, fitted to them; this law has none, so they stay."""
+        return table
+
+    @classmethod
     def fit(
-        records: Sequence[BenchRecord], *, terms: tuple[Term, ...] = (), refits: int = REFITS, seed: int = 0
+        cls, records: Sequence[BenchRecord], *, terms: tuple[Term, ...] = (), refits: int = REFITS, seed: int = 0
     ) -> "BenchMuscle":
         """Return the law and what damps. terms: effects that are held. Raises InputError where a record lacks pressure,
         contraction or force, or where all have too few rows."""
         rows, rubs = rows_of(records, terms), all(term.name != "braid_hysteresis" for term in terms)
-        law, constants, misfit = _fitted(rows, np.zeros(2), ROUNDS, friction=rubs)
+        law, constants, misfit = cls._fitted(rows, np.zeros(2), ROUNDS, friction=rubs)
         rng = np.random.default_rng(seed)
         blocks = np.unique(rows.block)
         again: list[_Fitted] = []
@@ -123,9 +128,9 @@ class BenchMuscle(Law):
             index = np.concatenate([np.flatnonzero(rows.block == block) for block in drawn])
             with suppress(InputError):  # a draw that misses all pressures but one
                 some = Rows(*(column[index] for column in vars(rows).values()))
-                again.append(_fitted(some, np.zeros(2) if constants is None else constants, 2, friction=rubs))
+                again.append(cls._fitted(some, np.zeros(2) if constants is None else constants, 2, friction=rubs))
         bands = np.quantile([c for _, c, _ in again], (0.05, 0.95), axis=0) if constants is not None and again else None
-        return BenchMuscle(
+        return cls(
             law=law,
             viscosity=None if constants is None else float(constants[0]),
             viscosity90=None if bands is None else (float(bands[0, 0]), float(bands[1, 0])),
@@ -135,6 +140,20 @@ class BenchMuscle(Law):
             refits=tuple(refit for refit, _, _ in again),
             terms=terms,
         )
+
+    @classmethod
+    def _fitted(cls, rows: Rows, constants: Array, rounds: int, *, friction: bool) -> "_Fitted":
+        """Return the fit from given constants."""
+        from scipy.optimize import nnls
+
+        motion, force = motion_columns(rows.rate, friction=friction), rows.force + rows.friction
+        moves = bool(rows.rate.any())
+        for _ in range(rounds if moves else 1):
+            law = MuscleLaw.fit(cls.by_formula(_averaged(rows, force + motion @ constants)))
+            residual = law.tension(rows.pressure, rows.contraction) - force
+            if moves:
+                constants, _ = nnls(motion, residual)
+        return _Fitted(law, constants if moves else None, rms(residual - motion @ constants))
 
     def interval90(self, pressure_pa: ArrayLike, contraction: ArrayLike) -> tuple[Array, Array]:
         """Return N, of the law."""
@@ -192,20 +211,6 @@ class _Fitted(NamedTuple):
     law: MuscleLaw
     constants: Array | None
     misfit: float  # N
-
-
-def _fitted(rows: Rows, constants: Array, rounds: int, *, friction: bool = True) -> _Fitted:
-    """Return the fit from given constants."""
-    from scipy.optimize import nnls
-
-    motion, force = motion_columns(rows.rate, friction=friction), rows.force + rows.friction
-    moves = bool(rows.rate.any())
-    for _ in range(rounds if moves else 1):
-        law = MuscleLaw.fit(_averaged(rows, force + motion @ constants))
-        residual = law.tension(rows.pressure, rows.contraction) - force
-        if moves:
-            constants, _ = nnls(motion, residual)
-    return _Fitted(law, constants if moves else None, rms(residual - motion @ constants))
 
 
 def _averaged(rows: Rows, force: Array) -> BenchTable:

@@ -48,12 +48,12 @@ def require_columns(bench: Bench, records: Sequence[BenchRecord]) -> None:
 def require_sizes(bench: Bench) -> None:
     """Raise InputError for a muscle bench that does not state what a muscle type needs beyond its law."""
     missing = [name for name in SIZES if name not in bench.constants]
-    if bench.specimen == "muscle" and missing:
+    if bench.is_muscle and missing:
         raise InputError(
             f"{bench.file}: [constants] lack {', '.join(missing)}; expected numbers in SI units, for a muscle type"
         )
     diameter = bench.constants.get("outer_diameter", 0.0)
-    if bench.specimen == "muscle" and diameter > WIDEST:
+    if bench.is_muscle and diameter > WIDEST:
         raise InputError(
             f"{bench.file}: outer_diameter = {diameter:g}; expected at most {WIDEST:g} m (is it in millimetres?)"
         )

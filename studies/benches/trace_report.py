@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from markupsafe import Markup
@@ -39,6 +39,13 @@ class BenchOutcome(TraceOutcome):
     fit: tuple[float, float]  # before, after
     test: tuple[float, float] | None  # the same on records of role test, looked at once; None without any
     curves: tuple[Curve, ...]
+    json_keys: ClassVar = (
+        *TraceOutcome.json_keys,
+        ("error.noise_from", "noise.source"),
+        ("within_tolerance", lambda of: [of.small.name] if of.small else []),
+        ("residual", lambda of: {"where": None, "when_s": None, "follows": None}),
+        ("unjudged", lambda of: []), ("discovered", lambda of: None), ("next_experiment", lambda of: None),
+    )  # fmt: skip
 
     @property
     def unit(self) -> str:
@@ -76,21 +83,8 @@ class BenchOutcome(TraceOutcome):
 
     def columns(self) -> Columns:
         """Return a row a candidate: its name, error of records left out and gain."""
-        rows = self.to_json()["candidates"][1:]
-        return {key: [row[key] for row in rows] for key in ("name", "held_out", "gain")}
-
-    def json_content(self) -> dict[str, Any]:
-        """Return `trace.json`."""
-        trace, small = self.entries(), self.small
-        trace["error"]["noise_from"] = self.noise.source
-        more = {
-            "within_tolerance": [small.name] if small else [],
-            "residual": {"where": None, "when_s": None, "follows": None},
-            "unjudged": [],
-            "discovered": None,
-            "next_experiment": None,
-        }
-        return trace | more
+        rows = self.rows[1:]
+        return {key: [getattr(row, key) for row in rows] for key in ("name", "held_out", "gain")}
 
 
 def _simulated(effect: EffectTerm) -> bool:
@@ -161,7 +155,7 @@ def _blocks(outcome: BenchOutcome) -> Iterator[page.Block]:
     yield page.Title(f"{outcome.bench.name}: what its quasi-static law lacks", 1)
     yield page.Text(Markup("<b>{}.</b> {}").format(outcome.verdict.capitalize(), bench_in_words(outcome)), "verdict")
     yield from page.texts("quiet", [page.sentence(x) for x in (outcome.bench.description, outcome.bench.source) if x])
-    yield charts.error_bars(outcome.to_json()["error"], "noise", unit, "RMS of records left out", scale)
+    yield charts.error_bars(outcome.compared, "noise", unit, "RMS of records left out", scale)
     yield page.Title("Candidates")
     gains = [
         charts.Gain(c.name + " (wrong sign)" * c.refused, c.gain, c.interval90, c.chosen) for c in outcome.candidates

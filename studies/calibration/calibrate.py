@@ -19,9 +19,9 @@ from optimize.fit.parameters import DECLARED, FitVector
 from optimize.fit.policy import CLOSE, DECLARED_ALONE, ROUGH, Policy
 from studies.calibration.result import Calibration, ambiguities
 from studies.calibration.trial_checks import implausible
-from studies.fitting.fits import Fits, fit_at_rest, with_shapes_at_rest
+from studies.fitting.fits import Fits, factor_starts, fit_in_balance, starts_of
 from studies.fitting.fitted_model import EXCESS, doubted, far_factors, fitted_model, interval_warnings, with_engines
-from studies.fitting.joint_fit import joint_fit, joint_fit_from_rest
+from studies.fitting.joint_fit import joint_fit
 from studies.intervals.calibrate import MOST, with_spread
 from studies.measured.fit_data import MeasuredData
 from studies.measured.splits import TRIALS, Tolerance, fit_trials, of_each_design
@@ -31,6 +31,7 @@ MOST_TRIALS = 48  # with effects, whose last fit takes 10 CPU s a trial; never m
 DRAWN = Density(until=1.5, frames=30, points=300)
 _MANY = 20  # unknowns, of which last steps gain less than the noise of their differences promises, at minutes each
 _MANY_UNKNOWNS = replace(ROUGH, finer=replace(ROUGH.finer, least=0.0, least_share=0.0, least_each=CLOSE.least_each))
+_IN_BALANCE = 0.3  # of the work, where factors alone are fitted
 _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
 
 
@@ -70,7 +71,7 @@ def calibrate_sets(
 
     Of more than 16 trials, 16 spread over the session are fitted, and of more than 32 half of them, 48 at most, by the
     last fit of effects: 30 frames of the first 1.5 s of each, and 300 points of a frame. Errors of the pressures and
-    the frame's level are weighed by the sets' accuracy. checkpoint: keeps the fit of each horizon.
+    the frame's level are weighed by the sets' accuracy. checkpoint: keeps each fit.
     Raises InputError for an implausible trial and where no trial is left, SimulationError where every motion diverges.
     """
     sets = [measured] if isinstance(measured, MeasurementSet) else [*measured]
@@ -121,8 +122,7 @@ def _drawn(
         progress(f"sensitive stretches: {done} of {total} motions", 0.0)  # before the fit begins
 
     used = find_used_frames(trials_of_sets, options.coarse, progress=searching)
-    data = MeasuredData.of(sets, chosen, used, DRAWN, seed=options.seed)
-    return with_shapes_at_rest(data, allowed) if vector.terms else data  # factors alone go by horizons
+    return MeasuredData.of(sets, chosen, used, DRAWN, seed=options.seed)
 
 
 def _last(vector: FitVector) -> Policy:
@@ -169,17 +169,19 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, options: Calibration
     fits = replace(fits, named=f"effects of {len(data.trials)} trials")
     try:
         if not vector.terms:
-            return fits.fit(fits.problem(data, vector), FitStart(), _last(vector))
+            starts = starts_of(vector, fit_in_balance(data, fits.within(0.0, _IN_BALANCE), vector))
+            last = fits.within(_IN_BALANCE, 1.0)
+            return last.fit(last.problem(data, vector), FitStart(starts), _last(vector))
         factors, early = vector.without_effects, fits.within(0.0, _WITHOUT_EFFECTS)
-        some = data.only(evenly(len(data.trials), TRIALS).tolist())
-        rested = [fit_at_rest(data, early, unknowns) for unknowns in (factors, vector)]
+        some = data.only_spread(TRIALS)
+        balanced = fit_in_balance(data, early, vector)
 
         def no_effects(named: str, vector: FitVector) -> Progress:
             return lambda line, share: early.progress_of(named, vector)(f"no effects, {line}", share)
 
         alone = replace(early, named=f"factors of {len(data.trials)} trials", progress_of=no_effects)
-        plain = _joint(some, factors, alone, rested[0])
-        fitted = _joint(data, vector, fits.within(_WITHOUT_EFFECTS, 1.0), rested[1])
+        plain = alone.fit(alone.problem(some, factors), FitStart(factor_starts(balanced, factors)), _last(factors))
+        fitted = joint_fit(data, vector, fits.within(_WITHOUT_EFFECTS, 1.0), balanced, plain.x)
     except KeyboardInterrupt as stop:
         reached = stop.fit() if options.interruptible and isinstance(stop, Interrupted) else None
         if not options.interruptible or (reached is None and plain is None):
@@ -187,7 +189,7 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, options: Calibration
         if plain is None:
             assert reached is not None
             return reached
-        points = sum(len(cloud) for sample in data.samples for cloud in sample.clouds)  # horizons have fewer
+        points = sum(len(cloud) for sample in data.samples for cloud in sample.clouds)  # few trials have fewer
         if reached is None or len(reached.state.misfit.residual) < points:
             return replace(plain, ended="interrupted")
         if reached.after >= _remaining(data, fits, plain, plain.x, plain.after):
@@ -195,12 +197,6 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, options: Calibration
         fitted = reached
     before = _remaining(data, fits, plain, plain.vector.start, plain.before)
     return replace(fitted, before=before, without_effects=plain)
-
-
-def _joint(data: MeasuredData, vector: FitVector, fits: Fits, at_rest: Fit | None) -> Fit:
-    if at_rest is None:
-        return joint_fit(data, vector, vector.start, fits)
-    return joint_fit_from_rest(data, vector, fits, at_rest)
 
 
 def _remaining(data: MeasuredData, fits: Fits, plain: Fit, x: Array, known: float) -> float:

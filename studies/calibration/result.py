@@ -2,11 +2,10 @@
 data leave open of the factors, and what else there is to say of the fit."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
-from fabdesign.formats.json_file import plain
 from fabdesign.formats.result_tables import OfModel
 from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.nouns.model import Model, Parameter
@@ -14,7 +13,6 @@ from fabdesign.units import in_mm
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitParameter
 from studies.fitting.fitted_model import excess
-from studies.intervals.calibrate import spread_json
 from studies.measured.fit_data import MeasuredData
 from studies.measured.used_frames import UsedFrames
 
@@ -35,6 +33,27 @@ class Calibration(OfModel):
     skipped: tuple[str, ...]  # bad trials left out, a line each
     data: MeasuredData
     intervals: str | None = None  # how good those of motions are; None: not asked for
+    json_keys: ClassVar = (
+        ("parameters", lambda of: {
+            name: {"factor": p.factor, "interval90": p.interval90, "believable": p.reliable}
+            for name, p in of.model.parameters.items()
+        }),
+        "model.effects",
+        ("correlation", lambda of: {
+            name: dict(zip(of.fit.vector.names, row, strict=True))
+            for name, row in zip(of.fit.vector.names, of.correlation, strict=True)
+        }),
+        "statements",
+        ("believable", lambda of: not of.warnings),
+        ("doubts", "warnings"),
+        ("residual", lambda of: {"before": in_mm(of.fit.before), "after": in_mm(of.fit.after), "unit": "mm"}),
+        ("excess", lambda of: {"after": in_mm(of.excess), "unit": "mm"}),
+        ("noise", lambda of: {"sigma": in_mm(of.noise.sigma), "strays": of.noise.strays, "unit": "mm"}),
+        "model.provenance.fitted", "model.provenance.held_out", "fit.outlying",
+        ("lost", lambda of: [{"trial": trial, "from_s": time} for trial, time in of.fit.lost]),
+        "skipped", ("input_accuracy", "data.accuracy"), "model.spread", ("**", "data.used"),
+        "fit.iterations", "fit.converged", "fit.interrupted",
+    )  # fmt: skip
 
     @property
     def used(self) -> UsedFrames:
@@ -42,39 +61,13 @@ class Calibration(OfModel):
         return self.data.used
 
     @property
+    def excess(self) -> float:
+        """Return m of the residual over the noise."""
+        return excess(self.fit.after, self.noise)
+
+    @property
     def noise(self) -> SensorNoise:
         return self.data.noise
-
-    def json_content(self) -> dict[str, Any]:
-        """Return what `calibrate --json` prints: factors, mm."""
-        names = self.fit.vector.names
-        return {
-            "parameters": {
-                name: {"factor": p.factor, "interval90": p.interval90, "believable": p.reliable}
-                for name, p in self.model.parameters.items()
-            },
-            "effects": self.model.effects,
-            "correlation": {
-                a: dict(zip(names, row, strict=True)) for a, row in zip(names, self.correlation, strict=True)
-            },
-            "statements": self.statements,
-            "believable": not self.warnings,
-            "doubts": self.warnings,
-            "residual": {"before": in_mm(self.fit.before), "after": in_mm(self.fit.after), "unit": "mm"},
-            "excess": {"after": in_mm(excess(self.fit.after, self.noise)), "unit": "mm"},
-            "noise": {"sigma": in_mm(self.noise.sigma), "strays": self.noise.strays, "unit": "mm"},
-            "fitted": self.model.provenance.fitted,
-            "held_out": self.model.provenance.held_out,
-            "outlying": self.fit.outlying,
-            "lost": [{"trial": trial, "from_s": time} for trial, time in self.fit.lost],
-            "skipped": self.skipped,
-            "input_accuracy": self.data.accuracy,
-            "spread": spread_json(self.model),
-            **plain(self.used),
-            "iterations": self.fit.iterations,
-            "converged": self.fit.converged,
-            "interrupted": self.fit.interrupted,
-        }
 
 
 def as_text(calibration: Calibration) -> str:

@@ -1,11 +1,12 @@
 """Can a design be made, and are its values those of cloth and muscles? And studies and benches, as their commands will
 check them: targets opened, start against limits, columns needed."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import combinations, pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,17 +19,18 @@ from fabdesign.nouns.bench import Bench
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.muscle import WIDEST, BenchTable, MuscleType, diameter_slip
-from fabdesign.study_files.follow_file import FollowStudy
 from fabdesign.study_files.layouts_file import LayoutsStudy
 from fabdesign.study_files.loop_file import LoopStudy
 from fabdesign.study_files.sensitivity_file import SensitivityStudy
-from fabdesign.study_files.study_file import read_head, read_study
-from fabdesign.study_files.unseen_file import FREE, UnseenStudy
+from fabdesign.study_files.study_file import Kind, Study, read_head, require_searchable
+from fabdesign.study_files.study_targets import TargetFile
+from fabdesign.study_files.unseen_file import FREE
 from fabdesign.units import in_kpa, in_mm
 from optimize.fit.free_parameters import fit_vector
 from optimize.search.margins import bend_radius, clearance
 from studies.benches import SIZES, require_columns, require_sizes
 from studies.check.findings import BLOCKED, FABRIC, FREE_CONTRACTION, GRAVITY, MUSCLE_TYPE, Findings, beyond, failures
+from studies.check.kinds import STUDIES
 from studies.follow import wanted_of
 from studies.layout_search.first_layouts import first_starts
 from studies.layout_search.target import load_target
@@ -185,30 +187,32 @@ def _scene(design: Design) -> Iterator[str]:
 def study_findings(path: Path) -> Findings:
     """Return the findings of a study, its design and all its targets. Raises InputError for what reading refuses."""
     kind = read_head(path).kind
-    if kind == "sensitivity":
-        sweep = SensitivityStudy.read(path)
-        findings = design_findings(sweep.design, f"{path}: design")
-        targets = [sweep.target] if sweep.target else []
-        return findings + failures(partial(load_target, target, sweep.design, seed=sweep.seed) for target in targets)
-    if kind == "unseen":
-        unseen = UnseenStudy.read(path)
-        findings = failures([partial(fit_vector, unseen.free, where=f"{path}: {FREE}")])
-        return findings + design_findings(unseen.unsewn.design, f"{path}: design") if unseen.unsewn else findings
-    if kind == "loop":
-        from studies.loop import open_study
+    study: Any = STUDIES[kind].read(path)
+    part = next((part for name in ("search", "unsewn") if (part := getattr(study, name, None))), study)
+    design = getattr(part, "design", None)
+    findings = Findings() if design is None else design_findings(design, f"{path}: design")
+    return findings + _FURTHER[kind](study, path) if kind in _FURTHER else findings
 
-        loop = LoopStudy.read(path)
-        return design_findings(loop.search.design, f"{path}: design") + failures([partial(open_study, loop)])
-    if kind == "follow":
-        follow = FollowStudy.read(path)
-        return design_findings(follow.design, f"{path}: design") + failures([partial(wanted_of, follow)])
-    grid = LayoutsStudy.read(path) if kind == "layouts" else None
-    study = read_study(path) if grid is None else grid.search
-    findings = design_findings(study.design, f"{path}: design")
-    findings += failures(partial(load_target, target, study.design, seed=study.seed) for target in study.targets)
-    if grid is not None:  # which goes on without the searches that have no layout
-        without = failures(partial(first_starts, cell.study) for cell in grid.cells)
-        return findings + Findings.warned(path, without.problems)
+
+def _of_sweep(sweep: SensitivityStudy, path: Path) -> Findings:
+    return _targets([sweep.target] if sweep.target else [], sweep.design, sweep.seed)
+
+
+def _of_loop(loop: LoopStudy, path: Path) -> Findings:
+    from studies.loop import open_study
+
+    return failures([partial(open_study, loop)])
+
+
+def _of_grid(grid: LayoutsStudy, path: Path) -> Findings:
+    """Return the findings of a grid, which goes on without the searches that have no layout."""
+    findings = _targets(grid.search.targets, grid.search.design, grid.search.seed)
+    return findings + Findings.warned(path, failures(partial(first_starts, cell.study) for cell in grid.cells).problems)
+
+
+def _of_search(study: Study, path: Path) -> Findings:
+    require_searchable(study, str(path))
+    findings = _targets(study.targets, study.design, study.seed)
     findings += failures([partial(first_starts, replace(study, name=str(path)))])
     _, close = spacing(study.design, study.limits.spacing)
     outside = study.muscles is None and study.positions
@@ -217,8 +221,20 @@ def study_findings(path: Path) -> Findings:
     )
 
 
+def _targets(targets: Iterable[TargetFile], design: Design, seed: int) -> Findings:
+    return failures(partial(load_target, target, design, seed=seed) for target in targets)
+
+
+_FURTHER: Mapping[Kind, Callable[[Any, Path], Findings]] = {  # beside the design, by kind
+    "optimize": _of_search,
+    "layouts": _of_grid,
+    "loop": _of_loop,
+    "sensitivity": _of_sweep,
+    "unseen": lambda unseen, path: failures([partial(fit_vector, unseen.free, where=f"{path}: {FREE}")]),
+    "follow": lambda follow, path: failures([partial(wanted_of, follow)]),
+}
 _TEXTS = ("format", "name", "specimen", "output", "description", "source")
-_CONSTANTS = {"muscle": SIZES, "strip": ("width", "direction")}  # that a law's file takes; others are labels
+_OF_A_STRIP = ("width", "direction")  # constants that a law's file takes; others are labels
 
 
 def bench_findings(path: Path) -> Findings:
@@ -232,7 +248,8 @@ def _unread(path: Path, bench: Bench) -> Iterator[str]:
     for key, value in parse_toml(path).items():
         if isinstance(value, str) and key not in _TEXTS:
             yield f"{key} is a text that nothing reads{nearest(key, _TEXTS)}"
-    wanted = [name for name in _CONSTANTS.get(bench.specimen, ()) if name not in bench.constants]
+    read = SIZES if bench.is_muscle else _OF_A_STRIP if bench.specimen == "strip" else ()
+    wanted = [name for name in read if name not in bench.constants]
     for name in bench.constants:
         if meant := nearest(name, wanted):
             yield f"{name} is a constant that nothing reads{meant}"

@@ -17,11 +17,11 @@ from fabdesign.study_files.follow_file import FollowStudy
 from fabdesign.study_files.layouts_file import LayoutsStudy
 from fabdesign.study_files.loop_file import LoopStudy
 from fabdesign.study_files.sensitivity_file import SensitivityStudy
-from fabdesign.study_files.study_file import Study, StudyHead
+from fabdesign.study_files.study_file import Kind, Study, StudyFile, StudyHead
 from fabdesign.study_files.unseen_file import UnseenStudy
 from studies.rig import GroundTruth
 
-STUDIES: Mapping[str, type] = {
+STUDIES: Mapping[Kind, type[StudyFile]] = {
     "optimize": Study,
     "sensitivity": SensitivityStudy,
     "layouts": LayoutsStudy,

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from markupsafe import Markup
@@ -47,6 +47,15 @@ class ShippedErrors:
     share_left_out: float  # of the frames
     by_trial: Mapping[str, Errors]  # m, of the whole model
     branches: Mapping[str, Branches]  # of the trials that are far off
+    json_keys: ClassVar = (
+        ("set", "measured.name"),
+        ("trials", lambda of: len(of.measured.trials)),
+        ("unjudged_share", "share_left_out"),
+        ("effects", lambda of: acting_effects(of.shipped.terms)),
+        ("by_trial", lambda of: {name: e.millimetres() for name, e in of.by_trial.items()}),
+        ("another_branch", lambda of: {name: branch.is_nearer for name, branch in of.branches.items()}),
+        ("models", lambda of: [{"name": name, **e.millimetres(), "closed": share} for name, e, share in of.rows()]),
+    )
 
     @property
     def effects_in_words(self) -> str:
@@ -94,18 +103,6 @@ class ShippedErrors:
         base = self.errors[CALIBRATED]
         later = (EFFECTS, CORRECTED)
         return [(name, e, closed(base, e).surface if name in later else None) for name, e in self.errors.items()]
-
-    def json_content(self) -> dict[str, Any]:
-        """Return what files hold of it: mm."""
-        return {
-            "set": self.measured.name,
-            "trials": len(self.measured.trials),
-            "unjudged_share": self.share_left_out,
-            "effects": acting_effects(self.shipped.terms),
-            "by_trial": {name: e.millimetres() for name, e in self.by_trial.items()},
-            "another_branch": {name: branch.is_nearer for name, branch in self.branches.items()},
-            "models": [{"name": name, **errors.millimetres(), "closed": share} for name, errors, share in self.rows()],
-        }
 
 
 def far_off(surface: Mapping[str, float]) -> dict[str, float]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib import pyplot as plt
@@ -52,14 +52,13 @@ class Demo:
 
     runs: list[StudyResult]
     shipped: ShippedErrors | None
+    json_keys: ClassVar = ("runs", lambda of: [*map(_run, of.runs)]), ("measured_set", "shipped")
 
-    def json_content(self) -> dict[str, Any]:
-        """Return what `demo --json` prints; distances in mm."""
-        runs = [
-            {"name": run.study.name, **plain(run.errors), "evaluations": len(run.history), "wall_s": run.wall_s}
-            for run in self.runs
-        ]
-        return {"runs": runs, "measured_set": self.shipped}
+
+def _run(result: StudyResult) -> dict[str, Any]:
+    """Return what `demo --json` prints of a search."""
+    counts = {"evaluations": len(result.history), "wall_s": result.wall_s}
+    return {"name": result.study.name, **plain(result.errors), **counts}
 
 
 def run_demo(
@@ -160,11 +159,10 @@ def as_text(demo: Demo) -> str:
     """Return tables for people; distances in mm."""
     head = f"{'mm':8}{'Chamfer':>9}{'floor':>8}{'surface RMS':>13}{'beyond 10 mm':>14}{'evaluations':>13}{'seconds':>9}"
     rows = [f"target: {SOURCE}", head]
-    for run in plain(demo)["runs"]:
-        distances = (
-            f"{run['chamfer']:9.2f}{run['chamfer_floor']:8.2f}{run['surface_rms']:13.2f}{run['surface_beyond']:14.1%}"
-        )
-        rows.append(f"{run['name']:8}{distances}{run['evaluations']:13}{run['wall_s']:9.0f}")
+    for run in demo.runs:
+        mm = run.errors.millimetres()
+        distances = f"{mm['chamfer']:9.2f}{mm['chamfer_floor']:8.2f}{mm['surface_rms']:13.2f}{run.errors.beyond:14.1%}"
+        rows.append(f"{run.study.name:8}{distances}{len(run.history):13}{run.wall_s:9.0f}")
     rows += [
         f"{run.study.name}: {beyond_in_words(run.errors.beyond)}"
         for run in demo.runs

@@ -1,23 +1,21 @@
-"""How a study fits models to what was measured: by which engines, how precisely, where fits are kept, who is told;
-and the fit of shapes at rest: of what acts where a cloth stands, before motions are looked at."""
+"""How a study fits models to what was measured: by which engines, how precisely, where fits are kept, who is told; and
+where fits of motions begin: at what balances frames of them."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.column import Jacobians
 from fabdesign.nouns.forward import ForwardModel
-from fabdesign.nouns.trial import Trial
+from fabdesign.nouns.predictor import Predictor
 from fabdesign.runtime.store import Checkpoint
-from optimize.fit.at_rest import RestProblem, Standing, acting_at_rest, standing_of
-from optimize.fit.clouds import evenly
+from optimize.fit.balance import BalanceProblem, acting_in_balance, fit_balance, frames_around
 from optimize.fit.descent import FitStart, Progress, fit, parts, silent
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitVector
-from optimize.fit.policy import AT_REST, ROUGH, Policy
+from optimize.fit.policy import ROUGH, Policy
 from optimize.fit.problem import FitProblem
 from studies.fitting.fitted_model import expected_rms
 from studies.measured.fit_data import MeasuredData
@@ -27,8 +25,7 @@ from studies.measured.fit_data import MeasuredData
 class Fits:
     """How fits are made. tolerance: m of excess that a right model may leave. slopes: a cheaper engine, for first steps
     and derivatives. progress_of: the progress of the fit of a name and a vector. named: before the names of fits in the
-    checkpoint. last: the policy of the last of several fits. patient: whether a joint fit begins again wherever a
-    horizon leaves more than a right model, not the first alone where that is far more."""
+    checkpoint. last: the policy of the last of several fits."""
 
     forward: ForwardModel
     tolerance: float
@@ -37,7 +34,6 @@ class Fits:
     progress_of: Callable[[str, FitVector], Progress] = lambda named, vector: silent
     named: str = ""
     last: Callable[[FitVector], Policy] = lambda vector: ROUGH
-    patient: bool = False
 
     @property
     def coarse(self) -> "Fits":
@@ -62,50 +58,54 @@ class Fits:
         return fit(problem, start, policy, named=named, checkpoint=self.checkpoint, progress=progress)
 
 
-SHAPES = 24  # fitted at most, of twice as many trials
-SHOWS = 1e-5  # m RMS that a prior's deviation of an unknown moves shapes by; less is rounding
-LEAST = 8  # fewer tell too little of what acts at rest
+BALANCED = 16  # trials, of which frames are looked at
+SHOWS = 1e-5  # m RMS that a prior's deviation of an unknown moves frames by; less is rounding
 
 
-def shapes_at_rest(trials: Sequence[Trial], noise: float, seed: int) -> list[Standing]:
-    """Return shapes at rest of some trials, one for each design and pressures, spread over the session; none where
-    there are fewer than LEAST. noise: m, of a point."""
-    rng = np.random.default_rng(seed)
-    looked_at = [trials[k] for k in evenly(len(trials), 2 * SHAPES)]
-    shapes = [one for trial in looked_at for one in standing_of(trial, trial.load(), noise, rng)]
-    unlike = [*{(one.sample.trial.design_name, *one.pressure.tolist()): one for one in reversed(shapes)}.values()]
-    if len(unlike) < LEAST:
-        return []
-    return [unlike[k] for k in evenly(len(unlike), SHAPES)]
-
-
-def with_shapes_at_rest(data: MeasuredData, trials: Sequence[Trial]) -> MeasuredData:
-    """Return the data with shapes at rest of trials that may be fitted."""
-    return replace(data, standing=tuple(shapes_at_rest(trials, data.noise.sigma, data.seed)))
-
-
-def fit_at_rest(data: MeasuredData, fits: Fits, vector: FitVector) -> Fit | None:
-    """Return the fit to shapes of what acts at rest of a vector; None without shapes, or a tangent of the engine."""
-    jacobians: Jacobians | None = getattr(fits.coarse.forward, "faces_jacobian", None)
-    if not data.standing or jacobians is None:
+def fit_in_balance(data: MeasuredData, fits: Fits, vector: FitVector) -> Fit | None:
+    """Return the fit to frames in balance of what has a tangent of a vector, with next to no doubt of its own: it is
+    near, not more. None without such frames, or a tangent of the engine."""
+    forward = fits.coarse.forward
+    if not isinstance(forward, Predictor) or forward.balances is None:
         return None
-    named, progress = "at rest" if vector.terms else "factors at rest", fits.progress_of("", vector)
-    problem = RestProblem(data.standing, jacobians, acting_at_rest(vector), data.weighed)
-    return fit(
-        problem,
-        policy=AT_REST,
-        named=named,
-        checkpoint=fits.checkpoint,
-        progress=lambda line, share: progress(f"{named}, {line}", share),
-    )
+    rng = np.random.default_rng(data.seed)
+    every = [frames_around(trial, trial.load(), data.used_of(trial), rng) for trial in data.spread(BALANCED)]
+    frames = [one for one in every if one is not None]
+    if not frames:
+        return None
+    problem = BalanceProblem(frames, forward, forward.balances, acting_in_balance(vector), data.noise.sigma)
+    named, progress = "in balance" if vector.terms else "factors in balance", fits.progress_of("", vector)
+
+    def say(line: str, share: float) -> None:
+        progress(f"{named}, {line}", share)
+
+    return fit_balance(problem, named=named, checkpoint=fits.checkpoint, progress=say)
 
 
-def beginning(vector: FitVector, at_rest: Fit, dropped: Collection[str]) -> Array:
-    """Return (p,) where a fit of motions begins: what shapes at rest say of an unknown that shows there, with the terms
-    `dropped` at nothing, or its start."""
-    there = at_rest.without(dropped) if dropped else at_rest.x
-    known = {name: x for name, x, k in zip(at_rest.vector.names, there, _moves(at_rest), strict=True) if k}
-    return np.array([known.get(p.name, p.start) for p in vector.parameters])
+def starts_of(vector: FitVector, balanced: Fit | None, dropped: Collection[str] = ()) -> Array:
+    """Return (k, p) where a fit of motions may begin: where frames balance, with the terms `dropped` at nothing; what
+    has no tangent at its start, and at nothing."""
+    if balanced is None:
+        return vector.start[None]
+    there = balanced.without(dropped) if dropped else balanced.x
+    known = dict(zip(balanced.vector.names, there, strict=True))
+    return np.array([[known.get(p.name, share * p.start) for p in vector.parameters] for share in (1.0, 0.0)])
+
+
+def factor_starts(balanced: Fit | None, factors: FitVector) -> Array:
+    """Return (k, p) where a fit of the factors alone may begin: where frames balance with effects and, to first order,
+    without, and their start."""
+    if balanced is None:
+        return factors.start[None]
+    places = balanced.x, balanced.without(balanced.vector.labels)
+    return np.array([*(x[balanced.vector.are_factors] for x in places), factors.start])
+
+
+def with_factors(vector: FitVector, factors: Array) -> Array:
+    """Return a vector's unknowns (p,): factors, and effects at nothing."""
+    x = np.zeros(len(vector.parameters))
+    x[: len(factors)] = factors
+    return x
 
 
 def shown(fit: Fit) -> list[str]:

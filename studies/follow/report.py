@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from fabdesign.files.motion_file import square_triangles
-from fabdesign.formats.json_file import plain, write_json
-from fabdesign.output import write_text
+from fabdesign.formats.json_file import plain
 from fabdesign.units import in_kpa, in_mm
 from fabdesign.version import __version__
 from studies.follow.result import FollowResult
 from studies.report import charts, page
+from studies.study import write_result
 from studies.view import Item, render_page
 
 _FRAMES = 90  # of the moving picture, at most
@@ -19,8 +19,7 @@ _FRAMES = 90  # of the moving picture, at most
 
 def write_report(result: FollowResult, out: Path, study: str | None) -> None:
     """Write `result.json` and `report.html` into `out`. study: its file, from the folder that these come to."""
-    write_json(out / "result.json", {"study": study} | plain(result))
-    write_text(out / "report.html", page.html_of(result.study.name, _blocks(result)))
+    write_result(out, {"study": study} | plain(result), result.study.name, _blocks(result))
 
 
 def _blocks(result: FollowResult) -> Iterator[page.Block]:

@@ -16,7 +16,7 @@ from fabdesign.nouns.model import NORMAL90, Model
 from fabdesign.nouns.model_sampling import Ensemble
 from fabdesign.nouns.pressure import PressureProgram, limits
 from fabdesign.study_files.follow_file import FollowStudy, MotionScatter
-from fabdesign.units import in_kpa, in_mm
+from fabdesign.units import in_mm
 from studies.follow.programs import Regulator
 from studies.follow.wanted import Wanted
 from studies.prediction.forward_model import forward_model
@@ -47,11 +47,9 @@ class Limitation:
     end: Annotated[float, Key("to_s")]
     by: Literal["highest", "lowest", "rate", "reach"]  # the first two are limits of pressure
     channels: tuple[int, ...] = ()
-    json_keys: ClassVar = "begin", "end", "limit", "channels"
-
-    @property
-    def limit(self) -> Annotated[str, Key("by")]:
-        return self.by if self.by in ("rate", "reach") else "pressure"
+    json_keys: ClassVar = (
+        "begin", "end", ("by", lambda of: of.by if of.by in ("rate", "reach") else "pressure"), "channels"
+    )  # fmt: skip
 
     @property
     def so_far(self) -> str:
@@ -89,6 +87,22 @@ class FollowResult:
     seconds: float
     run: int = 0
     measured_error: float | None = None  # m, of the measured motion that was fed back
+    json_keys: ClassVar = (
+        "study.name",
+        ("design", "study.design.name"),
+        ("cycle_s", "regulator.cycle"),
+        ("cycles", lambda of: len(of.pressures)),
+        ("instants", lambda of: len(of.wanted.times)),
+        ("error_mm", lambda of: of.rms.mean()),
+        ("floor_mm", lambda of: of.floor.mean()),
+        ("chamfer_mm", lambda of: np.mean([error.chamfer for error in of.errors])),
+        ("from_rest_mm", "begun"),
+        ("by_time.time_s", "wanted.times"), ("by_time.error_mm", "rms"), ("by_time.floor_mm", "floor"),
+        ("by_time.band_mm", "copies.band"),
+        ("limited", "limitations"), "copies", ("largest_kpa", lambda of: of.pressures.max(axis=0)),
+        "complete", ("repetition", "run"), ("measured_error_mm", "measured_error"),
+        "study.seed", "study.points_per_side", ("wall_s", "seconds"), ("said", "sentences"),
+    )  # fmt: skip
 
     @property
     def program(self) -> PressureProgram:
@@ -146,36 +160,6 @@ class FollowResult:
         if not self.complete:
             lines.append("the time was used before all windows were solved; the same command goes on")
         return lines
-
-    def json_content(self) -> dict[str, Any]:
-        """Return what result.json holds."""
-        return {
-            "name": self.study.name,
-            "design": self.study.design.name,
-            "cycle_s": self.regulator.cycle,
-            "cycles": len(self.pressures),
-            "instants": len(self.wanted.times),
-            "error_mm": in_mm(float(self.rms.mean())),
-            "floor_mm": in_mm(float(self.floor.mean())),
-            "chamfer_mm": in_mm(float(np.mean([error.chamfer for error in self.errors]))),
-            "from_rest_mm": in_mm(self.begun),
-            "by_time": {
-                "time_s": self.wanted.times,
-                "error_mm": in_mm(self.rms),
-                "floor_mm": in_mm(self.floor),
-                "band_mm": self.copies and in_mm(self.copies.band),
-            },
-            "limited": self.limitations,
-            "copies": self.copies,
-            "largest_kpa": in_kpa(self.pressures.max(axis=0)),
-            "complete": self.complete,
-            "repetition": self.run,
-            "measured_error_mm": self.measured_error and in_mm(self.measured_error),
-            "seed": self.study.seed,
-            "points_per_side": self.study.points_per_side,
-            "wall_s": self.seconds,
-            "said": self.sentences,
-        }
 
 
 def as_text(result: FollowResult) -> str:

@@ -3,7 +3,7 @@ residuals are inside; and the score of such intervals."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from scipy.optimize import minimize
@@ -163,12 +163,3 @@ def spread_from(every: Sequence[RegionResiduals], folds: Sequence[int], model: M
     return Spread(
         float(constant), float(covariance), float(motion), len(every), score.inside, spread_hash(model), widths.designs
     ), score
-
-
-def spread_json(model: Model) -> dict[str, Any] | None:
-    """Return what commands print of it: mm."""
-    spread = model.spread
-    if spread is None:
-        return None
-    shape = {"constant_mm": in_mm(spread.constant), "covariance": spread.covariance, "motion": spread.motion}
-    return shape | {"trials": spread.trials, "held": spread.held, "designs": dict(spread.designs)}

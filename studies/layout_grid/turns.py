@@ -4,7 +4,7 @@ gain."""
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -60,6 +60,12 @@ class GridResult(Tabled):
     cells: tuple[CellResult, ...]
     total: int
     wall_s: float = 0.0  # of all of it, earlier sessions included
+    json_keys: ClassVar = (
+        ("cells", lambda of: [of._cell(one, one in of.front) for one in of.cells]),
+        ("front", lambda of: [one.cell.name for one in of.front]),
+        "study.search.objective", ("left", lambda of: of.total - len(of.cells)),
+        "interrupted", "wall_s", "study.search.seed",
+    )  # fmt: skip
 
     @property
     def interrupted(self) -> bool:
@@ -111,19 +117,6 @@ class GridResult(Tabled):
             }
             rows.append({name: value for name, value in cell.items() if not isinstance(value, list | dict)} | poses)
         return by_name(rows)
-
-    def json_content(self) -> dict[str, Any]:
-        """Return what result.json holds: mm."""
-        front = self.front
-        return {
-            "cells": [self._cell(f, f in front) for f in self.cells],
-            "front": [f.cell.name for f in front],
-            "objective": self.study.search.objective,
-            "left": self.total - len(self.cells),
-            "interrupted": self.interrupted,
-            "wall_s": self.wall_s,
-            "seed": self.study.search.seed,
-        }
 
     def _cell(self, one: CellResult, on_front: bool) -> dict[str, Any]:
         cell, best = one.cell, self.nearest(one.cell)

@@ -20,7 +20,7 @@ from fabdesign.runtime.fingerprint import sha256
 from fabdesign.study_files.study_file import Study
 from fabdesign.study_files.study_targets import TargetFile
 from fabdesign.units import in_mm
-from optimize.search.objective import Target
+from optimize.search.objective import MEASURES, Target
 
 ENOUGH = 4000  # points for the same
 NOISELESS = 1e-4  # m: bends that a quadric does not follow look like less noise than that
@@ -176,7 +176,7 @@ def measure_of(study: Study) -> str:
     """Return the name of what a search makes small."""
     if is_wished(study.targets):
         return "distance from what was asked for"
-    return "Chamfer distance" if study.objective == "chamfer" else "surface RMS"
+    return MEASURES[study.objective].name
 
 
 def errors_in_words(study: Study, errors: Errors) -> str:

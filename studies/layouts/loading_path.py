@@ -36,11 +36,10 @@ class LoadingPath:
     motion: Copy
     copies: tuple[Copy, ...]
     shape: Poses
-    json_keys: ClassVar = "nominal", "worst", "reached", "sensitive", "copies", "sentences"
-
-    @property
-    def nominal(self) -> Annotated[Millimetre, Key("nominal_mm")]:
-        return self.motion.value
+    json_keys: ClassVar = (
+        ("nominal_mm", "motion.value"), ("worst_mm", "worst"), "reached", ("hangs_on_it", "sensitive"), "copies",
+        ("said", "sentences"),
+    )  # fmt: skip
 
     @property
     def reached(self) -> bool:
@@ -52,18 +51,18 @@ class LoadingPath:
         return [copy for copy in self.copies if copy.on_another_branch]
 
     @property
-    def worst(self) -> Annotated[Millimetre, Key("worst_mm")]:
+    def worst(self) -> float:
         """Return m, at most; infinite where one diverged."""
         values = [self.motion.value, *(copy.value for copy in self.copies)]
         return float(np.max(np.where(np.isfinite(values), values, np.inf)))
 
     @property
-    def sensitive(self) -> Annotated[bool, Key("hangs_on_it")]:
+    def sensitive(self) -> bool:
         """Return whether small changes of the inputs lead to another stable shape."""
         return not self.reached or bool(self.on_another_branch)
 
     @property
-    def sentences(self) -> Annotated[list[str], Key("said")]:
+    def sentences(self) -> list[str]:
         mm, worst = f"{in_mm(self.motion.value):.2f}", f"{in_mm(self.worst):.2f} mm"
         lines = []
         if not self.reached:

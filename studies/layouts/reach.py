@@ -3,7 +3,7 @@ out of reach where the nearest shape misses it, and what would bring it nearer."
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.ndimage import uniform_filter
@@ -23,7 +23,7 @@ from fabdesign.units import in_kpa, in_mm
 from optimize.search.design_space import DesignSpace
 from optimize.search.evaluations import Evaluations
 from optimize.search.multistart import evaluations_to_converge, has_converged
-from optimize.search.objective import Objective
+from optimize.search.objective import MEASURES, Objective
 from optimize.search.slopes import Change, Nearer, jacobians_for, what_helps
 from optimize.search.starts import Start
 from studies.layout_search.target import LoadedTarget, is_wished
@@ -49,6 +49,7 @@ class Missed:
 
     place: tuple[float, float]
     off: float
+    json_keys: ClassVar = ("u", lambda of: of.place[0]), ("v", lambda of: of.place[1]), ("off_mm", "off")
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,8 @@ class Helps:
         gains = [f"{change.what}: {in_mm(self.before - change.value):.1f} mm" for change in self.nearer[:SHOWN]]
         return [f"What would bring it nearer, by derivatives: {'; '.join(gains)}."]
 
-    def json_content(self) -> list[dict[str, Any]]:
+    @property
+    def gains(self) -> list[dict[str, Any]]:
         """Return a row a change."""
         return [{"what": change.what, "gain_mm": in_mm(self.before - change.value)} for change in self.nearer]
 
@@ -196,6 +198,11 @@ class Reach:
     missed: tuple[Missed, ...] = ()
     helps: Helps | None = None
     wished: bool = False
+    json_keys: ClassVar = (
+        ("gap_mm", "gap"), "out_of_reach", ("converged", lambda of: of.lacking is None),
+        ("needs", lambda of: of.lacking if of.lacking and of.lacking.evaluations else None),
+        "held_by", "passes_through_itself", "missed", ("helps", "helps.gains"), ("said", "sentences"),
+    )  # fmt: skip
 
     @property
     def out_of_reach(self) -> bool | None:
@@ -231,20 +238,6 @@ class Reach:
                 lines.append(f"No real cloth takes this shape{of}: it passes through itself {where}.")
         return lines
 
-    def json_content(self) -> dict[str, Any]:
-        """Return what `reach` in result.json holds: mm; u and v in m."""
-        return {
-            "gap_mm": in_mm(self.gap),
-            "out_of_reach": self.out_of_reach,
-            "converged": self.lacking is None,
-            "needs": self.lacking if self.lacking and self.lacking.evaluations else None,
-            "held_by": self.held_by,
-            "passes_through_itself": self.passes_through_itself,
-            "missed": [{"u": m.place[0], "v": m.place[1], "off_mm": in_mm(m.off)} for m in self.missed],
-            "helps": self.helps,
-            "said": self.sentences,
-        }
-
 
 def reach_of(
     study: Study,
@@ -257,8 +250,7 @@ def reach_of(
 ) -> Reach:
     """Return the reach. pressures (poses, channels) Pa, shapes (poses, 2 n, 3) m and `margins` (`constraint_margins`)
     of the result."""
-    chamfer = study.objective == "chamfer"
-    value, floor = (errors.chamfer, errors.chamfer_floor) if chamfer else (errors.surface_rms, errors.surface_floor)
+    value, floor = MEASURES[study.objective].errors(errors)
     size = design.fabric.width, design.fabric.height
     places = [pierced(shape) for shape in shapes]
     return Reach(

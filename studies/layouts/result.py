@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import Enum, auto
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, ClassVar, get_type_hints
 
 import numpy as np
 
 from fabdesign.files.design_file import write_design
 from fabdesign.files.motion_file import Motion
 from fabdesign.files.pressure_file import SINGLE_ROW_DURATION, constant_program, pressure_file_of, write_pressures
-from fabdesign.formats.json_file import exact, of_exact, plain, write_json
+from fabdesign.formats.json_file import exact, of_exact, write_json
 from fabdesign.formats.result_tables import Columns, Summary, Tabled, muscle_columns
 from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.array import Array
@@ -25,6 +25,7 @@ from fabdesign.version import SIMULATOR, __version__
 from optimize.search.evaluations import SLOPES, TIME_USED
 from optimize.search.history import Entry, History
 from optimize.search.multistart import INTERRUPTED
+from optimize.search.objective import MEASURES
 from optimize.search.search_state import of_rows
 from optimize.search.thinning import Fewer
 from studies.layout_search.target import LoadedTarget, pose_errors
@@ -56,6 +57,19 @@ class StudyResult(Tabled):
     within: float | None = None  # m, half of a 90 % interval along the normal; None: the model has no intervals
     fewer: Fewer | None = None  # what leaving muscles out came to, where their number may vary
     kept: bool = False  # whether it was there before, and nothing was searched
+    json_keys: ClassVar = (  # `surface_beyond` of the errors is a share of the points
+        ("objective_mm", "objective"),
+        ("**", "errors"),
+        ("evaluations", lambda of: len(of.history)),
+        ("diverged", lambda of: sum(entry.diverged for entry in of.history)),
+        "wall_s", ("limit_s", "study.limits.seconds"), "design.muscles",
+        ("pressures_kpa", lambda of: of.pressure if len(of.pressure) > 1 else of.pressure[0]),
+        ("constraints", lambda of: {k: in_kpa(v) if k == "pressure" else v for k, v in of.constraints.items()}),
+        "stop_reason", ("expected_within_mm", "within"), ("poses", lambda of: of._poses()),
+        ("outputs", "output_values"), "reach", ("way", "loading_path"), ("after_a_tenth_mm", "after_a_tenth"), "robust",
+        ("fewer", lambda of: of.fewer and of._fewer(of.fewer)), "study.seed",
+        ("targets", lambda of: [target.description for target in of.targets]),
+    )  # fmt: skip
 
     @property
     def pressures(self) -> Array:
@@ -103,12 +117,12 @@ class StudyResult(Tabled):
     @property
     def objective(self) -> float:
         """Return m, of the measure that was searched."""
-        return self.errors.chamfer if self.study.objective == "chamfer" else self.errors.surface_rms
+        return MEASURES[self.study.objective].errors(self.errors)[0]
 
     @property
     def floor(self) -> float:
         """Return what noise and sampling allow of that measure, m."""
-        return self.errors.chamfer_floor if self.study.objective == "chamfer" else self.errors.surface_floor
+        return MEASURES[self.study.objective].errors(self.errors)[1]
 
     @property
     def after_a_tenth(self) -> float | None:
@@ -169,32 +183,6 @@ class StudyResult(Tabled):
             f"What is sewn is expected within {in_mm(self.within):.2f} mm of this shape (90 %, along the cloth's "
             "normal, mean over its regions)."
         )
-
-    def json_content(self) -> dict[str, Any]:
-        """Return what result.json holds: distances in mm, pressures in kPa, margins in m (kPa for pressure);
-        `surface_beyond` is a share of the points."""
-        return {
-            "objective_mm": in_mm(self.objective),
-            **plain(self.errors),
-            "evaluations": len(self.history),
-            "diverged": sum(entry.diverged for entry in self.history),
-            "wall_s": self.wall_s,
-            "limit_s": self.study.limits.seconds,
-            "muscles": self.design.muscles,
-            "pressures_kpa": pressures_kpa(self.pressure),
-            "constraints": {k: in_kpa(v) if k == "pressure" else v for k, v in self.constraints.items()},
-            "stop_reason": self.stop_reason,
-            "expected_within_mm": self.within and in_mm(self.within),
-            "poses": self._poses(),
-            "outputs": self.output_values,
-            "reach": self.reach,
-            "way": self.loading_path,
-            "after_a_tenth_mm": self.after_a_tenth and in_mm(self.after_a_tenth),
-            "robust": self.robust,
-            "fewer": self.fewer and self._fewer(self.fewer),
-            "seed": self.study.seed,
-            "targets": [target.description for target in self.targets],
-        }
 
     def write(self, out: Path) -> None:
         """Write `design.toml` with its bench tables, `pressures.csv` (`pressures_2.csv` of a second pose),

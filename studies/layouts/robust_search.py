@@ -23,7 +23,7 @@ from optimize.search.objective import Objective, Poses, refined
 from optimize.search.starts import Start
 from optimize.search.step import LinearShape
 from optimize.search.variations import doubled
-from studies.layouts.robustness import normals
+from studies.layouts.robustness import mean_and_yield, normals
 from studies.layouts.scatter import Scatter
 
 COPIES = 8  # one block of lanes
@@ -118,8 +118,7 @@ def descend(
             search.model = copies.model(search.x, search.shape, jacobians)
         xs = search.trials(together)
         shapes = copies.shapes(xs) if xs else []
-        values = [together.value(one) for one in shapes]
-        results = [(v if np.isfinite(v) else np.inf, one) for v, one in zip(values, shapes, strict=True)]
+        results = [*zip(_or_infinite([together.value(one) for one in shapes]), shapes, strict=True)]
         search.accept(together, xs, results, [])
     return space, search.x
 
@@ -177,9 +176,8 @@ def more_robust(
     def judged(one: Start, doubled: int) -> MoreRobust:
         scatter = Scatter(study, robust, *one[0].decode(one[1]))
         zs = normals(scatter, study.seed + 3)[:JUDGED]
-        values = np.array([objective.value(shape) for shape in scatter.shapes(objective, forward, [*zs])])
-        values = np.where(np.isfinite(values), values, np.inf)
-        return MoreRobust(one, float(values.mean()), float((values <= tolerance).mean()), doubled)
+        values = [objective.value(shape) for shape in scatter.shapes(objective, forward, [*zs])]
+        return MoreRobust(one, *mean_and_yield(values, tolerance), doubled)
 
     def lowered(one: Start) -> Start:
         return descend(study, robust, one, objective, forward, going=going)

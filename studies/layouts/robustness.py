@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from scipy.stats import norm, qmc
 
-from fabdesign.formats.schema import MM, Key, Millimetre
+from fabdesign.formats.schema import Key, Millimetre
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.predictor import Predictor
@@ -59,7 +59,10 @@ class Robustness:
     doubled: int = 0
     json_keys: ClassVar = (
         "nominal", "expected", "worst", "yielded", "tolerance", "copies", "on_another_branch", "expected_linear",
-        "yield_linear", "holds", "widths", "most_delicate", "doubled", "chosen_for", "sentences",
+        "yield_linear", "holds",
+        ("band_mm", lambda of: {"mean": float(of.band.mean()), "largest": float(of.band.max())}),
+        ("delicate", lambda of: {"muscle": of.delicate[0], "off_mm": in_mm(OFF), "value_mm": in_mm(of.delicate[1])}),
+        "doubled", "chosen_for", ("said", "sentences"),
     )  # fmt: skip
 
     @property
@@ -67,17 +70,7 @@ class Robustness:
         return len(self.shapes)
 
     @property
-    def widths(self) -> Annotated[dict[str, float], Key("band_mm"), MM]:
-        """Return the mean and the largest of the band, m."""
-        return {"mean": float(self.band.mean()), "largest": float(self.band.max())}
-
-    @property
-    def most_delicate(self) -> Annotated[dict[str, float], Key("delicate")]:
-        muscle, value = self.delicate
-        return {"muscle": muscle, "off_mm": in_mm(OFF), "value_mm": in_mm(value)}
-
-    @property
-    def sentences(self) -> Annotated[list[str], Key("said")]:
+    def sentences(self) -> list[str]:
         """Return sentences for people."""
         band, (muscle, value) = self.band, self.delicate
         lines = [
@@ -111,7 +104,7 @@ def first_order(
     scatter: Scatter, model: LinearShape, objective: Objective, tolerance: float, *, seed: int
 ) -> tuple[float, float]:
     """Return the expected value [m] and yield, by derivatives."""
-    return _mean_and_yield([objective.value(model.at(z)) for z in normals(scatter, seed)], tolerance)
+    return mean_and_yield([objective.value(model.at(z)) for z in normals(scatter, seed)], tolerance)
 
 
 def normals(scatter: Scatter, seed: int) -> Array:
@@ -120,7 +113,7 @@ def normals(scatter: Scatter, seed: int) -> Array:
     return np.asarray(norm.ppf(sequence))
 
 
-def _mean_and_yield(values: Sequence[float], tolerance: float) -> tuple[float, float]:
+def mean_and_yield(values: Sequence[float], tolerance: float) -> tuple[float, float]:
     """Return m and a share; infinite m where a copy diverged."""
     counted = np.where(np.isfinite(values), values, np.inf)
     return float(counted.mean()), float((counted <= tolerance).mean())
@@ -164,7 +157,7 @@ def _expected(
         if _holds([objective.value(about.model.at(z)) for z in zs[:PROBES]], values):
             return first_order(scatter, about.model, objective, tolerance, seed=seed)
     more = scatter.shapes(objective, coarse, [*zs[len(values) : FOLD_COPIES]])
-    return _mean_and_yield([*values, *(objective.value(shape) for shape in more)], tolerance)
+    return mean_and_yield([*values, *(objective.value(shape) for shape in more)], tolerance)
 
 
 def robustness_of(

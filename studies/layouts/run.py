@@ -20,7 +20,7 @@ from optimize.search.evaluations import FINALISTS, MARGIN, Evaluations
 from optimize.search.history import History
 from optimize.search.margins import constraint_margins
 from optimize.search.multistart import INTERRUPTED, search
-from optimize.search.objective import Objective
+from optimize.search.objective import MEASURES, Objective
 from optimize.search.starts import Start
 from studies.intervals.draws import drawn_models, region_terms
 from studies.layout_search.first_layouts import (
@@ -190,8 +190,7 @@ def _floor(study: Study, targets: tuple[LoadedTarget, ...]) -> Callable[[Array],
     """Return the floor [m] of a result's shapes (poses, 2 n, 3) m, in the measure that is searched."""
 
     def floor(shapes: Array) -> float:
-        errors = target_errors(targets, shapes, study.design, seed=study.seed)
-        return errors.chamfer_floor if study.objective == "chamfer" else errors.surface_floor
+        return MEASURES[study.objective].errors(target_errors(targets, shapes, study.design, seed=study.seed))[1]
 
     return floor
 

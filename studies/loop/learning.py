@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from fabdesign.errors import InputError
 from fabdesign.files.model_file import read_model, write_model
+from fabdesign.formats.json_file import plain
 from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.model import Model
@@ -69,7 +70,7 @@ def learn(
             model = learned if study.learning.trace_grid == study.points_per_side else None
     if model is None:
         calibration = _calibrated(study, sets, started, simulators, say)
-        model, remaining = calibration.model, calibration.to_json()["excess"]["after"]
+        model, remaining = calibration.model, in_mm(calibration.excess)
         notes.append(f"calibrated on {len(model.provenance.fitted)} trials: {remaining:.2f} mm over the noise remain")
         notes += [f"warning: the intervals are not reliable: {why}" for why in calibration.warnings]
     trained = False
@@ -133,12 +134,11 @@ def traced_by(
             outcome = trace(force=True)
     except TooLittle as error:
         return Traced(None, None, [f"not traced: {error}"])
-    result = outcome.to_json()
     traced = TracedEffects(
-        verdict=result["verdict"],
-        effects=[effect["name"] for effect in result["effects"]],
-        indistinguishable=result["indistinguishable"],
-        excess={name: value for name, value in result["excess"].items() if name != "unit"},
+        verdict=outcome.verdict,
+        effects=[effect.name for effect in outcome.effects],
+        indistinguishable=[*outcome.indistinguishable],
+        excess=plain(outcome.excess_mm),
     )
     return Traced(traced, outcome.model, [f"trace: {verdict_in_words(outcome)}"])
 

@@ -4,7 +4,7 @@ turn beside what each search predicted."""
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any, ClassVar, TypedDict
 
 import numpy as np
 from markupsafe import Markup
@@ -50,7 +50,7 @@ class TracedEffects(TypedDict):
 
     verdict: str
     effects: list[str]
-    indistinguishable: list[list[str]]
+    indistinguishable: list[str]
     excess: dict[str, float | None]
 
 
@@ -90,16 +90,16 @@ class LoopOutcome:
     wall_s: float = 0.0
     seed: int = 1
     source: str = "rig"
+    json_keys: ClassVar = (
+        "name", "turns", "stop_reason", "waiting_for", "asked", "synthetic", "wall_s", "seed", "source",
+        ("unit", lambda of: "mm"), ("best", "best.name"),
+    )  # fmt: skip
 
     @property
     def best(self) -> Turn | None:
         """Return the turn whose device is nearest to the target, as measured."""
         measured = [turn for turn in self.turns if turn.device is not None]
         return min(measured, key=lambda turn: turn.device["excess"] if turn.device else np.inf, default=None)
-
-    def json_content(self) -> dict[str, Any]:
-        """Return what result.json holds."""
-        return vars(self) | {"unit": "mm", "best": self.best and self.best.name}
 
 
 def loop_content(study: LoopStudy, targets: Sequence[LoadedTarget]) -> dict[str, str]:

@@ -17,8 +17,7 @@ from fabdesign.nouns.model import Provenance
 from fabdesign.nouns.trial import Accuracy, MeasurementSet, Trial
 from fabdesign.runtime.fingerprint import sha256
 from fabdesign.version import SIMULATOR, __version__
-from optimize.fit.at_rest import Standing
-from optimize.fit.clouds import Density, Sample, cut, sample_trial
+from optimize.fit.clouds import Density, Sample, evenly, sample_trial
 from studies.measured.splits import program_of
 from studies.measured.used_frames import NONE_USED, UsedFrames
 
@@ -43,7 +42,6 @@ class MeasuredData:
     used: UsedFrames
     accuracy: Accuracy
     seed: int
-    standing: tuple[Standing, ...] = ()  # shapes at rest, of these and of other trials that may be fitted
 
     @staticmethod
     def of(
@@ -83,9 +81,18 @@ class MeasuredData:
         """Return some trials, by their places."""
         return replace(self, trials=tuple(self.trials[k] for k in kept), samples=tuple(self.samples[k] for k in kept))
 
-    def until(self, horizon: float) -> "MeasuredData":
-        """Return the first `horizon` s of each trial."""
-        return replace(self, samples=tuple(cut(sample, horizon) for sample in self.samples))
+    def spread(self, most: int) -> tuple[Trial, ...]:
+        """Return up to `most` trials, spread over all."""
+        return tuple(self.trials[k] for k in evenly(len(self.trials), most))
+
+    def only_spread(self, most: int) -> "MeasuredData":
+        """Return up to `most` trials of the data, spread over all."""
+        return self.only(evenly(len(self.trials), most).tolist())
+
+    def used_of(self, trial: Trial) -> NDArray[np.bool_]:
+        """Return (T,) which frames of a trial are used."""
+        measured = next(one for one in self.sets if any(other.file == trial.file for other in one.trials))
+        return self.used.at(measured, trial)
 
     @cached_property
     def folds(self) -> tuple[int, ...]:

@@ -22,6 +22,27 @@ When = Literal["before", "after"]
 
 
 @dataclass(frozen=True)
+class ShownErrors:
+    """Errors of a model, as `trace.json` has them. held_out: of those of role test, where there are any."""
+
+    fit: float | None
+    held_out: float
+    cross_validated: float
+
+
+@dataclass(frozen=True)
+class CandidateRow:
+    """A candidate, as `trace.json` has it."""
+
+    name: str
+    held_out: float
+    gain: float
+    interval90: tuple[float, float]
+    adequate: bool
+    chosen: bool
+
+
+@dataclass(frozen=True)
 class Candidate:
     """An effect. gain: m, or the bench's unit, of excess, in quadrature, that trials or records left out gain by it: of
     a set's beside the effects chosen, to first order; of a bench's by itself. excess, typical: of the model with it, in
@@ -59,6 +80,14 @@ class TraceOutcome(Tabled):
     candidates: tuple[Candidate, ...]
     named: Mapping[str, EffectTerm]
     indistinguishable: tuple[str, ...]
+    json_keys: ClassVar[tuple[Any, ...]] = (
+        ("format", lambda of: "fabdesign.trace/1"),
+        "verdict", ("effects", "_effects"), "indistinguishable", ("candidates", "rows"),
+        ("error.metric", "metric"), ("error.unit", "unit"),
+        ("error.noise_floor", lambda of: of.scale * of.floor), ("error.tolerance", lambda of: of.scale * of.tolerance),
+        ("error.ceiling", lambda of: of.held_out(of.evidence.box_before)),
+        ("error.before", lambda of: of.errors_shown("before")), ("error.after", lambda of: of.errors_shown("after")),
+    )  # fmt: skip
 
     @cached_property
     def explained(self) -> dict[str, float]:
@@ -80,55 +109,51 @@ class TraceOutcome(Tabled):
         """Return the excess of trials or records left out, after by the model that is written."""
         return self.evidence.after if when == "after" and self.verdict == "effect" else self.evidence.before
 
-    def entries(self) -> dict[str, Any]:
-        """Return what `trace.json` says of a set and of a bench."""
-        scale, evidence = self.scale, self.evidence
+    def held_out(self, excess: float) -> float:
+        """Return the error of what is left out by its excess, as `trace.json` has it."""
+        return self.scale * float(np.hypot(excess, self.floor))
+
+    def errors_shown(self, when: When) -> ShownErrors:
+        """Return the errors before or after."""
+        fit, test = (self.mean_error(role, when) for role in ("fit", "test"))
+        left_out = self.held_out(self.excess(when))
+        return ShownErrors(fit and self.scale * fit, left_out if test is None else self.scale * test, left_out)
+
+    @property
+    def compared(self) -> list[float]:
+        """Return the noise floor, and the errors held out of the baseline, after and before."""
+        before, after = (self.errors_shown(when).held_out for when in ("before", "after"))
+        return [self.scale * self.floor, self.held_out(self.evidence.box_before), after, before]
+
+    @property
+    def _effects(self) -> list[dict[str, Any]]:
+        return [
+            {
+                "name": effect.name,
+                "site": EFFECTS[effect.name].site,
+                "scope": effect.scope or EFFECTS[effect.name].scope,
+                "parameters": effect.parameters,
+                "explains": self.explained.get(label),
+            }
+            for label, effect in self.named.items()
+        ]
+
+    @property
+    def rows(self) -> list[CandidateRow]:
+        """Return a row a candidate; the first is the model without effects."""
+        evidence = self.evidence
         none = Candidate("none", 0.0, (0.0, 0.0), evidence.before, max(evidence.typical, evidence.drift), False)
-
-        def held_out(excess: float) -> float:
-            return scale * float(np.hypot(excess, self.floor))
-
-        def errors(when: When) -> dict[str, float | None]:
-            fit, test = (self.mean_error(role, when) for role in ("fit", "test"))
-            left_out = held_out(self.excess(when))
-            shown = left_out if test is None else scale * test
-            return {"fit": fit and scale * fit, "held_out": shown, "cross_validated": left_out}
-
-        return {
-            "format": "fabdesign.trace/1",
-            "verdict": self.verdict,
-            "effects": [
-                {
-                    "name": effect.name,
-                    "site": EFFECTS[effect.name].site,
-                    "scope": effect.scope or EFFECTS[effect.name].scope,
-                    "parameters": effect.parameters,
-                    "explains": self.explained.get(label),
-                }
-                for label, effect in self.named.items()
-            ],
-            "indistinguishable": self.indistinguishable,
-            "candidates": [
-                {
-                    "name": c.name,
-                    "held_out": held_out(c.excess),
-                    "gain": scale * c.gain,
-                    "interval90": [scale * end for end in c.interval90],
-                    "adequate": c.adequate(self.tolerance),
-                    "chosen": c.chosen and self.verdict == "effect",
-                }
-                for c in (none, *self.candidates)
-            ],
-            "error": {
-                "metric": self.metric,
-                "unit": self.unit,
-                "noise_floor": scale * self.floor,
-                "tolerance": scale * self.tolerance,
-                "ceiling": held_out(evidence.box_before),
-                "before": errors("before"),
-                "after": errors("after"),
-            },
-        }
+        return [
+            CandidateRow(
+                name=c.name,
+                held_out=self.held_out(c.excess),
+                gain=self.scale * c.gain,
+                interval90=(self.scale * c.interval90[0], self.scale * c.interval90[1]),
+                adequate=c.adequate(self.tolerance),
+                chosen=c.chosen and self.verdict == "effect",
+            )
+            for c in (none, *self.candidates)
+        ]
 
 
 def write_trace(files: Path, outcome: TraceOutcome, model: Model, html: str) -> None:

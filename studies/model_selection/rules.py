@@ -23,8 +23,8 @@ class Selection:
     """The effects that are needed. everything: the joint fit; to first order about `plain` where that is adequate.
     before: the declared parameters alone, and what trials left out say of them. judged: the same of the fit with what
     is needed; `before` itself where nothing is. small: effects that are certain but within the tolerance, or like all
-    others too small for a cause. decoys: beside what is chosen; None without effects. at_rest: what shapes at rest say
-    of the effects that act there. drift: m by which the declared parameters alone certainly change over the session.
+    others too small for a cause. decoys: beside what is chosen; None without effects. drift: m by which the declared
+    parameters alone certainly change over the session.
 
     For the rules: of_all: m of excess that all effects leave of trials left out. most: the fit with most effects; what
     goes one after another must not add up, so fits with fewer are compared with it. asked: effects that a fit without
@@ -38,7 +38,6 @@ class Selection:
     of_all: float = 0.0
     small: tuple[str, ...] = ()
     decoys: Decoys | None = None
-    at_rest: Fit | None = None
     drift: float = 0.0
     most: Judged | None = None
     asked: tuple[str, ...] = ()

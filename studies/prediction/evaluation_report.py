@@ -1,7 +1,7 @@
 """The outcome of an evaluation: errors per trial and per design, and its folder, numbers, tables and a picture."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -50,6 +50,13 @@ class DesignResult:
     before: Mapping[str, Statistics]
     after: Mapping[str, Statistics]
     closed: Closed
+    json_keys: ClassVar = (
+        ("before", lambda of: _millimetres(of.before)), ("after", lambda of: _millimetres(of.after)), "closed",
+        ("noise.sigma_mm", "noise.sigma"), ("noise.strays", "noise.strays"),
+        ("histogram", lambda of: {error: histogram(of, error) for error in ERROR_NAMES}), "source", "intervals",
+        ("trials", lambda of: {trial.trial: trial for trial in of.trials}),
+        "diverged", ("without_judged_frame", "without_frames"),
+    )  # fmt: skip
 
     @property
     def intervals(self) -> IntervalScore | None:
@@ -66,24 +73,9 @@ class DesignResult:
         """Return trials of which no frame is used."""
         return [t.trial for t in self.trials if not t.used]
 
-    def json_content(self) -> dict[str, Any]:
-        """Return what `evaluate --json` prints of a design: mm."""
 
-        def millimetres(table: Mapping[str, Statistics]) -> dict[str, Any]:
-            return plain({name: table[name] for name in ERRORS}, MM) | {"surface_beyond": table["beyond"]}
-
-        return {
-            "before": millimetres(self.before),
-            "after": millimetres(self.after),
-            "closed": asdict(self.closed) | {"value": self.closed.surface},
-            "noise": {"sigma_mm": in_mm(self.noise.sigma), "strays": self.noise.strays},
-            "histogram": {error: histogram(self, error) for error in ("chamfer", "surface_rms")},
-            "source": self.source,
-            "intervals": self.intervals,
-            "trials": {trial.trial: trial for trial in self.trials},
-            "diverged": self.diverged,
-            "without_judged_frame": self.without_frames,
-        }
+def _millimetres(table: Mapping[str, Statistics]) -> dict[str, Any]:
+    return plain({name: table[name] for name in ERRORS}, MM) | {"surface_beyond": table["beyond"]}
 
 
 @dataclass(frozen=True)

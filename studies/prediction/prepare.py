@@ -69,12 +69,13 @@ def _motions(case: Case) -> None:
 def _derivatives() -> None:
     """Compile derivatives of a cloth that does not hang at rest: no motion is compiled for it."""
     from sim.chunks import chunks_of, laid
-    from sim.tangent.shapes import LaneColumns, solve_at_rest
+    from sim.tangent.explicit import LaneColumns, MovedCases
+    from sim.tangent.shapes import solve_at_rest
 
     [chunk] = chunks_of([_case()], GRID)
     batch = laid(chunk.damped(), GRID, False)
-    lanes = [LaneColumns(case, (0,)) for case in chunk.lanes]
-    solve_at_rest(batch, lanes, [factor("membrane")], lambda case: case.program.pressure[-1])
+    moved = MovedCases(chunk.cases, [factor("membrane")], GRID, lambda case: case.program.pressure[-1])
+    solve_at_rest(batch, [LaneColumns(case, (0,)) for case in chunk.packed], moved)
 
 
 def _distances() -> None:

@@ -1,7 +1,7 @@
 """Charts of a page, drawn by Plotly: axes with titles that have room, a legend above the axes, rows with names; and
 scenes that a person turns: clouds, cloths and lines in space."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,14 +66,9 @@ def bars(name: str, rows: Sequence[tuple[str, float, str]], unit: str, x: str) -
     return chart(name, [drawn], x=f"{x}, {unit}", height=_height(rows), xaxis=axis, yaxis=_NAMED)
 
 
-def error_bars(error: Mapping[str, Any], noise: str, unit: str, x: str, scale: float = 1.0) -> Chart:
-    """Return the errors of a trace, as its file has them. noise: what the floor is called."""
-    rows = [
-        (noise, error["noise_floor"], GREY),
-        ("flexible baseline", error["ceiling"], GREY),
-        ("after", error["after"]["held_out"], BLUE),
-        ("before", error["before"]["held_out"], RED),
-    ]
+def error_bars(errors: Sequence[float], noise: str, unit: str, x: str, scale: float = 1.0) -> Chart:
+    """Return the errors of a trace: the floor, called `noise`, the baseline's, after and before."""
+    rows = zip((noise, "flexible baseline", "after", "before"), errors, (GREY, GREY, BLUE, RED), strict=True)
     return bars("bars", [(name, scale * value, colour) for name, value, colour in rows], unit, x)
 
 

@@ -80,7 +80,7 @@ def _rows(result: SensitivityResult) -> Iterator[list[Any]]:
 
 
 def _blocks(result: SensitivityResult) -> Iterator[page.Block]:
-    study, outputs = result.study, result.to_json()["outputs"]
+    study, outputs = result.study, result.outputs
     yield page.Title(study.name, 1)
     yield page.Text(f"""What the {"motion" if study.at else "shape at rest"} of design {study.design.name} depends on:
         {result.samples} samples, {study.points_per_side} grid points a side, seed {study.seed}.""")
@@ -138,7 +138,7 @@ def _held(study: SensitivityStudy) -> str:
 def as_text(result: SensitivityResult) -> str:
     """Return in words of every output the parameters that matter most."""
     lines = []
-    for column, output in result.to_json()["outputs"].items():
+    for column, output in result.outputs.items():
         lines.append(
             f"{column}: {output['mean']:.4g} {output['unit']} (90 % {output['low90']:.4g} to {output['high90']:.4g})"
         )

@@ -7,7 +7,7 @@ and in a group, and it would bring pandas and multiprocess."""
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,6 +126,13 @@ class SensitivityResult(Tabled):
     wall_s: float
     cpu_s: float
     interrupted: bool = False  # by Ctrl-C
+    json_keys: ClassVar = (
+        "outputs", ("inputs", lambda of: dict(zip(of.inputs.names, of.inputs.units, strict=True))),
+        ("samples.computed", "samples"), ("samples.failed", "failed"),
+        ("samples.**", lambda of: {f"{m}_left_out": int((~f.sound).sum()) for m, f in of.computed.items()}),
+        ("samples.looked_at", lambda of: len(of.moves)), ("samples.snapping", "snapping"),
+        ("said", "sentences"), "complete", "study.points_per_side", "wall_s", "cpu_s", "study.seed",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         for method, samples in self.computed.items():
@@ -224,7 +231,7 @@ class SensitivityResult(Tabled):
     def indices(self, output: str) -> dict[str, dict[str, Any]]:
         """Return first, total and their intervals of an output, by parameter. Raises InputError where there are
         none."""
-        entry = self.to_json()["outputs"].get(output, {})
+        entry = self.outputs.get(output, {})
         if "sobol" not in entry:
             known = ", ".join(column.name for column in self.watched)
             raise InputError(f"{output}: no indices; expected an output that varies, of {known}")
@@ -235,31 +242,16 @@ class SensitivityResult(Tabled):
         return by_name(
             [
                 {"output": output, "unit": entry["unit"], "parameter": name, "method": method} | _flat(numbers)
-                for output, entry in self.to_json()["outputs"].items()
+                for output, entry in self.outputs.items()
                 for method in FEWEST
                 for name, numbers in entry.get(method, {}).items()
             ]
         )
 
-    def json_content(self) -> dict[str, Any]:
-        """Return what result.json holds."""
-        return {
-            "outputs": {c.name: self._output(k) for k, c in enumerate(self.watched)},
-            "inputs": dict(zip(self.inputs.names, self.inputs.units, strict=True)),
-            "samples": {
-                "computed": self.samples,
-                "failed": self.failed,
-                **{f"{m}_left_out": int((~f.sound).sum()) for m, f in self.computed.items()},
-                "looked_at": len(self.moves),
-                "snapping": self.snapping,
-            },
-            "said": self.sentences,
-            "complete": self.complete,
-            "points_per_side": self.study.points_per_side,
-            "wall_s": self.wall_s,
-            "cpu_s": self.cpu_s,
-            "seed": self.study.seed,
-        }
+    @cached_property
+    def outputs(self) -> dict[str, dict[str, Any]]:
+        """Return the unit of each output, its spread, and its measures by parameter."""
+        return {column.name: self._output(k) for k, column in enumerate(self.watched)}
 
     def _output(self, k: int) -> dict[str, Any]:
         entry: dict[str, Any] = {"unit": self.watched[k].unit, **self.spread(k)}

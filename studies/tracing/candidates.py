@@ -44,7 +44,6 @@ def candidates_of(selection: Selection) -> tuple[tuple[Candidate, ...], dict[str
     asked = [(added, chosen.vector.part(label), label) for label in chosen.vector.labels]
     asked += [(np.setdiff1d(added, places[label]), places[label], label) for label in others]
     candidates = [_candidate(wide, off, part, label, selection) for off, part, label in asked]
-    candidates += _inactive(selection, _remaining(wide.scored(added), selection))
     best: dict[str, Candidate] = {}
     for candidate in sorted(candidates, key=lambda c: c.gain):
         best[candidate.name] = candidate
@@ -97,21 +96,6 @@ def _candidate(wide: LeftOut, off: Indices, part: Indices, label: str, selection
 def _remaining(scored: Scored, selection: Selection) -> tuple[float, float]:
     """Return the excess of trials left out in the mean and in the median, m."""
     return scored.excess(selection.floor), scored.typical(selection.floor)
-
-
-def _inactive(selection: Selection, remaining: tuple[float, float]) -> list[Candidate]:
-    """Return the effects that shapes at rest say are nothing. remaining: m, of the model chosen."""
-    at_rest = selection.at_rest
-    if at_rest is None:
-        return []
-    judged = {label_effect(label) for label in selection.everything.vector.labels}
-    deviation = np.sqrt(np.diag(at_rest.covariance))
-    none: tuple[float, float] = (0.0, 0.0)
-    return [
-        Candidate(name, 0.0, none, *remaining, False, _smallest(name, deviation[at_rest.vector.part(label)]))
-        for label in at_rest.vector.labels
-        if (name := label_effect(label)) not in judged
-    ]
 
 
 def _detectable(wide: LeftOut, off: Indices, part: Indices, label: str) -> dict[str, float]:

@@ -48,6 +48,15 @@ class Outcome(TraceOutcome, OfModel):
     model: Model
     next_experiment: Mapping[str, Any] | None
     final: Judged
+    json_keys: ClassVar = (
+        *TraceOutcome.json_keys,
+        ("other_layouts", "_other_layouts"),
+        ("residual.where", "remains.where"), ("residual.when_s", "remains.when"), ("residual.follows", "follows"),
+        ("unjudged", lambda of: of.data.used.stretches or ()), ("unjudged_share", "data.used.share_left_out"),
+        ("weights.share_below_tenth", "share_below_tenth"), ("weights.input_accuracy", "data.accuracy"),
+        ("decoys", "_decoys"), ("discovered", "_discovered"), "next_experiment",
+        ("excess.unit", "unit"), ("excess.**", "excess_mm"), "detectable", ("said", "sentences"),
+    )  # fmt: skip
 
     @property
     def name(self) -> str:
@@ -147,47 +156,44 @@ class Outcome(TraceOutcome, OfModel):
         """Return the verdict, and the model's parameters."""
         return Summary([f"Outcome: {self.verdict}"], self.columns())
 
-    def json_content(self) -> dict[str, Any]:
-        """Return `trace.json`; mm."""
-        excess, decoys = self.evidence, self.selection.decoys
-        return self.entries() | {
-            "other_layouts": {
-                name: {
-                    "trials": len(errors),
-                    **{which: in_mm(float(mean_of(errors, "test", which) or 0.0)) for which in ("before", "after")},
-                }
-                for name, errors in other_layouts(self.errors).items()
-            },
-            "residual": {
-                "where": self.remains.where,
-                "when_s": self.remains.when,
-                "follows": self.follows,
-            },
-            "unjudged": self.data.used.stretches or (),
-            "unjudged_share": self.data.used.share_left_out,
-            "weights": {"share_below_tenth": self.share_below_tenth, "input_accuracy": self.data.accuracy},
-            "decoys": decoys
-            and {
-                "tried": len(decoys.gains),
-                "taken": decoys.taken(self.tolerance),
-                "chance_mm": in_mm(decoys.chance),
-            },
-            "discovered": self.discovered
-            and {
-                "formula": formula(self.model.effects[-1].term.values),
-                "parameters": {name: q for name, q in self.model.effects[-1].parameters.items() if q.value},
-                "excess_mm": {"before": in_mm(excess.before), "after": in_mm(self.discovered.excess)},
-            },
-            "next_experiment": self.next_experiment,
-            "excess": {
-                "unit": "mm",
-                "before": in_mm(excess.before),
-                "after": in_mm(excess.after),
-                "black_box": in_mm(excess.box_before),
-                "fitted": excess.fitted and in_mm(excess.fitted),
-            },
-            "detectable": {c.name: c.detectable for c in self.candidates if not c.chosen},
-            "said": self.sentences,
+    @property
+    def excess_mm(self) -> dict[str, float | None]:
+        """Return the excess by what it is of; None: not known."""
+        of = self.evidence
+        values = {"before": of.before, "after": of.after, "black_box": of.box_before, "fitted": of.fitted}
+        return {name: value and in_mm(value) for name, value in values.items()}
+
+    @property
+    def detectable(self) -> dict[str, Mapping[str, float]]:
+        """Return the smallest value of each strength that would show, by candidate that is not in the model."""
+        return {c.name: c.detectable for c in self.candidates if not c.chosen}
+
+    @property
+    def _other_layouts(self) -> dict[str, dict[str, float]]:
+        return {
+            name: {
+                "trials": len(errors),
+                **{which: in_mm(float(mean_of(errors, "test", which) or 0.0)) for which in ("before", "after")},
+            }
+            for name, errors in other_layouts(self.errors).items()
+        }
+
+    @property
+    def _decoys(self) -> dict[str, float] | None:
+        if (decoys := self.selection.decoys) is None:
+            return None
+        tried, taken = len(decoys.gains), decoys.taken(self.tolerance)
+        return {"tried": tried, "taken": taken, "chance_mm": in_mm(decoys.chance)}
+
+    @property
+    def _discovered(self) -> dict[str, Any] | None:
+        if self.discovered is None:
+            return None
+        effect = self.model.effects[-1]
+        return {
+            "formula": formula(effect.term.values),
+            "parameters": {name: q for name, q in effect.parameters.items() if q.value},
+            "excess_mm": {"before": in_mm(self.evidence.before), "after": in_mm(self.discovered.excess)},
         }
 
 

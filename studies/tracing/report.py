@@ -102,17 +102,15 @@ def experiment_in_words(outcome: Outcome) -> str | None:
 
 def as_text(outcome: Outcome) -> str:
     """Return a trace in words for the terminal."""
-    result = outcome.to_json()
-    error = result["error"]
+    floor, ceiling, after, before = outcome.compared
     lines = [f"{outcome.verdict}: {verdict_in_words(outcome)}"]
     lines.append(
-        f"surface RMS of held-out trials {error['before']['held_out']:.2f} -> {error['after']['held_out']:.2f} mm, "
-        f"noise floor {error['noise_floor']:.2f}, flexible baseline {error['ceiling']:.2f}"
+        f"surface RMS of held-out trials {before:.2f} -> {after:.2f} mm, noise floor {floor:.2f}, flexible baseline "
+        f"{ceiling:.2f}"
     )
-    for row in result["candidates"]:
-        if row["name"] != "none":
-            what = "gains" if row["chosen"] else "would gain"
-            lines.append(f"  {row['name']:<20} {what} {gain_in_words(row['gain'], row['interval90'], 'mm')}")
+    for row in outcome.rows[1:]:
+        what = "gains" if row.chosen else "would gain"
+        lines.append(f"  {row.name:<20} {what} {gain_in_words(row.gain, row.interval90, 'mm')}")
     lines.append(f"left out: {outcome.data.used.share_left_out:.0%} of the frames")
     lines += outcome.sentences
     if (experiment := experiment_in_words(outcome)) is not None:
@@ -137,7 +135,6 @@ def render_report(outcome: Outcome) -> str:
 
 def _answer(outcome: Outcome) -> Iterator[page.Block]:
     """Yield the verdict, how far the model is off, and what each effect would take."""
-    result = outcome.to_json()
     yield page.Title(f"{outcome.name}: what the model lacks", 1)
     verdict = page.sentence(verdict_in_words(outcome))
     yield page.Text(Markup("<b>{}.</b> {}").format(outcome.verdict.capitalize(), verdict), "verdict")
@@ -145,7 +142,7 @@ def _answer(outcome: Outcome) -> Iterator[page.Block]:
     if outcome.synthetic:
         yield page.Text(Markup("Measured on a <b>synthetic rig</b>: {}").format(rig), "note")
     yield from page.texts("note", map(page.sentence, outcome.sentences))
-    yield charts.error_bars(result["error"], "noise floor", "mm", "surface RMS of trials held out")
+    yield charts.error_bars(outcome.compared, "noise floor", "mm", "surface RMS of trials held out")
     tested = any(error.role == "test" for error in outcome.errors)
     held_out = "those of role test, looked at once" if tested else "each trial left out in turn, to first order"
     yield page.Text(_ERROR.format(held_out), "quiet")
@@ -156,13 +153,12 @@ def _answer(outcome: Outcome) -> Iterator[page.Block]:
     yield charts.gains("candidates", gains, "mm", "gain of held-out excess", outcome.tolerance, scale=in_mm(1.0))
     rows = [
         (
-            row["name"],
-            "yes" if row["chosen"] else "",
-            page.gain_in_words(row["gain"], row["interval90"], ""),
-            _detectable(row["name"], result["detectable"].get(row["name"], {})),
+            row.name,
+            "yes" if row.chosen else "",
+            page.gain_in_words(row.gain, row.interval90, ""),
+            _detectable(row.name, outcome.detectable.get(row.name, {})),
         )
-        for row in result["candidates"]
-        if row["name"] != "none"
+        for row in outcome.rows[1:]
     ]
     yield page.TableBlock(
         ("effect", "in the model", "gain\nmm", "smallest value\nthat would have shown"), rows, left_aligned=(3,)

@@ -18,7 +18,6 @@ from fabdesign.runtime.store import Checkpoint
 from fabdesign.units import in_mm
 from fabdesign.version import SIMULATOR
 from optimize.fit.clouds import Density, evenly
-from studies.fitting.fits import with_shapes_at_rest
 from studies.fitting.fitted_model import EXCESS, doubted
 from studies.measured.fit_data import MeasuredData, TooLittle
 from studies.measured.splits import TRIALS, fit_trials, of_each_design
@@ -34,7 +33,7 @@ from studies.tracing.residual_analysis import errors_of_trials, remains
 from studies.tracing.selection import select
 from studies.tracing.task import Task
 
-ALGORITHM = 26  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
+ALGORITHM = 27  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
 ELSEWHERE = 2  # trials of a layout that is not fitted
 DRAWN = Density(until=6.0, frames=25, points=150)
 CALM_STEPS = 12  # time steps in one, far from jumps: within 0.03 mm of 8; at 16 single motions are off by millimetres
@@ -88,7 +87,6 @@ def trace_set(
         used = find_used_frames([(measured, every)], forward, progress=searching)
         say(used.in_words)
         data = MeasuredData.of([measured], trials, used, DRAWN, seed=options.seed)
-        data = with_shapes_at_rest(data, fit_trials(measured.trials))
         if len(data.trials) < LEAST_TRIALS:
             raise TooLittle(
                 f"{measured.name}: {len(data.trials)} trials with frames to use; expected at least {LEAST_TRIALS}"

@@ -19,14 +19,13 @@ from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
-from optimize.fit.policy import AT_REST, DECLARED_ALONE, ROUGH
+from optimize.fit.policy import DECLARED_ALONE, FROM_BALANCE, ROUGH
 from optimize.fit.significance import NEEDED, cheapest_first, conditioned, cost, needed
-from studies.fitting.fits import beginning, fit_at_rest
+from studies.fitting.fits import factor_starts, fit_in_balance, starts_of, with_factors
 from studies.fitting.fitted_model import expected_rms
-from studies.fitting.joint_fit import beside, joint_fit
 from studies.model_selection.judged import Judged, certain_drift, is_certain
 from studies.model_selection.rules import ON_SETS, Selection, below, follow
-from studies.model_selection.verdict import GROSS, LEAST_SHARE, so_far
+from studies.model_selection.verdict import LEAST_SHARE, so_far
 from studies.tracing.task import Task, to_first_order
 
 HOPELESS = 4.0  # times the tolerance: what leaves more is not refined before the joint fit
@@ -37,15 +36,11 @@ def select(task: Task) -> Selection:
     need, then what trials left out gain too little by. What stays is fitted with its shapes and tried once more, and of
     several each by a fit without it."""
     vector = without(fit_vector(["all"], factors=task.factors, designs=task.designs), task.known)
-    at_rest = fit_at_rest(task.data, task.fits, vector)
-    begin, factors = FitStart(), FitStart()
-    if at_rest is not None:  # so near that no horizon is looked at, and that one Jacobian leads
-        x = beginning(vector, at_rest, ())
-        begin = FitStart(x, inputs=task.input_errors(vector, x))
-        all_on = beginning(vector, at_rest, at_rest.vector.labels)
-        factors = replace(begin, x=np.stack([all_on, x])[:, vector.are_factors])
+    factors = vector.without_effects
+    balanced = fit_in_balance(task.data, task.fits, vector)
+    begin = FitStart(factor_starts(balanced, factors))
     hopeful = replace(ROUGH, hopeless=expected_rms(task.data.noise, HOPELESS * task.tolerance))
-    plain = task.fit("plain", vector.without_effects, factors, hopeful)
+    plain = task.fit("plain", factors, begin, hopeful)
     judged = task.judged(plain)
     excess = max(judged.excess, judged.typical)
     drift = certain_drift(judged, task.data.session[:, 0])
@@ -54,18 +49,11 @@ def select(task: Task) -> Selection:
         to_its_end = FitStart(plain.minimum, plain.state.jacobian, plain.inputs)
         plain = task.fit("plain to its end", plain.vector, to_its_end, DECLARED_ALONE)
         return replace(_adequate(task, vector, plain), drift=drift)
-    if at_rest is not None:
-        everything = task.fit("every effect", vector, begin, AT_REST)
-    else:
-        # Where the declared parameters leave little, the residuals are nearly linear about them, and the joint fit
-        # begins there: from the data sheet a cloth that snaps leads it astray. Not where they had to go where no
-        # specimen is: an effect hides in them then.
-        begins_there = excess <= GROSS * task.tolerance and plain.vector.is_plausible(plain.x)
-        start = beside(vector, plain.x) if begins_there else vector.start
-        everything = joint_fit(task.data, vector, start, replace(task.fits, named="every effect"))
+    starts = [*starts_of(vector, balanced), with_factors(vector, plain.x)]
+    policy = replace(FROM_BALANCE, content=expected_rms(task.data.noise, task.tolerance))
+    everything = task.fit("every effect", vector, FitStart(np.array(starts)), policy)
     task.say(so_far(needed(everything.minimum, everything.covariance, everything.vector, NEEDED)))
-    selection = backwards(task, everything, task.weighed(plain, everything.inputs))
-    return replace(selection, at_rest=at_rest, drift=drift)
+    return replace(backwards(task, everything, task.weighed(plain, everything.inputs)), drift=drift)
 
 
 def backwards(task: Task, everything: Fit, plain: Fit) -> Selection:
@@ -88,7 +76,7 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> Selection:
 def _adequate(task: Task, vector: FitVector, plain: Fit) -> Selection:
     """Return the selection where the declared parameters explain all: effects take part to first order."""
     everything = task.linearised(
-        "every effect beside them", vector, FitStart(beside(vector, plain.x), inputs=plain.inputs)
+        "every effect beside them", vector, FitStart(with_factors(vector, plain.x), inputs=plain.inputs)
     )
     small = sparse(everything, needed(everything.minimum, everything.covariance, vector, NEEDED))
     judged = task.judged(plain)

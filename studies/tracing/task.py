@@ -73,9 +73,7 @@ class Task(Refits):
     @property
     def fits(self) -> Fits:
         """Return how its fits are made."""
-        return Fits(
-            self.forward, self.tolerance, checkpoint=self.checkpoint, progress_of=self._progress_of, patient=True
-        )
+        return Fits(self.forward, self.tolerance, checkpoint=self.checkpoint, progress_of=self._progress_of)
 
     def _progress_of(self, named: str, vector: FitVector) -> Progress:
         begin = f"{named}, {len(vector.parameters)} unknowns: " if named else ""
@@ -84,17 +82,6 @@ class Task(Refits):
     def fit(self, named: str, vector: FitVector, start: FitStart, policy: Policy) -> Fit:
         """Fit as `optimize.fit.descent.fit` does. named: in the folder and in messages."""
         return self.fits.fit(self.problem(vector), start, policy, named)
-
-    def input_errors(self, vector: FitVector, x: Array) -> InputErrors | None:
-        """Return what errors of the inputs do to the trials fitted, at the unknowns x (p,) of a vector; None where the
-        inputs are exact. Kept."""
-        if self.data.weighed is None:
-            return None
-        problem = self.problem(vector)
-        self.say("what errors of the pressures and of the frame's level do")
-        return InputErrors(
-            **self.checkpoint.arrays("inputs", lambda: vars(problem.input_errors(problem.evaluate([x])[0])))
-        )
 
     def nearest(self, vector: FitVector, xs: Sequence[Array]) -> tuple[float, Array]:
         """Return the RMS of the residuals capped at 10 mm, m, and the place of `xs` where that is least."""

@@ -4,15 +4,14 @@ import importlib.metadata
 import platform
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from corrector.field import load_corrector, write_weights
 from fabdesign.files.model_file import write_model
-from fabdesign.formats.json_file import plain
 from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.geometry.metrics import Closed, Errors, closed, mean_errors
 from fabdesign.nouns.corrector import Trust, central_hash
@@ -25,7 +24,7 @@ from fabdesign.runtime.fingerprint import sha256
 from fabdesign.runtime.store import Checkpoint
 from fabdesign.version import SIMULATOR, __version__
 from optimize.fit.parameters import FitVector
-from studies.intervals.calibrate import spread_json, with_spread
+from studies.intervals.calibrate import with_spread
 from studies.measured.fit_data import noise_of
 from studies.measured.used_frames import UsedFrames
 from studies.prediction.evaluate import errors_of
@@ -52,6 +51,15 @@ class HeldOutErrors:
     before: Errors
     after: Errors
     closed: Closed  # by the corrector
+    json_keys: ClassVar = (
+        "trials", "trust.distance",
+        ("**", lambda of: {} if of.sheet is None else {"sheet": _millimetres(of.sheet)}),
+        ("before", lambda of: _millimetres(of.before)), ("after", lambda of: _millimetres(of.after)), "closed",
+    )  # fmt: skip
+
+
+def _millimetres(errors: Errors) -> dict[str, float]:
+    return {name: value for name, value in errors.millimetres().items() if np.isfinite(value)}
 
 
 @dataclass(frozen=True)
@@ -66,33 +74,10 @@ class TrainingResult(Tabled):
     used: UsedFrames
     intervals: str  # how good they are, or why there are none
     skipped: tuple[str, ...] = ()
-
-    def json_content(self) -> dict[str, Any]:
-        """Return what `train --json` prints: mm."""
-
-        def millimetres(errors: Errors) -> dict[str, float]:
-            return {name: value for name, value in errors.millimetres().items() if np.isfinite(value)}
-
-        return {
-            "network": self.about["network"],
-            "base": self.base,
-            "learned_from": self.learned_from,
-            "trust_limit": self.about["trust_limit"],
-            "left_out": self.about["left_out"],
-            "held_out": {
-                name: {
-                    "trials": of.trials,
-                    "distance": of.trust.distance,
-                    **({} if of.sheet is None else {"sheet": millimetres(of.sheet)}),
-                    "before": millimetres(of.before),
-                    "after": millimetres(of.after),
-                    "closed": asdict(of.closed) | {"value": of.closed.surface},
-                }
-                for name, of in self.held_out.items()
-            },
-            "spread": spread_json(self.model),
-            **plain(self.used),
-        }
+    json_keys: ClassVar = (
+        "about.network", "base", "learned_from", "about.trust_limit", "about.left_out", "held_out",
+        "model.spread", ("**", "used"),
+    )  # fmt: skip
 
     def columns(self) -> Columns:
         """Return errors in mm of each design that was held out: design, trials, then each error before and after."""

@@ -8,7 +8,6 @@ Verdinelli 1995), and the shape that times B on both sides."""
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +26,7 @@ from fabdesign.units import in_kpa, in_mm
 from optimize.fit.parameters import PRIOR
 from studies.intervals.band import shapes_with_error
 from studies.prediction.stability import moves, snaps, to_either_side
-from studies.unseen.report import Measurement, Percentiles, PoseResult
+from studies.unseen import result
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +65,7 @@ class Draws:
 _PERCENTILES = 5.0, 50.0, 95.0
 
 
-def predicted(unsewn: Unsewn, draws: Draws, forward: ForwardModel, samples: int, seed: int) -> list[PoseResult]:
+def predicted(unsewn: Unsewn, draws: Draws, forward: ForwardModel, samples: int, seed: int) -> list[result.PoseResult]:
     """Return of each pose the shape's band, tip, mean curvature and the study's outputs over drawn models, and whether
     it snaps. mm, 1/m, degrees, kPa.
 
@@ -102,20 +101,20 @@ def predicted(unsewn: Unsewn, draws: Draws, forward: ForwardModel, samples: int,
 
 def _pose(
     unsewn: Unsewn, pose: Array, drawn: list[Array], off: list[Array], with_error: Callable[[Array, Array], Array]
-) -> PoseResult:
+) -> result.PoseResult:
     sound = np.array([shape for shape in drawn[1:] if np.isfinite(shape).all()])
     if len(sound) < len(drawn) / 2:
         raise SimulationError(f"{unsewn.design.name}: most models find no shape at rest under {in_kpa(pose)} kPa")
     failed, sound = len(drawn) - 1 - len(sound), with_error(sound, drawn[0])
     away = np.sqrt(np.square(sound - sound.mean(axis=0)).sum(axis=-1))  # (models, points)
     tips = in_mm(np.array([tip(shape, unsewn.design.fabric) for shape in sound]))
-    return PoseResult(
+    return result.PoseResult(
         pressures_kpa=in_kpa(pose).tolist(),
         band_mm=in_mm(float(np.sqrt(np.square(away).mean()))),
         widest_mm=in_mm(float(np.sqrt(np.square(away).mean(axis=0)).max())),
         tip_mm={axis: _percentiles(tips[:, k]) for k, axis in enumerate("xyz")},
         outputs={
-            output.text: {"unit": output.unit, "percentiles": _percentiles(np.array([output.of(s) for s in sound]))}
+            output.text: result.OutputSpread(output.unit, _percentiles(np.array([output.of(s) for s in sound])))
             for output in unsewn.outputs
         },
         mean_curvature=_percentiles(np.array([mean_curvature(shape) for shape in sound])),
@@ -131,7 +130,7 @@ def _column(shapes: Array) -> Array:
     return np.asarray(faces[:, :, 20, [2, 1]])
 
 
-def _percentiles(values: Array) -> Percentiles:
+def _percentiles(values: Array) -> result.Percentiles:
     """Return 5 %, middle, 95 %."""
     return [float(x) for x in np.percentile(values, _PERCENTILES)]
 
@@ -148,16 +147,16 @@ def intervals_statement(model: Model) -> str:
     )
 
 
-def corrector_statement(model: Model, unsewn: Unsewn) -> dict[str, Any]:
-    """Return whether the model's corrector applies to the design, and in words."""
+def corrector_reach(model: Model, unsewn: Unsewn) -> result.CorrectorReach:
+    """Return whether the model's corrector applies to the design."""
     if model.corrector is None:
-        return {"applies": None, "said": "no corrector in this model"}
+        return result.CorrectorReach(None, "no corrector in this model")
     from corrector.field import load_corrector  # here: it loads the weights
 
     trust = load_corrector(model).trust(unsewn.design)
     far = f"{trust.distance:.2f} from the designs that it learned from, its limit is {trust.limit:.2f}"
     statement = f"the corrector applies: {far}" if trust.applies else f"the corrector does not apply: {far}"
-    return {"applies": trust.applies, "distance": trust.distance, "limit": trust.limit, "said": statement}
+    return result.CorrectorReach(trust.applies, statement, trust.distance, trust.limit)
 
 
 STEP = 0.5  # of z, in differences
@@ -225,7 +224,7 @@ def in_turn(b: Array, gained: Mapping[str, Array], count: int) -> dict[str, floa
 
 def measurement(
     unsewn: Unsewn, draws: Draws, forward: ForwardModel, candidates: Sequence[CandidateMeasurement]
-) -> Measurement:
+) -> result.Measurement:
     """Return what each measurement would leave of the shapes' spread, and which tell most together."""
     b, by_name = pose_slopes(unsewn, draws, forward), {candidate.name: candidate for candidate in candidates}
     gained = dict(zip(by_name, information(candidates, draws, forward), strict=True))
@@ -233,19 +232,17 @@ def measurement(
     remaining = {name: in_mm(after(b, matrix)) for name, matrix in gained.items()}
     ranked = sorted(remaining, key=lambda name: remaining[name])
     best = by_name[ranked[0]].program if ranked else None
-    return Measurement(
+    return result.Measurement(
         spread_mm=in_mm(spread(b, np.eye(len(draws.names)))),
         due_to_mm={name: in_mm(spread(b[:, k : k + 1], np.eye(1))) for k, name in enumerate(draws.names)},
-        candidates={name: {"design": by_name[name].design.name, "left_mm": remaining[name]} for name in ranked},
-        program=None
-        if best is None
-        else {
-            "time_s": best.time.tolist(),
-            "pressure_kpa": in_kpa(best.pressure).round(3).tolist(),
-            "duration_s": best.duration,
-        },
+        candidates={name: result.RankedMeasurement(by_name[name].design.name, remaining[name]) for name in ranked},
+        program=None if best is None else _set_points(best),
         in_turn_mm={name: in_mm(value) for name, value in in_turn(b, gained, IN_TURN).items()},
     )
+
+
+def _set_points(program: PressureProgram) -> result.SetPoints:
+    return result.SetPoints(program.time.tolist(), in_kpa(program.pressure).round(3).tolist(), program.duration)
 
 
 def candidates_of(unsewn: Unsewn, rig: RigLimits) -> list[CandidateMeasurement]:

@@ -1,98 +1,20 @@
-"""The result of a study of what is not measured yet: `result.json` in mm, kPa and 1/m, and a page."""
+"""The page of a study of what is not measured yet, and its words."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from fabdesign.formats.result_tables import Columns, Tabled, by_name
-from fabdesign.formats.schema import Key
 from fabdesign.formats.toml_file import file_stem
 from fabdesign.units import in_mm
 from fabdesign.version import __version__
 from studies.prediction.evaluation_report import ERROR_NAMES
 from studies.report import page
 from studies.study import write_result
-
-Percentiles = list[float]  # 5, 50 and 95 % over the drawn models
-
-
-@dataclass(frozen=True)
-class PoseResult:
-    """Shapes at rest under one row of pressures. band: RMS that a drawn model's shape lies from the mean shape; widest:
-    where that is most. snaps: near a bifurcation. middle: m, each model's z and y down the middle line, for the picture
-    alone. failed: models that found no shape at rest. outputs: by what the study asks for, `unit` and `percentiles`."""
-
-    pressures_kpa: list[float]
-    band_mm: float
-    widest_mm: float
-    tip_mm: dict[str, Percentiles]
-    outputs: dict[str, dict[str, Any]]
-    mean_curvature: Percentiles
-    failed: int
-    snaps: bool
-    middle: Annotated[list[list[list[float]]], Key("")]
-
-
-@dataclass(frozen=True)
-class Measurement:
-    """The information of a measurement. due_to: spread by each unknown's own part, in the covariance's order;
-    candidates: the best first, each `design` and the spread `left_mm` after it, and its program (`time_s`,
-    `pressure_kpa`, `duration_s`). in_turn: those that tell most together, each beside those before it,
-    and the spread that they leave."""
-
-    spread_mm: float
-    due_to_mm: dict[str, float]
-    candidates: dict[str, dict[str, Any]]
-    program: dict[str, Any] | None
-    in_turn_mm: dict[str, float]
-
-
-@dataclass(frozen=True)
-class UnsewnResult:
-    """A layout before it is sewn. calibrated: whether the shapes' intervals are; intervals: what they are from, in
-    words. None: not begun, because the time was used."""
-
-    design: str
-    model_points_per_side: int
-    doubted: Sequence[str]
-    poses: list[PoseResult] | None
-    unknown: Sequence[str]
-    calibrated: bool
-    intervals: str
-    corrector: dict[str, Any]
-    measurement: Measurement | None
-
-
-@dataclass(frozen=True)
-class UnseenResult(Tabled):
-    """free and left_out: of designs left out in turn; None of one that was not begun, because the time was used."""
-
-    name: str
-    seed: int
-    points_per_side: int
-    unsewn: Annotated[UnsewnResult | None, Key(inside=True)] = None
-    free: Annotated[Sequence[str] | None, Key(brief=True)] = None
-    left_out: Annotated[dict[str, dict[str, Any] | None] | None, Key(brief=True)] = None
-    wall_s: float = 0.0
-
-    def columns(self) -> Columns:
-        """Return a row a pose and output: pose, output, unit, and its 5, 50 and 95 % over the drawn models."""
-        rows: list[dict[str, object]] = []
-        for number, pose in enumerate((self.unsewn and self.unsewn.poses) or ()):
-            values = [(f"tip_{axis}", "mm", ends) for axis, ends in pose.tip_mm.items()]
-            values.append(("mean_curvature", "1/m", pose.mean_curvature))
-            values += [(name, output["unit"], output["percentiles"]) for name, output in pose.outputs.items()]
-            rows += [
-                {"pose": number, "output": name, "unit": unit, "low90": low, "middle": middle, "high90": high}
-                for name, unit, (low, middle, high) in values
-            ]
-        return by_name(rows)
-
+from studies.unseen.result import Measurement, PoseResult, UnseenResult, UnsewnResult
 
 _STATISTICS = ("mean", "max", "min", "std")
 _SNAPS = "Near a bifurcation: the cloth may buckle to either side. Pressures 2 % off lead to another stable shape."
@@ -113,7 +35,7 @@ def _shapes(result: UnseenResult) -> Iterator[page.Block]:
     """Yield the shapes of a layout before it is sewn, and what to measure."""
     if (unsewn := result.unsewn) is None:
         return
-    sentence = page.sentence(unsewn.corrector["said"])
+    sentence = page.sentence(unsewn.corrector.sentence)
     yield page.Text(f"""Design {unsewn.design}, before it is sewn: shapes at rest of models drawn from the model's
         joint covariance. {sentence}""")
     yield from page.texts("note", map(page.sentence, _notes(unsewn, result.points_per_side)))
@@ -128,7 +50,7 @@ def _pose(pose: PoseResult) -> Iterator[page.Block]:
     if pose.snaps:
         yield page.Text(_SNAPS, "note")
     values = {f"lower edge {axis}, mm": pose.tip_mm[axis] for axis in "xyz"}
-    values |= {f"{name}, {output['unit']}": output["percentiles"] for name, output in pose.outputs.items()}
+    values |= {f"{name}, {output.unit}": output.percentiles for name, output in pose.outputs.items()}
     rows = [(name, *(f"{round(x, 1) + 0:.1f}" for x in row)) for name, row in values.items()]
     yield page.TableBlock(("", "5 %", "middle", "95 %"), [*rows, ("mean curvature, 1/m", *pose.mean_curvature)])
     failed = f" {pose.failed} models found no shape at rest." if pose.failed else ""
@@ -139,7 +61,7 @@ def _pose(pose: PoseResult) -> Iterator[page.Block]:
 def _measurement(measurement: Measurement) -> Iterator[page.Block]:
     yield page.Title("What to measure")
     yield page.Text(_MEASURED.format(measurement.spread_mm))
-    rows = [(name, c["design"], c["left_mm"]) for name, c in measurement.candidates.items()]
+    rows = [(name, c.design, c.remaining_mm) for name, c in measurement.candidates.items()]
     yield page.TableBlock(("program", "on", "left, mm"), rows, left_aligned=(1,))
     in_turn = ", ".join(f"{name} (leaves {remaining:.2f} mm)" for name, remaining in measurement.in_turn_mm.items())
     yield page.Text(f"Measured one after another, each telling most beside those before it: {in_turn}.")
@@ -258,16 +180,16 @@ def as_text(result: UnseenResult) -> str:
             f"shape within {pose.band_mm:.2f} mm RMS{snaps}"
         )
         for name, output in pose.outputs.items():
-            low, middle, high = output["percentiles"]
-            lines.append(f"  {name}: {middle:.1f} {output['unit']} (90 % {low:.1f} to {high:.1f})")
+            low, middle, high = output.percentiles
+            lines.append(f"  {name}: {middle:.1f} {output.unit} (90 % {low:.1f} to {high:.1f})")
     if unsewn is not None:
-        lines += [unsewn.corrector["said"], *_notes(unsewn, result.points_per_side)]
+        lines += [unsewn.corrector.sentence, *_notes(unsewn, result.points_per_side)]
     if unsewn is not None and unsewn.measurement is not None and unsewn.measurement.candidates:
         measurement = unsewn.measurement
         name, best = next(iter(measurement.candidates.items()))
         lines.append(
-            f"the best measurement: {name}, on {best['design']}; it reduces {measurement.spread_mm:.2f} mm RMS "
-            f"to {best['left_mm']:.2f}"
+            f"the best measurement: {name}, on {best.design}; it reduces {measurement.spread_mm:.2f} mm RMS "
+            f"to {best.remaining_mm:.2f}"
         )
         more = [f"{name} ({mm:.2f})" for name, mm in [*measurement.in_turn_mm.items()][1:]]
         if more:

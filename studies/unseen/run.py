@@ -32,19 +32,13 @@ from studies.prediction.evaluation_report import SetEvaluation
 from studies.prediction.forward_model import forward_model, sensed_model
 from studies.prediction.stability import to_either_side
 from studies.study import Simulated, StudyRun, kept_content, simulator
-from studies.unseen.prediction import (
-    Draws,
-    candidates_of,
-    corrector_statement,
-    intervals_statement,
-    measurement,
-    predicted,
-)
-from studies.unseen.report import Measurement, PoseResult, UnseenResult, UnsewnResult, write_report
+from studies.unseen import prediction
+from studies.unseen.report import write_report
+from studies.unseen.result import Measurement, PoseResult, UnseenResult, UnsewnResult
 
 _UNSEWN = 0.5  # of the work, that predictions of a layout that is not sewn take beside measured designs
 _DERIVATIVES = 0.3  # of it, after which measurements are compared
-ALGORITHM = 14  # of what a study's folder keeps: raised where it is no longer what this code would compute
+ALGORITHM = 15  # of what a study's folder keeps: raised where it is no longer what this code would compute
 
 
 def run_unseen(
@@ -86,7 +80,7 @@ def unseen_in_words(study: UnseenStudy) -> str:
     seconds, what = 0.0, []
     if (unsewn := study.unsewn) is not None:
         shapes = len(unsewn.poses) * (study.samples + 1 + len(to_either_side(unsewn.design)))
-        candidates = candidates_of(unsewn, study.rig)
+        candidates = prediction.candidates_of(unsewn, study.rig)
         seconds += unseen_seconds(shapes, len(candidates), study.points_per_side)
         what += [f"{shapes} shapes", f"{len(candidates)} measurements that could be made"]
     if (measured := study.measured) is not None:
@@ -104,16 +98,16 @@ def unsewn_result(
     """Return what there is to say of a layout before it is sewn; None where the study has none."""
     if (unsewn := study.unsewn) is None:
         return None
-    draws = Draws(unsewn.model, unsewn.design)
+    draws = prediction.Draws(unsewn.model, unsewn.design)
     bare = replace(unsewn.model, parameters={}, effects=())  # a case brings all of it
     forward = replace(forward_model(engine, unsewn.model), model=bare)
     progress(f"shapes of {study.samples} models, {len(unsewn.poses)} poses", 0.0)
-    poses = checkpoint.get("poses", lambda: predicted(unsewn, draws, forward, study.samples, study.seed))
+    poses = checkpoint.get("poses", lambda: prediction.predicted(unsewn, draws, forward, study.samples, study.seed))
 
     def measure() -> Measurement:
-        candidates = candidates_of(unsewn, study.rig)
+        candidates = prediction.candidates_of(unsewn, study.rig)
         progress(f"what {len(candidates)} measurements would tell", _DERIVATIVES)
-        return measurement(unsewn, draws, forward, candidates)
+        return prediction.measurement(unsewn, draws, forward, candidates)
 
     measured = checkpoint.get("measurement", measure)
     return UnsewnResult(
@@ -123,8 +117,8 @@ def unsewn_result(
         poses=poses and of_exact(list[PoseResult], poses),
         unknown=draws.unknown,
         calibrated=spread_of(unsewn.model) is not None,
-        intervals=intervals_statement(unsewn.model),
-        corrector=corrector_statement(unsewn.model, unsewn),
+        intervals=prediction.intervals_statement(unsewn.model),
+        corrector=prediction.corrector_reach(unsewn.model, unsewn),
         measurement=measured and of_exact(Measurement, measured),
     )
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import isqrt
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -185,6 +185,12 @@ class Distance:
     times: Array
     errors: tuple[Errors, ...]  # m
     both_move: bool
+    json_keys: ClassVar = (
+        ("from", "reference"),
+        ("of", lambda of: of.when or "still shapes"),
+        ("unit", lambda of: "mm"),
+        ("**", lambda of: of.overall.millimetres()),  # null: not known
+    )
 
     @property
     def overall(self) -> Errors:
@@ -195,10 +201,6 @@ class Distance:
     def when(self) -> str:
         """Return what `overall` is of; empty between still shapes."""
         return "" if len(self.times) == 1 else "mean of the motion" if self.both_move else "at the motion's end"
-
-    def json_content(self) -> dict[str, object]:
-        """Return the distance as JSON, in mm; null: not known."""
-        return {"from": self.reference, "of": self.when or "still shapes", "unit": "mm", **self.overall.millimetres()}
 
 
 def errors_in_words(errors: Errors) -> str:

@@ -16,15 +16,12 @@ from fabdesign.errors import InputError
 from fabdesign.files.bench_file import read_bench
 from fabdesign.files.design_file import read_design
 from fabdesign.files.law_tables import TABLES, BenchLaw, read_bench_law, write_bench_law
-from fabdesign.nouns.bench import Bench, BenchRecord
+from fabdesign.nouns.bench import BenchRecord
 from studies.benches.actuator import StaticCurve
 from studies.benches.calibrate import calibrate_bench, errors_in_words
 from studies.benches.cylinder import CylinderLaw, friction_state
-from studies.benches.evaluate import errors_of
 from studies.benches.muscle import BenchMuscle, Rows, only_speed
-from studies.benches.records import LAWS
 from studies.benches.strip import StripLaw
-from studies.benches.tracing import examine
 from studies.benches.write import write_bench_type
 
 DATA = Path(os.environ.get("FABDESIGN_DATA", Path(__file__).resolve().parents[2] / "../shared/data")) / "bench"
@@ -357,32 +354,3 @@ def test_errors_of_a_bench_in_words():
     assert errors_in_words(Found("N", 0.25, 0.5, 1.0)) == (
         "0.25 N RMS on the fit, 0.5 N RMS on records left out of it, 1 N RMS on records of role test"
     )
-
-
-def test_a_new_specimen_is_a_law_and_a_line(monkeypatch):
-    """As CONTRIBUTING.md has it: a spring is fitted, its errors are known, and a trace looks beside its law."""
-    text = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    source = text.split("## Add a specimen")[1].split("```python\n")[1].split("```")[0]
-    spring = {"__name__": "spring"}
-    exec(
-        "from dataclasses import dataclass\nfrom typing import *\nfrom studies.benches.law import *\n" + source, spring
-    )
-    monkeypatch.setitem(LAWS, "spring", spring["SpringLaw"])
-    rng, time = np.random.default_rng(0), np.linspace(0, 20, 400)
-
-    def bench(damping):
-        x = 0.01 * np.sin(time)
-        force = 300 * x + damping * 0.01 * np.cos(time)
-        columns = [
-            {"time": time, "displacement": x, "force": force + 1e-3 * rng.standard_normal(400)} for _ in range(3)
-        ]
-        records = tuple(BenchRecord(f"r{k}", own, {}) for k, own in enumerate(columns))
-        return Bench("made", "spring", ("displacement",), "force", {}, records)
-
-    plain = bench(0.0)
-    law = LAWS["spring"].fit(plain.records)
-    assert law.stiffness == pytest.approx(300, rel=1e-3)
-    assert errors_of(law.written(sized=False), plain, plain.records)[0].after == pytest.approx(1e-3, rel=0.1)
-    assert examine(plain, 0.02).verdict == "adequate"
-    damped = examine(bench(30.0), 0.02)
-    assert damped.verdict == "effect" and [effect.name for effect in damped.effects] == ["muscle_viscosity"]

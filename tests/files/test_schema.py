@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 import pytest
 import tomlkit
 
+from fabdesign import interface
 from fabdesign.errors import InputError
 from fabdesign.formats.codec import Encoder, decode
 from fabdesign.formats.schema import FileUnit, Key, Kilopascal, Millimetre, Within, json_schema
@@ -136,6 +137,11 @@ def test_the_command_prints_the_schema(kind: str, run: Run) -> None:
     code, out, err = run("schema", kind)
     assert (code, err) == (0, "")
     assert json.loads(out) == json.loads(json.dumps(schema_of(kind)))
+
+
+def test_help_lists_the_kinds() -> None:
+    assert {*KINDS} - {*re.findall(r"[a-z-]+", str(interface.schema.__doc__))} == set()
+    assert {*STUDIES} - {*re.findall(r"[a-z]+", str(interface.study.__doc__))} == set()
 
 
 def test_an_unknown_kind_is_refused_in_a_line(run: Run) -> None:

@@ -1,5 +1,7 @@
 """Python's functions and the commands of their names: the same calls, the same figures; results as tables."""
 
+import __future__
+
 import inspect
 import json
 import pydoc
@@ -23,6 +25,7 @@ from fabdesign.files.measurement_set import NewTrial, write_set
 from fabdesign.files.model_file import write_model
 from fabdesign.files.motion_file import Motion, read_motion
 from fabdesign.files.pressure_file import constant_program
+from fabdesign.interface import files
 from fabdesign.interface.verb import VERBS as VERBS_OF_COMMANDS
 from fabdesign.interface.verb import Shown
 from fabdesign.interface.verb import verb as declare_verb
@@ -270,7 +273,10 @@ def test_a_command_has_what_its_function_has() -> None:
             assert name == "as_json" or isinstance(parameter, click.Argument) or parameter.help, f"{words}: {name}"
 
 
-def test_a_new_verb_takes_one_declaration(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_new_verb_takes_one_declaration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also as CONTRIBUTING.md has it."""
     verbs: dict[str, Any] = {}
     monkeypatch.setattr("fabdesign.cli.command.VERBS", verbs)
     monkeypatch.setattr("fabdesign.interface.verb.VERBS", verbs)
@@ -286,7 +292,14 @@ def test_a_new_verb_takes_one_declaration(monkeypatch: pytest.MonkeyPatch, capsy
         assert [*sides] in ([], ["front", "back"])
         return fabdesign.build("cross").fabric.width ** 2
 
+    recipe = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("## Add a verb")[1]
+    code = recipe.split("```python\n")[1].split("```")[0]
+    exec(compile(code, "recipe", "exec", __future__.annotations.compiler_flag), dict(vars(files)))
+    fabdesign.new("cross", tmp_path / "d.toml")
     add_commands()
+    with pytest.raises(SystemExit):
+        commands.commands["cloth"].main([str(tmp_path / "d.toml"), "--seam", "0.01", "--json"])
+    assert json.loads(capsys.readouterr().out) == {"area_m2": pytest.approx(0.22**2)}
     with pytest.raises(SystemExit):
         commands.commands["area"].main(["cross.toml", "--pitch", "0.01", "--sides", "front,back"])
     assert capsys.readouterr().out == "0.0400 m^2 at 0.01 m\n"
@@ -471,6 +484,7 @@ def test_ctrl_c_keeps_what_is_done(asked: Callable[[], list[str]], monkeypatch: 
     assert not found.complete and len(found) == 128 and calls == [64, 64, 22]
     table = found.to_table()
     assert table["channel_1_kpa"].iloc[-1] == rows[127, 1] and table["forward"].iloc[0] == found["forward"][0]
+    assert json.loads(json.dumps(found.to_json())) == {**{k: [*v] for k, v in table.items()}, "complete": False}
     calls.clear()
     with pytest.warns(UserWarning, match="interrupted, with the first 128 of 150 motions"):
         shapes = fabdesign.equilibrium("cross.toml", rows)

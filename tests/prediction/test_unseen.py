@@ -123,7 +123,7 @@ def test_shapes_have_intervals_and_the_best_measurement_is_said(folder: Path) ->
     assert low < middle < high
     assert not pose["snaps"]
     assert result.unsewn.unknown == ("muscle_types.EM20.axis_offset",)
-    assert result.unsewn.corrector["said"] == "no corrector in this model"
+    assert result.unsewn.corrector.sentence == "no corrector in this model"
     found = result.to_json()["measurement"]
     assert found["spread_mm"] == pytest.approx(pose["band_mm"], rel=0.15)
     assert next(iter(found["candidates"])) == "200,200"
@@ -192,7 +192,7 @@ def test_a_rig_that_is_slow_gets_programs_that_it_can_run(folder: Path) -> None:
     result = run_unseen(folder / "s.toml", folder / "out", forward=Arc())
     names = [*result.unsewn.measurement.candidates]
     assert names and all("ramp" in name for name in names)
-    assert np.max(result.unsewn.measurement.program["pressure_kpa"]) <= 250
+    assert np.max(result.unsewn.measurement.program.pressure_kpa) <= 250
     assert fastest(constant_program([1e5])) == np.inf
 
 

@@ -2,16 +2,17 @@
 
 import json
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar, get_type_hints
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 from fabdesign.formats.json_file import json_text, plain, write_json
-from fabdesign.formats.schema import MM, Key, Millimetre
+from fabdesign.formats.schema import MM, Key, Millimetre, members
 from studies.report import page
 from studies.report.charts import Gain, chart, cloud, curve, gains, scene
 from studies.report.page import gain_in_words, html_of, kpa, mm, png_address, sentence, svg_of
@@ -26,6 +27,14 @@ def test_a_page_holds_its_figures_and_plotly_only_with_one() -> None:
     assert text.count("Plotly.newPlot(id") == 1 and "<title>a &lt;b&gt;</title>" in text
     assert "<p>x &lt;b&gt;</p>" in text and '<div id="bars"></div>' in text
     assert "<script" not in html_of("a <b>", [page.Text("x")])
+
+
+def test_a_new_block_is_one_declaration_as_contributing_has_it() -> None:
+    recipe = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("## Show something new on a page")[1]
+    names = dict(vars(page))
+    exec(recipe.split("```python\n")[1].split("```")[0], names)
+    text = html_of("q", [page.Columns([[names["Quote"]("it <holds>", "a & b")]])])
+    assert "<blockquote>it &lt;holds&gt;<br>a &amp; b</blockquote>" in text
 
 
 def test_values_are_shown_in_mm_and_kpa() -> None:
@@ -82,21 +91,17 @@ class Outer:
     depths: Annotated[np.ndarray, Key("depth.each_mm"), MM]
     name: Annotated[str, Key(brief=True)] = ""
     solver: object = None
-    json_keys: ClassVar = "deepest", "depths", "inner", "name"
-
-    @property
-    def deepest(self) -> Annotated[float, Key("depth.most_mm"), MM]:
-        return float(self.depths.max())
+    json_keys: ClassVar = ("depth.most_mm", lambda of: float(of.depths.max())), "depths", "inner", "name"
 
 
 @dataclass(frozen=True)
 class Apart:
-    """A result whose file is of another shape."""
+    """A result whose keys are computed, or of what it holds."""
 
     outer: Outer
-
-    def json_content(self) -> dict[str, object]:
-        return {"several": [self.outer], "depths": self.outer.depths}
+    json_keys: ClassVar = (
+        ("several", lambda of: [of.outer]), "outer.depths", ("off.most_mm", "outer.inner.off"), ("**", "outer.inner")
+    )  # fmt: skip
 
 
 def test_json_of_a_result_is_as_it_declares_it() -> None:
@@ -104,7 +109,40 @@ def test_json_of_a_result_is_as_it_declares_it() -> None:
     table = {"depth": {"most_mm": 2.0, "each_mm": [1.0, 2.0]}}
     outer = Outer(Inner(1.0, np.zeros(1)), depths, solver=object())
     assert plain(outer) == table | {"value": 1.0, "points": [0.0], "off_mm": 2.0}
-    assert plain(Apart(Outer(None, depths, "n"))) == {"several": [table | {"name": "n"}], "depths": [0.001, 0.002]}
+    assert plain(Apart(Outer(None, depths, "n"))) == {
+        "several": [table | {"name": "n"}],
+        "depths": [0.001, 0.002],
+        "off": {"most_mm": None},
+    }
+    assert plain(Apart(outer))["off"] == {"most_mm": 2.0} and plain(Apart(outer))["off_mm"] == 2.0
+
+
+def _type_of(form: Any, name: str) -> Any:
+    """Return the type of an attribute, without None; None where nothing says it."""
+    member = getattr(form, name, None)
+    getter = getattr(member, "fget", None) or getattr(member, "func", None)
+    assert member is not None or name in form.__dataclass_fields__, f"{form.__name__} has no {name}"
+    try:
+        hint = get_type_hints(getter).get("return") if getter else get_type_hints(form).get(name)
+    except NameError:  # of a type that is loaded for checks alone
+        return None
+    kinds = members(hint)
+    return kinds[0] if len(kinds) == 1 and is_dataclass(kinds[0]) else None
+
+
+def test_keys_of_results_are_of_what_is_there() -> None:
+    files = [file for package in ("fabdesign", "studies") for file in (ROOT / package).rglob("*.py")]
+    count = 0
+    for file in (file for file in files if "    json_keys: ClassVar" in file.read_text(encoding="utf-8")):
+        module = import_module(".".join(file.relative_to(ROOT).with_suffix("").parts))
+        forms = [each for each in vars(module).values() if isinstance(each, type) and not each.__subclasses__()]
+        for form in (each for each in forms if "json_keys" in vars(each)):
+            for source in (entry[1] if isinstance(entry, tuple) else entry for entry in form.json_keys):
+                kind: Any = form
+                for name in () if callable(source) else source.split("."):
+                    kind = kind and _type_of(kind, name)
+                    count += 1
+    assert count > 100
 
 
 def test_json_of_results_knows_no_nan(tmp_path: Path) -> None:

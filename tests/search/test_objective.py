@@ -7,9 +7,10 @@ import pytest
 
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
+from fabdesign.study_files.study_file import MeasureName
 from optimize.search.design_space import DesignSpace
 from optimize.search.margins import Limits
-from optimize.search.objective import Measure, Objective, Target
+from optimize.search.objective import Objective, Target
 from tests.analytic_cloth import AnalyticCloth
 
 PRESSURES = np.array([[300e3, 100e3, 0.0, 200e3, 0.0, 50e3, 250e3, 0.0]])
@@ -41,7 +42,7 @@ def test_several_targets_count_alike(space: DesignSpace) -> None:
 
 
 @pytest.mark.parametrize(("measure", "markers"), [("chamfer", False), ("surface_rms", False), ("chamfer", True)])
-def test_gradient_is_the_derivative(space: DesignSpace, measure: Measure, markers: bool) -> None:
+def test_gradient_is_the_derivative(space: DesignSpace, measure: MeasureName, markers: bool) -> None:
     rng = np.random.default_rng(5)
     shape = shape_of(space)
     cloud = shape[0] + rng.normal(0, 2e-3, shape[0].shape)

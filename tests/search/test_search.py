@@ -11,12 +11,13 @@ import pytest
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.runtime.fingerprint import OtherContent
+from fabdesign.study_files.study_file import MeasureName
 from optimize.search.design_space import DesignSpace
 from optimize.search.evaluations import Evaluations, Stage, Stop
 from optimize.search.history import History
 from optimize.search.margins import Limits
 from optimize.search.multistart import search
-from optimize.search.objective import Measure, Objective, Target
+from optimize.search.objective import Objective, Target
 from optimize.search.starts import Start, layout_starts, pressure_starts
 from tests.analytic_cloth import AnalyticCloth
 
@@ -66,7 +67,7 @@ def found_pressures(searched: Evaluations) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("measure", "share"), [("chamfer", 1), ("surface_rms", 2)])
-def test_pressures_are_recovered_from_a_noisy_cloud(measure: Measure, share: int) -> None:
+def test_pressures_are_recovered_from_a_noisy_cloud(measure: MeasureName, share: int) -> None:
     target = target_of(TRUTH)
     objective = Objective([Target(target.points[::share], target.time)], measure=measure)
     with History(":memory:", "a") as history:

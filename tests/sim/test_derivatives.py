@@ -1,4 +1,5 @@
-"""Derivatives of shapes at rest against the float64 reference, by kind of column; what is left to differences."""
+"""Derivatives of shapes at rest against the float64 reference, by kind of column; what is left to differences; those
+of frames of motions in balance."""
 
 from dataclasses import replace
 
@@ -7,7 +8,7 @@ import pytest
 
 from fabdesign.errors import InputError
 from fabdesign.nouns import column
-from fabdesign.nouns.forward import Case, Term
+from fabdesign.nouns.forward import Case, Instant, Term
 from fabdesign.nouns.model import EffectTerm, Model, Quantity
 from fabdesign.nouns.predictor import Predictor
 from sim import Simulator
@@ -91,6 +92,46 @@ def test_columns_of_motions_are_those_of_the_moved_motions():
     assert found.middle.shape == (2, N, N, 3)
     assert not found.exact.any()
     assert np.array_equal(found.changes[0], (b.middle.astype(float) - a.middle) / (2 * columns[0].far))
+
+
+def polynomial(offsets, values):
+    """Value, velocity and acceleration at 0 of a cubic through values at offsets [s]."""
+    rows = np.linalg.pinv(np.vander(offsets, 4, increasing=True))
+    return [np.tensordot(scale * row, values.astype(float), 1) for scale, row in zip((1, 1, 2), rows, strict=False)]
+
+
+FINE, FRAMES = np.arange(-2, 3) / 160, np.arange(-2, 3) / 30  # s
+
+
+MOVED = {"muscle_gain": 0.05, "bending": 0.1, "areal_density": 0.2, "damping": 0.3}
+FRICTION = Term("braid_hysteresis", {"friction": 0.002})
+
+
+@pytest.mark.parametrize(("effects", "most"), [((), (0.1, 0.2, 0.6, 0.5)), ((FRICTION,), (0.6, 0.6, 0.85, 0.75))])
+def test_a_moved_motion_is_in_balance_with_what_moved_it(effects, most):
+    """K d = F dtheta - C d' - M d'', with d to the motion under another factor: beside velocity and acceleration the
+    column takes most of d. A friction, which has no tangent, stays as it is, and leads near all the same."""
+    case, at, moved = replace(CASES[0], effects=effects), 0.35, MOVED
+    others = [replace(case, factors={name: 1 + by}) for name, by in moved.items()]
+    base, coarse, *seen = SIMULATOR.run([case, case, *others], [at + FINE] + [at + FRAMES] * (1 + len(others)))
+    middle, velocity, acceleration = polynomial(FINE, base.middle)
+    distances = [polynomial(FRAMES, other.middle.astype(float) - coarse.middle)[1:] for other in seen]
+    offs = [(other.middle[2].astype(float) - coarse.middle[2]) for other in seen]
+    instants = [
+        Instant(at, middle, velocity, acceleration, off, *later) for off, later in zip(offs, distances, strict=True)
+    ]
+    [balances] = SIMULATOR.balances([case], [instants], [column.factor(name) for name in moved])
+    for k, ((name, by), share) in enumerate(zip(moved.items(), most, strict=True)):
+        without = np.linalg.norm(offs[k] - balances[k].response)
+        assert without > 0.25 * np.linalg.norm(offs[k]), name
+        explained = balances[k].response + by * balances[k].changes[k]
+        assert np.linalg.norm(offs[k] - explained) < share * without, name
+
+
+def test_a_frame_that_is_not_there_has_no_balance():
+    nothing = np.full((N, N, 3), np.nan)
+    [[balance]] = SIMULATOR.balances(CASES[:1], [[Instant(0.1, *[nothing] * 6)]], [column.factor("bending")])
+    assert np.isnan(balance.response).all() and np.isnan(balance.changes).all()
 
 
 def test_a_moved_corner_keeps_its_intervals_or_says_so():

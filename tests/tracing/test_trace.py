@@ -32,11 +32,10 @@ from optimize.fit.descent import FitStart, fit, updated_jacobian
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.normal import bounded_step
 from optimize.fit.policy import END, ROUGH, STEP
-from optimize.fit.problem import Evaluation, FitProblem, horizons_of
+from optimize.fit.problem import Evaluation, FitProblem
 from optimize.fit.significance import NEEDED, alike, conditioned, cost, needed, undecided
 from studies.fitting.fits import Fits
 from studies.fitting.fitted_model import far_factors
-from studies.fitting.joint_fit import joint_fit, negligible
 from studies.measured.fit_data import MeasuredData
 from studies.measured.splits import fit_trials
 from studies.measured.used_frames import UsedFrames
@@ -462,7 +461,9 @@ def late(tmp_path_factory):
     data = MeasuredData.of([measured], fit_trials(measured.trials), UsedFrames(None, 0.0), DRAWN, seed=0)
     vector = fit_vector(["all"], designs=[build("cross")])
     forward = Predictor(Curler(), Model(), sensing=True)
-    found = fit(Fits(forward, 0.5e-3).problem(data, vector))
+    near = {"filling_lag.fill": 0.25, "filling_lag.empty": 0.25, "supply_droop.share": 0.1}  # as balance leads
+    start = FitStart(np.array([near.get(name, 0.0) for name in vector.names]))
+    found = fit(Fits(forward, 0.5e-3).problem(data, vector), start)
     return found, data
 
 
@@ -657,21 +658,6 @@ def test_a_fit_ends_where_even_its_linear_minimum_leaves_too_much(late, unhurrie
     assert gone_on.after < ended.after
 
 
-def test_a_fit_whose_first_horizon_leaves_too_much_goes_to_all_frames_at_once(late, unhurried):
-    joint, data = late
-    forward, said = Predictor(Curler(), Model(), sensing=True), []
-    ended = fit(
-        FitProblem(data.samples, forward, forward, joint.vector.without_effects), FitStart(inputs=joint.inputs),
-        replace(END, hopeless=0.3 * unhurried.after), progress=lambda line, share: said.append(line),
-    )  # fmt: skip
-    assert ended.ended == "hopeless" and ended.iterations == len(said)
-    assert (
-        {line.partition(",")[0] for line in said} == {"to 0.5 s"} != {f"to {h:g} s" for h in horizons_of(data.samples)}
-    )
-    assert len(ended.state.misfit.residual) == len(unhurried.state.misfit.residual)
-    assert ended.before == pytest.approx(unhurried.before) and ended.after > 0.9 * unhurried.after
-
-
 @pytest.mark.parametrize(("tolerance", "apart", "alone"), [(6e-3, 0.0, True), (6e-3, 1.0, False), (0.5e-3, 0.0, False)])
 def test_an_effect_that_is_enough_is_fitted_alone(tolerance, apart, alone, late, unhurried, tmp_path, monkeypatch):
     """Where that leaves no more than the tolerance allows, and nothing else on other layouts."""
@@ -716,95 +702,6 @@ def test_effects_that_do_the_same_in_the_joint_fit_are_alike(late):
         sensitivity = cosines * np.outer(1 / vector.prior, 1 / vector.prior)
         others = [label for label in vector.labels if label != "dead_time"]
         assert alike(sensitivity, vector, "dead_time", others) == expected
-
-
-def test_what_is_known_to_be_small_may_lie_aside(late):
-    joint, _ = late
-    vector, deviation = joint.vector, 0.01 * joint.vector.prior
-    lag, droop = (int(vector.part(label)[0]) for label in ("filling_lag", "supply_droop"))
-    sensitivity = np.diag(np.square(1e-3 / vector.prior))  # a millimetre a deviation of the prior
-    x = np.zeros(len(joint.x))
-    x[lag] = 0.24 * vector.prior[lag]  # and two of its own deviations: 0.26 mm of 0.25
-
-    def aside(deviation):
-        early = replace(
-            joint, x=x, covariance=np.diag(np.square(deviation)), normal=replace(joint.normal, sensitivity=sensitivity)
-        )
-        return negligible(early, 0.5e-3)
-
-    assert aside(deviation) == {*vector.labels} - {"filling_lag"}
-    deviation[droop] = 0.5 * vector.prior[droop]  # of which the data say little
-    assert aside(deviation) == {*vector.labels} - {"filling_lag", "supply_droop"}
-
-
-def test_what_lay_aside_is_asked_for_again_at_the_end(late, monkeypatch):
-    """By its own columns alone, and found where it is there after all."""
-    joint, data = late
-    forward, asked = Counting(Curler(), Model(), sensing=True), []
-
-    class Asked(Fits):
-        def fit(self, problem, start, policy, named=""):
-            made = forward.made
-            found = super().fit(problem, start, policy, named)
-            asked.append((named, problem.vector.labels, forward.made - made, start.jacobian))
-            return found
-
-    monkeypatch.setattr("studies.fitting.joint_fit.negligible", lambda early, tolerance: frozenset(["supply_droop"]))
-    found = joint_fit(data, joint.vector, joint.vector.start, Asked(forward, 0.5e-3, last=lambda vector: END))
-    *_, (_, without, _, _), (named, labels, _, jacobian) = asked
-    assert named == "at last" and labels == joint.vector.labels and "supply_droop" not in without
-    missing = np.flatnonzero(np.isnan(jacobian).all(axis=0))
-    assert missing.tolist() == joint.vector.part("supply_droop").tolist()
-    assert np.isfinite(np.delete(jacobian, missing, axis=1)).all()
-    terms = {term.name: term.values for term in found.vector.terms_at(found.x)}
-    assert terms["supply_droop"]["share"] == pytest.approx(0.15, abs=0.03)
-    assert terms["filling_lag"]["fill"] == pytest.approx(0.3, abs=0.03)
-    assert found.after < 1.05 * joint.after
-
-
-@pytest.mark.parametrize(
-    ("bad", "patient"), [("to 0.5 s", False), ("to 1 s", True), ("to 1 s", False), ("nowhere", True)]
-)
-def test_a_joint_fit_that_leaves_too_much_begins_again_where_the_factors_alone_lead(late, bad, patient, monkeypatch):
-    """Over the first horizon, or with patience a later one; the better of both goes on."""
-    joint, data = late
-    asked = []
-    monkeypatch.setattr("studies.fitting.joint_fit.negligible", lambda early, tolerance: frozenset())
-
-    class Asked(Fits):
-        def fit(self, problem, start, policy, named=""):
-            vector, effects = problem.vector, len(problem.vector.without_effects.parameters)
-            asked.append((named, len(start.x), float(np.abs(start.x[effects:]).sum())))
-            x = np.full(len(vector.parameters), 0.01)
-            left = 9e-3 if named == bad else 0.5e-3
-            return replace(joint, vector=vector, x=x, after=left) if vector.terms else SimpleNamespace(x=x)
-
-    few = data.until(1.0)
-    assert horizons_of(few.samples) == [0.5, 1.0]
-    found = joint_fit(few, joint.vector, joint.vector.start, Asked(None, 0.5e-3, patient=patient))
-    told = [named for named, *_ in asked]
-    first, again = "to 0.5 s", ["factors to 0.5 s", "from factors to 0.5 s"]
-    if bad == first:
-        assert told == [first, *again, "from factors to 1 s", "from factors at last"]
-    elif bad == "to 1 s" and patient:
-        assert told == [first, bad, *again, "from factors to 1 s", "from factors at last"]
-    else:
-        assert told == [first, "to 1 s", "at last"]
-    assert len(found.x) == len(joint.vector.parameters)
-    if again[0] in told:
-        factors, effects = (asked[told.index(named)] for named in again)
-        assert factors[1] == len(joint.vector.without_effects.parameters)
-        assert effects[2] == 0 < asked[0][2]
-
-
-@pytest.mark.parametrize(("expected", "first"), [(1.0, "to 1.5 s"), (1e-6, "to 0.5 s"), (np.inf, "to 0.5 s")])
-def test_a_fit_goes_to_all_frames_at_once_where_its_start_leaves_little(late, expected, first):
-    """Of what a right model may leave, where that is known."""
-    joint, data = late
-    forward, said = Predictor(Curler(), Model(), sensing=True), []
-    problem = FitProblem(data.samples, forward, forward, joint.vector.without_effects, expected=expected)
-    fit(problem, FitStart(inputs=joint.inputs), progress=lambda line, share: said.append(line.partition(",")[0]))
-    assert said[0] == first and said[-1] == "to 1.5 s"
 
 
 def test_no_decoy_gains_beside_what_is_there(late, selected):

@@ -1,0 +1,288 @@
+"""Frames of motions in balance: near which unknowns the fit of motions begins, without horizons and false minima.
+
+A frame of a motion is in balance, with its inertia and damping (d'Alembert). Of the displacement from the model's own
+motion to the measured cloth, velocity and acceleration are seen in the frames around it; the rest is what the unknowns
+change in the forces, by their tangent (`sim.tangent.motion`): equation error in system identification, the virtual
+fields method in mechanics. No course of a motion links the frames: one where the model's cloth has buckled to another
+side than the measured one takes little part, and leads no other astray. What noise does to accelerations is no residual
+of the model, so intervals and verdicts come from motions alone.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from dataclasses import fields as dataclass_fields
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.effects.acting import is_sensing, observed, seen_at
+from fabdesign.effects.registry import EFFECTS, label_effect
+from fabdesign.files.trial_file import TrialData
+from fabdesign.geometry.shape import normals, sheets_of
+from fabdesign.nouns.array import Array, Floats, Indices
+from fabdesign.nouns.column import Balances, Column, move
+from fabdesign.nouns.forward import Case, Instant
+from fabdesign.nouns.predictor import Predictor
+from fabdesign.nouns.trial import Trial
+from fabdesign.runtime.store import Arrays, Checkpoint
+from fabdesign.units import in_mm
+from optimize.fit.clouds import Match, Sample, derivatives, evenly, match, nodes_of
+from optimize.fit.descent import Progress, silent
+from optimize.fit.displacement import Unstrained, heights
+from optimize.fit.fitted import Fit, concluded
+from optimize.fit.misfit import capped, frames_of
+from optimize.fit.normal import step_to_minimum
+from optimize.fit.parameters import FitVector
+from optimize.fit.problem import Linearisation, Problem
+
+FRAMES = 10  # of a trial, that balance
+POINTS = 400  # of a frame
+HALF = 2  # frames to each side, through which velocity and acceleration are seen
+WIDEST = 0.28  # s that these may span, as at 15 Hz: beyond, a swing of 8 rad/s turns by more than a third
+FIRST = 0.1  # s after rest, before which little has moved
+INSTANTS = np.arange(-2, 3) / 160  # s, from a frame, of the motion's own velocity and acceleration
+SPRINGS = 500.0  # 1/s^2, those of a balance and a swing's square: an acceleration's error over it is a displacement
+RADIUS = 0.05  # m, of a cloth's bends: a displacement d is off by d^2 over it where it is taken as linear
+STEP = 0.007  # of a prior's deviation, of a column
+ITERATIONS = 12
+SLIGHT, LEAST_GAIN = 0.03, 0.02  # the last step is shorter, in logarithms, or promises a smaller share of what is left
+
+
+@dataclass(frozen=True, eq=False)
+class FramesAround:
+    """Frames of a trial, and each with those around it. around: (F, 2 HALF + 1) places in the sample."""
+
+    sample: Sample
+    around: Indices
+
+    @property
+    def central(self) -> Sample:
+        """Return the frames without those around them."""
+        every, chosen = self.sample, self.around[:, HALF]
+        return Sample(every.trial, every.times[chosen], tuple(every.clouds[k] for k in chosen))
+
+
+def frames_around(
+    trial: Trial, data: TrialData, used: NDArray[np.bool_], rng: np.random.Generator
+) -> FramesAround | None:
+    """Return frames spread over those of a trial that are `used` (T,), as are all around them; None where frames are
+    too far apart for an acceleration to be seen."""
+    offsets, time = np.arange(-HALF, HALF + 1), data.time
+    inside = [
+        k
+        for k in range(HALF, len(time) - HALF)
+        if used[k + offsets].all() and time[k + HALF] - time[k - HALF] <= WIDEST and time[k] >= FIRST
+    ]
+    if not inside:
+        return None
+    around = np.array(inside)[evenly(len(inside), FRAMES)][:, None] + offsets
+    every = np.unique(around)
+    clouds = (np.asarray(data.frames[int(k)], dtype=float) for k in every)
+    drawn = tuple(c if len(c) <= POINTS else c[rng.choice(len(c), POINTS, replace=False)] for c in clouds)
+    return FramesAround(Sample(trial, time[every], drawn), np.searchsorted(every, around))
+
+
+@dataclass(frozen=True, eq=False)
+class BalanceProblem(Problem):
+    """Frames of motions in balance. forward: whose simulator gives `balances`. noise: m, of a point."""
+
+    frames: Sequence[FramesAround]
+    forward: Predictor
+    balances: Balances
+    vector: FitVector
+    noise: float
+
+    @property
+    def samples(self) -> Sequence[Sample]:  # type: ignore[override]
+        return [one.central for one in self.frames]
+
+    def at(self, x: Array) -> Linearisation:
+        """Return the residuals and their Jacobian at the unknowns x (p,), each frame by how well it is known."""
+        motions = self._motions([self.vector.case(one.sample.trial, x) for one in self.frames])
+        every = match([motion.frames.sample for motion in motions], [motion.points for motion in motions])
+        rows = iter(frames_of(every)[1])
+        side = motions[0].middle.shape[1]
+        held = [motion.held(heights(every, [next(rows) for _ in motion.middle], side)) for motion in motions]
+        central = _central(every, self.frames)
+        slopes = derivatives(central, nodes_of(central, side), self._changes(motions, held))
+        doubt = np.array([one.doubt for some in held for one in some])
+        counts = self.noise / np.hypot(self.noise, doubt[frames_of(central)[0]])
+        residual = (central.residual + slopes[:, 0]) * counts
+        return Linearisation(x, replace(central, residual=residual), (), slopes[:, 1:] * counts[:, None])
+
+    def _motions(self, cases: Sequence[Case]) -> list["_Motion"]:
+        """Return the model's motions at all frames, and at the instants around those in balance."""
+        modelled = [self.forward.case(case) for case in cases]
+        seen = [seen_at(case, one.sample.times) for case, one in zip(modelled, self.frames, strict=True)]
+        fine = [at[one.around[:, HALF], None] + INSTANTS for at, one in zip(seen, self.frames, strict=True)]
+        times = [np.unique(np.concatenate([at, some.ravel()])) for at, some in zip(seen, fine, strict=True)]
+        sheets = sheets_of(replace(self.forward, sensing=False))(cases, times)
+        motions = []
+        for case, one, sheet, every, at, some in zip(modelled, self.frames, sheets, times, seen, fine, strict=True):
+            middle, frames = np.asarray(sheet.middle, dtype=float), np.searchsorted(every, at)
+            points = observed(case, sheet.points[frames])
+            motions.append(_Motion(case, one, at, middle[frames], points, middle[np.searchsorted(every, some)]))
+        return motions
+
+    def _changes(self, motions: Sequence["_Motion"], held: Sequence[Sequence["_Held"]]) -> list[Floats]:
+        """Return the response and the changes by each unknown, (1 + p, F, n, n, 3) m a motion."""
+        columns = [_column(self.vector, k) for k in range(len(self.vector.parameters))]
+        sensed = [
+            not p.is_factor and is_sensing(label_effect(p.name.rpartition(".")[0])) for p in self.vector.parameters
+        ]
+        acting = [k for k, of_sensors in enumerate(sensed) if not of_sensors]
+        instants = [[one.instant for one in some] for some in held]
+        balances = self.balances([motion.case for motion in motions], instants, [columns[k] for k in acting])
+        changes = []
+        for motion, some, balanced in zip(motions, held, balances, strict=True):
+            of_motion = np.zeros((1 + len(columns), len(some), *motion.middle.shape[1:]))
+            for f, (one, balance) in enumerate(zip(some, balanced, strict=True)):
+                of_motion[0, f] = balance.response
+                of_motion[[1 + k for k in acting], f] = balance.changes
+                for k in np.flatnonzero(sensed):
+                    of_motion[1 + k, f] = motion.as_seen(one, columns[k])
+            changes.append(of_motion)
+        return changes
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """A motion of the model beside a trial's frames. case: with the model. seen: (m,) s, the instants of the frames.
+    middle: (m, n, n, 3) m there; points: (m, 2 k, 3) m of both faces, as sensors give them. around: (F, 5, n, n, 3) m,
+    at INSTANTS from each frame in balance."""
+
+    case: Case
+    frames: FramesAround
+    seen: Array
+    middle: Array
+    points: Floats
+    around: Array
+
+    def held(self, heights: Array) -> list["_Held"]:
+        """Return the frames in balance. heights: (m, n, n) m, of the cloth that was seen over the mid-surface."""
+        held = []
+        for fine, places in zip(self.around, self.frames.around, strict=True):
+            middle, time = fine[len(INSTANTS) // 2], self.seen[places]
+            off, offsets = heights[places][..., None] * normals(self.middle[places]), time - time[HALF]
+            moved = [off[HALF], *_derivatives(offsets, off, 3)]
+            _, unsmoothed = _derivatives(offsets[HALF - 1 : HALF + 2], off[HALF - 1 : HALF + 2], 2)
+            doubt = np.hypot(_rms(moved[2] - unsmoothed) / SPRINGS, _rms(moved[0]) ** 2 / RADIUS)
+            fields = middle, *_derivatives(INSTANTS, fine, 3)
+            if np.isfinite(doubt) and np.isfinite(fields).all():
+                moved = [*map(Unstrained(middle), moved)]
+            held.append(_Held(self.frames.sample.times[places[HALF]], Instant(time[HALF], *fields, *moved), doubt))
+        return held
+
+    def as_seen(self, held: "_Held", column: Column) -> Array:
+        """Return (n, n, 3) m per unit: what a column of sensing changes in a frame."""
+        change, instant = move(self.case, column, column.step), held.instant
+        time, places = np.array([held.time]), []
+        for side in change.sides:
+            later = float(seen_at(side, time)[0]) - instant.time
+            places.append(observed(side, instant.middle + later * instant.velocity))
+        return np.asarray((places[1] - places[0]) / change.width)
+
+
+class _Held(NamedTuple):
+    """A frame in balance. time: s, by the frame's own clock. doubt: m that its balance may be off by, for what is not
+    known of its acceleration, and for what is not linear."""
+
+    time: float
+    instant: Instant
+    doubt: float
+
+
+def _derivatives(offsets: Array, values: Array, order: int) -> tuple[Array, Array]:
+    """Return the velocity and the acceleration, at 0, of a polynomial through `values` (k, ...) at `offsets` (k,) s
+    (Savitzky and Golay 1964)."""
+    scale = float(np.abs(offsets).max())
+    rows = np.linalg.pinv(np.vander(offsets / scale, order + 1, increasing=True))
+    return np.tensordot(rows[1] / scale, values, 1), np.tensordot(2 * rows[2] / scale**2, values, 1)
+
+
+def _rms(field: Array) -> float:
+    return float(np.sqrt(np.square(field).sum(axis=-1).mean()))
+
+
+def _central(every: Match, frames: Sequence[FramesAround]) -> Match:
+    """Return the match of the frames in balance alone, numbered among themselves."""
+    number = np.full((len(frames), 1 + int(every.frame.max())), -1)
+    for s, one in enumerate(frames):
+        number[s, one.around[:, HALF]] = np.arange(len(one.around))
+    frame = number[every.sample, every.frame]
+    kept = frame >= 0
+    fields = {field.name: getattr(every, field.name)[kept] for field in dataclass_fields(Match) if field.name != "loss"}
+    return Match(**(fields | {"frame": frame[kept]}))
+
+
+def fit_balance(
+    problem: BalanceProblem, *, named: str = "", checkpoint: Checkpoint | None = None, progress: Progress = silent
+) -> Fit | None:
+    """Return where Gauss-Newton steps lead from the vector's start; None where no frame has a balance. No step is
+    judged: the residuals of another place are of another motion, where other frames count. checkpoint: keeps where they
+    led, by the name."""
+    if checkpoint is not None:
+        fresh: list[Fit | None] = []
+
+        def arrays() -> Arrays:
+            fresh.append(fit := fit_balance(problem, progress=progress))
+            return {"x": np.zeros(0) if fit is None else fit.x}
+
+        kept = checkpoint.arrays(f"fit_{named}", arrays)["x"]
+        if fresh or not len(kept):
+            return fresh[0] if fresh else None
+        return concluded(problem, problem.at(kept), None, np.nan, 0, "converged")
+    x, vector = problem.vector.start, problem.vector
+    state: Linearisation | None = None
+    for k in range(ITERATIONS):
+        there = problem.at(x)
+        if not (np.isfinite(there.misfit.residual) & np.isfinite(there.jacobian).all(axis=1)).any():
+            break
+        state = there
+        step, _ = step_to_minimum(state, vector)
+        promised = capped(state.misfit.residual + state.jacobian @ step)
+        progress(f"iteration {k + 1}: {in_mm(state.misfit.rms):.3f} mm RMS", (k + 1) / (k + 3))
+        x = vector.inside(state.x + step)
+        longest = float(np.abs(step / vector.scale).max())
+        if longest < SLIGHT or promised > (1 - LEAST_GAIN) * state.misfit.rms:
+            break
+    if state is None:
+        return None
+    fit = concluded(problem, state, None, state.misfit.rms, k + 1, "converged" if k + 1 < ITERATIONS else "iterations")
+    return replace(fit, x=fit.minimum)
+
+
+def acting_in_balance(vector: FitVector) -> FitVector:
+    """Return the factors, and the terms without a force of their own: those have a tangent."""
+    labels = [
+        label for label, term in zip(vector.labels, vector.terms, strict=True) if EFFECTS[term.name].force is None
+    ]
+    return vector.only(labels)[0]
+
+
+def _column(vector: FitVector, k: int) -> Column:
+    """Return an unknown of a vector as a column; a case's terms are the vector's, behind those that a model has."""
+    parameter = vector.parameters[k]
+    label, _, key = parameter.name.rpartition(".")
+    term = None if parameter.is_factor else vector.labels.index(label) - len(vector.terms)
+
+    def x_of(case: Case) -> float:
+        if term is None:
+            return parameter.unknown(case.factors.get(parameter.name, 1.0))
+        return parameter.unknown(case.effects[term].values[key])
+
+    def moved(case: Case, by: float) -> Case:
+        value = parameter.value(x_of(case) + by)
+        if term is None:
+            return replace(case, factors={**case.factors, parameter.name: value})
+        effects = [*case.effects]
+        effects[term] = replace(effects[term], values={**effects[term].values, key: value})
+        return replace(case, effects=tuple(effects))
+
+    def room(case: Case) -> tuple[float, float]:
+        low, high = parameter.limits
+        return low - x_of(case), high - x_of(case)
+
+    step = STEP * parameter.deviation
+    return Column(parameter.name, "1", step, step, moved, room, differences=False)

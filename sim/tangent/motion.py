@@ -1,0 +1,62 @@
+"""How frames of a motion change with parameters where forces balance with inertia and damping, and what a cloth that
+was seen has of these beyond the motion's.
+
+With d from the motion's frame to the cloth seen, K d + C d' + M d'' = F dtheta to first order (d'Alembert; equation
+error in system identification). d' and d'' are seen; springs sigma M on both sides bound what noise in them does:
+(K + sigma M) d = F dtheta + M (sigma d - d'') - C d'.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.nouns.column import Balance
+from fabdesign.nouns.forward import Instant
+from sim.kernels.fields import LANES
+from sim.kernels.transfer import put
+from sim.loading import side_by_side
+from sim.schedule import Batch
+from sim.tangent.explicit import LaneColumns, MovedCases
+from sim.tangent.shape_kernels import SOLVED, write_columns
+from sim.tangent.shapes import Balanced, Solved
+
+FARTHEST = 5e-3  # m, RMS from a frame to where its forces balance: farther off its acceleration was not resolved
+SPRINGS = 400.0  # 1/s^2, sigma: the square of a swing's 8 rad/s counts for little beside it
+
+
+def solve_in_motion(
+    batch: Batch, lanes: Sequence[LaneColumns], cases: MovedCases, instants: Sequence[Instant]
+) -> list[Solved]:
+    """Return the responses of the lanes of a batch, each at an instant, as their middle, and the columns solved."""
+    state = {"x0": "middle", "q": "middle", "v0": "velocity", "a0": "acceleration"}
+    put(batch.blocks, {plane: state_of(instants, name) for plane, name in state.items()})
+    balanced = Balanced(batch, lanes, cases, springs=SPRINGS, farthest=FARTHEST)
+    if batch.added:  # forces of effects are no part of the tangent: what they hold off its balance stays where it is
+        put(batch.blocks, {"q": state_of(instants, "middle")})
+    put(batch.blocks, {"vp": -state_of(instants, "velocity")})
+    changes = balanced.changes()
+    put(batch.blocks, {"vp": state_of(instants, "moved_velocity")})
+    loads = [(SPRINGS * one.moved - one.moved_acceleration).reshape(-1, 3) for one in instants]
+    forces = [mass[:, None] * load for mass, load in zip(balanced.host.masses, loads, strict=True)]
+    write_columns(*batch.grid, 1, np.array(forces, np.float32).reshape(1, batch.blocks, LANES, -1, 3))
+    balanced.add_viscous(0, np.ones(len(lanes)))
+    responses, outcomes = balanced.solved(1)
+    sound = balanced.settled & (outcomes[:, 0] == SOLVED)
+    return [Solved(responses[k, 0], bool(sound[k]), changes[k]) for k in range(len(lanes))]
+
+
+def balance_of(solved: Solved, count: int) -> Balance:
+    """Return what was solved of a frame's `count` columns: zero for one that alone is not, which moves next to nothing,
+    such as that of a muscle without pressure; NaN for all where the frame has no tangent."""
+    changes = np.zeros((count, *solved.middle.shape), np.float32)
+    for column, change in solved.changes.items():
+        changes[column] = change
+    nothing = 0.0 if solved.settled else np.nan
+    return Balance(solved.middle + np.float32(nothing), changes + np.float32(nothing))
+
+
+def state_of(instants: Sequence[Instant], field: str) -> NDArray[np.float32]:
+    """Return (blocks, nodes, 3, LANES) of a field of each lane's instant, with a ring of zeros."""
+    fields = [np.pad(getattr(one, field), ((1, 1), (1, 1), (0, 0))) for one in instants]
+    return side_by_side([field.reshape(-1, 3).T for field in fields])
