@@ -39,11 +39,11 @@ verify-trace: .venv/.ready-test
 bench-sim: .venv/.ready-bench
 	$(PYTHON) -m benchmarks.sim
 
-# the search on targets of the virtual rig, in parts: what is done is kept in build/search; QUICK=1 for a small one; writes docs/lab/search.md
+# the search on targets of the virtual rig, in parts: what is done is kept in build/search; QUICK=1 for a small one; writes its part of docs/lab/search.md
 bench-search: .venv/.ready-test
 	$(PYTHON) -m benchmarks.search
 
-# twelve motions that a cloth is to follow, and two devices that are not the model, in parts: what is done is kept in build/follow; writes docs/lab/follow.md
+# twelve motions that a cloth is to follow, and two devices that are not the model, in parts: what is done is kept in build/follow; writes its part of docs/lab/follow.md
 bench-follow: .venv/.ready-test
 	$(PYTHON) -m benchmarks.follow build/follow --page
 
@@ -54,7 +54,7 @@ bench-recordings: .venv/.ready-test
 	$(PYTHON) -m benchmarks.recordings build/recordings --sdk build/realsense-2.56.5.9235 \
 		--sdk build/realsense-2.59.1.11053 --page
 
-# six loops on virtual rigs, in parts: what is done is kept in build/loop; writes docs/lab/loop.md
+# six loops on virtual rigs, in parts: what is done is kept in build/loop; writes its part of docs/lab/loop.md
 loop: .venv/.ready-test
 	$(PYTHON) -m benchmarks.loop
 

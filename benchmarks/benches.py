@@ -15,12 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.machine import commit, processor
-from benchmarks.made_benches import BEGIN
+from benchmarks.machine import commit, processor, write_part
+from benchmarks.made_benches import PAGE
 from fabdesign.files.bench_file import read_bench
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.bench import BenchRecord
-from fabdesign.output import write_text
 from studies.benches.actuator import StaticCurve, hold_of
 from studies.benches.cylinder import CylinderLaw
 from studies.benches.law import rms
@@ -114,7 +113,6 @@ def arm(folder: Path) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("data", type=Path)
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/lab/benches.md"))
     arguments = parser.parse_args()
     start = time.process_time()
     sections = (
@@ -127,20 +125,16 @@ def main() -> None:
         ),
         ("Soft arm", "Dubied et al. 2022, arXiv 2201.12560, MIT", arm, "arm_steps"),
     )
-    lines = ["# Benches: laws of real specimens on held-out records\n"]
     body: list[str] = []
     for title, source, section, folder in sections:
         body += [f"## {title}\n", f"Real specimens: {source}.\n", *section(arguments.data / folder), ""]
-    lines += [
+    lines = [
         "Command: `python -m benchmarks.benches DATA/bench`. "
         f"Commit {commit()}; {processor()}, {platform.system()}, Python {platform.python_version()}; "
         f"{time.process_time() - start:.0f} CPU s.\n",
         *body,
     ]
-    text = "\n".join(lines).rstrip() + "\n"
-    if arguments.output.is_file() and BEGIN in (before := arguments.output.read_text(encoding="utf-8")):
-        text += f"\n{BEGIN}{before.split(BEGIN)[1]}"  # the made benches have their own command
-    write_text(arguments.output, text)
+    write_part(PAGE, "benches", "\n".join(lines))
 
 
 if __name__ == "__main__":

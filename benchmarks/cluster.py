@@ -5,7 +5,7 @@
 Two workers of one thread each stand beside a process of two threads (the clock, on the same two cores), and beside two
 processes of one thread that compute side by side without a cluster (processor seconds: a core is slower while the
 other one works). They take turns, and ratios are of neighbours in time, since a shared machine's speed drifts by more
-than what is measured. Writes the part of docs/lab/machines.md that ends at MARK.
+than what is measured. Writes its part of docs/lab/machines.md.
 """
 
 import multiprocessing
@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.machine import ROOT, commit, processor
+from benchmarks.machine import ROOT, commit, processor, write_part
 from fabdesign.files.pressure_file import constant_program
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
@@ -33,7 +33,6 @@ PAGE = ROOT / "docs" / "lab" / "machines.md"
 ADDRESS = "tcp://127.0.0.1:18790"
 REPEATS = 9
 GRID = 21
-MARK = "\n## Each point and its command\n"  # from here on the page is written by hand
 WATCHED_LESS = {  # as docs/cluster.md has it: what a worker otherwise spends on watching itself is 3 % of a core
     "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False",
     "DASK_DISTRIBUTED__ADMIN__TICK__INTERVAL": "1s",
@@ -178,9 +177,9 @@ def main() -> None:
         killed, killed_wall = one_killed(some)
     task, answer = len(pickle.dumps(some[:16])), len(pickle.dumps(double[0][0][:16]))
     bits = [same(wide[0][0], other) for other in (pair[0][0], *(run[0] for run in double), killed)]
-    kept = PAGE.read_text().partition(MARK)[2] if PAGE.exists() else ""
-    PAGE.write_text(page(count, load, wide, pair, double, bits, killed_wall, (task, answer)) + MARK + kept)
-    print(PAGE.read_text())
+    figures = page(count, load, wide, pair, double, bits, killed_wall, (task, answer))
+    print(figures)
+    write_part(PAGE, "cluster", figures)
 
 
 def _ready() -> str:
@@ -213,8 +212,7 @@ def page(
     by_cpu = quartiles([one[2] / (two[2] + two[3]) for one, two in zip(pair, double, strict=True)])
     by_clock = quartiles([one[1] / two[1] for one, two in zip(wide, double, strict=True)])
     each = f"{16 * worker_cpu / count:.2f} s of a worker, {1e3 * 16 * client_cpu / count:.0f} ms of the caller"
-    return f"""# More than one machine, measured
-
+    return f"""\
 `python -m benchmarks.cluster {count}`: {count} shapes at rest of *basic*, {GRID} points a side, {REPEATS} runs of
 each in turn after kernels were compiled, medians; commit {commit(PAGE)}. {machine}, shared with
 other work ({load:.1f} processes wanted a core before it began): ratios of neighbours in time say most.

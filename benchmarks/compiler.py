@@ -18,11 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.machine import ROOT, commit, processor
+from benchmarks.machine import ROOT, commit, processor, write_part
 from benchmarks.sim.measure import Figure
 
 PAGE = ROOT / "docs/lab/compiler.md"
-BEGIN, END = "<!-- devices -->", "<!-- /devices -->"
 COUNT, FRAMES = 16, 18  # motions of 0.3 s
 
 
@@ -100,10 +99,7 @@ def main() -> None:
         print(json.dumps(worker(given.out)))
         return
     where = f"commit {commit(PAGE)}; {processor()}, {os.cpu_count()} cores, Python {platform.python_version()}"
-    text = "\n".join([BEGIN, f"`python -m benchmarks.compiler`, {where}:", "", *table(given.repeats), END])
-    page = PAGE.read_text(encoding="utf-8")
-    before, rest = page.split(BEGIN)
-    PAGE.write_text(before + text + rest.split(END)[1], encoding="utf-8")
+    write_part(PAGE, "devices", "\n".join([f"`python -m benchmarks.compiler`, {where}:", "", *table(given.repeats)]))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """What a column of a shape's Jacobian costs beside the shape, and how it agrees with the float64 reference.
 
-    python -m benchmarks.derivatives [-o docs/lab/derivatives.md]
+    python -m benchmarks.derivatives        # writes its part of docs/lab/derivatives.md
 
 Costs are processor seconds of a batch of eight designs with 24 columns each, in turn with the shapes alone: medians of
 ROUNDS ratios.
@@ -10,11 +10,10 @@ import argparse
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
-from benchmarks.machine import commit, processor
+from benchmarks.machine import ROOT, commit, processor, write_part
 from fabdesign.nouns import column
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.column import Column
@@ -109,8 +108,6 @@ def agreement() -> tuple[dict[str, list[float]], list[float], int]:
 
 def page(sizes: Sequence[int]) -> list[str]:
     lines = [
-        "# Derivatives: what a column costs, and whether it is right",
-        "",
         f"`python -m benchmarks.derivatives` at {commit()}, {processor()}. A column is a direction in the parameters",
         "(`fabdesign/nouns/column.py`); the tangent and its equations are in [model.md](../model.md#derivatives).",
         "",
@@ -156,10 +153,8 @@ def page(sizes: Sequence[int]) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/lab/derivatives.md"))
-    output = parser.parse_args().output
-    output.write_text("\n".join(page(SIZES)) + "\n")
+    argparse.ArgumentParser(description=__doc__).parse_args()
+    write_part(ROOT / "docs" / "lab" / "derivatives.md", "derivatives", "\n".join(page(SIZES)))
 
 
 if __name__ == "__main__":

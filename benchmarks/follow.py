@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.machine import ROOT, commit, processor
+from benchmarks.machine import ROOT, commit, processor, write_part
 from benchmarks.trace_sets import Rig, measure
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.model_file import read_model, write_model
@@ -46,7 +46,6 @@ from studies.follow.run import QUICK, run_follow
 from studies.follow.wanted import wanted_of
 
 PAGE = ROOT / "docs" / "lab" / "follow.md"
-BEGIN, END = "<!-- table -->", "<!-- end of table -->"
 CYCLE, HIGHEST, NOISE, POINTS = 0.05, 280e3, 3e-4, 1500  # s; Pa, of hidden programs; m; of a frame
 LAYOUTS = ("basic", 0.2, 0.2), ("cross", 0.2, 0.2), ("side", 0.24, 0.16), ("vertical", 0.16, 0.24)
 KINDS = "steps", "ramps", "waves"
@@ -313,9 +312,7 @@ def main() -> None:
     tables = page([*rows.values()])
     print(tables)
     if given.page:
-        text = PAGE.read_text()
-        begin, end = text.index(BEGIN) + len(BEGIN), text.index(END)
-        write_text(PAGE, f"{text[:begin]}\n{tables}\n{text[end:]}")
+        write_part(PAGE, "table", tables)
 
 
 if __name__ == "__main__":

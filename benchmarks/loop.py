@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.machine import ROOT, commit, processor
+from benchmarks.machine import ROOT, commit, processor, write_part
 from fabdesign.files.design_file import write_design
 from fabdesign.files.measurement_set import read_set
 from fabdesign.nouns.catalogue import build
@@ -142,8 +142,8 @@ def main() -> None:
         write_text(folder / "commit", commit(PAGE))
         study = study_of(case, number, folder)
         run_loop(study, folder / "out", progress=lambda line, share: print(f"  {share or 0.0:.0%} {line}", flush=True))
-        write_text(PAGE, page(options.work))
-    write_text(PAGE, page(options.work))
+        write_part(PAGE, "loop", page(options.work))
+    write_part(PAGE, "loop", page(options.work))
 
 
 def page(work: Path) -> str:
@@ -177,13 +177,6 @@ def page(work: Path) -> str:
     ]
     return "\n".join(
         [
-            "# The loop on virtual rigs",
-            "",
-            "Synthetic rigs throughout (`rig.md`): no hardware. Each target is the rig's own shape at rest, as its",
-            "sensor measured it, of a layout that the loop is not told; each rig has other factors than the data",
-            "sheet and one effect that nobody declared. At first a design is chosen with the data sheet, then with",
-            "what each turn's measurements taught.",
-            "",
             f"`make loop` (`python -m benchmarks.loop`), commit {', '.join(sorted(commits))}, {processor()}.",
             "",
             f"Excess of surface RMS over its floor on the device: {', '.join(medians) or 'nothing run'}.",
@@ -200,7 +193,6 @@ def page(work: Path) -> str:
             "evaluations a search,",
             f"five trials a turn of 1 s ({RISE + HOLD:g} s for the shape itself), no network; with one nine trials,",
             "and the median is without that row.",
-            "",
         ]
     )
 

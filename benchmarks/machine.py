@@ -1,8 +1,10 @@
-"""What a page of results says of where its figures come from: commit, processor."""
+"""Where figures come from, commit and processor, and the part of a page that a benchmark writes."""
 
 import platform
 import subprocess
 from pathlib import Path
+
+from fabdesign.output import write_text
 
 ROOT = Path(__file__).parents[1]
 
@@ -28,3 +30,18 @@ def processor() -> str:
     lines = path.read_text().splitlines() if path.exists() else []
     named = (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
     return next(named, "") or platform.processor() or platform.machine()
+
+
+def write_part(page: Path, name: str, text: str) -> None:
+    """Write `text` between `<!-- NAME -->` and `<!-- end of NAME -->` of a page: all else there, people write."""
+    write_text(page, with_part(page.read_text(encoding="utf-8"), name, text))
+
+
+def with_part(page: str, name: str, text: str) -> str:
+    """A page's text with another part. Ends the program where the page has no such part."""
+    begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->"
+    before, begun, rest = page.partition(begin)
+    _, ended, after = rest.partition(end)
+    if not begun or not ended:
+        raise SystemExit(f"no {begin.strip()} ... {end} in the page")
+    return f"{before}{begin}{text.strip()}\n{end}{after}"

@@ -14,15 +14,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from benchmarks.machine import ROOT, commit, processor
+from benchmarks.machine import ROOT, commit, processor, write_part
 from fabdesign.nouns.bench import Bench, BenchRecord, Specimen
-from fabdesign.output import write_text
 from studies.benches.cylinder import friction_state
 from studies.benches.trace_report import BenchOutcome
 from studies.benches.tracing import examine
 
 PAGE = ROOT / "docs" / "lab" / "benches.md"
-BEGIN, END = "<!-- made benches -->", "<!-- end of made benches -->"
 SIZES = 0.5, 1.0, 3.0, 6.0  # RMS of the effect, over the noise
 NOISE = 0.012  # of the largest force
 TOLERANCES = 0.02, 0.005
@@ -124,14 +122,12 @@ def main() -> None:
     lines = table()
     print("\n".join(lines), flush=True)
     if arguments.page:
-        text = PAGE.read_text(encoding="utf-8")
-        head = text.split(BEGIN)[0] if BEGIN in text else f"{text.rstrip()}\n\n"
         about = (
             "## Made benches: which effect, by size\n\nMade data, no specimen. Command: "
             f"`python -m benchmarks.made_benches --page`. Commit {commit()}; {processor()}; "
             f"{time.process_time() - start:.0f} CPU s.\n"
         )
-        write_text(PAGE, "\n".join([head + BEGIN, about, *lines, END]) + "\n")
+        write_part(PAGE, "made benches", "\n".join([about, *lines]))
 
 
 if __name__ == "__main__":

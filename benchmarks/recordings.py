@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.machine import write_part
 from benchmarks.recorded_rig import DURATION, RecordedRig, make_rig, rms_to_faces
 from fabdesign.clouds.recording import read_recording
 from fabdesign.files.measurement_set import NewTrial, TrialData, read_set, write_set
@@ -37,7 +38,6 @@ from studies.rig.cameras import measure
 from studies.rig.ground_truth import Sensing
 
 PAGE = Path(__file__).parents[1] / "docs" / "lab" / "fuse.md"
-BEGIN, END = "<!-- recordings -->", "<!-- end of recordings -->"
 
 
 @dataclass(frozen=True)
@@ -78,10 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     lines = list(_lines(outcomes, mistakes, filters, factors))
     print("\n".join(lines))
     if given.page:
-        text = PAGE.read_text(encoding="utf-8")
-        head, _, rest = text.partition(BEGIN)
-        tail = rest.partition(END)[2] if rest else ""
-        PAGE.write_text(head + "\n".join([BEGIN, *lines, END]) + (tail or "\n"), encoding="utf-8")
+        write_part(PAGE, "recordings", "\n".join(lines))
 
 
 def _outcome(rig: RecordedRig, folder: Path, sdk: Path) -> Outcome:

@@ -17,12 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.machine import ROOT, commit, processor
+from benchmarks.machine import ROOT, commit, processor, write_part
 from fabdesign.nouns.catalogue import build
 from studies.studio.drawings import LiveShape
+from studies.studio.gate import Gate
 from studies.studio.layout import Layout, move_corner
 from studies.studio.opening import NEW, Opened, search_limits
-from studies.studio.server import Gate, quiet_viser
+from studies.studio.server import quiet_viser
 from studies.studio.solver import SolverProcess
 from studies.studio.widgets.page import Page
 
@@ -93,9 +94,9 @@ def main() -> None:
         for a, b in zip(timed.shapes, timed.shapes[1:], strict=False)
         if not a.exact and b.exact and a.layout == b.layout
     ]
-    points = "".join(PAGE.read_text(encoding="utf-8").partition("\n## ")[1:])  # each with its command, written by hand
-    PAGE.write_text(page(np.array(follow), np.array(exact), np.array(off), cost) + points, encoding="utf-8")
-    print(PAGE.read_text(encoding="utf-8"))
+    figures = page(np.array(follow), np.array(exact), np.array(off), cost)
+    print(figures)
+    write_part(PAGE, "studio", figures)
 
 
 def cpu_seconds() -> float:
@@ -111,8 +112,6 @@ def page(follow: np.ndarray, exact: np.ndarray, off: np.ndarray, cost: float) ->
 
     load = os.getloadavg()[0]
     return "\n".join([
-        "# How soon the studio follows",
-        "",
         f"`python -m benchmarks.studio` on commit {commit(PAGE)}, {processor()}, {os.cpu_count()} cores, load average "
         f"{load:.0f} while it ran.",
         f"An end of one of eight muscles is dragged {len(follow)} times by some {1e3 * STEP:g} mm, then "

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from benchmarks.machine import ROOT, commit, processor
+from benchmarks.machine import ROOT, commit, processor, write_part
 from benchmarks.trace_sets import QUICK, RIGS, Rig, make
 from fabdesign.effects import EFFECTS
 from fabdesign.files.measurement_set import read_set
@@ -30,7 +30,6 @@ from fabdesign.output import write_text
 from studies.tracing.run import trace_set
 
 PAGE = ROOT / "docs" / "lab" / "trace.md"
-BEGIN, END = "<!-- table -->", "<!-- end of table -->"
 
 SIZES = (0.0, "under the tolerance"), (0.5, "0.5 to 1 mm"), (1.0, "1 to 2.5 mm"), (2.5, "2.5 mm or more")  # of excess
 
@@ -161,9 +160,7 @@ def _write(rows: list[dict[str, Any]], folder: Path, page: bool) -> None:
     text = table(rows)
     write_text(folder / "results.md", text)
     if page:
-        whole = PAGE.read_text(encoding="utf-8")
-        head, tail = whole.split(BEGIN)[0], whole.split(END)[1]
-        write_text(PAGE, f"{head}{BEGIN}\n{text}{END}{tail}")
+        write_part(PAGE, "table", text)
 
 
 def main() -> None:

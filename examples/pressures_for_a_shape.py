@@ -5,8 +5,9 @@ import numpy as np
 from fabdesign.files.pressure_file import constant_program
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case, ForwardModel
+from optimize.search.best import Stage
 from optimize.search.design_space import DesignSpace
-from optimize.search.evaluations import Evaluations, Stage
+from optimize.search.evaluations import Evaluations
 from optimize.search.history import History
 from optimize.search.margins import Limits
 from optimize.search.multistart import search

@@ -82,6 +82,7 @@ THRESHOLDS = {
         Threshold("optimize/search", "ALIKE", "how near they must be", "%", 100),
         Threshold("optimize/search", "IDLE", "restarts without a gain that end a search"),
         Threshold("optimize/search", "NO_GAIN", "a smaller gain is none", "%", 100),
+        Threshold("optimize/search", "MARGIN", "a result so near the best is as near", "%", 100),
         Threshold("studies/layout_search", "PRESSURE_STARTS", "starts drawn for pressures"),
         Threshold("studies/layout_search", "LAYOUT_STARTS", "layouts drawn"),
         Threshold("studies/layout_search", "COARSE", "coarse model", "points a side"),

@@ -10,7 +10,8 @@ from fabdesign.nouns.forward import Case
 from sim import state as declared
 from sim.chunks import Chunk, chunks_of, laid
 from sim.kernels.fields import LANES, lock
-from sim.kernels.transfer import Values, put, take
+from sim.kernels.reading import take
+from sim.kernels.transfer import Values, put
 from sim.motion import SimulatedMotion, motion_of
 from sim.schedule import Batch, of_motions
 from sim.simulator import Simulator

@@ -12,7 +12,7 @@ from sim.forces.added import AddedForce
 from sim.forces.contact import Touching
 from sim.grid import Support
 from sim.kernels.fields import LANES
-from sim.kernels.transfer import read, read_states
+from sim.kernels.reading import read, read_states
 from sim.time_steps import Integrator, Scheme, Steps
 
 

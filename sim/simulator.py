@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 import sim.effects  # noqa: F401 declares its planes before the first batch
 from fabdesign.effects.acting import acting_pressure, active, specimen_of
 from fabdesign.effects.declaration import ActingPressure
-from fabdesign.errors import InputError, require_number
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import Balance, Column, FacesJacobian, Instants, move
-from fabdesign.nouns.forward import HOLD, RISE, Case
-from fabdesign.nouns.model import POINTS_PER_SIDE
+from fabdesign.nouns.forward import Case
 from fabdesign.nouns.pressure import RISE_STEPS, rising_program
 from fabdesign.runtime.cluster import current
-from fabdesign.runtime.effort import COARSEST, FINEST, LONGEST, require_motion
+from fabdesign.runtime.effort import require_motion
 from sim import equilibrium
 from sim.chunks import Chunk, chunks_of, has_added_force, laid
 from sim.equilibrium import Approach
@@ -28,21 +26,18 @@ from sim.loading import constants_of
 from sim.motion import SimulatedMotion, motion_of
 from sim.on_cluster import OnCluster
 from sim.schedule import Batch, by_block, of_motions
+from sim.settings import Settings
 from sim.step import Solve, advance
 from sim.tangent.explicit import LaneColumns, MovedCases
 from sim.tangent.motion import balance_of, solve_in_motion
 from sim.tangent.shapes import Jacobian, Solved, completed, faces_changes, share_out, solve_at_rest, together
 from sim.time_steps import Jumps, Steps, jumps_of, steps_of
 
-TIME_STEPS = 1e-6, 1 / 240  # s
-MOST_CALM, MOST_ITERATIONS = 64, 1000
-TOLERANCES = 1e-12, 1e-3  # m
-RISES = 0.01, 60.0  # s
 _MOST_TICKS = 2000  # in which the pressures are followed to rest through what lies between regulator and muscle
 
 
 @dataclass(frozen=True)
-class Simulator:
+class Simulator(Settings):
     """Motions and equilibria of laced cloth, many designs at once (docs/model.md); on other machines within
     `fabdesign.runtime.cluster.on_cluster`.
 
@@ -66,33 +61,6 @@ class Simulator:
     >>> points.shape
     (2, 3362, 3)
     """
-
-    points_per_side: int = POINTS_PER_SIDE
-    time_step: float = 1 / 1920  # s, right after a jump of pressure; more in one as time goes on (sim/time_steps.py)
-    calm_steps: int | None = None  # time steps in one, later on; 8 by default, on finer grids 4, with self_contact 1
-    iterations: int = 16  # at most, in a step
-    tolerance: float = 2e-7  # m, RMS over nodes of a step's last update; what it still lacks the next step makes up
-    rho: float = 0.6  # spectral radius at infinity of generalised-alpha
-    self_contact: bool = False  # whether layers of the cloth keep a thickness apart
-    rise: float = RISE  # s, in which pressures rise on the way to an equilibrium
-    hold: float = HOLD  # s, for which they then hold, where effects remember
-
-    def __post_init__(self) -> None:
-        require_number("points_per_side", self.points_per_side, COARSEST, FINEST, kind=int)
-        require_number("time_step", self.time_step, *TIME_STEPS, unit=" s")
-        if self.calm_steps is not None:
-            require_number("calm_steps", self.calm_steps, 1, MOST_CALM, kind=int)
-        require_number("iterations", self.iterations, 1, MOST_ITERATIONS, kind=int)
-        require_number("tolerance", self.tolerance, *TOLERANCES, unit=" m")
-        require_number("rho", self.rho, 0, 1)
-        require_number("rise", self.rise, *RISES, unit=" s")
-        require_number("hold", self.hold, 0, LONGEST, unit=" s")
-        if not isinstance(self.self_contact, bool):
-            raise InputError(f"self_contact is {self.self_contact!r}; expected True or False")
-
-    @property
-    def calm(self) -> int:
-        return self.calm_steps or (1 if self.self_contact else 8 if self.points_per_side <= 41 else 4)
 
     def solve(self, batch: Batch) -> Solve:
         more = 2 if self.self_contact else 1  # contacts, stiff and not in the preconditioner, take more iterations
@@ -186,15 +154,6 @@ class Simulator:
         ends = [max(t[-1] if len(t) else 0.0, c.program.time[-1]) for c, t in zip(cases, times, strict=True)]
         channels = max((case.program.pressure.shape[1] for case in cases), default=0)
         require_motion(max(ends, default=0.0), sum(map(len, times)), self.points_per_side, channels=channels)
-
-    def finer(self) -> "Simulator":
-        calm = max(1, self.calm // 2)
-        return replace(
-            self,
-            time_step=max(self.time_step / 2, TIME_STEPS[0]),
-            calm_steps=calm,
-            iterations=min(2 * self.iterations, MOST_ITERATIONS),
-        )
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
         """Return (3362, 3) points [m] of each case at rest, as `rest` gives them."""

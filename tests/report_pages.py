@@ -13,8 +13,9 @@ from fabdesign.nouns.design import Design
 from fabdesign.study_files.layouts_file import Cell, LayoutsStudy
 from fabdesign.study_files.study_file import Study, read_study
 from fabdesign.study_files.study_targets import TargetFile
+from optimize.search.best import Stage
 from optimize.search.design_space import DesignSpace
-from optimize.search.evaluations import Evaluations, Stage
+from optimize.search.evaluations import Evaluations
 from optimize.search.history import History
 from optimize.search.objective import Objective
 from studies.benches.trace_report import render_bench
@@ -22,8 +23,9 @@ from studies.benches.tracing import examine
 from studies.layout_grid.report import render
 from studies.layout_grid.turns import CellResult, GridResult
 from studies.layout_search.target import LoadedTarget, load_target
+from studies.layouts.kept import Verification
 from studies.layouts.report import Section, render_report
-from studies.layouts.result import StudyResult, Verification
+from studies.layouts.result import StudyResult
 from studies.layouts.run import study_result
 from studies.prediction.forward_model import forward_model
 from tests.analytic_cloth import AnalyticCloth

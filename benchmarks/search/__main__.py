@@ -1,4 +1,4 @@
-"""The search on targets of the virtual rig. Writes docs/lab/search.md.
+"""The search on targets of the virtual rig. Writes its part of docs/lab/search.md.
 
     python -m benchmarks.search [--parts reach,grid,robust,poses,model] [--cases NAME,...] [--work FOLDER]
         [--seconds S] [--processor-seconds] [--others]
@@ -18,7 +18,7 @@ import time
 from pathlib import Path
 from unittest.mock import patch
 
-from benchmarks.machine import ROOT, commit
+from benchmarks.machine import ROOT, commit, write_part
 from benchmarks.search.baselines import baselines
 from benchmarks.search.page import page
 from benchmarks.search.parts import NEAR, SECONDS, cases
@@ -61,10 +61,10 @@ def main() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         row = case.run(folder, share) | {"commit": commit(PAGE), "given_s": share * SECONDS}
         write_text(file, json.dumps(row, indent=2) + "\n")
-        write_text(PAGE, page(work, quick=quick, note=options.note))
+        write_part(PAGE, "search", page(work, quick=quick, note=options.note))
     if options.others:
         _others(work, named)
-    write_text(PAGE, page(work, quick=quick, note=options.note))
+    write_part(PAGE, "search", page(work, quick=quick, note=options.note))
 
 
 def _others(work: Path, named: list[str]) -> None:

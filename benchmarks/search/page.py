@@ -1,4 +1,4 @@
-"""The page of results, of the cases that are done."""
+"""The benchmark's part of docs/lab/search.md, of the cases that are done."""
 
 import json
 from pathlib import Path
@@ -29,11 +29,6 @@ def page(work: Path, *, quick: bool, note: str = "") -> str:
     left = {part: sum(case.part == part for case in every) - len(found) for part, found in rows.items()}
     commits = sorted({row["commit"] for found in rows.values() for row in found.values()})
     lines = [
-        "# What the search reaches",
-        "",
-        "Targets are shapes at rest of known layouts, measured on the virtual rig (`rig.md`): an independent",
-        "simulation, no hardware. None is a mesh but the half tube.",
-        "",
         f"`make bench-search`{' with QUICK=1' if quick else ''} (`python -m benchmarks.search`),",
         f"commit {', '.join(commits) or 'none'}, {processor()}.",
         "Seconds are those of the machine as it was; CPU seconds, of all threads, tell more where it was busy.",
@@ -45,7 +40,7 @@ def page(work: Path, *, quick: bool, note: str = "") -> str:
     lines += _bounds(rows, others)
     lines += _reach(rows["reach"]) + _grid(rows["grid"]) + _robust(rows["robust"]) + _poses(rows["poses"])
     lines += _model(rows["model"])
-    return "\n".join([*lines, *_others(others), ""])
+    return "\n".join([*lines, *_others(others)])
 
 
 def _bounds(rows: dict[str, Rows], others: Rows) -> list[str]:

@@ -24,7 +24,8 @@ from optimize.search.evaluations import SLOPES
 from optimize.search.objective import Objective, Target
 from studies.layout_grid.run import run_layouts
 from studies.layout_search.first_layouts import forward_models
-from studies.layouts.result import StudyResult, Verification
+from studies.layouts.kept import Verification
+from studies.layouts.result import StudyResult
 from studies.layouts.robustness import robustness_of
 from studies.layouts.run import run_study
 from studies.layouts.scatter import Scatter

@@ -7,8 +7,9 @@
 
 import argparse
 
+from benchmarks.machine import write_part
 from benchmarks.sim import parts
-from benchmarks.sim.page import PAGE, heading, replaced
+from benchmarks.sim.page import PAGE, PART, heading
 
 PARTS = {part.__name__: part for part in (parts.speed, parts.flex, parts.kernel, parts.scaling, parts.start)}
 
@@ -31,7 +32,7 @@ def main() -> None:
     if given.quick or set(chosen) != set(PARTS):
         print(text)
     else:
-        PAGE.write_text(replaced(PAGE.read_text(encoding="utf-8"), text), encoding="utf-8")
+        write_part(PAGE, PART, text)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 model was fitted to."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -72,23 +72,21 @@ def slewed(rows: Array, change: float, resolution: float = RESOLUTION) -> Array:
 
 
 def rising_program(last: Array, rise: float, duration: float) -> PressureProgram:
-    """Return a program whose channels rise linearly and together from 0 to `last` (channels,) Pa within `rise` s, in
-    RISE_STEPS rows of whole RESOLUTION Pa, then hold until `duration` s."""
-    share = (np.arange(RISE_STEPS) + 1) / RISE_STEPS
-    rows = np.outer(share, last)
-    rows[:-1] = RESOLUTION * np.round(rows[:-1] / RESOLUTION)
-    return PressureProgram(rise * np.arange(RISE_STEPS) / RISE_STEPS, rows, duration)
+    """Return a program whose channels rise linearly and together from 0 to `last` (channels,) Pa within `rise` s, then
+    hold until `duration` s."""
+    return replace(sequence_program(last[None], rise, 0.0), duration=duration)
 
 
 def sequence_program(rows: Array, rise: float, hold: float) -> PressureProgram:
     """Return a program from 0 to each of `rows` (k, channels) Pa in turn, linearly within `rise` s in RISE_STEPS rows,
-    and `hold` s at each."""
+    and `hold` s at each. What lies between is regulated."""
     share = (np.arange(RISE_STEPS) + 1)[:, None] / RISE_STEPS
     before = np.concatenate([np.zeros_like(rows[:1]), rows[:-1]])
-    steps = np.concatenate([a + share * (b - a) for a, b in zip(before, rows, strict=True)])
+    steps = regulated(before[:, None] + share * (rows - before)[:, None])
+    steps[:, -1] = rows
     begins = np.arange(len(rows))[:, None] * (rise + hold)
     times = (begins + rise * np.arange(RISE_STEPS) / RISE_STEPS).ravel()
-    return PressureProgram(times, steps, len(rows) * (rise + hold))
+    return PressureProgram(times, np.concatenate(steps), len(rows) * (rise + hold))
 
 
 def limits(design: "Design") -> Array:

@@ -2,8 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,60 +10,20 @@ from fabdesign.nouns.column import Jacobians
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.runtime import working_time
 from fabdesign.units import in_mm
+from optimize.search.best import MARGIN, Best, BestSoFar, Stage
 from optimize.search.design_space import DesignSpace, Vector
 from optimize.search.history import Entry, History
+from optimize.search.mirror import has_even_targets, is_even
 from optimize.search.objective import Objective, Poses
 from optimize.search.slopes import Slopes, jacobians_for, slopes_of
 
 Point = tuple[int, Vector]  # the number of the start, for its space, and the vector
 
 BATCH = 32  # designs a forward call: four times the simulator's lanes
-MARGIN = 0.02  # of the best value: so near is as near
 FINALISTS = 3
 SLOPES = ", slopes"  # what a stage's entries are called that serve derivatives alone
 TIME_USED = "time used"  # how a reason to end begins that is the limit of seconds
 PENALTY = 1.0  # m, for a diverged design, or twice the worst seen: worse than all others, and finite
-
-
-@dataclass(frozen=True)
-class Stage:
-    """The best `keep` of what came before go on for up to `rounds` rounds each, on this forward model.
-
-    No round begins after the share `until` of the seconds that were left when the restart began, so that a slow
-    machine gets to the last stage too.
-    slopes: a cheaper model of the same shape that derivatives are asked of, or finite differences taken on where it
-    offers none; `forward` itself by default. at_rest: late frames are valued by shapes at rest.
-    """
-
-    name: str
-    forward: ForwardModel
-    keep: int
-    rounds: int
-    vary_positions: bool = False
-    until: float = 1.0
-    slopes: ForwardModel | None = None
-    at_rest: bool = False
-
-    def values_as(self, other: "Stage") -> bool:
-        """Return whether values of both can be compared."""
-        return self.forward is other.forward and self.at_rest == other.at_rest
-
-
-@dataclass(frozen=True, eq=False)
-class Best:
-    start: int
-    x: Vector
-    value: float  # m, on the forward model of the stage
-    stage: int
-
-    def as_row(self) -> list[Any]:
-        """Return a row for a checkpoint."""
-        return [self.start, self.x.tolist(), self.value, self.stage]
-
-    @staticmethod
-    def of_row(row: Sequence[Any]) -> "Best":
-        start, x, value, stage = row
-        return Best(start, np.array(x), value, stage)
 
 
 class Stop(Exception):
@@ -75,8 +34,7 @@ class Evaluations:
     """Values designs on the stages' forward models within limits, and keeps the best so far in `best`.
 
     starts: (space, vector) each. `seconds` includes the earlier sessions of `history`. on_progress is told after every
-    batch. near: share of the best value within which others are kept besides it. limit: s that a message
-    says, where `seconds` are a part of them.
+    batch. limit: s that a message says, where `seconds` are a part of them.
     """
 
     def __init__(
@@ -91,15 +49,13 @@ class Evaluations:
         on_progress: Callable[["Evaluations"], None] = lambda _: None,
     ) -> None:
         self.starts, self.stages, self.history = [*starts], stages, history
-        self.best: Best | None = None
-        self.best_shape: Poses | None = None  # of the best, where it was evaluated in this session
-        self.by_count: dict[int, float] = {}  # m, the nearest of each number of muscles on the last stage's model
-        self.rivals: dict[int, Best] = {}  # of each start, the nearest on the last stage's model, while that near
+        self.reached = BestSoFar(stages)
         self.restart_began = 0.0  # s of search, when the restart under way began
         self.stage = "start"  # under way
         self.message = ""  # for people, once there is something to tell
         self.objective, self._at_rest = objective, objective.at_rest
-        self._on_progress, self.margin = on_progress, MARGIN
+        self.even_targets = has_even_targets(objective)
+        self._on_progress = on_progress
         self.seconds, self._most = seconds, evaluations
         self.limit = seconds
         self._began = working_time.seconds() - history.seconds
@@ -112,11 +68,15 @@ class Evaluations:
         return working_time.seconds() - self._began
 
     @property
+    def best(self) -> Best | None:
+        return self.reached.best
+
+    @property
     def best_in_words(self) -> str:
         """Return the best so far for people; on the coarse model it may look better than it is."""
         if self.best is None:
             return "best none yet"
-        where = "" if self.stages[self.best.stage].values_as(self.stages[-1]) else " on the coarse model"
+        where = "" if self.reached.is_full(self.best) else " on the coarse model"
         return f"best {in_mm(self.best.value):.3f} mm{where}"
 
     @property
@@ -126,20 +86,28 @@ class Evaluations:
 
     def best_point(self) -> tuple[DesignSpace, Vector]:
         """Return the best so far; before the first evaluation, the first start."""
-        if self.best is None:
-            return self.starts[0]
-        return self.space(self.best.start, self.best.stage), self.best.x
+        return self.starts[0] if self.best is None else self.point(self.best)
+
+    def nearest(self) -> Best | None:
+        """Return the best, or where the targets are even an even layout that is as near."""
+        if self.best is None or not self.even_targets:
+            return self.best
+        rivals = self.reached.within(MARGIN)
+        return next((rival for rival in rivals if is_even(self.point(rival))), self.best)
 
     def finalists(self, most: int = FINALISTS) -> list[tuple[DesignSpace, Vector]]:
-        """Return the best, and what other starts came to that is as near: another layout or other pressures."""
-        best, points = self.best, [self.best_point()]
-        if best is None or not self.stages[best.stage].values_as(self.stages[-1]):
-            return points
-        for rival in sorted(self.rivals.values(), key=lambda rival: rival.value):
-            point = self.space(rival.start, rival.stage), rival.x
-            if rival.start != best.start and len(points) < most and not any(_same(point, other) for other in points):
+        """Return the nearest, and what other starts came to that is as near: another layout or other pressures."""
+        first = self.nearest()
+        points = [self.best_point() if first is None else self.point(first)]
+        for rival in self.reached.within(self.reached.margin):
+            point = self.point(rival)
+            if first and rival.start != first.start and not any(_same(point, other) for other in points):
                 points.append(point)
-        return points
+        return points[:most]
+
+    def point(self, reached: Best) -> tuple[DesignSpace, Vector]:
+        """Return where it lies."""
+        return self.space(reached.start, reached.stage), reached.x
 
     def space(self, start: int, number: int) -> DesignSpace:
         """Return the start's, with the freedom that the stage of this number gives."""
@@ -226,9 +194,7 @@ class Evaluations:
         """Keep the best, and what was spent, at an end within a round. reason: of an end by a limit."""
         state = self.history.load()
         if state is not None and self.best is not None:
-            state["best"] = self.best.as_row()
-            state["rivals"] = [rival.as_row() for rival in self.rivals.values()]
-            state["by_count"] = [*self.by_count.items()]
+            state |= self.reached.rows()
             state["ended"] = [reason, self.seconds, self._most]
             self.history.save(state, self.elapsed)
 
@@ -251,11 +217,10 @@ class Evaluations:
         for value, shape, (space, x), (start, _) in zip(values, shapes, points, batch, strict=True):
             if cheap is not None or not space.keeps(x, shape):
                 continue
-            if stage.values_as(self.stages[-1]):
-                count = len(space.design.muscles)
-                self.by_count[count] = min(value, self.by_count.get(count, np.inf))
+            rival = Best(start, x.copy(), value, number)
+            self.reached.count(rival, len(space.design.muscles))
             if self._noting:
-                self._note(Best(start, x.copy(), value, number), shape)
+                self.reached.note(rival, shape)
         return list(zip(values, shapes, strict=True))
 
     def _record(self, label: str, batch: Sequence[Point], computed: Sequence[float]) -> list[float]:
@@ -268,31 +233,6 @@ class Evaluations:
             for value, raw, (_, x) in zip(values, computed, batch, strict=True)
         )
         return values
-
-    def _note(self, rival: Best, shape: Poses) -> None:
-        """Keep it as the best, and among those that are as near. Of different forward models a later stage's knows
-        better, whatever it says."""
-        stage, best = self.stages[rival.stage], self.best
-        alike = best is not None and self.stages[best.stage].values_as(stage)
-        if best is None or (rival.value < best.value if alike else rival.stage > best.stage):
-            self.best, self.best_shape = rival, shape
-        if stage.values_as(self.stages[-1]):
-            known = self.rivals.get(rival.start)
-            if known is None or rival.value < known.value:
-                self.rivals[rival.start] = rival
-            if self.best is not None:
-                most = (1 + self.margin) * self.best.value
-                self.rivals = {start: rival for start, rival in self.rivals.items() if rival.value <= most}
-
-    @property
-    def front(self) -> list[tuple[int, float]]:
-        """Return numbers of muscles and the nearest value [m] of each on the last stage's model: those that come nearer
-        than all smaller numbers."""
-        front: list[tuple[int, float]] = []
-        for count, value in sorted(self.by_count.items()):
-            if not front or value < front[-1][1]:
-                front.append((count, value))
-        return front
 
 
 def _same(one: tuple[DesignSpace, Vector], other: tuple[DesignSpace, Vector]) -> bool:

@@ -1,11 +1,12 @@
 """One trust region that moves: what it wants evaluated, and what it makes of the answers."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from fabdesign.nouns.array import Array
 from optimize.search.design_space import DesignSpace, Vector
+from optimize.search.mirror import is_even_shape, mirror_of
 from optimize.search.objective import Objective, Poses
 from optimize.search.slopes import Slopes
 from optimize.search.step import LinearShape, best_step
@@ -78,10 +79,16 @@ class LocalSearch:
         slopes[~np.isfinite(slopes).all(axis=(1, 2, 3))] = 0.0
         return slopes
 
-    def trials(self, objective: Objective, many: int = FEWEST) -> list[Vector]:
-        """Return NLopt's best step at so many lengths, or FEWEST; none where it does not move."""
+    def trials(self, objective: Objective, many: int = FEWEST, *, even_targets: bool = False) -> list[Vector]:
+        """Return NLopt's best step at so many lengths, or FEWEST; none where it does not move. even_targets: an even
+        layout with an even shape stays even."""
         assert self.model is not None
-        step = best_step(self.model, objective, self.space, self.radius) - self.x
+        mirror = mirror_of(self.space, self.x) if even_targets and is_even_shape(self.model.shape) else None
+        if mirror is None or not mirror.keeps(self.x):
+            step = best_step(self.model, objective, self.space, self.radius) - self.x
+        else:
+            even = replace(self.model, slopes=mirror.slopes(self.model.slopes))
+            step = mirror.even(best_step(even, objective, self.space, self.radius)) - self.x
         if not np.any(step):
             return []  # also with borrowed slopes: they promise nothing either way
         xs = [np.clip(self.x + length * step, 0.0, 1.0) for length in STEP_LENGTHS[: max(many, FEWEST)]]

@@ -215,7 +215,7 @@ def _round(evaluations: Evaluations, number: int, searches: list[LocalSearch]) -
     many = AT_ONCE // len(searches) if known else 0
     for local in searches:
         evaluations.require_time()
-        xs = local.trials(objective, many)
+        xs = local.trials(objective, many, even_targets=evaluations.even_targets)
         trials.append(xs)
         ahead = xs and local.rounds < stage.rounds - 1 and not known and stage.slopes is None
         wanted.append(xs + (local.differences(xs[0]) if ahead else []))

@@ -9,7 +9,7 @@ import numpy as np
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.muscle import Muscle
 from optimize.search.design_space import DesignSpace
-from optimize.search.evaluations import Best, Evaluations
+from optimize.search.evaluations import Evaluations
 from optimize.search.local_search import LocalSearch
 from optimize.search.margins import Limits
 from optimize.search.starts import Start
@@ -42,8 +42,6 @@ def add_starts(evaluations: Evaluations, at: SearchState, further: FurtherStarts
 
 def save_state(evaluations: Evaluations, at: SearchState) -> None:
     """Write the state into the history of `evaluations`, after a round."""
-    best_entry = evaluations.best
-    best = None if best_entry is None else best_entry.as_row()
     rows = [
         [
             s.start,
@@ -59,9 +57,7 @@ def save_state(evaluations: Evaluations, at: SearchState) -> None:
     ]
     state = {
         "stage": at.stage,
-        "best": best,
-        "rivals": [rival.as_row() for rival in evaluations.rivals.values()],
-        "by_count": [*evaluations.by_count.items()],
+        **evaluations.reached.rows(),
         "searches": rows,
         "bests": at.bests,
         "ends": at.ends,
@@ -85,12 +81,7 @@ def load_state(evaluations: Evaluations, further: FurtherStarts | None) -> Searc
     at.stage, at.ends, at.reason = state["stage"], state["ends"], state["reason"]
     at.fewer = state.get("fewer")
     evaluations.restart_began = state["began"]
-    if state["best"] is not None:
-        evaluations.best = Best.of_row(state["best"])
-    evaluations.by_count = dict(map(tuple, state.get("by_count", [])))
-    for row in state.get("rivals", []):
-        rival = Best.of_row(row)
-        evaluations.rivals[rival.start] = rival
+    evaluations.reached.take(state)
     at.searches = [
         LocalSearch(
             start,

@@ -47,8 +47,8 @@ def fewer_muscles(evaluations: Evaluations, *, least: int, price: Price) -> Fewe
 
     Nothing that is evaluated here becomes the `best` of the evaluations. Ends at their limits with what it has.
     """
-    space, x = evaluations.best_point()
-    best, last = evaluations.best, len(evaluations.stages) - 1
+    best, last = evaluations.nearest(), len(evaluations.stages) - 1
+    space, x = evaluations.best_point() if best is None else evaluations.point(best)
     value, count = np.inf if best is None else best.value, len(space.design.muscles)
     smallest = Fewer((space, x), value, value, count, "no smaller layout is near enough")
     if best is None or not evaluations.stages[best.stage].values_as(evaluations.stages[last]):

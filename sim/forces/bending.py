@@ -101,10 +101,7 @@ def clamp_pass(b, nu, nv, support, stressed: ti.template()):
     count, h, width, stiffness, curved = clamped_edge(b, nu, nv, support)
     i = 0
     while i < count:
-        k, e = clamped_ends(nu, nv, support, i)
-        w = ti.f32(1.0)
-        if i == 0 or i == count - 1:
-            w = 0.5
+        k, e, w = clamped_ends(nu, nv, support, count, i)
         dx, dy, dz = difference(b, F.q + k, F.q + e)
         il = 1.0 / ti.sqrt(dx * dx + dy * dy + dz * dz)
         tz = dz * il
@@ -135,8 +132,8 @@ def clamped_edge(b, nu, nv, support):
 
 
 @ti.func
-def clamped_ends(nu, nv, support, i):
-    """Node i of a clamped edge, and its neighbour in the cloth."""
+def clamped_ends(nu, nv, support, count, i):
+    """Node i of a clamped edge, its neighbour in the cloth, and its share of a node's width: half at the ends."""
     s = nu + 2
     k = s + i + 1
     e = k + s
@@ -149,7 +146,10 @@ def clamped_ends(nu, nv, support, i):
     if support == RIGHT:
         k = (i + 1) * s + nu
         e = k - 1
-    return k, e
+    w = ti.f32(1.0)
+    if i == 0 or i == count - 1:
+        w = 0.5
+    return k, e, w
 
 
 @ti.func

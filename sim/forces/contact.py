@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case
 from sim.kernels.fields import LANES, F, Timed, floats, ints
-from sim.kernels.transfer import read
+from sim.kernels.reading import read
 from sim.state import PAIR
 
 

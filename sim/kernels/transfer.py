@@ -1,10 +1,10 @@
-"""Transfer between numpy and the fields: load a batch, halt it, read frames.
+"""Transfer from numpy to the fields: load a batch, replace values of it, halt it.
 
 A loop that threads share costs 10 ms of every start, so short ones are serial.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import astuple, dataclass
 
 import numpy as np
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from sim import state
 from sim.kernels.fields import LANES, WIDE, C, F, Following, Timed, X, floats, ints
 from sim.kernels.vectors import Lanes, Wide
-from sim.time_steps import H
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int32]
@@ -73,7 +72,7 @@ def _arguments(blocks: int, values: Values) -> tuple[NDArray, ...]:
                         [np.zeros((blocks, 1, LANES), np.int32)])  # fmt: skip
     filled = [1, 1, 1]
     for name, value in values.items():
-        field, first = _place(name)
+        field, first = place_of(name)
         sort = 2 if value.dtype.kind == "i" else int(value.ndim == 4)
         part = value.reshape(*value.shape[:2], math.prod(value.shape[2:]))
         spans.append((FIELDS.index(field), first, filled[sort], value.shape[1]))
@@ -82,7 +81,7 @@ def _arguments(blocks: int, values: Values) -> tuple[NDArray, ...]:
     return np.array(spans, np.int32), *(np.concatenate(part, axis=1) for part in parts)
 
 
-def _place(name: str) -> tuple[str, int]:
+def place_of(name: str) -> tuple[str, int]:
     """Return the field that holds a plane or an array, and its first entry there."""
     for plane in state.PLANES:
         if plane.name == name and plane.life in (state.LOADED, state.CARRIED, state.REMEMBERED):
@@ -125,48 +124,6 @@ def _put(nb: ti.i32, anew: ti.i32, spans: ints(2), numbers: floats(3), vectors: 
                 copy(b, ti.static(FIELDS.index(name)), ti.static(getattr(F, name)), s, spans, vectors, WIDE)
             for name in ti.static(INTEGERS):
                 copy(b, ti.static(FIELDS.index(name)), ti.static(getattr(F, name)), s, spans, integers, LANES)
-
-
-def take(blocks: int, names: Sequence[str]) -> Values:
-    """Return planes and arrays of the batch that lies in the fields, named and shaped as in `Contents`."""
-    values: dict[str, NDArray] = {}
-    for name in names:
-        field, first = _place(name)
-        vector = field in VECTORS
-        count = getattr(F, field).shape[1] if field == name else F.nodes if field in ("node", "node3") else F.points
-        out = np.empty((blocks, count, WIDE if vector else LANES), np.float32)
-        (_take3 if vector else _take)(blocks, NUMBERS.index(field) if not vector else 0, first, out)
-        values[name] = out.reshape(blocks, count, 3, LANES) if vector else out
-    return values
-
-
-@Timed
-@ti.kernel
-def _take(nb: ti.i32, index: ti.i32, first: ti.i32, out: floats(3)):
-    ti.loop_config(serialize=True)
-    for b in range(nb):
-        for name in ti.static(NUMBERS):
-            copy_out(b, ti.static(NUMBERS.index(name)), ti.static(getattr(F, name)), index, first, out, LANES)
-
-
-@Timed
-@ti.kernel
-def _take3(nb: ti.i32, index: ti.i32, first: ti.i32, out: floats(3)):
-    ti.loop_config(serialize=True)
-    for b in range(nb):
-        copy_out(b, 0, ti.static(F.node3), index, first, out, WIDE)
-
-
-@ti.func
-def copy_out(b, number, field: ti.template(), index, first, out: ti.template(), width):
-    if number == index:
-        k = 0
-        while k < out.shape[1]:
-            lane = 0
-            while lane < width:
-                out[b, k, lane] = field[b, first + k][lane]
-                lane = F.after[lane]
-            k = F.after[k]
 
 
 @ti.func
@@ -248,58 +205,3 @@ def halt(nb: ti.i32, nu: ti.i32, nv: ti.i32):
             F.node3[b, F.v0 + k] = Wide(0.0)
             F.node3[b, F.a0 + k] = Wide(0.0)
             k = F.after[k]
-
-
-@Timed
-@ti.kernel
-def read(nb: ti.i32, nu: ti.i32, nv: ti.i32, plane: ti.i32, out: floats(4)):
-    """out (nb, LANES, nu nv, 3): positions in a plane of F.node3."""
-    for b in range(nb):
-        for lane in range(LANES):
-            for j in range(nv):
-                i = 0
-                while i < nu:
-                    for c in range(3):
-                        out[b, lane, j * nu + i, c] = F.node3[b, plane + (j + 1) * (nu + 2) + i + 1][c * LANES + lane]
-                    i = F.after[i]
-
-
-@Timed
-@ti.kernel
-def read_states(nb: ti.i32, npt: ti.i32, out: floats(4)):
-    """out (nb, LANES, npt, 2): contraction and tension [N] of every interval as last evaluated."""
-    ti.loop_config(serialize=True)
-    for b in range(nb):
-        for lane in range(LANES):
-            k = 0
-            while k < npt:
-                out[b, lane, k, 0] = F.point[b, X.eps + k][lane]
-                out[b, lane, k, 1] = F.point[b, X.tension + k][lane]
-                k = F.after[k]
-
-
-@ti.func
-def record(b, nu, nv, npt, lane, theta, frame, shapes: ti.template(), states: ti.template()):
-    """shapes (frames, nu nv, 3): positions at the fraction theta of the last step, cubic Hermite; states (frames,
-    npt, 2): contraction and tension [N] of every interval at its evaluation point."""
-    h = F.scheme[b, H][lane]
-    b1 = (1 - theta) * (1 - theta) * theta * h
-    b2 = theta * theta * (3 - 2 * theta)
-    b3 = theta * theta * (theta - 1) * h
-    for j in range(nv):
-        i = 0
-        while i < nu:
-            k = (j + 1) * (nu + 2) + i + 1
-            for c in range(3):
-                e = c * LANES + lane
-                old = F.node3[b, F.xp + k][e]
-                new = F.node3[b, F.x0 + k][e]
-                shapes[frame, j * nu + i, c] = (
-                    old + b2 * (new - old) + b1 * F.node3[b, F.vp + k][e] + b3 * F.node3[b, F.v0 + k][e]
-                )
-            i = F.after[i]
-    k = 0
-    while k < npt:
-        states[frame, k, 0] = F.point[b, X.eps + k][lane]
-        states[frame, k, 1] = F.point[b, X.tension + k][lane]
-        k = F.after[k]

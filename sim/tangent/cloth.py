@@ -279,10 +279,7 @@ def clamp_pass(b, nu, nv, support):
     count, h, width, stiffness, curved = clamped_edge(b, nu, nv, support)
     i = 0
     while i < count:
-        k, e = clamped_ends(nu, nv, support, i)
-        w = ti.f32(1.0)
-        if i == 0 or i == count - 1:
-            w = 0.5
+        k, e, w = clamped_ends(nu, nv, support, count, i)
         dx, dy, dz = difference(b, F.q + k, F.q + e)
         px, py, pz = difference(b, F.p + k, F.p + e)
         il = 1.0 / ti.sqrt(dx * dx + dy * dy + dz * dz)

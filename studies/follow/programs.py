@@ -57,8 +57,7 @@ class Regulator:
 
     def kept(self, pressures: Array) -> Array:
         """Return set points (cycles, channels) Pa that keep resolution, limits and, from rest on, the rate."""
-        rounded = np.clip(pressures, self.lowest, self.highest)
-        rounded = np.asarray(self.resolution * np.round(rounded / self.resolution))
+        rounded = regulated(np.clip(pressures, self.lowest, self.highest), self.resolution)
         return slewed(rounded, self.change, self.resolution) if np.isfinite(self.rate) else rounded
 
 

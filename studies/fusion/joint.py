@@ -7,6 +7,7 @@ images"). The cloth at rest anchors every pose.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -112,9 +113,14 @@ class TimedViews:
     clocks: Sequence[Clock]
     known: Sequence[float]  # s, how well each clock is known
 
+    @cached_property
+    def _times(self) -> list[Array]:
+        each = zip(self.views, self.clocks, strict=True)
+        return [clock.times(np.array([view.stamp for view in views])) for views, clock in each]
+
     def times(self, camera: int) -> Array:
         """Return the instants (images,) s of a camera's views."""
-        return self.clocks[camera].times(np.array([view.stamp for view in self.views[camera]]))
+        return self._times[camera]
 
     def speeds(self, camera: int) -> Array:
         """Return the mean speed (images,) m/s of the cloth in a camera's views; 0 where it is not known."""
@@ -131,6 +137,12 @@ class TimedViews:
                     cloud, velocity = view_at(views, times, float(instant), steps)
                     taken.append(SensorView(frame, camera, cloud, velocity, views[k].stamp - clock.middle))
         return taken
+
+    def until(self, camera: int, instant: float) -> "TimedViews":
+        """Return it with a camera's views up to an instant [s] alone."""
+        views = [*self.views]
+        views[camera] = views[camera][: int((self.times(camera) <= instant).sum())]
+        return replace(self, views=views)
 
     def moved(self, small: Array) -> "TimedViews":
         """Return it with clocks after changes (cameras, 2) of offsets [s] and drifts."""

@@ -7,7 +7,7 @@ interval.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -125,7 +125,7 @@ def _frames_of(recording: Recording, cutters: Sequence[Cutter], tolerance: Toler
     instants = timed.clocks[0].times(start + step * np.arange(int(place[-1]) + 1))  # through the first camera's images
     shown = _steady(timed)
     if anchored.rest:
-        _require_unmoved(anchored, timed, instants, tolerance)
+        timed = _while_unmoved(anchored, timed, instants, tolerance)
     aligned = align_timed(timed, shown, anchored.rest, anchored.anchors, anchored.arranged())
     timed = timed.moved(aligned.clocks)
     offset, uncertain, steps = _pressure(recording, timed)
@@ -168,13 +168,13 @@ def _steady(timed: TimedViews) -> Array:
     return np.asarray(times[0][np.union1d(fast, even)])
 
 
-def _require_unmoved(anchored: Anchored, timed: TimedViews, instants: Array, tolerance: Tolerance) -> None:
-    """Leave out the rest of a camera's images from where it was moved on, or raise InputError."""
+def _while_unmoved(anchored: Anchored, timed: TimedViews, instants: Array, tolerance: Tolerance) -> TimedViews:
+    """Return the views without those of a camera from where it was moved on, or raise InputError."""
     interval, arranged = float(np.median(np.diff(instants))), anchored.arranged()
     for _ in anchored.sensors:
-        moved = moved_camera(lambda k: timed.at(instants[k : k + 1], interval), len(instants), arranged)
+        moved = moved_camera(partial(_views_at, timed, instants, interval), len(instants), arranged)
         if moved is None:
-            return
+            break
         camera, frame = moved
         since = float(instants[frame])
         name = anchored.sensors[camera].name
@@ -184,10 +184,14 @@ def _require_unmoved(anchored: Anchored, timed: TimedViews, instants: Array, tol
                 "after the first; was it moved?"
             )
         )
-        before = int((timed.times(camera) <= since - 1e-3).sum())
-        del timed.views[camera][before:]  # type: ignore[attr-defined]
+        timed = timed.until(camera, since - 1e-3)
         if len(timed.views[camera]) < 2:
             raise InputError(f"sensor {name}: no image is left from before it was moved")
+    return timed
+
+
+def _views_at(timed: TimedViews, instants: Array, within: float, frame: int) -> list[SensorView]:
+    return timed.at(instants[frame : frame + 1], within)
 
 
 def _pressure(recording: Recording, timed: TimedViews) -> PressureBegin:

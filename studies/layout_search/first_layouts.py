@@ -12,8 +12,8 @@ from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.runtime.effort import MUSCLES
 from fabdesign.study_files.study_file import Study
+from optimize.search.best import Stage
 from optimize.search.design_space import DesignSpace, Vector, by_muscle, start_of
-from optimize.search.evaluations import Stage
 from optimize.search.objective import Objective
 from optimize.search.search_state import FurtherStarts
 from optimize.search.slopes import jacobians_for

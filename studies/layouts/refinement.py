@@ -50,7 +50,7 @@ def shrunk(study: Study, evaluations: Evaluations) -> Fewer | None:
     if known and known["best"] == best.as_row() and known["seconds"] >= (evaluations.seconds if known["cut"] else 0):
         return kept_fewer(study, state)
     fewer = fewer_muscles(evaluations, least=choice.least, price=study.price)
-    fewer = replace(_fewest(fewer, kept_fewer(study, state), study.price), front=tuple(evaluations.front))
+    fewer = replace(_fewest(fewer, kept_fewer(study, state), study.price), front=tuple(evaluations.reached.front))
     state["fewer"] = {
         "best": best.as_row(),
         "row": as_rows([fewer.start])[0],
@@ -62,7 +62,7 @@ def shrunk(study: Study, evaluations: Evaluations) -> Fewer | None:
         "front": fewer.front,
         "seconds": evaluations.seconds,
     }
-    state["by_count"] = [*evaluations.by_count.items()]
+    state |= evaluations.reached.rows()
     evaluations.history.save(state, evaluations.elapsed)
     return fewer
 

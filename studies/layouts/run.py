@@ -15,8 +15,9 @@ from fabdesign.output import WorkFolder, write_text
 from fabdesign.runtime import working_time
 from fabdesign.study_files.study_file import Study, read_study, require_searchable
 from fabdesign.units import in_mm
+from optimize.search.best import MARGIN
 from optimize.search.design_space import DesignSpace
-from optimize.search.evaluations import FINALISTS, MARGIN, Evaluations
+from optimize.search.evaluations import FINALISTS, Evaluations
 from optimize.search.history import History
 from optimize.search.margins import constraint_margins
 from optimize.search.multistart import INTERRUPTED, search
@@ -30,11 +31,12 @@ from studies.layout_search.first_layouts import (
     stages_of,
 )
 from studies.layout_search.target import LoadedTarget, load_target, target_errors
+from studies.layouts.kept import Verification, answer, keep, study_content
 from studies.layouts.loading_path import LoadingPath, loading_path
 from studies.layouts.reach import helps_of, lacking_of, missed_at, reach_of
 from studies.layouts.refinement import POOL, ROBUST_MARGIN, made_robust, search_seconds, shrunk
 from studies.layouts.report import Section, render_report
-from studies.layouts.result import StudyResult, Verification, answer, keep, pressures_kpa, study_content, write_best
+from studies.layouts.result import StudyResult, pressures_kpa, write_best
 from studies.layouts.robustness import robustness_of
 from studies.prediction.forward_model import forward_model, without_resistance
 from studies.study import Simulated, StudyRun
@@ -117,7 +119,7 @@ def searched(
         evaluations=study.limits.evaluations,
         on_progress=progress,
     )
-    evaluations.margin, evaluations.limit = ROBUST_MARGIN if study.robust else MARGIN, study.limits.seconds
+    evaluations.reached.margin, evaluations.limit = ROBUST_MARGIN if study.robust else MARGIN, study.limits.seconds
     stop_reason, fewer = search(evaluations, further=further_starts(study), floor=_floor(study, targets)), None
     try:
         fewer = None if stop_reason == INTERRUPTED else shrunk(study, evaluations)
@@ -160,7 +162,7 @@ def _reporting(
     floor = _floor(study, targets)
 
     def report(evaluations: Evaluations) -> None:
-        best, shape = evaluations.best, evaluations.best_shape
+        best, shape = evaluations.best, evaluations.reached.shape
         if best is not None and written[-1:] != [best.value]:
             written.append(best.value)
             space, x = evaluations.best_point()

@@ -116,6 +116,8 @@ def test_a_camera_that_was_moved_is_named_with_its_frame(tmp_path: Path) -> None
     (line,) = tolerance.skipped
     assert re.match(r"sensor back_right: its view leaves the others' from frame 2[345] on, .*; was it moved\?", line)
     assert len(seen.timed.views[3]) <= since + 1
+    assert seen.timed.times(3) is seen.timed.times(3) and len(seen.timed.times(3)) == len(seen.timed.views[3])
+    assert len(seen.cutters[3].views) == len(camera.true)
 
 
 def test_volts_on_another_clock_join_by_their_steps_and_bars_are_cut(tmp_path: Path) -> None:

@@ -16,8 +16,9 @@ from fabdesign.nouns.forward import Case
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.study_files.study_file import MuscleChoice, Study, read_study
 from fabdesign.study_files.study_targets import Price, TargetFile
+from optimize.search.best import Stage
 from optimize.search.design_space import DesignSpace, Limits, with_shared_channels
-from optimize.search.evaluations import Evaluations, Stage
+from optimize.search.evaluations import Evaluations
 from optimize.search.history import History
 from optimize.search.multistart import search
 from optimize.search.objective import Objective, Target
@@ -64,8 +65,8 @@ def leave_out(start: Start, price: Price, least: int = 1, target: Start = TWO) -
         assert evaluations.best is not None
         assert (evaluations.best.start, evaluations.best.value) == (0, value)
         assert len(evaluations.starts) == 1  # what was tried is forgotten
-        values = [value for _, value in evaluations.front]
-        assert values == sorted(values, reverse=True) and evaluations.front[-1][1] <= min(value, found.value)
+        values = [value for _, value in evaluations.reached.front]
+        assert values == sorted(values, reverse=True) and evaluations.reached.front[-1][1] <= min(value, found.value)
     return found
 
 
@@ -168,7 +169,11 @@ def test_going_on_keeps_what_a_number_of_muscles_came_to(study: Study) -> None:
         fewer = shrunk(study, before)
         after = Evaluations(objective, [bare], stages, history, seconds=900, evaluations=9000)
         save_state(after, load_state(after, None))  # what a round of the search that goes on keeps
-        assert fewer is not None and len(fewer.front) > 1 and after.front == before.front == list(fewer.front)
+        assert (
+            fewer is not None
+            and len(fewer.front) > 1
+            and after.reached.front == before.reached.front == list(fewer.front)
+        )
         again = shrunk(study, after)
     assert again is not None
     assert len(again.start[0].design.muscles) <= len(fewer.start[0].design.muscles) and again.value <= fewer.value

@@ -18,6 +18,7 @@ from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.geometry.surface import Surface
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case, Term
+from fabdesign.nouns.pressure import regulated
 from fabdesign.study_files.follow_file import FollowStudy
 from sim import Simulator
 from sim.motion import faces
@@ -127,7 +128,10 @@ def test_the_best_change_keeps_limits_and_rate(seed, rate):
 @given(st.integers(0, 2**31), st.floats(50e3, 5e6))
 def test_kept_set_points_have_the_resolution_and_the_rate(seed, rate):
     regulator = replace(REGULATOR, rate=rate)
-    rows = regulator.kept(np.random.default_rng(seed).uniform(-1e5, 4e5, (9, 2)))
+    wanted = np.random.default_rng(seed).uniform(-1e5, 4e5, (9, 2))
+    rows = regulator.kept(wanted)
+    stepped = replace(REGULATOR, rate=np.inf).kept(wanted)
+    assert np.array_equal(stepped, regulated(np.clip(wanted, 0.0, 300e3)))  # as all that a regulator takes
     steps = np.abs(np.diff(np.concatenate([np.zeros((1, 2)), rows]), axis=0))
     assert steps.max() <= rate * 0.05 + 1e-6
     assert rows == pytest.approx(100 * np.round(rows / 100))

@@ -20,7 +20,7 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model, Spread
 from fabdesign.nouns.model_sampling import spread_hash
-from fabdesign.nouns.pressure import regulated
+from fabdesign.nouns.pressure import RISE_STEPS, regulated, rising_program
 from fabdesign.study_files.study_file import MuscleChoice, Study, StudyLimits
 from fabdesign.study_files.study_targets import TargetFile
 from studies.demo import measured
@@ -76,6 +76,10 @@ def test_pressures_are_whole_steps_of_a_regulator(tmp_path: Path) -> None:
         write_best(tmp_path, build("basic"), np.array([100.0 * steps[-8:] + 0.7]), {}, [time])
         text = (tmp_path / "pressures.csv").read_text()
         assert max(len(cell.partition(".")[2]) for line in text.splitlines()[1:] for cell in line.split(",")[1:]) <= 1
+    linear = np.outer(np.arange(1, RISE_STEPS + 1) / RISE_STEPS, [3700.0, 81.3e3])  # Pa; the last row as it is given
+    rise = rising_program(linear[-1], 1.0, 1.5).pressure
+    assert rise[:-1].tolist() == regulated(linear[:-1]).tolist() and rise[-1].tolist() == linear[-1].tolist()
+    assert rising_program(np.zeros(0), 1.0, 1.5).pressure.shape == (RISE_STEPS, 0)
     assert regulated(100.0 * steps).tolist() == (100 * steps).tolist()
     assert regulated(100.0 * steps + 99.0).tolist() == (100 * steps).tolist()
 

@@ -10,8 +10,9 @@ from fabdesign.formats.json_file import plain
 from fabdesign.nouns.catalogue import build
 from fabdesign.study_files.study_file import Study
 from fabdesign.study_files.study_targets import TargetFile
+from optimize.search.best import Stage
 from optimize.search.design_space import DesignSpace
-from optimize.search.evaluations import Evaluations, Stage
+from optimize.search.evaluations import Evaluations
 from optimize.search.history import History
 from optimize.search.objective import Objective, Target
 from studies.layout_search.target import LoadedTarget

@@ -11,8 +11,9 @@ from fabdesign.files.design_file import write_design
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.study_files.study_file import MuscleChoice, Study, read_study
+from optimize.search.best import Stage
 from optimize.search.design_space import DesignSpace, Limits
-from optimize.search.evaluations import Evaluations, Stage
+from optimize.search.evaluations import Evaluations
 from optimize.search.history import History
 from optimize.search.local_search import LocalSearch
 from optimize.search.multistart import screened

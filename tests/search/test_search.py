@@ -12,8 +12,9 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.runtime.fingerprint import OtherContent
 from fabdesign.study_files.study_file import MeasureName
+from optimize.search.best import Stage
 from optimize.search.design_space import DesignSpace
-from optimize.search.evaluations import Evaluations, Stage, Stop
+from optimize.search.evaluations import Evaluations, Stop
 from optimize.search.history import History
 from optimize.search.margins import Limits
 from optimize.search.multistart import search

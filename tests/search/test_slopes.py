@@ -14,8 +14,9 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import EffectTerm, Model, Parameter, Quantity
 from fabdesign.nouns.predictor import Predictor
+from optimize.search.best import Stage
 from optimize.search.design_space import DesignSpace, Vector
-from optimize.search.evaluations import Evaluations, Stage
+from optimize.search.evaluations import Evaluations
 from optimize.search.history import History
 from optimize.search.margins import Limits
 from optimize.search.multistart import search

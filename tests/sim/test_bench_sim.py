@@ -2,9 +2,9 @@
 
 import pytest
 
+from benchmarks.machine import ROOT, with_part
 from benchmarks.sim import kernel
 from benchmarks.sim.measure import Figure
-from benchmarks.sim.page import PAGE, replaced
 
 
 def test_loops_in_c_agree_with_taichi():
@@ -14,13 +14,27 @@ def test_loops_in_c_agree_with_taichi():
     assert max(kernel.disagreement(21)) < 1e-4
 
 
+PARTS = (
+    ("benches", "benches"), ("benches", "made benches"), ("compiler", "devices"), ("derivatives", "derivatives"),
+    ("follow", "table"), ("fuse", "recordings"), ("loop", "loop"), ("machines", "cluster"), ("search", "search"),
+    ("simulator", "bench-sim"), ("studio", "studio"), ("trace", "table"),
+)  # fmt: skip
+
+
 def test_page_keeps_what_is_not_the_benchmarks():
-    text = "a\n<!-- bench-sim -->\nold\n<!-- /bench-sim -->\nb\n"
-    assert replaced(text, "new\n") == "a\n<!-- bench-sim -->\nnew\n<!-- /bench-sim -->\nb\n"
-    assert replaced(replaced(text, "new"), "old") == text
-    with pytest.raises(SystemExit, match="no <!-- bench-sim -->"):
-        replaced("a\n", "new")
-    replaced(PAGE.read_text(encoding="utf-8"), "new")
+    text = "a\n<!-- one -->\nold\n<!-- end of one -->\nb\n"
+    assert with_part(text, "one", "new\n") == text.replace("old", "new")
+    assert with_part(with_part(text, "one", "new"), "one", "old") == text
+    with pytest.raises(SystemExit, match="no <!-- one -->"):
+        with_part("a\n", "one", "new")
+
+
+def test_each_benchmark_has_its_part_of_a_page_and_leaves_what_people_wrote():
+    pages = {page: (ROOT / "docs" / "lab" / f"{page}.md").read_text(encoding="utf-8") for page, _ in PARTS}
+    for page, name in PARTS:
+        pages[page] = with_part(pages[page], name, "")
+    assert "Where each pose needs its own muscles" in pages["search"] and "## Other searches" not in pages["search"]
+    assert "## A loop that trains" in pages["loop"] and "## Motions: what was tried" in pages["derivatives"]
 
 
 def test_row_that_misses_its_bound_is_bold():

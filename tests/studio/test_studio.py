@@ -927,7 +927,8 @@ def test_all_is_in_the_first_view_and_bending_shows(size: tuple[float, float], w
 
 def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("viser")
-    from studies.studio.server import Gate, quiet_viser
+    from studies.studio.gate import Gate
+    from studies.studio.server import quiet_viser
     from studies.studio.widgets.page import Page
 
     monkeypatch.chdir(folder)

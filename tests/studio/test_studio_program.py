@@ -166,7 +166,8 @@ def test_the_folder_of_a_result_is_opened(study: Path, tmp_path: Path) -> None:
 
 def test_the_page_shows_knots_that_are_dragged(study: Path) -> None:
     pytest.importorskip("viser")
-    from studies.studio.server import Gate, quiet_viser
+    from studies.studio.gate import Gate
+    from studies.studio.server import quiet_viser
     from studies.studio.widgets.page import Page
 
     with contextlib.closing(Gate("127.0.0.1", None)) as gate, quiet_viser(gate) as server:
