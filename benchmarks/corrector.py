@@ -38,7 +38,7 @@ from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.output import write_text
 from fabdesign.units import in_mm
 from studies.measured.fit_data import noise_of
-from studies.training.train import unordered_errors
+from studies.prediction.evaluate import unordered_errors
 
 FIRST, EVERY = 5, 6  # frames: the sixth, and every sixth from there on
 HISTORY = tuple(k / 30 for k in range(1, 10))  # s, that both networks find theirs in

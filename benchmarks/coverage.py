@@ -28,14 +28,14 @@ from fabdesign.files.measurement_set import read_set
 from fabdesign.geometry.metrics import trial_errors
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import PARAMETERS, Case
-from fabdesign.nouns.model import POINTS_PER_SIDE, Model, Parameter
+from fabdesign.nouns.model import NORMAL90, POINTS_PER_SIDE, Model, Parameter
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.nouns.trial import MeasurementSet
 from fabdesign.output import write_text
 from optimize.fit.parameters import PRIOR
 from sim import Simulator
 from studies.calibration.calibrate import CalibrationOptions, calibrate_sets
-from studies.fitting.fitted_model import QUANTILE, data_share, engine_difference
+from studies.fitting.fitted_model import data_share, engine_difference
 from studies.measured.fit_data import noise_of
 from studies.rig import RigSession, run_rig
 from studies.rig.ground_truth import GroundTruth
@@ -123,7 +123,7 @@ def engine_term(rows: list[dict[str, Any]]) -> np.ndarray:
     Student's quantile for so many sets is wider than the normal one."""
     error, own = errors(rows)
     beyond = (np.square(error) - np.square(own)).mean(axis=0) / np.square(data_share(own)).mean(axis=0)
-    return np.sqrt(np.maximum(beyond, 0.0)) * float(student.ppf(0.95, len(rows))) / QUANTILE
+    return np.sqrt(np.maximum(beyond, 0.0)) * float(student.ppf(0.95, len(rows))) / NORMAL90
 
 
 def held_out(over: np.ndarray) -> str:
@@ -134,8 +134,8 @@ def held_out(over: np.ndarray) -> str:
 
 def page(rows: list[dict[str, Any]], extra: np.ndarray, grid: int) -> str:
     error, own = errors(rows)
-    inside = np.abs(error) <= QUANTILE * np.sqrt(own**2 + (data_share(own) * extra) ** 2)
-    narrow = np.abs(error) <= QUANTILE * own
+    inside = np.abs(error) <= NORMAL90 * np.sqrt(own**2 + (data_share(own) * extra) ** 2)
+    narrow = np.abs(error) <= NORMAL90 * own
     over = 1e3 * np.array([r["excess"] for r in rows])
     total = f"{inside.sum()} of {inside.size}"
     option = "" if grid == GRID else f" --grid {grid}"

@@ -18,8 +18,8 @@ import numpy as np
 from fabdesign.files.model_file import read_model
 from fabdesign.formats.csv_table import write_rows
 from fabdesign.nouns.forward import PARAMETERS
-from fabdesign.nouns.model import Model
-from studies.fitting.fitted_model import FILE, QUANTILE, data_share, engine_columns, engine_difference
+from fabdesign.nouns.model import NORMAL90, Model
+from studies.fitting.fitted_model import FILE, data_share, engine_columns, engine_difference
 
 _ROUNDS = 50  # of taking the engines' term out of an interval
 _SMALLEST = 1e-4  # of a logarithm
@@ -39,7 +39,7 @@ class Keyed:
     def read(model: Path, key: Path) -> "Keyed":
         truth, found = true_factors(key), read_model(model)
         ends = np.log([_interval(found, name) for name in PARAMETERS])
-        total = np.ptp(ends, axis=1) / 2 / QUANTILE
+        total = np.ptp(ends, axis=1) / 2 / NORMAL90
         own, engines = total, engine_difference()
         for _ in range(_ROUNDS):
             taken = np.square(total) - np.square(data_share(own) * engines)
@@ -49,7 +49,7 @@ class Keyed:
     def inside(self, term: np.ndarray | None = None) -> int:
         """True factors inside the intervals as they are, or with another term of the engines (7,)."""
         wide = self.total if term is None else np.hypot(self.own, data_share(self.own) * term)
-        return int((np.abs(self.error) <= QUANTILE * wide).sum())
+        return int((np.abs(self.error) <= NORMAL90 * wide).sum())
 
 
 def _interval(model: Model, name: str) -> tuple[float, float]:

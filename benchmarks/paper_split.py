@@ -27,9 +27,9 @@ from fabdesign.runtime.store import Checkpoint
 from sim import Simulator
 from studies.measured.fit_data import noise_of
 from studies.measured.used_frames import GRID
+from studies.prediction.evaluate import unordered_errors
 from studies.training import paper
 from studies.training.data import Chosen, KeptMotions, choose
-from studies.training.train import unordered_errors
 
 KEPT_BACK = 0.2  # of a trial's frames
 SEED = 0

@@ -25,8 +25,8 @@ from fabdesign.files.model_file import read_model
 from fabdesign.interface import calibrate
 from fabdesign.nouns.catalogue import standard
 from fabdesign.nouns.design import Design
-from fabdesign.nouns.model import Model
-from fabdesign.nouns.model_sampling import TWO_SIDED, half_widths
+from fabdesign.nouns.model import NORMAL90, Model
+from fabdesign.nouns.model_sampling import half_widths
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import PressureProgram
@@ -102,13 +102,13 @@ def table(model: Model, own: Sequence[RegionResiduals], others: Sequence[RegionR
     for name in ["all", *sorted({one.design for one in others})]:
         some = [one for one in others if name in (one.design, "all")]
         residual = np.concatenate([one.residual for one in some])
-        sigma = np.concatenate([half_widths(spread, o.deviation, o.moved, o.design) for o in some]) / TWO_SIDED
+        sigma = np.concatenate([half_widths(spread, o.deviation, o.moved, o.design) for o in some]) / NORMAL90
         scores = {
             "the model": IntervalScore.of(residual, sigma),
             "the joint covariance alone": IntervalScore.of(residual, np.concatenate([o.deviation for o in some])),
             "a constant": IntervalScore.of(residual, np.concatenate([flat.of(o) for o in some])),
         }
-        same = np.quantile(np.abs(residual), scores["the model"].inside) / TWO_SIDED
+        same = np.quantile(np.abs(residual), scores["the model"].inside) / NORMAL90
         scores["a constant that holds as many"] = IntervalScore.of(residual, np.full(len(residual), same))
         for what, score in scores.items():
             inside, width, crps = score.shown

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fabdesign.effects.acting import specimen_of
 from fabdesign.effects.declaration import Specimen
-from fabdesign.nouns.fabric import Fabric
+from fabdesign.nouns.fabric import SWING, Fabric
 from fabdesign.nouns.forward import RISE, Case
 from sim.grid import Support
 from sim.kernels.fields import LANES, F
@@ -26,7 +26,6 @@ RESTED = 3e-5  # m, RMS over nodes of what the last of the steps to rest may sti
 RISING, STAGES = (1 / 48, 5), ((1 / 30, 1.0, 2),)
 # where only inertia holds the rigid motions, it must show in float32
 RISING_FREE, STAGES_FREE = (1 / 240, 1), ((1 / 240, 2.0, 1),)
-SWING = 8.0  # rad/s
 LEAST_HOLD = 1e-6  # s
 # (step [s], steps) to the shape without pressure, from the flat cloth: velocities are forgotten after each long step
 FROM_FLAT = ((0.05, 4), (0.5, 8))  # within 0.01 mm of where a damped motion leads

@@ -16,6 +16,7 @@ from fabdesign.formats.lab_table import parse_heading
 
 Points = NDArray[np.float64]
 
+LONGEST_HEADER = 65536  # bytes, of a file of points
 _FAR = 10.0  # cloth sizes; a cloud so far off is in another unit, not badly placed
 _CENTIMETRES = 100.0  # cloth sizes, below which hundredths are likelier than thousandths
 _BEYOND = 3.0  # cloth sizes from the middle of the cloud: no point of the cloth

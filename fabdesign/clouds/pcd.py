@@ -9,14 +9,13 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.clouds.measured_points import require_one_instant
+from fabdesign.clouds.measured_points import LONGEST_HEADER, require_one_instant
 from fabdesign.errors import InputError
 from fabdesign.formats.toml_file import LARGEST, read_bytes, require_count
 
 _KINDS = {"F4", "F8", *(f"{letter}{size}" for letter in "IU" for size in (1, 2, 4, 8))}
 _KEYS = {"VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"}
 _NO_VIEWPOINT = ["0", "0", "0", "1", "0", "0", "0"]  # a translation and a quaternion
-_LONGEST_HEADER = 65536  # bytes
 
 
 _Field = tuple[str, str, int]  # name, numpy's type, values a point
@@ -53,7 +52,7 @@ def _header(content: bytes, path: Path) -> _Header:
     values: dict[str, list[str]] = {}
     at = 0
     while "DATA" not in values:
-        end = content.find(b"\n", at, _LONGEST_HEADER)
+        end = content.find(b"\n", at, LONGEST_HEADER)
         if end < 0:
             _refuse(path, "has no PCD header")
         words = content[at:end].decode("latin-1").split()

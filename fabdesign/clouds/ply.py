@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.clouds.measured_points import require_one_instant
+from fabdesign.clouds.measured_points import LONGEST_HEADER, require_one_instant
 from fabdesign.errors import InputError
 from fabdesign.formats.csv_table import is_number
 from fabdesign.formats.toml_file import read_bytes, require_count
@@ -24,7 +24,6 @@ _TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4
 _TYPES |= {"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"}
 _TYPES |= {"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"}
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-_LONGEST_HEADER = 65536  # bytes
 _END = re.compile(rb"^end_header[ \t]*\r?\n", re.MULTILINE)  # a line of its own: a comment may name it
 _CORNERS = ("vertex_indices", "vertex_index")
 _TOGETHER = 65536  # lines that become numbers at once
@@ -52,7 +51,7 @@ def read_ply(path: Path | str) -> Ply:
     """Return vertices and faces of a PLY. Raises InputError, with one line, for anything that is not a sound file."""
     path = Path(path)
     content = read_bytes(path, "a PLY")
-    end = _END.search(content, 0, _LONGEST_HEADER)
+    end = _END.search(content, 0, LONGEST_HEADER)
     if not content.startswith(b"ply") or end is None:
         _refuse(path, "has no PLY header")
     order, elements = _header(content[: end.start()].decode("latin-1"), path)

@@ -17,7 +17,7 @@ from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.forward import SIDE
 from fabdesign.units import from_mm, in_mm
 
-_STRETCH = 1.15  # of the flat cloth's lengths: more than its weight and its muscles do
+STRETCH = 1.15  # of the flat cloth's lengths: more than its weight and its muscles do
 _SMALL = 0.3  # of the held length, that the cloud spans at least
 _OFF = 0.1  # of the shorter side: how far from the held places its nearest points may lie in the mean
 # the same for nine tenths of the held places, 1.5 times as far; of a cloud about as large as the cloth, whose unit is
@@ -39,7 +39,7 @@ def misplaced(points: Array, fabric: Fabric, *, part: bool = False, free: bool =
     short = min(fabric.width, fabric.height)
     span = float(np.linalg.norm(np.ptp(np.quantile(points, [0.01, 0.99], axis=0), axis=0)))
     largest = float(np.hypot(fabric.width, fabric.height))
-    if span > _STRETCH * largest * np.sqrt(3):  # of a box in any frame
+    if span > STRETCH * largest * np.sqrt(3):  # of a box in any frame
         return f"it is {_length(span)} across; expected at most {_length(largest)}, the cloth's diagonal"
     if free or not len(held):
         return None
@@ -47,7 +47,7 @@ def misplaced(points: Array, fabric: Fabric, *, part: bool = False, free: bool =
         return f"it is {_length(span)} across; expected a cloth held along {_length(fabric.width)}"
     tree = cKDTree(held)
     reached, farthest = float(np.quantile(tree.query(points)[0], 0.98)), float(tree.query(flat)[0].max())
-    if reached > _STRETCH * farthest + _OFF * short:
+    if reached > STRETCH * farthest + _OFF * short:
         return f"it reaches {_length(reached)} from where the cloth is held; expected at most {_length(farthest)}"
     if part:
         return None

@@ -209,9 +209,11 @@ class Statistics:
 
 
 def statistics(trials: Sequence[Errors]) -> dict[str, Statistics]:
-    """Return each error's statistics over trials; those that diverged are left out. At least one must be left."""
+    """Return each error's statistics over trials; those that diverged are left out. At least one must be left. NaN of
+    an error that no trial has, such as the surface RMS of points without an order."""
     table = np.array([astuple(errors) for errors in trials])
-    columns = table[np.isfinite(table).all(axis=1)].T
+    known = np.isfinite(table)
+    columns = table[known[:, known.any(axis=0)].all(axis=1)].T
     return {field.name: Statistics.of(column) for field, column in zip(fields(Errors), columns, strict=True)}
 
 
@@ -228,7 +230,7 @@ def closed(before: Errors, after: Errors) -> Closed:
     """Return 1 - e_after / e_before, with the excess e = sqrt(surface_rms^2 - surface_floor^2); of Chamfer, (before -
     after) / (before - floor).
 
-    The floors are those of `after`, the surface closer to the truth.
+    The floors are those of `after`, the surface closer to the truth. Points without an order have no surface.
     """
     gap = before.chamfer - after.chamfer_floor
     excess_before, excess_after = (over(errors.surface_rms, after.surface_floor) for errors in (before, after))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError
 from fabdesign.formats.schema import ABOVE_0, FileUnit, Key, Metre, Within
 from fabdesign.formats.table import Table
-from fabdesign.geometry.hung_cloth import held_places, on_flat_cloth
+from fabdesign.geometry.hung_cloth import STRETCH, held_places, on_flat_cloth
 from fabdesign.geometry.shape import Shape, at_places, bilinear
 from fabdesign.nouns.array import Array, Floats
 from fabdesign.nouns.fabric import Fabric
@@ -23,7 +23,6 @@ EDGES = ("top", "bottom", "left", "right")
 ALONG = 9  # places of an edge, and of a tube in each direction
 WORLD, FROM_FLAT = ("x", "y", "z"), ("right", "up", "forward")
 _FLAT = 50.0  # cloth heights, the radius of a tube that bends a cloth of 0.2 m by 2 mm
-_STRETCH = 1.15  # of the flat cloth's lengths, as of a cloud (fabdesign/geometry/hung_cloth.py)
 
 
 @dataclass(frozen=True)
@@ -135,8 +134,8 @@ def _require_reachable(wish: Wish, fabric: Fabric, where: str) -> None:
         reach = np.linalg.norm(held - flat, axis=1)
         away = np.linalg.norm((held - goal)[:, given], axis=1)
         # every held place bounds it
-        worst = int(np.argmax(away - _STRETCH * reach))
-        if away[worst] > _STRETCH * reach[worst] + 1e-6:
+        worst = int(np.argmax(away - STRETCH * reach))
+        if away[worst] > STRETCH * reach[worst] + 1e-6:
             raise InputError(
                 f"{where}: place ({place[0]:g}, {place[1]:g}) is to lie {in_mm(away[worst]):.0f} mm from a held place; "
                 f"expected at most {in_mm(reach[worst]):.0f} mm, as on the flat cloth"

@@ -9,6 +9,7 @@ from fabdesign.formats.table import Table
 
 Edge = Literal["top", "bottom", "left", "right", "none"]
 LARGEST = 10.0  # m; a cloth beyond it was surely meant in millimetres
+SWING = 8.0  # rad/s, of a hung cloth
 _SLACK = 1e-9  # m, of rounding that a point on the border may have
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from statistics import NormalDist
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -20,7 +21,9 @@ SCOPES = ("fabric", "rig", "sensors")
 PARTS = ("rig", "sensors", "corrector", "spread")  # what may be left out of a model
 
 
-_OF_95 = 1.645 / 1.960  # a 90 % interval over a 95 % one
+INSIDE = 0.9  # of what an interval is of
+NORMAL90 = NormalDist().inv_cdf(0.5 + INSIDE / 2)  # standard deviations to either side that hold 90 % of a normal one
+_OF_95 = NORMAL90 / NormalDist().inv_cdf(0.975)  # a 90 % interval over a 95 % one
 
 
 def _interval(value: tuple[float, float], table: Table) -> tuple[float, float] | None:

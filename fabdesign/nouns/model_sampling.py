@@ -4,7 +4,6 @@ predicted motion: how wide a model's `Spread` says they are, and for which model
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -102,10 +101,6 @@ def _centre(model: Model, name: str) -> _Centre:
             declared = effect_named(term.name, "covariance").parameters[key]
             return _Centre(term.parameters[key].value, declared.transform == "log", declared.bounds)
     raise InputError(f"the model's [covariance] names {name}; expected parameters that the model has")
-
-
-INSIDE = 0.9
-TWO_SIDED = NormalDist().inv_cdf(0.5 + INSIDE / 2)  # half-width of an interval, in standard deviations
 
 
 def half_widths(spread: Spread, deviation: Array, moved: Array, design: str = "") -> Array:

@@ -24,7 +24,11 @@ class Loss:
 
     def scale(self, residual: Array) -> float:
         """Return the robust standard deviation."""
-        return max(1.4826 * float(np.median(np.abs(residual))), self.smallest)
+        return max(deviation_by_median(residual), self.smallest)
+
+    def share(self, residual: Array, scale: float) -> Array:
+        """Return how much each residual (N,) counts (Huber's weights), 0 to 1."""
+        return np.minimum(1.0, self.huber * scale / np.maximum(np.abs(residual), 1e-12))
 
     def of(self, t: Array) -> Array:
         """Return the -log likelihood (N,) of residuals in units of their scale (Huber's function)."""
@@ -56,7 +60,12 @@ class Misfit:
 def frames_of(misfit: Misfit, rows: NDArray[np.bool_] | slice = slice(None)) -> tuple[Indices, list[Indices]]:
     """Return the frame of each of the points `rows`, counted among themselves, and the points of each frame."""
     _, frame = np.unique(misfit.sample[rows] * 100_000 + misfit.frame[rows], return_inverse=True)
-    return frame, np.split(np.argsort(frame, kind="stable"), np.cumsum(np.bincount(frame))[:-1])
+    return frame, groups_of(frame)
+
+
+def groups_of(cluster: Indices) -> list[Indices]:
+    """Return the rows of each cluster."""
+    return np.split(np.argsort(cluster, kind="stable"), np.cumsum(np.bincount(cluster))[:-1])
 
 
 def not_strays(misfit: Misfit) -> NDArray[np.bool_]:
@@ -66,8 +75,13 @@ def not_strays(misfit: Misfit) -> NDArray[np.bool_]:
     for points in frames_of(misfit)[1]:
         sizes = size[points]
         if np.isfinite(sizes).all():
-            kept[points] = sizes <= misfit.loss.stray * max(1.4826 * float(np.median(sizes)), 1e-4)
+            kept[points] = sizes <= misfit.loss.stray * max(deviation_by_median(sizes), 1e-4)
     return kept
+
+
+def deviation_by_median(residual: Array) -> float:
+    """Return the standard deviation of normal noise whose sizes have this median."""
+    return 1.4826 * float(np.median(np.abs(residual)))
 
 
 def capped(residual: Array, cap: float = CAP) -> float:

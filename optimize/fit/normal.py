@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear
 
 from fabdesign.errors import SimulationError
 from fabdesign.nouns.array import Array, Indices
-from optimize.fit.misfit import FAR, Loss, Misfit, frames_of
+from optimize.fit.misfit import FAR, Loss, Misfit, frames_of, groups_of
 from optimize.fit.parameters import DECLARED, FitVector
 from optimize.fit.problem import Evaluation, InputErrors, Linearisation
 
@@ -119,14 +119,13 @@ def normal_equations(
     if inputs is not None:
         u, bent = inputs.columns[sound], inputs.bent[sound]
         sharp = 1 / (1 + np.square(BENT * bent / scale))
-        residual = _cleaned(residual, u, sharp, cluster, scale, misfit.loss)
+        residual, _ = _cleaned(residual, u, sharp, cluster, scale, misfit.loss)
         scale = misfit.loss.scale(residual[sharp > 0.5]) if (sharp > 0.5).any() else scale
         sharp = 1 / (1 + np.square(BENT * bent / scale))
     frames = sharp * _frame_weights(misfit, sound, residual * np.sqrt(sharp), max(far, misfit.loss.far))
     most = MODES * (cluster.max() + 1) / max(float(frames.sum()), 1e-12)
     frames = frames * min(1.0, most)  # before errors of the inputs take their part, which bounds what is left by itself
-    size = np.maximum(np.abs(residual) * np.sqrt(sharp), 1e-12)
-    w = frames * np.minimum(1.0, misfit.loss.huber * scale / size) / scale**2
+    w = frames * misfit.loss.share(residual * np.sqrt(sharp), scale) / scale**2
     white = j if inputs is None else j - _explained(j, u, w, cluster)[0]
     scores = np.zeros((cluster.max() + 1, len(weight)))
     np.add.at(scores, cluster, white * (w * (r + j @ step))[:, None])
@@ -180,10 +179,14 @@ def whitened(columns: Array, block: Indices, normal: Normal, inputs: InputErrors
     return out
 
 
-def _cleaned(residual: Array, u: Array, sharp: Array, cluster: Indices, scale: float, counted: Loss) -> Array:
-    """Return the residual less what errors of the inputs explain of it, (N,) m."""
-    bounded = sharp * np.minimum(1.0, counted.huber * scale / np.maximum(np.abs(residual), 1e-12)) / scale**2
-    return np.asarray(residual - _explained(residual[:, None], u, bounded, cluster)[0][:, 0])
+def _cleaned(
+    residual: Array, u: Array, sharp: Array, cluster: Indices, scale: float, counted: Loss
+) -> tuple[Array, float]:
+    """Return the residual less what errors of the inputs explain of it, (N,) m, and the sum of these errors' squares,
+    in standard deviations."""
+    bounded = sharp * counted.share(residual, scale) / scale**2
+    explained, paid = _explained(residual[:, None], u, bounded, cluster)
+    return residual - explained[:, 0], float(paid[0])
 
 
 def _share(j: Array, white: Array, w: Array, cluster: Indices, prior: Array) -> Array:
@@ -195,11 +198,6 @@ def _share(j: Array, white: Array, w: Array, cluster: Indices, prior: Array) -> 
     for rows in groups_of(cluster):
         out[rows] = np.clip(kept[rows].sum() / max(raw[rows].sum(), 1e-30), 0.0, 1.0)
     return out
-
-
-def groups_of(cluster: Indices) -> list[Indices]:
-    """Return the rows of each cluster."""
-    return np.split(np.argsort(cluster, kind="stable"), np.cumsum(np.bincount(cluster))[:-1])
 
 
 def scatter(scores: Array, information: Array, weight: Array) -> Array:
@@ -229,13 +227,10 @@ def _size(
 ) -> float:
     """Return the -log likelihood with the errors of the inputs that make it least."""
     residual, counted, scale, frames = misfit.residual[rows], misfit.loss, normal.scale, normal.frames[rows]
-    if inputs is None:
-        return float((frames * counted.of(residual / scale)).sum())
-    u = inputs.columns[rows]
-    bounded = frames * np.minimum(1.0, counted.huber * scale / np.maximum(np.abs(residual), 1e-12)) / scale**2
-    explained, paid = _explained(residual[:, None], u, bounded, cluster)
-    remaining = residual - explained[:, 0]
-    return float((frames * counted.of(remaining / scale)).sum()) + 0.5 * float(paid[0])
+    paid = 0.0
+    if inputs is not None:
+        residual, paid = _cleaned(residual, inputs.columns[rows], frames, cluster, scale, counted)
+    return float((frames * counted.of(residual / scale)).sum()) + 0.5 * paid
 
 
 def _frame_weights(misfit: Misfit, sound: NDArray[np.bool_], residual: Array, most: float) -> Array:

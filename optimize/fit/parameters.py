@@ -182,10 +182,8 @@ class FitVector:
 
     def _step(self, x: Array, row: Array) -> Array:
         steps = [self.inside(x + sign * row) - x for sign in (1.0, -1.0)]
-        unclipped = [np.allclose(np.abs(step), np.abs(row)) for step in steps]
-        if unclipped[0] or not any(unclipped):
-            return max(steps, key=lambda step: float(np.abs(step / self.scale).sum())) if not unclipped[0] else steps[0]
-        return steps[1]
+        unclipped = [step for step in steps if np.allclose(np.abs(step), np.abs(row))]
+        return (unclipped or [max(steps, key=lambda step: float(np.abs(step / self.scale).sum()))])[0]
 
 
 _ILL = 1e6

@@ -2,7 +2,7 @@
 law; one joint fit of every effect, then those dropped again that they do not need, by the rules of sets."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -12,6 +12,7 @@ from fabdesign.nouns.array import Array, Indices
 from fabdesign.nouns.bench import BenchRecord
 from fabdesign.nouns.forward import Term
 from fabdesign.nouns.lag import first_order
+from fabdesign.nouns.model import NORMAL90
 from fabdesign.units import in_kpa
 from optimize.fit.fitted import Fit, concluded
 from optimize.fit.parameters import FitParameter, FitVector
@@ -19,7 +20,6 @@ from optimize.fit.problem import BenchProblem
 from optimize.fit.significance import NEEDED, conditioned, eliminated
 from studies.benches.cylinder import friction_state
 from studies.benches.law import ROUNDS, Law, rms
-from studies.fitting.fitted_model import QUANTILE
 from studies.model_selection.judged import Judged
 from studies.model_selection.outcome import Candidate
 from studies.model_selection.rules import ON_BENCHES, Refits, Selection, follow
@@ -109,15 +109,15 @@ def _softening(trials: float, s: Signals) -> Columns:
 
 
 _WIDE = 3.0  # prior deviation of a strength, times the one that moves the records as much as all that the law leaves
-Bound = Callable[[str], float]  # the least of a strength by its name, EFFECT.PARAMETER
 _AT_LIMIT = 1e-6  # of the prior's deviation
 
 
 @dataclass(frozen=True, eq=False)
 class BenchTask(Refits):
     """residual (N,): law less measured, in the output's unit; record (N,): of which, whose rows share the error of the
-    law. tables: of each shape {parameter: (N,)}, by which a unit of it changes the residual. As rules ask it
-    (`rules.Refits`): a fit with fewer effects is one with their shapes searched anew."""
+    law. tables: of each shape {parameter: (N,)}, by which a unit of it changes the residual. either_sign: whether
+    strengths have no bound. As rules ask it (`rules.Refits`): a fit with fewer effects is one with their shapes
+    searched anew."""
 
     shapes: Sequence[ShapedEffect]
     tables: Sequence[Columns]
@@ -125,6 +125,7 @@ class BenchTask(Refits):
     record: Indices
     floor: float
     tolerance: float
+    either_sign: bool = False
 
     @property
     def effects(self) -> list[str]:
@@ -146,11 +147,9 @@ class BenchTask(Refits):
         keys = [(shape.effect, shape.values) for shape in self.shapes]
         return [keys.index((term.name, term.values)) for term in fit.vector.terms]
 
-    def fit(
-        self, places: Sequence[int] = (), bound: Bound | None = None, rows: Indices | slice = slice(None)
-    ) -> Judged:
+    def fit(self, places: Sequence[int] = (), rows: Indices | slice = slice(None)) -> Judged:
         """Return the effects at these shapes, together, from off. Residuals are linear in these, so the second step is
-        the last. bound: by default `lowest`. rows: that take part."""
+        the last. rows: that take part."""
         residual, record = self.residual[rows], self.record[rows]
         strengths = [(self.shapes[k], key, column[rows]) for k in places for key, column in self.tables[k].items()]
         columns = np.reshape([column for *_, column in strengths], (-1, len(record))).T
@@ -158,7 +157,7 @@ class BenchTask(Refits):
         for shape, key, column in strengths:
             name = f"{shape.effect}.{key}"
             size = np.sqrt(np.mean(residual**2) / max(float(np.mean(column**2)), 1e-30))
-            bounds = (bound or lowest)(name), np.inf
+            bounds = -np.inf if self.either_sign else lowest(name), np.inf
             parameters.append(FitParameter(name, _WIDE * float(size), 0.0, "linear", shape.units[key], bounds))
         terms = tuple(Term(self.shapes[k].effect, self.shapes[k].values) for k in places)
         vector = FitVector(tuple(parameters), (), terms)
@@ -169,25 +168,25 @@ class BenchTask(Refits):
             x = fitted.minimum
         return self.judged(fitted)
 
-    def deviation(self, joint: Fit, bound: Bound | None = None) -> Array:
+    def deviation(self, joint: Fit) -> Array:
         """Return (p,) of the unknowns, by their covariance and by how far leaving out each record moves them
         (jackknife): its rows share the law's error."""
         records, places = np.unique(self.record), self.places(joint)
         others = [np.flatnonzero(self.record != k) for k in records]
-        alone = np.array([self.fit(places, bound, rows).fit.x for rows in others])
+        alone = np.array([self.fit(places, rows).fit.x for rows in others])
         return np.asarray(np.sqrt(np.diag(joint.covariance) + (len(records) - 1) * alone.var(axis=0)))
 
-    def shaped(self, effects: Sequence[str], beside: Sequence[int] = (), bound: Bound | None = None) -> Judged:
+    def shaped(self, effects: Sequence[str], beside: Sequence[int] = ()) -> Judged:
         """Return each effect at the shape that leaves least of records left out, the others being at theirs; beside:
         shapes that stay."""
         places_of = {effect: [k for k, shape in enumerate(self.shapes) if shape.effect == effect] for effect in effects}
         chosen = {effect: places[0] for effect, places in places_of.items()}
-        best = self.fit([*beside, *chosen.values()], bound)
+        best = self.fit([*beside, *chosen.values()])
         for _ in range(ROUNDS):
             before = dict(chosen)
             for effect, places in places_of.items():
                 for place in places if len(places) > 1 else ():
-                    tried = self.fit([*beside, *(chosen | {effect: place}).values()], bound)
+                    tried = self.fit([*beside, *(chosen | {effect: place}).values()])
                     if tried.scored.squares.sum() < best.scored.squares.sum():
                         best, chosen = tried, chosen | {effect: place}
             if chosen == before:
@@ -202,34 +201,29 @@ def lowest(name: str) -> float:
     return -np.inf if declared is not None and declared.bounds[0] < 0 else 0.0
 
 
-def either_sign(name: str) -> float:
-    """Return no bound of a strength."""
-    return -np.inf
-
-
 def select(task: BenchTask) -> Selection:
     """Return a selection of every effect at once, then by the rules: to first order what the data do not need, then
     what records left out gain too little by, with shapes and strengths fitted anew."""
     none = task.fit()
     if none.excess <= task.tolerance:
-        return Selection(none.fit, none.fit, none)
+        return Selection(none.fit, none, none)
     everything = task.shaped(task.effects)
     known = conditioned(everything.fit.x.copy(), everything.fit.covariance, everything.off)
     labels = [*eliminated(*known, everything.parts, NEEDED)[0]]
     if not labels:
-        return Selection(everything.fit, none.fit, none)
+        return Selection(everything.fit, none, none)
     judged = task.shaped(labels)
-    return follow(ON_BENCHES, task, Selection(everything.fit, none.fit, judged, everything.excess, most=judged))
+    return follow(ON_BENCHES, task, Selection(everything.fit, none, judged, everything.excess))
 
 
 def candidates_of(task: BenchTask, selection: Selection) -> tuple[Candidate, ...]:
     """Return every effect by itself, at its best shape and with any sign, the one that leaves least first."""
-    rows, before = [], task.judged(selection.plain).excess
+    rows, before, task = [], selection.before.excess, replace(task, either_sign=True)
     for effect in task.effects:
-        alone = task.shaped([effect], bound=either_sign)
+        alone = task.shaped([effect])
         gain, interval = alone.gains_without(())[effect]
         takes = interval[0] > 0 and alone.excess <= (1 - STRUCTURE) * before
-        remaining, chosen = (alone.excess, alone.scored.typical(task.floor)), effect in selection.chosen.vector.labels
+        remaining, chosen = (alone.excess, alone.typical), effect in selection.chosen.vector.labels
         refused = takes and _wrong_sign(task, alone)
         rows.append((alone.scored.rms(), Candidate(effect, gain, interval, *remaining, chosen, refused=refused)))
     return tuple(candidate for _, candidate in sorted(rows, key=lambda row: row[0]))
@@ -237,7 +231,7 @@ def candidates_of(task: BenchTask, selection: Selection) -> tuple[Candidate, ...
 
 def _wrong_sign(task: BenchTask, alone: Judged) -> bool:
     """Return whether a strength is less than it can be for certain."""
-    most = alone.fit.x + QUANTILE * task.deviation(alone.fit, either_sign)
+    most = alone.fit.x + NORMAL90 * task.deviation(alone.fit)
     return any(m < lowest(name) for m, name in zip(most.tolist(), alone.fit.vector.names, strict=True))
 
 

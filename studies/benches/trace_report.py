@@ -18,7 +18,7 @@ from fabdesign.runtime.fingerprint import sha256
 from fabdesign.units import in_kpa, in_mm
 from fabdesign.version import __version__
 from studies.benches.evaluate import METRIC
-from studies.benches.records import BenchNoise, for_people, output_of, shown
+from studies.benches.records import BenchNoise, for_people, output_of, shown, unit_of
 from studies.model_selection.outcome import Candidate, TraceOutcome, When
 from studies.model_selection.verdict import STRUCTURE, effect_in_words
 from studies.report import charts, page
@@ -34,7 +34,6 @@ class BenchOutcome(TraceOutcome):
     metric: ClassVar = METRIC
 
     bench: Bench
-    unit: str
     noise: BenchNoise
     effects: tuple[EffectTerm, ...]  # that were certain, also where they do not explain what is missing
     fit: tuple[float, float]  # before, after
@@ -47,6 +46,11 @@ class BenchOutcome(TraceOutcome):
         ("residual", lambda of: {"where": None, "when_s": None, "follows": None}),
         ("unjudged", lambda of: []), ("discovered", lambda of: None), ("next_experiment", lambda of: None),
     )  # fmt: skip
+
+    @property
+    def unit(self) -> str:
+        """Return the output's SI unit."""
+        return unit_of(self.bench)
 
     def mean_error(self, role: Role, when: When) -> float | None:
         """Return the mean error of records of a role; None where there are none."""

@@ -18,7 +18,7 @@ from optimize.fit.clouds import evenly
 from optimize.fit.cross_validation import Scored
 from optimize.fit.descent import Progress, parts
 from studies.benches.law import ROUNDS, rms
-from studies.benches.records import LAWS, noise_of, output_of, require_columns, unit_of
+from studies.benches.records import LAWS, noise_of, output_of, require_columns
 from studies.benches.trace_fit import (
     BenchTask,
     Columns,
@@ -78,15 +78,15 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
     shapes = shapes_of(LAWS[bench.specimen], sampled.signals)
     task = BenchTask(shapes, [sampled.table(shape) for shape in shapes], residual, sampled.record, floor, limit)
     second(f"{len(task.effects)} effects together on {len(records)} records", 0.0)
-    selection, none = select(task), task.fit()
+    selection = select(task)
     chosen = [task.shapes[k] for k in task.places(selection.chosen)]
     refitted = _with_law(sampled, task, selection.judged, partial(third, "law and effects in turn"))
     remaining = refitted.fit.state.misfit.residual
     box = sampled.baseline(residual)
     beside = sampled.baseline(remaining) if selection.gains else box
     evidence = Evidence(
-        none.excess, refitted.excess, len(chosen), box.excess(floor),
-        structure=1 - float(beside.squares.sum() / np.square(remaining).sum()), typical=none.scored.typical(floor),
+        selection.before.excess, refitted.excess, len(chosen), box.excess(floor),
+        structure=1 - float(beside.squares.sum() / np.square(remaining).sum()), typical=selection.before.typical,
     )  # fmt: skip
     verdict, effects = decide(evidence, limit), _effects(task, refitted, chosen)
     return BenchOutcome(
@@ -99,7 +99,6 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
         named={effect.name: effect for effect in effects} if verdict == "effect" else {},
         indistinguishable=alike(task, selection.judged) if verdict == "effect" else (),
         bench=bench,
-        unit=unit_of(bench),
         noise=noise,
         effects=effects,
         fit=(rms(residual), rms(remaining)),

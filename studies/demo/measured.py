@@ -15,7 +15,7 @@ from fabdesign.effects.registry import acting_effects
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.model_file import read_model
 from fabdesign.formats.json_file import exact, of_exact
-from fabdesign.geometry.metrics import Errors, closed, mean_errors, trial_errors
+from fabdesign.geometry.metrics import Errors, closed, mean_errors
 from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.model import Model
@@ -25,6 +25,7 @@ from fabdesign.units import in_mm
 from studies.layouts import ERRORS, error_cells
 from studies.measured.fit_data import noise_of
 from studies.measured.used_frames import GRID, find_used_frames
+from studies.prediction.evaluate import errors_of
 from studies.prediction.forward_model import sensed_model
 from studies.prediction.stability import CURLS, TILTS, Branches, branches_of
 from studies.report import page
@@ -166,7 +167,7 @@ def _each(
     each = []
     for trial, motion in zip(trials, motions, strict=True):
         clouds, kept = trial.load().frames, frames[trial.name]
-        each.append(trial_errors([clouds[k] for k in kept], motion[kept], noise, seed=trial.order))
+        each += errors_of(trial, [clouds[k] for k in kept], [motion[kept]], noise)
     return each
 
 

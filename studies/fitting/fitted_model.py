@@ -21,7 +21,7 @@ from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.geometry.surface import CAP
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import MUSCLE_TYPES, OF_MUSCLES, PARAMETERS, Term
-from fabdesign.nouns.model import Covariance, EffectTerm, Model, Parameter, Provenance, Quantity
+from fabdesign.nouns.model import NORMAL90, Covariance, EffectTerm, Model, Parameter, Provenance, Quantity
 from fabdesign.nouns.pressure import LearnedRange
 from fabdesign.nouns.trial import Trial
 from fabdesign.units import in_mm
@@ -111,9 +111,6 @@ def far_factors(fit: Fit) -> list[str]:
     ]
 
 
-QUANTILE = 1.645  # two-sided 90 %
-
-
 def fitted_model(
     fit: Fit,
     covariance: np.ndarray,
@@ -157,7 +154,7 @@ def doubted(model: Model) -> Model:
 def quantities_of(vector: FitVector, x: np.ndarray, deviation: np.ndarray) -> dict[str, Quantity]:
     """Return each unknown's value with its 90 % interval, by its name. deviation: (p,) of x."""
     return {
-        p.name: Quantity(p.value(v), p.unit, (p.value(v - QUANTILE * s), p.value(v + QUANTILE * s)))
+        p.name: Quantity(p.value(v), p.unit, (p.value(v - NORMAL90 * s), p.value(v + NORMAL90 * s)))
         for p, v, s in zip(vector.parameters, x, deviation, strict=True)
     }
 

@@ -12,7 +12,7 @@ from fabdesign.formats.schema import Key, Millimetre
 from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Case, ForwardModel
-from fabdesign.nouns.model import Model
+from fabdesign.nouns.model import NORMAL90, Model
 from fabdesign.nouns.model_sampling import Ensemble
 from fabdesign.nouns.pressure import PressureProgram, limits
 from fabdesign.study_files.follow_file import FollowStudy, MotionScatter
@@ -202,7 +202,7 @@ def copies_of(
     elsewhere = instants_elsewhere(meant, up, down)
     snap = float(times[int(np.argmax(elsewhere))]) if elsewhere.any() else None
     expected = float(np.mean([wanted.mean_distance(copy) for copy in sound]))
-    return MotionCopies(len(sound), np.asarray(1.645 * np.sqrt(np.square(off).mean(axis=0))), snap, expected)
+    return MotionCopies(len(sound), np.asarray(NORMAL90 * np.sqrt(np.square(off).mean(axis=0))), snap, expected)
 
 
 def _scaled(program: PressureProgram, gains: Array, most: Array) -> PressureProgram:

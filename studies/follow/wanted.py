@@ -24,6 +24,7 @@ from fabdesign.runtime.effort import LONGEST
 from fabdesign.study_files.follow_file import FollowStudy, Moment, MovingTarget
 from fabdesign.study_files.study_targets import TargetFile
 from optimize.fit.clouds import Match, Nodes, nodes_of
+from optimize.fit.misfit import deviation_by_median
 from studies.layout_search.target import LoadedTarget, load_target
 
 POINTS = 300  # of a cloud that are compared while searching: more say nothing new
@@ -47,7 +48,7 @@ class Distances:
     @cached_property
     def robust(self) -> Array:
         """Return (N,) 1/m^2: the weights where outlying distances count less (Huber 1981)."""
-        scale = max(1.4826 * float(np.median(np.abs(self.off))), self.scale)
+        scale = max(deviation_by_median(self.off), self.scale)
         return self.weight / np.maximum(1.0, np.abs(self.off) / (HUBER * scale))
 
     @property

@@ -13,8 +13,8 @@ from fabdesign.geometry.shape import Shape
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.forward import SIDE, Case, ForwardModel
-from fabdesign.nouns.model import Spread
-from fabdesign.nouns.model_sampling import TWO_SIDED, half_widths, spread_of
+from fabdesign.nouns.model import NORMAL90, Spread
+from fabdesign.nouns.model_sampling import half_widths, spread_of
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import Trial
 from fabdesign.units import in_mm
@@ -52,10 +52,10 @@ def shapes_with_error(
     factor (at least `least`), and what the model lacks, along the normal of the shape `predicted` (2 n^2, 3) m. One
     draw of it moves the whole cloth to one side: how its parts go together is not known. rest: (2 n^2, 3) m, without
     pressure."""
-    factor = max(spread.covariance / TWO_SIDED, least)
+    factor = max(spread.covariance / NORMAL90, least)
     mean = drawn.mean(axis=0)
     _, moved = region_terms(rest, predicted[None], [], fabric)
-    sigma = over_nodes(half_widths(replace(spread, covariance=0.0), moved, moved)[0], SIDE) / TWO_SIDED
+    sigma = over_nodes(half_widths(replace(spread, covariance=0.0), moved, moved)[0], SIDE) / NORMAL90
     normal = LocalFrames.of(Shape(predicted).middle, fabric.width, fabric.height, SIDE).normal
     error = np.tile((sigma[..., None] * normal).reshape(-1, 3), (2, 1))
     return np.asarray(mean + factor * (drawn - mean) + rng.standard_normal((len(drawn), 1, 1)) * error)
@@ -107,7 +107,7 @@ def interval_judges(
         if not len(residuals.residual):
             return None
         widths = half_widths(spread, residuals.deviation, residuals.moved, residuals.design)
-        return IntervalScore.of(residuals.residual, widths / TWO_SIDED)
+        return IntervalScore.of(residuals.residual, widths / NORMAL90)
 
     rows = zip(trials, frames, rests(predictor, cases), motions, others, strict=True)
     return [partial(judge, *row) for row in rows]

@@ -12,8 +12,8 @@ from scipy.special import ndtr
 from fabdesign.formats.schema import Key, Millimetre
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import ForwardModel
-from fabdesign.nouns.model import Model, Spread
-from fabdesign.nouns.model_sampling import INSIDE, TWO_SIDED, spread_hash
+from fabdesign.nouns.model import INSIDE, NORMAL90, Model, Spread
+from fabdesign.nouns.model_sampling import spread_hash
 from fabdesign.nouns.trial import Trial
 from fabdesign.units import in_mm
 from studies.intervals.draws import RegionResiduals, Used, looked_at, residuals
@@ -65,7 +65,7 @@ def calibrated(others: Sequence[RegionResiduals], width: Width, start: Array) ->
         ratios.setdefault(one.design, []).append(np.abs(one.residual) / width(shape, one))
     overall = float(np.quantile(np.concatenate([r for parts in ratios.values() for r in parts]), INSIDE))
     factors = {name: float(np.quantile(np.concatenate(r), INSIDE)) for name, r in ratios.items() if len(r) >= LEAST}
-    return Widths(width, shape, overall / TWO_SIDED, {name: value / overall for name, value in factors.items()})
+    return Widths(width, shape, overall / NORMAL90, {name: value / overall for name, value in factors.items()})
 
 
 def left_out(every: Sequence[RegionResiduals], folds: Sequence[int], width: Width, start: Array) -> list[Array]:
@@ -97,8 +97,8 @@ class IntervalScore:
     def of(residual: Array, sigma: Array) -> "IntervalScore":
         """Return the score of intervals. residual, sigma: (n,) m, n > 0."""
         sigma = np.maximum(sigma, 1e-9)
-        inside = float((np.abs(residual) <= TWO_SIDED * sigma).mean())
-        width, score = (float(x.mean()) for x in (2 * TWO_SIDED * sigma, crps(residual, sigma)))
+        inside = float((np.abs(residual) <= NORMAL90 * sigma).mean())
+        width, score = (float(x.mean()) for x in (2 * NORMAL90 * sigma, crps(residual, sigma)))
         return IntervalScore(len(residual), inside, width, score)
 
     @staticmethod
@@ -155,7 +155,7 @@ def with_spread(
 def spread_from(every: Sequence[RegionResiduals], folds: Sequence[int], model: Model) -> tuple[Spread, IntervalScore]:
     """Return the spread of trials' residuals, and how good it is where each fold is left out in turn."""
     widths = calibrated(every, combined, START)
-    constant, covariance, motion = TWO_SIDED * widths.factor * np.exp(widths.shape)
+    constant, covariance, motion = NORMAL90 * widths.factor * np.exp(widths.shape)
     if not any(one.deviation.any() for one in every):
         covariance = 0.0  # nothing says how much
     sigma = np.concatenate(left_out(every, folds, combined, START))

@@ -68,18 +68,17 @@ class Residuals:
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Frame by frame: shapes (F, m) m of the residual on the cloth, features, groups of (F, k), trial (F,), and for
-    every point its frame and its row (N, m) of the shapes' values."""
+    """Frame by frame: shapes (F, m) m of the residual on the cloth, trial (F,), and for every point its frame and its
+    row (N, m) of the shapes' values."""
 
     shapes: Array
-    features: tuple[Array, ...]
     trial: Indices
     frame: Indices
     basis: Array
 
 
 def frames_at(state: Residuals) -> Frames:
-    """Return the residual of a state as shapes, and the features of its frames."""
+    """Return the residual of a state as shapes."""
     frame, groups = frames_of(state.misfit)
     basis = basis_of(state)
     shapes, trial = np.zeros((len(groups), basis.shape[1])), np.zeros(len(groups), dtype=int)
@@ -89,7 +88,7 @@ def frames_at(state: Residuals) -> Frames:
         b = basis[rows]
         shapes[k] = np.linalg.solve(b.T @ b + ridge, b.T @ state.residual[rows])
         trial[k] = state.misfit.sample[points[0]]
-    return Frames(shapes, features_of(state), trial, frame, basis)
+    return Frames(shapes, trial, frame, basis)
 
 
 def basis_of(state: Residuals) -> Array:
@@ -165,7 +164,7 @@ def baseline_score(state: Residuals, folds: Sequence[int]) -> Scored:
     frames = frames_at(state)
     fold = (np.unique(folds, return_inverse=True)[1] % MOST_FOLDS)[frames.trial]
     bands = [np.array([low <= i + j <= high for i, j in _POWERS]) for low, high in BANDS]
-    field = predicted_by_others(frames.features, frames.shapes, bands, fold)
+    field = predicted_by_others(features_of(state), frames.shapes, bands, fold)
     return state.scored_as(state.residual - np.einsum("nm,nm->n", frames.basis, field[frames.frame]))
 
 

@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import permutations
+from math import factorial
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -52,6 +53,11 @@ class Judged:
     def excess(self) -> float:
         """Return the error of trials left out over the noise, m."""
         return self.scored.excess(self.floor)
+
+    @property
+    def typical(self) -> float:
+        """Return the median over trials left out of the excess of each, m."""
+        return self.scored.typical(self.floor)
 
     @cached_property
     def parts(self) -> dict[str, Indices]:
@@ -99,7 +105,7 @@ def is_cause(fit: Fit, label: str) -> bool:
     return strength(fit, label) >= CAUSE
 
 
-_EVERY_ORDER, _ORDERS = 5, 199  # trials of which all orders are tried; orders of more trials
+_ORDERS = 199  # of the trials that are tried, drawn where there are more
 TURNS = 2  # decoys of an effect: each trial has the columns of the next of its design, or of the one after that
 CHANCE = 0.95  # quantile of the decoys' gains that an effect must gain more than
 
@@ -120,9 +126,8 @@ def certain_drift(judged: Judged, place: Array) -> float:
         return x, cost(x, covariance, np.arange(len(x)))
 
     x, price = change(range(count))
-    orders = (
-        [*permutations(range(count))] if count <= _EVERY_ORDER else [rng.permutation(count) for _ in range(_ORDERS)]
-    )
+    every = factorial(count) <= _ORDERS
+    orders = [*permutations(range(count))] if every else [rng.permutation(count) for _ in range(_ORDERS)]
     if price < NEEDED or np.mean([change(order)[1] >= price * (1 - 1e-9) for order in orders]) > 1 - CHANCE:
         return 0.0
     moved = judged.fit.state.jacobian[judged.trials.kept][:, factors] @ x

@@ -97,6 +97,10 @@ class TraceOutcome(Tabled):
         every = max(sum(costs.values()), 1e-30)
         return {} if share is None else {label: share * cost / every for label, cost in costs.items()}
 
+    @property
+    def unit(self) -> str:
+        raise NotImplementedError
+
     def mean_error(self, role: Role, when: When) -> float | None:
         """Return the mean error of trials or records of a role; None where there are none."""
         raise NotImplementedError

@@ -21,9 +21,10 @@ LOSS_RATIO = 1.2  # times what a fit may lose of trials left out, in quadrature:
 @dataclass(frozen=True, eq=False)
 class Selection:
     """The effects that are needed. everything: the joint fit; to first order about `plain` where that is adequate.
-    plain: the declared parameters alone. judged: the fit with what is needed, and what trials left out say of it; that
-    of `plain` itself where nothing is. small: effects that are certain but within the tolerance, or like all others too
-    small for a cause. decoys: beside what is chosen; None without effects.
+    before: the declared parameters alone, and what trials left out say of them. judged: the same of the fit with what
+    is needed; `before` itself where nothing is. small: effects that are certain but within the tolerance, or like all
+    others too small for a cause. decoys: beside what is chosen; None without effects. drift: m by which the declared
+    parameters alone certainly change over the session.
 
     For the rules: of_all: m of excess that all effects leave of trials left out. most: the fit with most effects; what
     goes one after another must not add up, so fits with fewer are compared with it. asked: effects that a fit without
@@ -32,11 +33,12 @@ class Selection:
     """
 
     everything: Fit
-    plain: Fit
+    before: Judged
     judged: Judged
     of_all: float = 0.0
     small: tuple[str, ...] = ()
     decoys: Decoys | None = None
+    drift: float = 0.0
     most: Judged | None = None
     asked: tuple[str, ...] = ()
     exact: bool = True
@@ -46,6 +48,11 @@ class Selection:
     def chosen(self) -> Fit:
         """Return the fit with what is needed."""
         return self.judged.fit
+
+    @property
+    def plain(self) -> Fit:
+        """Return the fit of the declared parameters alone."""
+        return self.before.fit
 
     @property
     def folds(self) -> Sequence[int]:
@@ -84,9 +91,9 @@ class Selection:
         small = (*self.small, *dropped)
         return replace(self, judged=judged, most=self.reference, small=small, decoys=None, exact=not dropped)
 
-    def none(self, judged: Judged, dropped: Sequence[str] = ()) -> "Selection":
-        """Return the selection of no effect. judged: `plain`."""
-        return replace(self, judged=judged, small=(*self.small, *dropped), decoys=None)
+    def none(self, dropped: Sequence[str]) -> "Selection":
+        """Return the selection of no effect."""
+        return replace(self, judged=self.before, small=(*self.small, *dropped), decoys=None)
 
 
 class Refits:
@@ -150,7 +157,7 @@ def follow(rules: Sequence[Rule], refits: Refits, selection: Selection) -> Selec
         if after is None or after.chosen is after.plain:
             return after or selection
         selection = after
-    return selection.none(refits.judged(selection.plain), selection.chosen.vector.labels)
+    return selection.none(selection.chosen.vector.labels)
 
 
 def least(refits: Refits, selection: Selection) -> float:
@@ -198,7 +205,7 @@ def begin_beside(refits: Refits, selection: Selection) -> Selection | None:
     nothing that an effect explains."""
     if len(selection.gains) > 1 or selection.beside:
         return None
-    return replace(selection, plain=refits.alone(selection.chosen, selection.plain), beside=True)
+    return replace(selection, before=refits.judged(refits.alone(selection.chosen, selection.plain)), beside=True)
 
 
 def too_little(refits: Refits, selection: Selection) -> Selection | None:
@@ -215,7 +222,7 @@ def too_little(refits: Refits, selection: Selection) -> Selection | None:
     if not weak:
         return None
     if len(labels) == 1:
-        return selection.none(refits.judged(selection.plain), weak)
+        return selection.none(weak)
     while True:
         simpler = refits.judged(refits.without(judged.fit, weak))
         cause = any(is_cause(judged.fit, label) for label in weak)
@@ -234,14 +241,13 @@ def as_well(refits: Refits, selection: Selection) -> Selection | None:
     several = len(selection.gains) > 1
     unsure = [label for label, (_, (low, _)) in selection.gains.items() if low < limit and label not in asked]
     for label in sorted(unsure, key=lambda label: selection.gains[label][0]):
-        cause = is_cause(known, label)
-        fit = refits.without(known, [label], hopeless=hopeless) if several else selection.plain
-        judged = refits.judged(fit)
-        if several and not loses(refits, most, judged, limit, cause=cause):
-            judged = refits.judged(refits.exact(fit))
+        cause, judged = is_cause(known, label), selection.before
+        if several:
+            judged = refits.judged(refits.without(known, [label], hopeless=hopeless))
+            if not loses(refits, most, judged, limit, cause=cause):
+                judged = refits.judged(refits.exact(judged.fit))
         if not loses(refits, most, judged, limit, cause=cause):
-            dropped = replace(selection.without(judged, [label]), exact=True)
-            return dropped if several else selection.none(judged, [label])
+            return replace(selection.without(judged, [label]), exact=True) if several else selection.none([label])
         asked = (*asked, label)
     return replace(selection, asked=asked) if asked != selection.asked else None
 
@@ -269,7 +275,7 @@ def no_cause(refits: Refits, selection: Selection) -> Selection | None:
     weak = min(labels, key=partial(strength, known))
     refits.say(f"{weak} is {strength(known, weak):.2f} of what is usual: no cause")
     if len(labels) == 1:
-        return selection.none(refits.judged(selection.plain), [weak])
+        return selection.none([weak])
     simpler = refits.judged(refits.without(known, [weak]))
     return replace(selection.without(simpler, [weak]), most=simpler, asked=())
 

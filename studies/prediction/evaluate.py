@@ -11,13 +11,15 @@ from typing import Any, Literal
 import numpy as np
 
 from fabdesign.errors import InputError, SimulationError
+from fabdesign.geometry.distances import chamfer
 from fabdesign.geometry.metrics import Errors, closed, statistics, trial_errors
 from fabdesign.geometry.sensor_noise import SensorNoise, estimate_noise
-from fabdesign.nouns.array import Array
+from fabdesign.nouns.array import Array, Floats
 from fabdesign.nouns.forward import Case, ForwardModel
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import MeasurementSet, Role, Trial
 from fabdesign.runtime.effort import batches
+from optimize.fit.clouds import Motion
 from studies.intervals.band import IntervalJudge, interval_judges
 from studies.measured.fit_data import noise_clouds
 from studies.measured.used_frames import NONE_USED, UsedFrames, find_used_frames
@@ -57,7 +59,9 @@ def evaluate_sets(
     used = find_used_frames([(s, [t for job in jobs if job.measured is s for t in job.trials]) for s in sets], coarse)
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         jobs = _with_noise(jobs, threads)
-        tasks = [(partial(_errors, job, used, seed), trial) for job in jobs for trial in job.trials]
+        corrector = predictors[-1].corrector
+        compare = partial(errors_of, seed=seed, ordered=corrector is None or corrector.ordered)
+        tasks = [(partial(_errors, job, used, compare), trial) for job in jobs for trial in job.trials]
         results: list[TrialResult] = []
         try:
             for task in _evaluated(tasks, predictors, coarse or forward, threads):
@@ -132,16 +136,48 @@ def _evaluated(
 
 
 def _errors(
-    job: _Job, used: UsedFrames, seed: int, trial: Trial, frames: Sequence[Array], judge: IntervalJudge, *predicted: Any
+    job: _Job,
+    used: UsedFrames,
+    compare: Callable[..., list[Errors]],
+    trial: Trial,
+    frames: Sequence[Array],
+    judge: IntervalJudge,
+    *predicted: Any,
 ) -> TrialResult:
     """Return the errors of a trial with these clouds before and after; its motions are `predicted`."""
-    name, kept = job.measured.name, np.flatnonzero(used.at(job.measured, trial))
-    if not len(kept):
-        return TrialResult(name, trial.name, trial.order, trial.role, _UNKNOWN, _UNKNOWN, 0.0)
-    clouds, seed = [frames[k] for k in kept.tolist()], seed + trial.order
-    before, after = (trial_errors(clouds, motion[kept], job.noise.result(), seed=seed) for motion in predicted)
-    share, judged = len(kept) / len(frames), judge(frames, kept)
-    return TrialResult(name, trial.name, trial.order, trial.role, before, after, share, judged)
+    kept, judged = np.flatnonzero(used.at(job.measured, trial)), None
+    before, after = _UNKNOWN, _UNKNOWN
+    if len(kept):
+        clouds, motions = [frames[k] for k in kept.tolist()], [motion[kept] for motion in predicted]
+        before, after = compare(trial, clouds, motions, job.noise.result())
+        judged = judge(frames, kept)
+    about = job.measured.name, trial.name, trial.design.name, trial.order, trial.role
+    return TrialResult(*about, before, after, len(kept) / len(frames), judged)
+
+
+def errors_of(
+    trial: Trial,
+    clouds: Sequence[Array],
+    motions: Sequence[Motion],
+    noise: SensorNoise,
+    *,
+    seed: int = 0,
+    ordered: bool = True,
+) -> list[Errors]:
+    """Return the errors of several models on some frames of a trial, with the same draws for their floors. clouds: k of
+    (n, 3) m; motions: (k, 2 n, 3) m of each model. ordered: whether the last model's points have an order; without one
+    they have no surface, and their floor is that of the first model's."""
+    surfaces = motions if ordered else motions[:-1]
+    errors = [trial_errors(clouds, motion, noise, seed=seed + trial.order) for motion in surfaces]
+    return errors if ordered else [*errors, unordered_errors(clouds, motions[-1], errors[0].chamfer_floor)]
+
+
+def unordered_errors(clouds: Sequence[Floats], answer: Motion, chamfer_floor: float) -> Errors:
+    """Return the errors [m] of an answer without an order. chamfer_floor: of the simulated surface."""
+    if not np.isfinite(answer).all():
+        return _UNKNOWN
+    apart = float(np.mean([chamfer(cloud, points) for cloud, points in zip(clouds, answer, strict=True)]))
+    return Errors(apart, chamfer_floor, np.nan, np.nan, np.nan)
 
 
 def _motions(trials: Sequence[Trial], *predictors: Predictor) -> list[list[Any]]:

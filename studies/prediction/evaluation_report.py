@@ -19,6 +19,7 @@ from studies.intervals.calibrate import IntervalScore
 from studies.measured.used_frames import UsedFrames
 
 _LEAST_BARS = 12  # trials, of which a histogram says less than their values
+_UNORDERED = "no order, no surface"  # of a model's points
 ERRORS = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
 ERROR_NAMES = {"chamfer": "Chamfer distance", "surface_rms": "surface RMS"}  # for people
 
@@ -29,6 +30,7 @@ class TrialResult:
 
     set_name: str
     trial: str
+    design: str
     order: int
     role: str
     before: Errors
@@ -162,9 +164,9 @@ def tables_markdown(evaluation: SetEvaluation) -> str:
                 mark = " *" if error == "surface_rms" else ""
                 sound = len(design.trials) - len(design.diverged) - len(design.without_frames)
                 parts.append(
-                    f"| {name} | {len(design.trials)} | {error} | {in_mm(design.after[floor].mean):.2f} "
+                    f"| {name} | {len(design.trials)} | {error} | {_shown(design.after[floor], 1)} "
                     f"| {_shown(design.before[error], sound)} | {_shown(design.after[error], sound)} "
-                    f"| {_closed(share)}{mark} |"
+                    f"| {_closed(share) if np.isfinite(design.after[error].mean) else _UNORDERED}{mark} |"
                 )
         parts.append("")
         parts += [
@@ -175,8 +177,9 @@ def tables_markdown(evaluation: SetEvaluation) -> str:
             for name, design in table.items()
         ]
         for name, design in table.items():
-            before, after = design.before["beyond"].mean, design.after["beyond"].mean
-            parts.append(f"{name}: before, {beyond_in_words(before)}; after, {beyond_in_words(after)}")
+            states = {"before": design.before["beyond"].mean, "after": design.after["beyond"].mean}
+            beyond = [f"{when}, {beyond_in_words(share)}" for when, share in states.items() if np.isfinite(share)]
+            parts.append(f"{name}: {'; '.join(beyond)}")
         parts += [_intervals(name, design.intervals) for name, design in table.items() if design.intervals]
         parts.append("")
     return "\n".join(parts).rstrip() + "\n"
@@ -196,6 +199,8 @@ def _closed(share: float | None) -> str:
 
 
 def _shown(values: Statistics, trials: int) -> str:
+    if not np.isfinite(values.mean):
+        return _UNORDERED
     mean, most, least, std = (in_mm(x) for x in (values.mean, values.max, values.min, values.std))
     if trials == 1:
         return f"{mean:.2f}"

@@ -22,15 +22,14 @@ from fabdesign.units import in_mm
 from studies.intervals.band import bands
 from studies.prediction.forward_model import forward_model, laced_motions, laced_rests, sensed_model
 
-FRAME_RATE = 60.0  # Hz, of the paper's cameras
 AT_ONCE = 32  # motions in memory
 
 
 def frame_times(
     program: PressureProgram,
     *,
+    frame_rate: float,
     duration: float | None = None,
-    frame_rate: float = FRAME_RATE,
     points_per_side: int = POINTS_PER_SIDE,
 ) -> NDArray[np.float64]:
     """Return (T,) s: k / frame_rate from rest (k = 0) to `duration` s, by default the program's. Raises InputError

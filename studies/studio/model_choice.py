@@ -10,11 +10,10 @@ from fabdesign.effects.registry import EFFECTS, effect_named
 from fabdesign.errors import InputError
 from fabdesign.geometry.shape import Shape
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.model import EffectTerm, Model, Quantity
+from fabdesign.nouns.model import NORMAL90, EffectTerm, Model, Quantity
 from fabdesign.nouns.model_sampling import Ensemble
 
 SHOWN = 2.0  # prior deviations off, for an effect that is switched on to be seen
-NORMAL90 = 1.6449  # standard deviations to either side that hold 90 % of a normal distribution
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,28 @@
 """This module ranks effects by their gain, and finds those that the data cannot tell from the chosen ones: by linear
-algebra on the joint fit, but for pairs that are the same from rest."""
+algebra on the joint fit, but for pairs that are the same from rest. And where no effect of the list explains what is
+missing, a term with a formula of its own: the basis functions that `learned` has inside the simulator are fitted
+together, those that the data do not need are dropped, and what is left is kept only if whole trials left out gain half
+of their excess by it."""
+
+from dataclasses import replace
 
 import numpy as np
 
 from fabdesign.effects import EFFECTS
+from fabdesign.effects.learned import DISCOVERED
 from fabdesign.effects.registry import effects_of, label_effect
+from fabdesign.nouns.array import Array, Indices
 from optimize.fit.cross_validation import LeftOut, Scored
 from optimize.fit.descent import FitStart
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
+from optimize.fit.policy import END, ROUGH
 from optimize.fit.problem import widened
-from optimize.fit.significance import NEEDED, alike, does
+from optimize.fit.significance import NEEDED, alike, does, eliminated
+from studies.model_selection.judged import Judged
 from studies.model_selection.outcome import Candidate
 from studies.model_selection.rules import Selection
+from studies.model_selection.verdict import LEAST_SHARE
 from studies.tracing.experiment import Explanation
 from studies.tracing.task import ASKED, Task
 
@@ -25,9 +35,7 @@ def candidates_of(selection: Selection) -> tuple[tuple[Candidate, ...], dict[str
     others = [label for label in everything.vector.labels if label_effect(label) not in taken]
     parts = {label: everything.vector.part(label) for label in others}
     columns = np.concatenate([np.zeros(0, dtype=np.intp), *parts.values()]).astype(np.intp)
-    wide = LeftOut.of(chosen, selection.folds).with_columns(
-        everything.state.jacobian[:, columns], everything.vector.prior[columns]
-    )
+    wide = selection.judged.trials.with_columns(everything.state.jacobian[:, columns], everything.vector.prior[columns])
     count, first, places = len(chosen.x), len(chosen.x), {}
     for label, part in parts.items():
         places[label] = np.arange(first, first + len(part))
@@ -62,7 +70,7 @@ def same_from_rest(task: Task, selection: Selection) -> dict[str, Explanation]:
     return alternatives
 
 
-def _in_place(vector: FitVector, label: str, source: FitVector, other: str) -> tuple[FitVector, np.ndarray]:
+def _in_place(vector: FitVector, label: str, source: FitVector, other: str) -> tuple[FitVector, Indices]:
     """Return a vector with the term `other` of a vector `source`, last, in place of its own `label`, and which of its
     unknowns are kept."""
     kept = np.setdiff1d(np.arange(len(vector.names)), vector.part(label))
@@ -75,7 +83,7 @@ def _in_place(vector: FitVector, label: str, source: FitVector, other: str) -> t
     return exchanged, kept
 
 
-def _candidate(wide: LeftOut, off: np.ndarray, part: np.ndarray, label: str, selection: Selection) -> Candidate:
+def _candidate(wide: LeftOut, off: Indices, part: Indices, label: str, selection: Selection) -> Candidate:
     """Return the effect whose unknowns are `part`, beside a model with the unknowns `off` at nothing."""
     with_it, without = wide.scored(off), wide.scored(np.concatenate([off, part]))
     gain, interval = wide.gain(without, with_it, selection.floor)
@@ -90,7 +98,7 @@ def _remaining(scored: Scored, selection: Selection) -> tuple[float, float]:
     return scored.excess(selection.floor), scored.typical(selection.floor)
 
 
-def _detectable(wide: LeftOut, off: np.ndarray, part: np.ndarray, label: str) -> dict[str, float]:
+def _detectable(wide: LeftOut, off: Indices, part: Indices, label: str) -> dict[str, float]:
     """Return the value of each strength that would have cost NEEDED to drop, with all parameters but `off` free."""
     free = np.setdiff1d(np.arange(len(wide.x)), off)
     covariance = np.linalg.inv(wide.information[np.ix_(free, free)])
@@ -98,7 +106,7 @@ def _detectable(wide: LeftOut, off: np.ndarray, part: np.ndarray, label: str) ->
     return _smallest(label_effect(label), np.sqrt(np.diag(covariance)[places]))
 
 
-def _smallest(name: str, deviations: np.ndarray) -> dict[str, float]:
+def _smallest(name: str, deviations: Array) -> dict[str, float]:
     """Return the value of each strength that would have cost NEEDED to drop. deviations: of x, in order."""
     effect, smallest = EFFECTS[name], {}
     for key, deviation in zip(effect.strengths, deviations.tolist(), strict=False):
@@ -110,7 +118,7 @@ def _smallest(name: str, deviations: np.ndarray) -> dict[str, float]:
     return smallest
 
 
-def _alternatives(wide: LeftOut, selection: Selection, places: dict[str, np.ndarray]) -> dict[str, Explanation]:
+def _alternatives(wide: LeftOut, selection: Selection, places: dict[str, Indices]) -> dict[str, Explanation]:
     """Return effects that would do what a chosen one does (cosine over ALIKE, less what the other unknowns of the model
     can take), or did at the joint fit: where the chosen one takes the whole effect of both, the cloth has moved to
     another place by then. Each comes as the model with it in that one's place, to first order."""
@@ -133,7 +141,7 @@ def _alternatives(wide: LeftOut, selection: Selection, places: dict[str, np.ndar
     return alternatives
 
 
-def _instead(wide: LeftOut, selection: Selection, label: str, other: str, columns: np.ndarray) -> Explanation:
+def _instead(wide: LeftOut, selection: Selection, label: str, other: str, columns: Indices) -> Explanation:
     """Return the model with a term `other`, whose unknowns are `columns` of `wide`, in place of `label`."""
     chosen = selection.chosen.vector
     part = chosen.part(label)
@@ -143,3 +151,20 @@ def _instead(wide: LeftOut, selection: Selection, label: str, other: str, column
     x = wide.x[free] - np.linalg.solve(wide.information[np.ix_(free, free)], slope[free])
     names = effects_of([*(name for name in chosen.labels if name != label), other])
     return Explanation(" and ".join(names), vector, vector.inside(x), label_effect(label))
+
+
+def discover(task: Task, selection: Selection) -> Judged | None:
+    """Fit a formula from the data sheet, as the joint fit: few coefficients beside the declared parameters. None where
+    nothing is needed or too little gained."""
+    inputs = selection.everything.inputs
+    vector = fit_vector([DISCOVERED.name], factors=task.factors, designs=task.designs)
+    full = task.fit("discovered", vector, FitStart(inputs=inputs), ROUGH)
+    coefficients = {vector.names[k]: np.array([k]) for k in np.flatnonzero(~vector.are_factors)}
+    needed, x = eliminated(full.minimum, full.covariance, coefficients, NEEDED)
+    if not needed:
+        return None
+    kept = [k for k, name in enumerate(vector.names) if name in needed or name not in coefficients]
+    necessary = replace(vector, parameters=tuple(vector.parameters[k] for k in kept))
+    named = f"discovered, {' '.join(name.rpartition('.')[2] for name in needed)}"
+    judged = task.judged(task.fit(named, necessary, FitStart(vector.inside(x)[kept], inputs=inputs), END))
+    return judged if judged.excess <= (1 - LEAST_SHARE) * selection.before.excess else None

@@ -20,19 +20,21 @@ from optimize.fit.misfit import frames_of
 from optimize.fit.significance import undecided
 from studies.fitting.fitted_model import far_factors, fitted_model, with_engines
 from studies.measured.fit_data import MeasuredData
+from studies.model_selection.judged import Judged
 from studies.model_selection.outcome import TraceOutcome, When
 from studies.model_selection.rules import Selection
 from studies.model_selection.verdict import GROSS
-from studies.tracing.discovered_term import Discovered
+from studies.prediction.evaluation_report import TrialResult
 from studies.tracing.experiment import Explanation
-from studies.tracing.residual_analysis import Remains, TrialError, mean_of, other_layouts
+from studies.tracing.residual_analysis import Remains, mean_of, other_layouts
 
 _LITTLE = 0.1  # of its share, below which a frame's weight is told
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome(TraceOutcome, OfModel):
-    """The result of a trace of a set. Distances are in m."""
+    """The result of a trace of a set. Distances are in m. final: the model's fit, and what trials left out say of it:
+    of the declared parameters alone unless effects or a formula were found."""
 
     metric: ClassVar = "surface_rms"
     scale: ClassVar = in_mm(1.0)
@@ -41,11 +43,11 @@ class Outcome(TraceOutcome, OfModel):
     data: MeasuredData
     forward: ForwardModel
     alike: tuple[Explanation, ...]  # models that do as well, with another effect in the place of one chosen
-    errors: tuple[TrialError, ...]
+    errors: tuple[TrialResult, ...]
     remains: Remains
     model: Model
     next_experiment: Mapping[str, Any] | None
-    discovered: Discovered | None = None
+    final: Judged
     json_keys: ClassVar = (
         *TraceOutcome.json_keys,
         ("other_layouts", "_other_layouts"),
@@ -70,10 +72,12 @@ class Outcome(TraceOutcome, OfModel):
 
     @property
     def after(self) -> Fit:
-        """Return the model's fit: of the declared parameters alone unless effects or a formula were found."""
-        if self.discovered is not None:
-            return self.discovered.fit
-        return self.selection.chosen if self.verdict == "effect" else self.selection.plain
+        return self.final.fit
+
+    @property
+    def discovered(self) -> Judged | None:
+        """Return the fit with a formula; None without one."""
+        return None if self.final in (self.selection.before, self.selection.judged) else self.final
 
     @property
     def effects(self) -> tuple[EffectTerm, ...]:
@@ -146,7 +150,7 @@ class Outcome(TraceOutcome, OfModel):
 
     def excess(self, when: When) -> float:
         """Return the excess of trials left out, m."""
-        return super().excess(when) if self.discovered is None or when == "before" else self.discovered.excess
+        return self.final.excess if when == "after" else self.evidence.before
 
     def summary(self) -> Summary:
         """Return the verdict, and the model's parameters."""
@@ -189,11 +193,11 @@ class Outcome(TraceOutcome, OfModel):
         return {
             "formula": formula(effect.term.values),
             "parameters": {name: q for name, q in effect.parameters.items() if q.value},
-            "excess_mm": {"before": in_mm(self.discovered.before), "after": in_mm(self.discovered.excess)},
+            "excess_mm": {"before": in_mm(self.evidence.before), "after": in_mm(self.discovered.excess)},
         }
 
 
-def noise_floor(errors: Sequence[TrialError], otherwise: float) -> float:
+def noise_floor(errors: Sequence[TrialResult], otherwise: float) -> float:
     """Return `surface_floor` of the set, m."""
     of_roles = (mean_of(errors, role, "after", "surface_floor") for role in ("test", "fit"))
     return next((floor for floor in of_roles if floor is not None), otherwise)

@@ -34,7 +34,7 @@ def verdict_in_words(outcome: Outcome) -> str:
     if outcome.verdict == "unexplained":
         missing = "Something is missing that none of the known effects explains, alone or in combination:"
         if outcome.discovered is not None:
-            without, with_it = in_mm(outcome.discovered.before), in_mm(outcome.discovered.excess)
+            without, with_it = in_mm(evidence.before), in_mm(outcome.discovered.excess)
             return (
                 f"{missing} the excess over the noise is {without:.2f} mm on held-out trials, and "
                 f"{with_it:.2f} mm with a formula that was found, which is in the model: "
@@ -51,12 +51,9 @@ def verdict_in_words(outcome: Outcome) -> str:
     named = " and ".join(_one_answer(effect, outcome.alike) for effect in outcome.effects)
     sentence = (
         f"Missing was {named}: on held-out trials the excess over the noise is {before} without and {excess:.2f} mm "
-        "with it"
+        "with it."
     )
-    if evidence.after > outcome.tolerance >= evidence.fitted_after:
-        sentence += f", which leaves {in_mm(evidence.fitted_after):.2f} mm of the trials that it was fitted to"
-    sentence += "."
-    if min(evidence.after, evidence.fitted_after) > outcome.tolerance >= evidence.typical_after:
+    if evidence.after > outcome.tolerance >= evidence.typical_after:
         sentence += _of_single_trials(evidence.typical_after)
     if outcome.alike:
         sentence += f" {_how_to_tell(outcome.alike)}"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fabdesign.geometry.metrics import Errors, statistics, trial_errors
+from fabdesign.geometry.metrics import statistics
 from fabdesign.nouns.array import Array, Indices
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.trial import Trial
@@ -23,6 +23,8 @@ from studies.model_selection.black_box import (
     set_points_of,
     standardised,
 )
+from studies.prediction.evaluate import errors_of
+from studies.prediction.evaluation_report import TrialResult
 
 CELLS = 10  # of the map of the cloth, a side
 _FOLLOWED = 0.05  # share of its mean square that a feature must take of held-out trials to be named
@@ -139,47 +141,34 @@ def _unexplained(table: Array, frames: Frames, fold: Indices) -> float:
 FRAMES = 20  # of a trial
 
 
-@dataclass(frozen=True)
-class TrialError:
-    """The errors of one trial's used frames, m."""
-
-    trial: str
-    design: str
-    role: str
-    before: Errors
-    after: Errors
-
-
 def errors_of_trials(
     data: MeasuredData, trials: Sequence[Trial], forward: ForwardModel, before: Fit, after: Fit
-) -> list[TrialError]:
-    """Return the errors of every trial that has a used frame."""
-    times: list[Indices] = []
-    chosen: list[Trial] = []
+) -> list[TrialResult]:
+    """Return the errors of every trial that has a used frame, in FRAMES of these."""
+    measured, frames = data.sets[0], list[tuple[Trial, Indices]]()
     for trial in trials:
-        usable = np.flatnonzero(data.used.at(data.sets[0], trial))
-        if len(usable):
-            chosen.append(trial)
-            times.append(usable[evenly(len(usable), FRAMES)])
-    whens = [t.times[frames] for t, frames in zip(chosen, times, strict=True)]
-    motions = forward.motions([fit.vector.case(t, fit.x) for fit in (before, after) for t in chosen], [*whens, *whens])
-    errors = []
-    for k, (trial, frames) in enumerate(zip(chosen, times, strict=True)):
-        all_frames = trial.load().frames
-        clouds = [all_frames[int(f)] for f in frames]
-        pair = [trial_errors(clouds, m, data.noise, seed=trial.order) for m in (motions[k], motions[len(chosen) + k])]
-        errors.append(TrialError(trial.name, trial.design.name, trial.role, pair[0], pair[1]))
-    return errors
+        if len(usable := np.flatnonzero(data.used.at(measured, trial))):
+            frames.append((trial, usable[evenly(len(usable), FRAMES)]))
+    fits = dict.fromkeys((before, after))  # one where nothing was added
+    cases = [fit.vector.case(trial, fit.x) for fit in fits for trial, _ in frames]
+    motions = forward.motions(cases, [trial.times[kept] for trial, kept in frames] * len(fits))
+    results = []
+    for k, (trial, kept) in enumerate(frames):
+        clouds = trial.load().frames
+        each = errors_of(trial, [clouds[f] for f in kept.tolist()], motions[k :: len(frames)], data.noise)
+        about = measured.name, trial.name, trial.design.name, trial.order, trial.role
+        results.append(TrialResult(*about, each[0], each[-1]))
+    return results
 
 
-def mean_of(errors: Sequence[TrialError], role: str, which: str, error: str = "surface_rms") -> float | None:
+def mean_of(errors: Sequence[TrialResult], role: str, which: str, error: str = "surface_rms") -> float | None:
     """Return the mean over trials of a role, m; None where there is none."""
     pairs = [getattr(e, which) for e in errors if e.role == role]
     finite = [e for e in pairs if np.isfinite(e.surface_rms)]
     return statistics(finite)[error].mean if finite else None
 
 
-def other_layouts(errors: Sequence[TrialError]) -> dict[str, list[TrialError]]:
+def other_layouts(errors: Sequence[TrialResult]) -> dict[str, list[TrialResult]]:
     """Return the errors by design, of the designs of which no trial was fitted."""
     fitted = {e.design for e in errors if e.role == "fit"}
     names = dict.fromkeys(e.design for e in errors if e.design not in fitted)

@@ -18,18 +18,15 @@ from fabdesign.runtime.store import Checkpoint
 from fabdesign.units import in_mm
 from fabdesign.version import SIMULATOR
 from optimize.fit.clouds import Density, evenly
-from optimize.fit.cross_validation import LeftOut
 from studies.fitting.fitted_model import EXCESS, doubted
 from studies.measured.fit_data import MeasuredData, TooLittle
 from studies.measured.splits import TRIALS, fit_trials, of_each_design
 from studies.measured.used_frames import GRID, find_used_frames
 from studies.model_selection.black_box import Residuals, baseline_score
-from studies.model_selection.judged import Judged, certain_drift
 from studies.model_selection.outcome import write_trace
 from studies.model_selection.rules import Selection
 from studies.model_selection.verdict import Evidence, decide
-from studies.tracing.candidates import candidates_of, same_from_rest
-from studies.tracing.discovered_term import discover
+from studies.tracing.candidates import candidates_of, discover, same_from_rest
 from studies.tracing.experiment import Explanation, next_experiment
 from studies.tracing.outcome import Outcome, model_of, noise_floor
 from studies.tracing.residual_analysis import errors_of_trials, remains
@@ -121,21 +118,19 @@ def _outcome(task: Task, every: Sequence[Trial], options: Options) -> Outcome:
     evidence = _evidence(selection, data, max(remainder.shares.values()))
     verdict = decide(evidence, options.tolerance)
     discovered = discover(task, selection) if verdict == "unexplained" else None
-    fitted = selection.chosen if verdict == "effect" else selection.plain
-    if discovered is not None:
-        fitted = discovered.fit
+    final = discovered or (selection.judged if verdict == "effect" else selection.before)
     if verdict != "effect" and selection.chosen is not selection.plain:
         remainder = remains(Residuals.of(data, selection.plain), selection.folds)
     task.say("errors before and after, on the trials fitted and once on those of role test")
-    errors = errors_of_trials(data, every, task.forward, selection.plain, fitted)
+    errors = errors_of_trials(data, every, task.forward, selection.plain, final.fit)
     candidates, instead = candidates_of(selection)
     if verdict == "effect":
         instead |= same_from_rest(task, selection)
     task.say("what to measure next")
-    model = model_of(fitted, selection, data, points_per_side=options.grid or GRID, known=known.effects)
+    model = model_of(final.fit, selection, data, points_per_side=options.grid or GRID, known=known.effects)
     named = {}
     if verdict == "effect":
-        terms = dict(zip(fitted.vector.labels, model.effects[len(known.effects) :], strict=True))
+        terms = dict(zip(final.fit.vector.labels, model.effects[len(known.effects) :], strict=True))
         named = {label: terms[label] for label in selection.labels}
     return Outcome(
         verdict=verdict,
@@ -153,7 +148,7 @@ def _outcome(task: Task, every: Sequence[Trial], options: Options) -> Outcome:
         remains=remainder,
         model=doubted(model) if verdict == "unexplained" else model,
         next_experiment=_experiment(task, selection, [*instead.values()], verdict),
-        discovered=discovered,
+        final=final,
     )
 
 
@@ -167,20 +162,17 @@ def _check(model: Model) -> None:
 
 
 def _evidence(selection: Selection, data: MeasuredData, structure: float) -> Evidence:
-    floor, folds = selection.floor, selection.folds
-    plain, chosen = LeftOut.of(selection.plain, folds).scored(), selection.judged.scored
-    before, after = (Residuals.of(data, fit) for fit in (selection.plain, selection.chosen))
+    before, after, residuals = selection.before, selection.judged, Residuals.of(data, selection.plain)
     return Evidence(
-        before=plain.excess(floor),
-        after=chosen.excess(floor),
+        before=before.excess,
+        after=after.excess,
         effects=len(selection.chosen.vector.labels),
-        box_before=baseline_score(before, folds).excess(floor),
+        box_before=baseline_score(residuals, selection.folds).excess(selection.floor),
         structure=structure,
-        fitted=before.scored.excess(floor),
-        fitted_after=after.scored.excess(floor),
-        typical=plain.typical(floor),
-        typical_after=chosen.typical(floor),
-        drift=certain_drift(Judged(selection.plain, folds, floor), data.session[:, 0]),
+        fitted=residuals.scored.excess(selection.floor),
+        typical=before.typical,
+        typical_after=after.typical,
+        drift=selection.drift,
     )
 
 

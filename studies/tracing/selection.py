@@ -42,17 +42,18 @@ def select(task: Task) -> Selection:
     hopeful = replace(ROUGH, hopeless=expected_rms(task.data.noise, HOPELESS * task.tolerance))
     plain = task.fit("plain", factors, begin, hopeful)
     judged = task.judged(plain)
-    excess = max(judged.excess, judged.scored.typical(task.floor))
-    remaining = max(excess, certain_drift(judged, task.data.session[:, 0]))
-    if remaining <= task.tolerance and plain.vector.is_plausible(plain.x):
+    excess = max(judged.excess, judged.typical)
+    drift = certain_drift(judged, task.data.session[:, 0])
+    if max(excess, drift) <= task.tolerance and plain.vector.is_plausible(plain.x):
         task.say(so_far(()))
         to_its_end = FitStart(plain.minimum, plain.state.jacobian, plain.inputs)
-        return _adequate(task, vector, task.fit("plain to its end", plain.vector, to_its_end, DECLARED_ALONE))
+        plain = task.fit("plain to its end", plain.vector, to_its_end, DECLARED_ALONE)
+        return replace(_adequate(task, vector, plain), drift=drift)
     starts = [*starts_of(vector, balanced), with_factors(vector, plain.x)]
     policy = replace(ROUGH, content=expected_rms(task.data.noise, task.tolerance))
     everything = task.fit("every effect", vector, FitStart(np.array(starts)), policy)
     task.say(so_far(needed(everything.minimum, everything.covariance, everything.vector, NEEDED)))
-    return backwards(task, everything, task.weighed(plain, everything.inputs))
+    return replace(backwards(task, everything, task.weighed(plain, everything.inputs)), drift=drift)
 
 
 def backwards(task: Task, everything: Fit, plain: Fit) -> Selection:
@@ -60,15 +61,15 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> Selection:
     weights of `everything`."""
     labels, small = worth(task, everything)
     if not labels:
-        alone = task.alone(everything, plain)
-        return Selection(everything, alone, task.judged(alone), small=tuple(small))
+        alone = task.judged(task.alone(everything, plain))
+        return Selection(everything, alone, alone, small=tuple(small))
     known = enough(task, everything, labels, plain)
     exact = known is not None
     if known is None:
         fewer, labels = reduced(task, everything, labels)
         known = task.with_effects(fewer, labels)
     judged, of_all = task.judged(known), task.judged(everything).excess
-    begun = Selection(everything, plain, judged, of_all, tuple(small), most=judged, exact=exact)
+    begun = Selection(everything, task.judged(plain), judged, of_all, tuple(small), exact=exact)
     return follow(ON_SETS, task, begun)
 
 
@@ -78,7 +79,8 @@ def _adequate(task: Task, vector: FitVector, plain: Fit) -> Selection:
         "every effect beside them", vector, FitStart(with_factors(vector, plain.x), inputs=plain.inputs)
     )
     small = sparse(everything, needed(everything.minimum, everything.covariance, vector, NEEDED))
-    return Selection(everything, plain, task.judged(plain), small=tuple(small))
+    judged = task.judged(plain)
+    return Selection(everything, judged, judged, small=tuple(small))
 
 
 def without(vector: FitVector, known: Sequence[str]) -> FitVector:

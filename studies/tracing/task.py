@@ -31,12 +31,7 @@ _LAST = FitStage(slight=0.01, least=LITTLE, exact_end=False)
 ASKED = Policy("fewer effects", _LAST, _LAST)
 
 
-@dataclass(frozen=True, eq=False)
-class Place:
-    """A vector and where in it the model is."""
-
-    vector: FitVector
-    x: Array
+Place = tuple[FitVector, Array]  # a vector, and where in it a model is
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +62,7 @@ class Task(Refits):
     def differs_elsewhere(self, one: Place, other: Place) -> float:
         """Return the RMS distance of two models' motions, m, on the layout of `elsewhere` where it is most, or 0."""
         times = [trial.times for trial in self.elsewhere]
-        cases = [place.vector.case(trial, place.x) for place in (one, other) for trial in self.elsewhere]
+        cases = [vector.case(trial, x) for vector, x in (one, other) for trial in self.elsewhere]
         sheets = sheets_of(self.forward)(cases, [*times, *times])
         squares: dict[str, list[float]] = {}
         for trial, a, b in zip(self.elsewhere, sheets, sheets[len(times) :], strict=False):
@@ -162,16 +157,16 @@ class Task(Refits):
     def matters_elsewhere(self, fit: Fit, dropped: Sequence[str], label: str) -> bool:
         """Return whether a fit with terms `dropped` off differs on other layouts where one more is, to first order: by
         the tolerance, whatever is left of trials left out."""
-        places = [Place(fit.vector, fit.without(labels)) for labels in (dropped, [*dropped, label])]
-        return self.differs_elsewhere(*places) >= self.tolerance
+        one, other = ((fit.vector, fit.without(labels)) for labels in (dropped, [*dropped, label]))
+        return self.differs_elsewhere(one, other) >= self.tolerance
 
     def needed_elsewhere(self, known: Fit, simpler: Fit, x: Array | None = None) -> bool:
         """Return whether the data lose by a simpler fit, and other layouts move otherwise than where `known` has its
         unknowns x (p,), by default where it ended."""
-        place = Place(known.vector, known.x if x is None else x)
         if _lost(known, simpler) < NEEDED:
             return False
-        return self.differs_elsewhere(place, Place(simpler.vector, simpler.x)) >= self.tolerance
+        place = known.vector, known.x if x is None else x
+        return self.differs_elsewhere(place, (simpler.vector, simpler.x)) >= self.tolerance
 
 
 def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:

@@ -9,13 +9,11 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from corrector.field import load_corrector, write_weights
 from fabdesign.files.model_file import write_model
 from fabdesign.formats.result_tables import Columns, Tabled
-from fabdesign.geometry.distances import chamfer
-from fabdesign.geometry.metrics import Closed, Errors, closed, mean_errors, trial_errors
+from fabdesign.geometry.metrics import Closed, Errors, closed, mean_errors
 from fabdesign.nouns.corrector import Trust, central_hash
 from fabdesign.nouns.forward import ForwardModel
 from fabdesign.nouns.model import Model
@@ -29,6 +27,7 @@ from optimize.fit.parameters import FitVector
 from studies.intervals.calibrate import with_spread
 from studies.measured.fit_data import noise_of
 from studies.measured.used_frames import UsedFrames
+from studies.prediction.evaluate import errors_of
 from studies.training.data import (
     Chosen,
     KeptMotions,
@@ -195,8 +194,7 @@ def _tested(model: Model, held: Sequence[Chosen], motions: KeptMotions, seed: in
     for name in sorted({chosen.trial.design_name for chosen in held}):
         of_design = [chosen for chosen in held if chosen.trial.design_name == name]
         noise = noise_of([chosen.trial for chosen in of_design])
-        sheet, before, after = list[Errors](), list[Errors](), list[Errors]()
-        plain = motions.of(of_design)
+        plain, rows = motions.of(of_design), list[list[Errors]]()
         by_sheet = [replace(c, key=f"{c.key}-sheet", case=case_of(c.trial, Model())) for c in of_design]
         declared = motions.of(by_sheet) if model.parameters else None
         wanted = replace(motions, history=corrector.history()).of(of_design)
@@ -208,33 +206,17 @@ def _tested(model: Model, held: Sequence[Chosen], motions: KeptMotions, seed: in
                 continue
             frames = trial.load().frames
             clouds = [frames[k] for k in kept]
-            before.append(trial_errors(clouds, simple[kept], noise, seed=seed + trial.order))
-            if declared is not None:
-                sheet.append(trial_errors(clouds, declared[k][kept], noise, seed=seed + trial.order))
-            if corrector.ordered:
-                after.append(trial_errors(clouds, answer[kept], noise, seed=seed + trial.order))
-            else:
-                after.append(unordered_errors(clouds, answer[kept], before[-1].chamfer_floor))
-        if not before:
+            models = [simple, *(declared[k : k + 1] if declared else []), answer]
+            shown = [points[kept] for points in models]
+            rows.append(errors_of(trial, clouds, shown, noise, seed=seed, ordered=corrector.ordered))
+        if not rows:
             continue
-        means = [mean_errors(each) for each in (before, after)]
+        before, *sheet, after = (mean_errors(each) for each in zip(*rows, strict=True))
         trust = corrector.trust(of_design[0].trial.design)
-        known = mean_errors(sheet) if sheet else None
-        errors[name] = HeldOutErrors(len(before), trust, known, means[0], means[1], _closed(*means))
+        errors[name] = HeldOutErrors(
+            len(rows), trust, sheet[0] if sheet else None, before, after, closed(before, after)
+        )
     return errors
-
-
-def unordered_errors(
-    clouds: Sequence[NDArray[np.floating]], answer: NDArray[np.float32], chamfer_floor: float
-) -> Errors:
-    """Return the errors [m]. An unordered answer has no surface, and its floor is that of the simulated surface."""
-    apart = float(np.mean([chamfer(cloud, points) for cloud, points in zip(clouds, answer, strict=True)]))
-    return Errors(apart, chamfer_floor, np.nan, np.nan, np.nan)
-
-
-def _closed(before: Errors, after: Errors) -> Closed:
-    share = closed(before, after)
-    return share if np.isfinite(after.surface_rms) else replace(share, surface=None)
 
 
 def _provenance(

@@ -47,7 +47,7 @@ def test_rows_hold_to_the_next_and_the_last_for_one_interval(tmp_path: Path) -> 
     assert program.duration == 1.0
     expected = [[1e5, 0], [1e5, 0], [2e5, 50500], [0, 0], [0, 0]]
     assert program.at(np.array([0, 0.49, 0.5, 0.75, 5])).tolist() == expected
-    assert frame_times(program).tolist() == [k / 60 for k in range(61)]
+    assert frame_times(program, frame_rate=60).tolist() == [k / 60 for k in range(61)]
     assert frame_times(program, duration=0.5, frame_rate=10).tolist() == [k / 10 for k in range(6)]
 
 
@@ -70,7 +70,7 @@ def test_a_jump_counts_by_its_share_of_the_interval() -> None:
 def test_constant_row_lasts_a_second_and_a_half() -> None:
     program = read_pressures("400, 0", CROSS)
     assert program.pressure.tolist() == [[4e5, 0]]
-    assert len(frame_times(program)) == 91
+    assert len(frame_times(program, frame_rate=60)) == 91
 
 
 def test_row_of_a_trial_holds_until_its_own_time() -> None:

@@ -15,7 +15,7 @@ from fabdesign.geometry.shape import Shape
 from fabdesign.geometry.surface import Surface, capped_rms
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import PARAMETERS, Term
-from fabdesign.nouns.model import EffectTerm, Model, Quantity
+from fabdesign.nouns.model import NORMAL90, EffectTerm, Model, Quantity
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import Accuracy
 from optimize.fit.clouds import Sample, derivatives, match, nodes_of
@@ -159,7 +159,7 @@ def test_known_factors_come_back_and_ambiguities_are_said(measured, tmp_path):
         low, high = found.model.parameters[name].interval90
         assert low < TRUTH[name] < high
     low, high = found.model.parameters["shear"].interval90
-    assert np.log(high / low) == pytest.approx(2 * 1.645 * PRIOR["shear"], rel=1e-6)
+    assert np.log(high / low) == pytest.approx(2 * NORMAL90 * PRIOR["shear"], rel=1e-6)
     said = "\n".join(found.statements)
     assert "shear: these data say little" in said
     assert "muscle_gain" in said and "axis_offset" in said

@@ -105,6 +105,32 @@ def test_a_trials_errors_are_those_computed_alone_and_the_noise_is_the_sets(meas
             assert errors == trial_errors(trial.load().frames, points, noise, seed=3 + trial.order)
 
 
+class Shuffled:
+    """A corrector whose points have no order."""
+
+    ordered, starts = False, 0.0
+
+    def history(self):
+        return ()
+
+    def correct(self, cases, times, motions):
+        order = np.random.default_rng(0).permutation(motions[0].shape[1])
+        return [points[:, order] for points in motions]
+
+
+def test_points_without_an_order_are_compared_by_chamfer_alone(measured, tmp_path):
+    predictor = dataclasses.replace(forward_model(Curler(rest=1.2), SOFT), corrector=Shuffled())
+    evaluation = evaluate_sets(predictor, [measured])
+    design = evaluation.designs["cross"]
+    assert design.after["chamfer"].mean == pytest.approx(design.after["chamfer_floor"].mean, rel=0.1)
+    assert design.closed.chamfer > 0.9 and design.closed.surface is None and not design.diverged
+    printed = evaluation.to_json()["designs"]["cross"]["after"]
+    assert printed["surface_rms"]["mean"] is None and printed["chamfer"]["mean"] > 0
+    assert "no order, no surface" in tables_markdown(evaluation) and "nan" not in tables_markdown(evaluation)
+    write_evaluation(evaluation, tmp_path / "out")
+    assert (tmp_path / "out" / "histogram.png").is_file()
+
+
 def test_effects_are_what_after_adds(measured):
     model = dataclasses.replace(SOFT, effects=(EffectTerm("odd_muscle", {"factor": Quantity(1.2, "1")}),))
     design = evaluate_sets(forward_model(Curler(), model), [measured]).designs["cross"]

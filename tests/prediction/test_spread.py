@@ -11,8 +11,8 @@ from benchmarks.spread import widths
 from benchmarks.spread_layouts import LAYOUTS, layout, programs, table
 from fabdesign.files.design_file import read_design, write_design
 from fabdesign.files.model_file import read_model, write_model
-from fabdesign.nouns.model import Model
-from fabdesign.nouns.model_sampling import TWO_SIDED, half_widths
+from fabdesign.nouns.model import NORMAL90, Model
+from fabdesign.nouns.model_sampling import half_widths
 from studies.intervals.calibrate import crps, spread_from
 from studies.intervals.draws import RegionResiduals, by_region
 
@@ -64,7 +64,7 @@ def test_intervals_that_follow_the_motion_are_narrower_where_it_is_small() -> No
     found = widths(every)
 
     def inside(name: str) -> float:
-        off = [np.abs(one.residual) <= TWO_SIDED * sigma for one, sigma in zip(every, found[name], strict=True)]
+        off = [np.abs(one.residual) <= NORMAL90 * sigma for one, sigma in zip(every, found[name], strict=True)]
         return float(np.concatenate(off).mean())
 
     def score(name: str) -> float:

@@ -19,8 +19,8 @@ from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.geometry.surface import Surface
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import MUSCLE_TYPES, Case, Term
-from fabdesign.nouns.model import Covariance, Model, Parameter, Spread
-from fabdesign.nouns.model_sampling import TWO_SIDED, spread_hash
+from fabdesign.nouns.model import NORMAL90, Covariance, Model, Parameter, Spread
+from fabdesign.nouns.model_sampling import spread_hash
 from fabdesign.nouns.pressure import fastest
 from fabdesign.study_files.unseen_file import UnseenStudy
 from studies.check.design import study_findings
@@ -94,7 +94,7 @@ def test_calibrated_intervals_hold_what_the_model_lacks_too(folder: Path) -> Non
     alone = run_unseen(folder / "s.toml", folder / "alone", forward=Arc())
     assert not alone.unsewn.calibrated and "from the model's joint covariance alone" in as_text(alone)
     model = read_model(folder / "m.toml")
-    spread = Spread(0.004, TWO_SIDED, 0.0, 20, 0.9, spread_hash(model))
+    spread = Spread(0.004, NORMAL90, 0.0, 20, 0.9, spread_hash(model))
     write_model(replace(model, spread=spread), folder / "m.toml")
     found = run_unseen(folder / "s.toml", folder / "out", forward=Arc())
     assert found.unsewn.calibrated and "calibrated on 20 measured trials" in as_text(found)
@@ -103,7 +103,7 @@ def test_calibrated_intervals_hold_what_the_model_lacks_too(folder: Path) -> Non
         before, after = (own[axis][2] - own[axis][0] for own in (one, other))
         assert after > before
     bands = [result.to_json()["poses"][0]["band_mm"] for result in (alone, found)]
-    assert np.sqrt(bands[1] ** 2 - bands[0] ** 2) == pytest.approx(4 / TWO_SIDED, rel=0.15)
+    assert np.sqrt(bands[1] ** 2 - bands[0] ** 2) == pytest.approx(4 / NORMAL90, rel=0.15)
     assert found.unsewn.measurement == alone.unsewn.measurement
 
 

@@ -22,7 +22,7 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.corrector import Trust, with_history
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
-from fabdesign.nouns.model import Covariance, EffectTerm, Model, Parameter, Quantity
+from fabdesign.nouns.model import NORMAL90, Covariance, EffectTerm, Model, Parameter, Quantity
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.study_files.study_file import read_study
 from fabdesign.study_files.study_targets import TargetFile
@@ -593,7 +593,7 @@ def test_the_band_is_the_covariance_at_the_edge() -> None:
         return points.reshape(-1, 3)
 
     band = half_band([shape(one) for one in models_around(model)])
-    expected = 1.6449 * np.sqrt(np.einsum("ikd,ij,jkd->kd", slopes, root @ root.T, slopes))
+    expected = NORMAL90 * np.sqrt(np.einsum("ikd,ij,jkd->kd", slopes, root @ root.T, slopes))
     assert band == pytest.approx(expected, rel=1e-5)
     assert not models_around(Model())
 

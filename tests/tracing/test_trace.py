@@ -43,12 +43,13 @@ from studies.model_selection.black_box import Residuals, baseline_score, basis_o
 from studies.model_selection.judged import CAUSE, Judged, certain_drift, decoys_beside, exchanged, strength, turned
 from studies.model_selection.rules import Selection, loses
 from studies.model_selection.verdict import Evidence, decide, explains
+from studies.prediction.evaluation_report import TrialResult
 from studies.tracing.candidates import candidates_of
 from studies.tracing.report import as_text
-from studies.tracing.residual_analysis import TrialError, other_layouts, remains
+from studies.tracing.residual_analysis import other_layouts, remains
 from studies.tracing.run import DRAWN, trace_set
 from studies.tracing.selection import backwards, begin_without, enough, reduced, sparse, worth
-from studies.tracing.task import Place, Task, label_in
+from studies.tracing.task import Task, label_in
 from tests.few_effects import few_effects
 
 TRIED = "braid_hysteresis", "muscle_creep", "odd_muscle", "filling_lag", "dead_time", "supply_droop", "time_offset"
@@ -160,7 +161,7 @@ def test_what_is_left_of_single_trials_is_said(lagging):
     """Where half of the trials are within the tolerance, and the mean is not."""
     _, outcome = lagging
     for after, says in ((1e-3, True), (0.4e-3, False)):
-        evidence = replace(outcome.evidence, after=after, fitted_after=0.8e-3, typical_after=0.2e-3)
+        evidence = replace(outcome.evidence, after=after, typical_after=0.2e-3)
         answer = as_text(replace(outcome, evidence=evidence)).splitlines()[0]
         assert ("Half of the trials leave no more than 0.20 mm each" in answer) is says
 
@@ -245,8 +246,11 @@ def test_the_same_call_goes_on_from_what_is_kept_and_another_set_is_refused(lagg
         trace_set(other, folder / "out", inputs=[tmp_path / "other"], forward=Curler())
 
 
-def test_nothing_is_found_where_nothing_is(tmp_path):
+def test_nothing_is_found_where_nothing_is(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr("studies.tracing.selection.certain_drift", lambda *of: asked.append(of) or 0.3e-3)
     outcome = trace(tmp_path, tests=0)
+    assert len(asked) == 1 and outcome.evidence.drift == 0.3e-3  # one answer, for the choice and for the verdict
     assert outcome.verdict == "adequate"
     assert outcome.effects == ()
     assert outcome.evidence.before < 0.3e-3
@@ -413,14 +417,24 @@ def test_a_step_ends_where_the_quadratic_model_is_least_within_the_bounds(seed):
         (Evidence(1.62e-3, 0.83e-3, 2, 1.55e-3), "unexplained"),  # less than half of the gap
         (Evidence(1.62e-3, 0.75e-3, 2, 1.2e-3), "effect"),  # more than half, and than the black box
         (Evidence(1.7e-3, 1e-3, 1, 1.6e-3, typical=0.6e-3, typical_after=0.2e-3), "effect"),  # of all but one trial
-        (Evidence(1.7e-3, 1e-3, 1, 1.6e-3, typical=0.6e-3, typical_after=0.3e-3), "unexplained"),  # half of it
+        (
+            Evidence(1.7e-3, 1e-3, 1, 1.6e-3, typical=0.6e-3, typical_after=0.3e-3),
+            "effect",
+        ),  # by half, and within the tolerance
+        (Evidence(1.7e-3, 1e-3, 1, 1.6e-3, typical=0.4e-3, typical_after=0.2e-3), "unexplained"),  # of single trials
         (Evidence(3e-3, 2e-3, 1, 2.9e-3, typical=1.6e-3, typical_after=0.6e-3), "unexplained"),  # beyond the tolerance
         (Evidence(1.7e-3, 1e-3, 1, 1.6e-3, 0.5, typical=0.6e-3, typical_after=0.2e-3), "unexplained"),
         (Evidence(3e-3, 2.2e-3, 1, 0.8e-3), "unexplained"),  # the best leaves structure
         (Evidence(6e-3, 2e-3, 1, 2.4e-3, 0.5), "unexplained"),  # that goes with the cloth's pose
         (Evidence(6e-3, 0.4e-3, 1, 2.4e-3, 0.5), "effect"),  # within the tolerance, whatever is left
-        (Evidence(2e-3, 1.6e-3, 1, 2e-3, fitted_after=0.3e-3), "effect"),  # of the trials fitted too
-        (Evidence(2e-3, 1.6e-3, 1, 2e-3, 0.5, fitted_after=0.3e-3), "unexplained"),
+        # one trial of five left out needs a factor that the others do not fix
+        (Evidence(2e-3, 1.6e-3, 1, 2e-3, typical=1.9e-3, typical_after=0.3e-3), "effect"),
+        (Evidence(2e-3, 1.6e-3, 1, 2e-3, 0.5, typical=1.9e-3, typical_after=0.3e-3), "unexplained"),
+        # on the virtual rig, mm: a seam, crosstalk, wind, and an odd muscle that is withheld
+        (Evidence(1.71e-3, 1.93e-3, 1, 1.84e-3, 0.01, typical=1.52e-3, typical_after=1.38e-3), "unexplained"),
+        (Evidence(1.41e-3, 1.21e-3, 1, 1.34e-3, 0.01, typical=1.18e-3, typical_after=0.97e-3), "unexplained"),
+        (Evidence(7.14e-3, 3.20e-3, 1, 3.49e-3, 0.22, typical=6.91e-3, typical_after=3.20e-3), "unexplained"),
+        (Evidence(2.04e-3, 1.15e-3, 1, 1.84e-3, 0.09, typical=1.15e-3, typical_after=0.79e-3), "unexplained"),
     ],
 )
 def test_the_verdict_is_that_of_the_rules(evidence, verdict):
@@ -430,7 +444,7 @@ def test_the_verdict_is_that_of_the_rules(evidence, verdict):
 def test_layouts_of_which_no_trial_was_fitted_stand_by_themselves():
     some = Errors(4.2e-3, 4.1e-3, 1e-3, 0.6e-3)
     told = [("a", "fit"), ("a", "test"), ("b", "test"), ("b", "test")]
-    errors = [TrialError(str(k), design, role, some, some) for k, (design, role) in enumerate(told)]
+    errors = [TrialResult("set", str(k), design, k, role, some, some) for k, (design, role) in enumerate(told)]
     assert {name: [e.trial for e in own] for name, own in other_layouts(errors).items()} == {"b": ["2", "3"]}
 
 
@@ -543,7 +557,7 @@ def test_an_effect_that_is_next_to_nothing_is_no_cause(selected, late, unhurried
     droop, lag = (strength(found, label) for label in ("supply_droop", "filling_lag"))
     assert droop == pytest.approx(0.15 / EFFECTS["supply_droop"].parameters["share"].deviation, rel=0.2)
     assert min(droop, lag) > CAUSE and droop != lag
-    chosen = Selection(joint, unhurried, Judged(found, data.folds, data.noise.sigma))
+    chosen = Selection(joint, *(Judged(one, data.folds, data.noise.sigma) for one in (unhurried, found)))
     assert sorted(chosen.labels) == ["filling_lag", "supply_droop"] and not chosen.slight
     less, more = sorted(chosen.labels, key=partial(strength, found))
     monkeypatch.setattr("studies.model_selection.judged.CAUSE", (droop + lag) / 2)
@@ -704,7 +718,7 @@ def test_a_model_with_another_effect_instead_is_where_the_residuals_are_least(la
     (joint, data), (found, *_) = late, selected
     monkeypatch.setattr("optimize.fit.significance.ALIKE", 0.15)
     monkeypatch.setattr("studies.tracing.candidates.alike", lambda *_: [])  # where the joint fit is: above
-    selection = Selection(joint, unhurried, Judged(found, data.folds, data.noise.sigma))
+    selection = Selection(joint, *(Judged(one, data.folds, data.noise.sigma) for one in (unhurried, found)))
     _, instead = candidates_of(selection)
     # a late clock does a fifth of what the lag does, and nothing of the droop
     clocks = instead.keys() & {"dead_time", "time_offset"}
@@ -808,10 +822,10 @@ def test_models_are_compared_on_the_layout_where_they_differ_most(late, tmp_path
         task = Task(
             data, forward, 0.5e-3, {}, [], Checkpoint(work, {}), say=lambda line: None, elsewhere=trials
         )  # fmt: skip
-    one, other = (Place(joint.vector, x) for x in (joint.x, joint.x * 0.9))
+    one, other = ((joint.vector, x) for x in (joint.x, joint.x * 0.9))
     motions = [
-        [forward.motions([place.vector.case(trial, place.x)], [trial.times])[0].astype(float) for trial in trials]
-        for place in (one, other)
+        [forward.motions([vector.case(trial, x)], [trial.times])[0].astype(float) for trial in trials]
+        for vector, x in (one, other)
     ]
     apart = [
         np.sqrt(np.square(np.minimum(np.linalg.norm(_middle(a) - _middle(b), axis=-1), 0.02)).mean())

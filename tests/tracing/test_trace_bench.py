@@ -122,12 +122,16 @@ def test_a_muscles_law_takes_the_pressure_commanded_where_none_was_measured() ->
     np.testing.assert_array_equal(*found)
 
 
-def test_a_lag_is_found_on_an_actuator() -> None:
+def test_a_lag_is_found_on_an_actuator(monkeypatch: pytest.MonkeyPatch) -> None:
     outcome = traced("actuator", actuator, *((p, 0.1) for p in (1e4, 2e4, 3e4, 4e4)))
     (effect,) = outcome.effects
     assert effect.name == "filling_lag" and effect.parameters["time"].value == 0.1
     assert effect.parameters["share"].value == pytest.approx(1.0, abs=0.05)
     assert outcome.evidence.after < 0.1 * outcome.evidence.before
+    for unit in ("m", "mm"):  # whose name scales nothing
+        monkeypatch.setattr(BenchOutcome, "unit", unit)
+        error = outcome.to_json()["error"]
+        assert (error["unit"], error["tolerance"]) == (unit, outcome.tolerance)
     without = [
         traced("actuator", actuator, *((p, 1e-3) for p in (1e4, 2e4, 3e4, 4e4)), tolerance=t) for t in (TIGHT, 0.02)
     ]

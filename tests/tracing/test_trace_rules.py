@@ -78,7 +78,7 @@ def causes(monkeypatch):
 
 def selection(gain, **known):
     judged = Known(gain, **known)
-    return Selection(judged.fit, Known({}).fit, judged, of_all=judged.excess)
+    return Selection(judged.fit, Known({}), judged, of_all=judged.excess)
 
 
 def test_what_gains_less_than_the_tolerance_goes_and_of_several_less_than_what_is_left():
