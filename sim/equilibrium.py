@@ -7,10 +7,12 @@ from enum import Enum, auto
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.acting import specimen_of
+from fabdesign.effects.acting import acting_pressure, active, specimen_of
 from fabdesign.effects.declaration import Specimen
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import SWING, Fabric
 from fabdesign.nouns.forward import RISE, Case
+from fabdesign.nouns.pressure import RISE_STEPS, rising_program
 from sim.grid import Support
 from sim.kernels.fields import LANES, F
 from sim.kernels.transfer import Values
@@ -27,6 +29,7 @@ RISING, STAGES = (1 / 48, 5), ((1 / 30, 1.0, 2),)
 # where only inertia holds the rigid motions, it must show in float32
 RISING_FREE, STAGES_FREE = (1 / 240, 1), ((1 / 240, 2.0, 1),)
 LEAST_HOLD = 1e-6  # s
+_MOST_TICKS = 2000  # in which pressures are followed to rest through what lies between regulator and muscle
 # (step [s], steps) to the shape without pressure, from the flat cloth: velocities are forgotten after each long step
 FROM_FLAT = ((0.05, 4), (0.5, 8))  # within 0.01 mm of where a damped motion leads
 FOLLOWING_STEP, FOLLOWING = 0.5, 4  # s, steps to the shape at rest from one nearby: within 0.02 mm of it
@@ -118,6 +121,17 @@ def lying_at(batch: Batch, middle: NDArray[np.float32]) -> Values:
     padded = np.pad(middle, ((1, 1), (1, 1), (0, 0))).reshape(-1, 3)
     every = np.repeat(np.repeat(padded[None, :, :, None], LANES, axis=3), batch.blocks, axis=0).astype(np.float32)
     return {"x0": every, "q": every}
+
+
+def pressure_at_rest(case: Case, rise: float, hold: float) -> Array:
+    """Return (channels,) Pa that act at rest, once the program's last pressures have risen and were held, s."""
+    last = case.program.pressure[-1]
+    if not any(effect.pressure for effect, _, _ in active(case)):
+        return last
+    duration = rise + hold
+    tick = max(rise / RISE_STEPS, duration / _MOST_TICKS)
+    rising = replace(case, program=rising_program(last, rise, duration))
+    return np.asarray(acting_pressure(rising, int(np.ceil(duration / tick)), tick).means[-1])
 
 
 def damped(case: Case) -> Case:

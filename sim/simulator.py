@@ -2,19 +2,17 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 import sim.effects  # noqa: F401 declares its planes before the first batch
-from fabdesign.effects.acting import acting_pressure, active, specimen_of
+from fabdesign.effects.acting import acting_pressure, specimen_of
 from fabdesign.effects.declaration import ActingPressure
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import Balance, Column, FacesJacobian, Instants, move
 from fabdesign.nouns.forward import Case
-from fabdesign.nouns.pressure import RISE_STEPS, rising_program
 from fabdesign.runtime.cluster import current
 from fabdesign.runtime.effort import require_motion
 from sim import equilibrium
@@ -29,11 +27,9 @@ from sim.schedule import Batch, by_block, of_motions
 from sim.settings import Settings
 from sim.step import Solve, advance
 from sim.tangent.explicit import LaneColumns, MovedCases
-from sim.tangent.motion import balance_of, solve_in_motion
+from sim.tangent.motion import balance_of, pressures_until, solve_in_motion
 from sim.tangent.shapes import Jacobian, Solved, completed, faces_changes, share_out, solve_at_rest, together
 from sim.time_steps import Jumps, Steps, jumps_of, steps_of
-
-_MOST_TICKS = 2000  # in which the pressures are followed to rest through what lies between regulator and muscle
 
 
 @dataclass(frozen=True)
@@ -238,7 +234,7 @@ class Simulator(Settings):
         if (cluster := current()) is not None:
             return OnCluster(self, cluster).ask("balances", cases, instants, columns)
         until = max((one.time for some in instants for one in some), default=0.0)
-        moved = self._moved(cases, columns, partial(self._pressures, until))
+        moved = self._moved(cases, columns, lambda case: pressures_until(case, until, self.time_step))
         frames = [(i, f) for i, some in enumerate(instants) for f in range(len(some))]
         shares = share_out([range(len(columns))] * len(frames))
         results: list[list[Solved]] = [[] for _ in frames]
@@ -258,11 +254,6 @@ class Simulator(Settings):
 
     def _moved(self, cases: Sequence[Case], columns: Sequence[Column], pressure: Callable[[Case], Array]) -> MovedCases:
         return MovedCases(cases, columns, self.points_per_side, pressure)
-
-    def _pressures(self, until: float, case: Case) -> Array:
-        """Return (ticks, channels) Pa that act at the ticks of a case, the last after `until` s."""
-        means = acting_pressure(case, round(until / self.time_step) + 2, self.time_step).means
-        return np.asarray(0.5 * (means + means[np.maximum(np.arange(len(means)) - 1, 0)]))
 
     def _at_rest(self, chunk: Chunk, approach: Approach = Approach.USUAL) -> Batch:
         """Return the chunk in the fields, after a damped motion to rest under its last pressures."""
@@ -293,14 +284,7 @@ class Simulator(Settings):
             return motion_of(case, np.zeros(1), batch.positions(F.x0)[:1], batch.states()[:1])
 
     def _at_rest_pressure(self, case: Case) -> Array:
-        """Return (channels,) Pa that act at rest, once the program's last pressures have risen and were held."""
-        last = case.program.pressure[-1]
-        if not any(effect.pressure for effect, _, _ in active(case)):
-            return last
-        duration = self.rise + self.hold
-        rising = rising_program(last, self.rise, duration)
-        tick = max(self.rise / RISE_STEPS, duration / _MOST_TICKS)
-        return np.asarray(acting_pressure(replace(case, program=rising), int(np.ceil(duration / tick)), tick).means[-1])
+        return equilibrium.pressure_at_rest(case, self.rise, self.hold)
 
 
 def _ticks(times: Array, tick: float) -> int:

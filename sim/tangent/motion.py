@@ -11,14 +11,17 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.effects.acting import acting_pressure
+from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import Balance
-from fabdesign.nouns.forward import Instant
+from fabdesign.nouns.forward import Case, Instant
 from sim.kernels.fields import LANES
 from sim.kernels.transfer import put
 from sim.loading import side_by_side
 from sim.schedule import Batch
+from sim.tangent.conjugate_gradients import SOLVED
 from sim.tangent.explicit import LaneColumns, MovedCases
-from sim.tangent.shape_kernels import SOLVED, write_columns
+from sim.tangent.shape_kernels import write_columns
 from sim.tangent.shapes import Balanced, Solved
 
 FARTHEST = 5e-3  # m, RMS from a frame to where its forces balance: farther off its acceleration was not resolved
@@ -32,8 +35,6 @@ def solve_in_motion(
     state = {"x0": "middle", "q": "middle", "v0": "velocity", "a0": "acceleration"}
     put(batch.blocks, {plane: state_of(instants, name) for plane, name in state.items()})
     balanced = Balanced(batch, lanes, cases, springs=SPRINGS, farthest=FARTHEST)
-    if batch.added:  # forces of effects are no part of the tangent: what they hold off its balance stays where it is
-        put(batch.blocks, {"q": state_of(instants, "middle")})
     put(batch.blocks, {"vp": -state_of(instants, "velocity")})
     changes = balanced.changes()
     put(batch.blocks, {"vp": state_of(instants, "moved_velocity")})
@@ -44,6 +45,12 @@ def solve_in_motion(
     responses, outcomes = balanced.solved(1)
     sound = balanced.settled & (outcomes[:, 0] == SOLVED)
     return [Solved(responses[k, 0], bool(sound[k]), changes[k]) for k in range(len(lanes))]
+
+
+def pressures_until(case: Case, until: float, tick: float) -> Array:
+    """Return (ticks, channels) Pa that act at the ticks of a case, of `tick` s each, the last after `until` s."""
+    means = acting_pressure(case, round(until / tick) + 2, tick).means
+    return np.asarray(0.5 * (means + means[np.maximum(np.arange(len(means)) - 1, 0)]))
 
 
 def balance_of(solved: Solved, count: int) -> Balance:

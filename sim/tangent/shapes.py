@@ -15,9 +15,9 @@ from sim.kernels.fields import LANES, SLOTS, F, allocate_tangent
 from sim.kernels.transfer import halt, put
 from sim.motion import faces
 from sim.schedule import Batch
+from sim.tangent.conjugate_gradients import SOLVED
 from sim.tangent.explicit import Explicit, LaneColumns, MovedCases
 from sim.tangent.shape_kernels import (
-    SOLVED,
     begin,
     explicit,
     read_columns,
@@ -67,7 +67,7 @@ def solve_at_rest(batch: Batch, lanes: Sequence[LaneColumns], cases: MovedCases)
 class Balanced:
     """The lanes of a batch where forces balance with inertia and damping, near x0, at the velocity v0 and the
     acceleration a0 in the fields. springs: 1/s^2 times the mass, that hold the shape. farthest: m, RMS that Newton
-    steps may move it."""
+    steps may move it; where effects add forces, which are no part of the tangent, it stays at x0 all the same."""
 
     def __init__(
         self, batch: Batch, lanes: Sequence[LaneColumns], cases: MovedCases, *, springs: float, farthest: float
@@ -81,6 +81,9 @@ class Balanced:
         self.middle = batch.positions(F.q)
         moved = np.sqrt(np.square(self.middle - before).sum(axis=-1).mean(axis=(1, 2)))
         self.settled: NDArray[np.bool_] = settled & (moved < farthest)  # NaN compares false
+        if batch.added:
+            begin(*batch.grid, springs)
+            self.middle = before
 
     def changes(self) -> list[dict[int, NDArray[np.float32]]]:
         """Return the solutions of each lane's columns, by column."""
