@@ -45,7 +45,7 @@ INSTANTS = np.arange(-2, 3) / 160  # s, from a frame, of the motion's own veloci
 SPRINGS = 500.0  # 1/s^2, those of a balance and a swing's square: an acceleration's error over it is a displacement
 RADIUS = 0.05  # m, of a cloth's bends: a displacement d is off by d^2 over it where it is taken as linear
 STEP = 0.007  # of a prior's deviation, of a column
-ITERATIONS = 12
+ITERATIONS, FAR_OFF = 12, 3  # at most; and those at first, where frames far off promise little
 SLIGHT, LEAST_GAIN = 0.03, 0.02  # the last step is shorter, in logarithms, or promises a smaller share of what is left
 
 
@@ -245,7 +245,7 @@ def fit_balance(
         progress(f"iteration {k + 1}: {in_mm(state.misfit.rms):.3f} mm RMS", (k + 1) / (k + 3))
         x = vector.inside(state.x + step)
         longest = float(np.abs(step / vector.scale).max())
-        if longest < SLIGHT or promised > (1 - LEAST_GAIN) * state.misfit.rms:
+        if longest < SLIGHT or (k >= FAR_OFF and promised > (1 - LEAST_GAIN) * state.misfit.rms):
             break
     if state is None:
         return None
@@ -254,11 +254,11 @@ def fit_balance(
 
 
 def acting_in_balance(vector: FitVector) -> FitVector:
-    """Return the factors, and the terms without a force of their own: those have a tangent."""
-    labels = [
-        label for label, term in zip(vector.labels, vector.terms, strict=True) if EFFECTS[term.name].force is None
-    ]
-    return vector.only(labels)[0]
+    """Return the factors, and the terms that have a tangent: those without a force of their own, and those that are
+    learned, which have more than that."""
+    effects = [EFFECTS[term.name] for term in vector.terms]
+    acting = [effect.force is None or not effect.named for effect in effects]
+    return vector.only([label for label, acts in zip(vector.labels, acting, strict=True) if acts])[0]
 
 
 def _column(vector: FitVector, k: int) -> Column:

@@ -21,7 +21,7 @@ from studies.calibration.result import Calibration, ambiguities
 from studies.calibration.trial_checks import implausible
 from studies.fitting.fits import Fits, factor_starts, fit_in_balance, starts_of
 from studies.fitting.fitted_model import EXCESS, doubted, far_factors, fitted_model, interval_warnings, with_engines
-from studies.fitting.joint_fit import joint_fit
+from studies.fitting.joint_fit import MANY, joint_fit
 from studies.intervals.calibrate import MOST, with_spread
 from studies.measured.fit_data import MeasuredData
 from studies.measured.splits import TRIALS, Tolerance, fit_trials, of_each_design
@@ -29,7 +29,7 @@ from studies.measured.used_frames import find_used_frames
 
 MOST_TRIALS = 48  # with effects, whose last fit takes 10 CPU s a trial; never more than half of those allowed over 32
 DRAWN = Density(until=1.5, frames=30, points=300)
-_MANY = 20  # unknowns, of which last steps gain less than the noise of their differences promises, at minutes each
+# last steps of many unknowns gain less than the noise of their differences promises, at minutes each
 _MANY_UNKNOWNS = replace(ROUGH, finer=replace(ROUGH.finer, least=0.0, least_share=0.0, least_each=CLOSE.least_each))
 _IN_BALANCE = 0.3  # of the work, where factors alone are fitted
 _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
@@ -127,7 +127,7 @@ def _drawn(
 
 def _last(vector: FitVector) -> Policy:
     """Return how the last fit of a vector goes."""
-    return _MANY_UNKNOWNS if len(vector.parameters) > _MANY else DECLARED_ALONE
+    return _MANY_UNKNOWNS if len(vector.parameters) > MANY else DECLARED_ALONE
 
 
 def most_trials(allowed: int, *, effects: bool) -> int:
@@ -181,7 +181,7 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, options: Calibration
 
         alone = replace(early, named=f"factors of {len(data.trials)} trials", progress_of=no_effects)
         plain = alone.fit(alone.problem(some, factors), FitStart(factor_starts(balanced, factors)), _last(factors))
-        fitted = joint_fit(data, vector, fits.within(_WITHOUT_EFFECTS, 1.0), balanced, plain.x)
+        fitted = joint_fit(data, vector, fits.within(_WITHOUT_EFFECTS, 1.0), balanced)
     except KeyboardInterrupt as stop:
         reached = stop.fit() if options.interruptible and isinstance(stop, Interrupted) else None
         if not options.interruptible or (reached is None and plain is None):

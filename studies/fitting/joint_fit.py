@@ -7,31 +7,31 @@ where a column costs a motion of every trial.
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import label_effect
-from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import Term
 from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.policy import ROUGH
 from optimize.fit.significance import needed
-from studies.fitting.fits import Fits, shown, starts_of, with_factors
+from studies.fitting.fits import Fits, shown, starts_of
 from studies.measured.fit_data import MeasuredData
 
+MANY = 20  # unknowns, of which those that are not needed are not fitted on
 EARLY_TRIALS = 8  # trials, by which effects without a tangent are asked for first
 KEPT = 4.0  # of log likelihood: an effect that costs less to drop in balance, or by few trials, is not fitted on
 _AT_LAST = 0.5  # of all work, where the last fit has more trials
 
 
-def joint_fit(data: MeasuredData, vector: FitVector, fits: Fits, balanced: Fit | None, factors: Array) -> Fit:
-    """Return the fit of all frames from where they are in balance, or from `factors` with effects at nothing."""
-    nothing = frozenset() if balanced is None else unneeded(balanced)
+def joint_fit(data: MeasuredData, vector: FitVector, fits: Fits, balanced: Fit | None) -> Fit:
+    """Return the fit of all frames from where they are in balance. Where the factors alone end is no start: effects
+    hide in them there, though it leaves less."""
+    many = len(vector.parameters) > MANY
+    nothing = unneeded(balanced) if balanced is not None and many else frozenset()
     there, index = vector.only(set(vector.labels) - nothing)
-    starts = np.array([*starts_of(vector, balanced, nothing)[:, index], with_factors(there, factors)])
-    if len(data.trials) > EARLY_TRIALS and there.terms:
+    starts = starts_of(vector, balanced, nothing)[:, index]
+    if many and len(data.trials) > EARLY_TRIALS:
         early = fits.coarse.within(0.0, _AT_LAST)
         some = data.only_spread(EARLY_TRIALS)
         begun = early.fit(early.problem(some, there), FitStart(starts), ROUGH, "of few trials")

@@ -25,7 +25,7 @@ from studies.fitting.fits import factor_starts, fit_in_balance, starts_of, with_
 from studies.fitting.fitted_model import expected_rms
 from studies.model_selection.judged import Judged, certain_drift, is_certain
 from studies.model_selection.rules import ON_SETS, Selection, below, follow
-from studies.model_selection.verdict import LEAST_SHARE, so_far
+from studies.model_selection.verdict import GROSS, LEAST_SHARE, so_far
 from studies.tracing.task import Task, to_first_order
 
 HOPELESS = 4.0  # times the tolerance: what leaves more is not refined before the joint fit
@@ -49,8 +49,11 @@ def select(task: Task) -> Selection:
         to_its_end = FitStart(plain.minimum, plain.state.jacobian, plain.inputs)
         plain = task.fit("plain to its end", plain.vector, to_its_end, DECLARED_ALONE)
         return replace(_adequate(task, vector, plain), drift=drift)
-    starts = [*starts_of(vector, balanced), with_factors(vector, plain.x)]
-    policy = replace(ROUGH, content=expected_rms(task.data.noise, task.tolerance))
+    starts = [*starts_of(vector, balanced)]
+    if excess <= GROSS * task.tolerance and plain.vector.is_plausible(plain.x):
+        # the residuals are nearly linear there; where factors had to go where no specimen is, an effect hides in them
+        starts.append(with_factors(vector, plain.x))
+    policy = ROUGH if balanced is None else replace(ROUGH, content=expected_rms(task.data.noise, task.tolerance))
     everything = task.fit("every effect", vector, FitStart(np.array(starts)), policy)
     task.say(so_far(needed(everything.minimum, everything.covariance, everything.vector, NEEDED)))
     return replace(backwards(task, everything, task.weighed(plain, everything.inputs)), drift=drift)

@@ -241,7 +241,7 @@ class Weak(Bending):
 
 
 def test_the_base_is_fitted_to_the_trials_that_are_learned_from(tmp_path: Path) -> None:
-    """The factor that the set was measured with comes out; a stopped training goes on with the horizon it was at."""
+    """The factor that the set was measured with comes out; a stopped training goes on with the fit it was at."""
     measured = measure(tmp_path / "set", LEARNED[:1], trials=4, times=np.arange(1, 6) * 0.2)
     vector = fit_vector(["scale_error"], fixed=[name for name in PARAMETERS if name != "muscle_gain"])
     options = {"base": Model(), "vector": vector, "forward": Weak()}
@@ -259,7 +259,7 @@ def test_the_base_is_fitted_to_the_trials_that_are_learned_from(tmp_path: Path) 
     assert set(result.model.provenance.held_out) and not set(result.model.provenance.held_out) & set(
         result.model.provenance.fitted
     )
-    early, late = ([line for line in lines if line.startswith(f"base: to {until} s")] for until in ("0.5", "1"))
+    early, late = ([line for line in lines if line.startswith(f"base: {what}")] for what in ("no effects", "iteration"))
     assert early and late
 
     def stop(what: str, done: int, total: int) -> None:
