@@ -18,7 +18,7 @@ from fabdesign.geometry.sensor_noise import estimate_noise
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.column import factor
 from fabdesign.nouns.design import Term
-from fabdesign.nouns.forward import Case
+from fabdesign.nouns.forward import Case, Instant
 from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.runtime.effort import cores
 
@@ -67,15 +67,11 @@ def _motions(case: Case) -> None:
 
 
 def _derivatives() -> None:
-    """Compile derivatives of a cloth that does not hang at rest: no motion is compiled for it."""
-    from sim.chunks import chunks_of, laid
-    from sim.tangent.explicit import LaneColumns, MovedCases
-    from sim.tangent.shapes import solve_at_rest
+    """Compile derivatives, of a frame of no motion: no motion is compiled for it."""
+    from sim import Simulator
 
-    [chunk] = chunks_of([_case()], GRID)
-    batch = laid(chunk.damped(), GRID, False)
-    moved = MovedCases(chunk.cases, [factor("membrane")], GRID, lambda case: case.program.pressure[-1])
-    solve_at_rest(batch, [LaneColumns(case, (0,)) for case in chunk.packed], moved)
+    nothing = np.zeros((GRID, GRID, 3))
+    Simulator(GRID).balances([_case()], [[Instant(0.0, *[nothing] * 6)]], [factor("membrane")])
 
 
 def _distances() -> None:
