@@ -211,9 +211,9 @@ def _table(forms: tuple[type, ...]) -> dict[str, Any]:
             value = _value(each.type, each.notes)
             if each.sentence or each.notes.unit:
                 value["description"] = described(each)
-            default = each.default
+            default, unit = each.default, each.notes.unit
             if isinstance(default, bool | int | str) or (isinstance(default, float) and isfinite(default)):
-                value["default"] = default
+                value["default"] = float(unit.write(default)) if unit and isinstance(default, float) else default
             table["properties"][each.name] = value
             if each.notes.key.also:
                 table["properties"][each.notes.key.also] = dict(value, deprecated=True)

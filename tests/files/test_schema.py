@@ -139,6 +139,12 @@ def test_the_command_prints_the_schema(kind: str, run: Run) -> None:
     assert json.loads(out) == json.loads(json.dumps(schema_of(kind)))
 
 
+def test_defaults_are_in_the_unit_of_the_file(run: Run) -> None:
+    limits = json.loads(run("schema", "measurement-set")[1])["properties"]["rig_limits"]["properties"]
+    assert "kPa" in limits["pressure"]["description"]
+    assert (limits["pressure"]["default"], limits["resolution"]["default"]) == (300.0, 0.1)
+
+
 def test_help_lists_the_kinds() -> None:
     assert {*KINDS} - {*re.findall(r"[a-z-]+", str(interface.schema.__doc__))} == set()
     assert {*STUDIES} - {*re.findall(r"[a-z]+", str(interface.study.__doc__))} == set()

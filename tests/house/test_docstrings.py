@@ -42,7 +42,7 @@ def test_docstrings_open_with_a_subject_or_a_verb() -> None:
     assert [line for file in FILES for line in bad_openings(file)] == []
 
 
-# words that say how a thing came about or where it lies, not what it is (words.md)
+# words that say how a thing came about or where it lies, not what it is
 NO_NOUNS = {"doubts", "few", "found", "left", "much", "near", "own", "said", "sure", "told", "whole"}
 SIDES = "left side or edge, as drawn"
 EXCEPTIONS = {
