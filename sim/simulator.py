@@ -1,7 +1,8 @@
 """The public way in: a batch of cases becomes motions or equilibrium shapes."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -217,7 +218,8 @@ class Simulator(Settings):
             [c for c, column in enumerate(columns) if all(map(_has_tangent, move(case, column, column.step).sides))]
             for case in cases
         ]
-        shares, moved = share_out(solvable), self._moved(cases, columns, self._at_rest_pressure)
+        shares = share_out(solvable)
+        moved = MovedCases(cases, columns, self.points_per_side, self._at_rest_pressure)
         results: list[list[Solved]] = [[] for _ in cases]
         with lock:
             for chunk in chunks_of([cases[i] for i, _ in shares], self.points_per_side):
@@ -234,7 +236,8 @@ class Simulator(Settings):
         if (cluster := current()) is not None:
             return OnCluster(self, cluster).ask("balances", cases, instants, columns)
         until = max((one.time for some in instants for one in some), default=0.0)
-        moved = self._moved(cases, columns, lambda case: pressures_until(case, until, self.time_step))
+        pressure = partial(pressures_until, until=until, tick=self.time_step)
+        moved = MovedCases(cases, columns, self.points_per_side, pressure)
         frames = [(i, f) for i, some in enumerate(instants) for f in range(len(some))]
         shares = share_out([range(len(columns))] * len(frames))
         results: list[list[Solved]] = [[] for _ in frames]
@@ -251,9 +254,6 @@ class Simulator(Settings):
                     results[shares[k][0]].append(one)
         balances = iter(balance_of(together(parts), len(columns)) for parts in results)
         return [[next(balances) for _ in some] for some in instants]
-
-    def _moved(self, cases: Sequence[Case], columns: Sequence[Column], pressure: Callable[[Case], Array]) -> MovedCases:
-        return MovedCases(cases, columns, self.points_per_side, pressure)
 
     def _at_rest(self, chunk: Chunk, approach: Approach = Approach.USUAL) -> Batch:
         """Return the chunk in the fields, after a damped motion to rest under its last pressures."""

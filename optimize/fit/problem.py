@@ -47,7 +47,7 @@ class Linearisation(Evaluation):
 
 class Problem:
     """Residuals at some unknowns, columns by them, their priors, and how good the inputs are: all that a fit asks for.
-    Motions, shapes at rest and records of a bench are problems beside one another."""
+    Motions, frames in balance and records of a bench are problems beside one another."""
 
     samples: Sequence[Sample]
     vector: FitVector

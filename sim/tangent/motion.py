@@ -35,7 +35,6 @@ def solve_in_motion(
     state = {"x0": "middle", "q": "middle", "v0": "velocity", "a0": "acceleration"}
     put(batch.blocks, {plane: state_of(instants, name) for plane, name in state.items()})
     balanced = Balanced(batch, lanes, cases, springs=SPRINGS, farthest=FARTHEST)
-    put(batch.blocks, {"vp": -state_of(instants, "velocity")})
     changes = balanced.changes()
     put(batch.blocks, {"vp": state_of(instants, "moved_velocity")})
     loads = [(SPRINGS * one.moved - one.moved_acceleration).reshape(-1, 3) for one in instants]

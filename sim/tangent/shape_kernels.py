@@ -52,6 +52,7 @@ def begin(nb: ti.i32, nu: ti.i32, nv: ti.i32, stiffness: ti.f32):
             F.node3[b, F.q + k] = F.node3[b, F.x0 + k]
             F.node3[b, F.hv + k] = F.node3[b, F.v0 + k]
             F.node3[b, F.ha + k] = F.node3[b, F.a0 + k]
+            F.node3[b, F.vp + k] = -F.node3[b, F.v0 + k]  # what damping changes: all of the velocity
             F.node3[b, F.carried + k] = Wide(0.0)
             k = F.after[k]
         k = 0

@@ -173,7 +173,7 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, options: Calibration
             last = fits.within(_IN_BALANCE, 1.0)
             return last.fit(last.problem(data, vector), FitStart(starts), _last(vector))
         factors, early = vector.without_effects, fits.within(0.0, _WITHOUT_EFFECTS)
-        some = data.only_spread(TRIALS)
+        some = data.spread(TRIALS)
         balanced = fit_in_balance(data, early, vector)
 
         def no_effects(named: str, vector: FitVector) -> Progress:

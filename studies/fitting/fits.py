@@ -69,7 +69,7 @@ def fit_in_balance(data: MeasuredData, fits: Fits, vector: FitVector) -> Fit | N
     if not isinstance(forward, Predictor) or forward.balances is None:
         return None
     rng = np.random.default_rng(data.seed)
-    every = [frames_around(trial, trial.load(), data.used_of(trial), rng) for trial in data.spread(BALANCED)]
+    every = [frames_around(trial, trial.load(), data.used_of(trial), rng) for trial in data.spread(BALANCED).trials]
     frames = [one for one in every if one is not None]
     if not frames:
         return None

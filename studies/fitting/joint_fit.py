@@ -33,7 +33,7 @@ def joint_fit(data: MeasuredData, vector: FitVector, fits: Fits, balanced: Fit |
     starts = starts_of(vector, balanced, nothing)[:, index]
     if many and len(data.trials) > EARLY_TRIALS:
         early = fits.coarse.within(0.0, _AT_LAST)
-        some = data.only_spread(EARLY_TRIALS)
+        some = data.spread(EARLY_TRIALS)
         begun = early.fit(early.problem(some, there), FitStart(starts), ROUGH, "of few trials")
         certain = set() if balanced is None else {label_effect(label) for label in shown(balanced)}
         idle = {label for label in unneeded(begun) if label_effect(label) not in certain}

@@ -81,11 +81,7 @@ class MeasuredData:
         """Return some trials, by their places."""
         return replace(self, trials=tuple(self.trials[k] for k in kept), samples=tuple(self.samples[k] for k in kept))
 
-    def spread(self, most: int) -> tuple[Trial, ...]:
-        """Return up to `most` trials, spread over all."""
-        return tuple(self.trials[k] for k in evenly(len(self.trials), most))
-
-    def only_spread(self, most: int) -> "MeasuredData":
+    def spread(self, most: int) -> "MeasuredData":
         """Return up to `most` trials of the data, spread over all."""
         return self.only(evenly(len(self.trials), most).tolist())
 

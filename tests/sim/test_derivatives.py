@@ -128,6 +128,12 @@ def test_a_moved_motion_is_in_balance_with_what_moved_it(effects, most):
         assert np.linalg.norm(offs[k] - explained) < share * without, name
 
 
+def test_damping_moves_no_shape_at_rest():
+    """What is left of the velocity on the way there is no motion."""
+    [found] = SIMULATOR.shape_jacobian(CASES[:1], [column.factor("damping")])
+    assert found.exact.all() and not found.changes.any()
+
+
 def test_a_frame_that_is_not_there_has_no_balance():
     nothing = np.full((N, N, 3), np.nan)
     [[balance]] = SIMULATOR.balances(CASES[:1], [[Instant(0.1, *[nothing] * 6)]], [column.factor("bending")])
