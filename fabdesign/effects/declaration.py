@@ -25,7 +25,8 @@ _RATE_WINDOW = 3  # rows on either side of the one whose rate is taken
 
 @dataclass(frozen=True, eq=False)
 class MuscleRecord:
-    """Rows of one record: the measured tension is law(pressure, contraction - lent) - friction - what damps."""
+    """Rows of one record: the measured tension is law(pressure, contraction - lent) - friction - what damps. Of
+    a muscle's k intervals in a cloth all but `time` is (n, k)."""
 
     time: Array  # (n,) s, rising
     pressure: Array  # (n,) Pa that acts
@@ -45,7 +46,7 @@ class MuscleRecord:
     @staticmethod
     def measured(time: Array, pressure: Array, contraction: Array) -> "MuscleRecord":
         """Return the record as measured, without effects."""
-        return MuscleRecord(time, pressure, contraction, np.zeros(len(time)), np.zeros(len(time)))
+        return MuscleRecord(time, pressure, contraction, np.zeros_like(contraction), np.zeros_like(contraction))
 
 
 OfPlace = Callable[[Array, Array], Array]  # of places (u, v) [m] on the flat cloth

@@ -120,7 +120,8 @@ def test_a_moved_motion_is_in_balance_with_what_moved_it(effects, most):
     instants = [
         Instant(at, middle, velocity, acceleration, off, *later) for off, later in zip(offs, distances, strict=True)
     ]
-    [balances] = SIMULATOR.balances([case], [instants], [column.factor(name) for name in moved])
+    course = column.Course(at + FINE, base.middle, instants)
+    [balances] = SIMULATOR.balances([case], [course], [column.factor(name) for name in moved])
     for k, ((name, by), share) in enumerate(zip(moved.items(), most, strict=True)):
         without = np.linalg.norm(offs[k] - balances[k].response)
         assert without > 0.25 * np.linalg.norm(offs[k]), name
@@ -136,7 +137,8 @@ def test_damping_moves_no_shape_at_rest():
 
 def test_a_frame_that_is_not_there_has_no_balance():
     nothing = np.full((N, N, 3), np.nan)
-    [[balance]] = SIMULATOR.balances(CASES[:1], [[Instant(0.1, *[nothing] * 6)]], [column.factor("bending")])
+    course = column.Course(np.array([0.0, 0.1]), np.zeros((2, N, N, 3)), [Instant(0.1, *[nothing] * 6)])
+    [[balance]] = SIMULATOR.balances(CASES[:1], [course], [column.factor("bending")])
     assert np.isnan(balance.response).all() and np.isnan(balance.changes).all()
 
 
