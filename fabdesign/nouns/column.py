@@ -176,6 +176,10 @@ class FacesJacobian(NamedTuple):
 Jacobians = Callable[[Sequence[Case], Sequence[Column]], list[FacesJacobian]]
 
 
+SPRINGS = 400.0  # 1/s^2, that hold a frame in balance: an error of its acceleration over them is a displacement, and
+# the square of a swing's 8 rad/s counts for little beside them
+
+
 class Balance(NamedTuple):
     """How the mid-surface of a frame of a motion moves where its forces balance with inertia and damping."""
 

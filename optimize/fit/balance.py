@@ -21,7 +21,7 @@ from fabdesign.effects.registry import EFFECTS, label_effect
 from fabdesign.files.trial_file import TrialData
 from fabdesign.geometry.shape import normals, sheets_of
 from fabdesign.nouns.array import Array, Floats, Indices
-from fabdesign.nouns.column import Balances, Column, Course, move
+from fabdesign.nouns.column import SPRINGS, Balances, Column, Course, move
 from fabdesign.nouns.forward import Case, Instant
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import Trial
@@ -43,7 +43,6 @@ WIDEST = 0.28  # s that these may span, as at 15 Hz: beyond, a swing of 8 rad/s 
 FIRST = 0.1  # s after rest, before which little has moved
 COURSE = 1 / 80  # s, between the instants that a motion is remembered by
 INSTANTS = np.arange(-2, 3) / 160  # s, from a frame, of the motion's own velocity and acceleration
-SPRINGS = 500.0  # 1/s^2, those of a balance and a swing's square: an acceleration's error over it is a displacement
 RADIUS = 0.05  # m, of a cloth's bends: a displacement d is off by d^2 over it where it is taken as linear
 STEP = 0.007  # of a prior's deviation, of a column
 ITERATIONS, FAR_OFF = 12, 3  # at most; and those at first, where frames far off promise little

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fabdesign.effects.acting import acting_pressure
 from fabdesign.nouns.array import Array, Floats
-from fabdesign.nouns.column import Balance
+from fabdesign.nouns.column import SPRINGS, Balance
 from fabdesign.nouns.forward import Case, Instant
 from sim.kernels.fields import LANES
 from sim.kernels.transfer import put
@@ -25,7 +25,6 @@ from sim.tangent.shape_kernels import write_columns
 from sim.tangent.shapes import Balanced, Solved
 
 FARTHEST = 5e-3  # m, RMS from a frame to where its forces balance: farther off its acceleration was not resolved
-SPRINGS = 400.0  # 1/s^2, sigma: the square of a swing's 8 rad/s counts for little beside it
 
 
 def solve_in_motion(

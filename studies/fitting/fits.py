@@ -82,30 +82,17 @@ def fit_in_balance(data: MeasuredData, fits: Fits, vector: FitVector) -> Fit | N
     return fit_balance(problem, named=named, checkpoint=fits.checkpoint, progress=say)
 
 
-def starts_of(vector: FitVector, balanced: Fit | None, dropped: Collection[str] = ()) -> Array:
-    """Return (k, p) where a fit of motions may begin: where frames balance, with the terms `dropped` at nothing; what
-    has no tangent at its start, and at nothing."""
-    if balanced is None:
+def starts_of(vector: FitVector, known: Fit | None, dropped: Collection[str] = ()) -> Array:
+    """Return (k, p) where a fit of motions may begin: the vector's start, and where another is. What that has not got
+    is at its start, and at nothing; of what the vector has not got, or is `dropped`, the other is also, to first order,
+    without."""
+    if known is None:
         return vector.start[None]
-    there = balanced.without(dropped) if dropped else balanced.x
-    known = dict(zip(balanced.vector.names, there, strict=True))
-    return np.array([[known.get(p.name, share * p.start) for p in vector.parameters] for share in (1.0, 0.0)])
-
-
-def factor_starts(balanced: Fit | None, factors: FitVector) -> Array:
-    """Return (k, p) where a fit of the factors alone may begin: where frames balance with effects and, to first order,
-    without, and their start."""
-    if balanced is None:
-        return factors.start[None]
-    places = balanced.x, balanced.without(balanced.vector.labels)
-    return np.array([*(x[balanced.vector.are_factors] for x in places), factors.start])
-
-
-def with_factors(vector: FitVector, factors: Array) -> Array:
-    """Return a vector's unknowns (p,): factors, and effects at nothing."""
-    x = np.zeros(len(vector.parameters))
-    x[: len(factors)] = factors
-    return x
+    off = {*dropped} | ({*known.vector.labels} - {*vector.labels})
+    places = [*([] if dropped else [known.x]), *([known.without(off)] if off else [])]
+    values = [dict(zip(known.vector.names, there, strict=True)) for there in places]
+    rows = [[of.get(p.name, share * p.start) for p in vector.parameters] for of in values for share in (1.0, 0.0)]
+    return np.unique([*rows, vector.start], axis=0)
 
 
 def shown(fit: Fit) -> list[str]:

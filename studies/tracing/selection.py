@@ -21,7 +21,7 @@ from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
 from optimize.fit.policy import DECLARED_ALONE, ROUGH
 from optimize.fit.significance import NEEDED, cheapest_first, conditioned, cost, needed
-from studies.fitting.fits import factor_starts, fit_in_balance, starts_of, with_factors
+from studies.fitting.fits import fit_in_balance, starts_of
 from studies.fitting.fitted_model import expected_rms
 from studies.model_selection.judged import Judged, certain_drift, is_certain
 from studies.model_selection.rules import ON_SETS, Selection, below, follow
@@ -38,9 +38,8 @@ def select(task: Task) -> Selection:
     vector = without(fit_vector(["all"], factors=task.factors, designs=task.designs), task.known)
     factors = vector.without_effects
     balanced = fit_in_balance(task.data, task.fits, vector)
-    begin = FitStart(factor_starts(balanced, factors))
     hopeful = replace(ROUGH, hopeless=expected_rms(task.data.noise, HOPELESS * task.tolerance))
-    plain = task.fit("plain", factors, begin, hopeful)
+    plain = task.fit("plain", factors, FitStart(starts_of(factors, balanced)), hopeful)
     judged = task.judged(plain)
     excess = max(judged.excess, judged.typical)
     drift = certain_drift(judged, task.data.session[:, 0])
@@ -49,12 +48,12 @@ def select(task: Task) -> Selection:
         to_its_end = FitStart(plain.minimum, plain.state.jacobian, plain.inputs)
         plain = task.fit("plain to its end", plain.vector, to_its_end, DECLARED_ALONE)
         return replace(_adequate(task, vector, plain), drift=drift)
-    starts = [*starts_of(vector, balanced)]
+    starts = starts_of(vector, balanced)
     if excess <= GROSS * task.tolerance and plain.vector.is_plausible(plain.x):
         # the residuals are nearly linear there; where factors had to go where no specimen is, an effect hides in them
-        starts.append(with_factors(vector, plain.x))
+        starts = np.concatenate([starts, starts_of(vector, plain)])
     policy = ROUGH if balanced is None else replace(ROUGH, content=expected_rms(task.data.noise, task.tolerance))
-    everything = task.fit("every effect", vector, FitStart(np.array(starts)), policy)
+    everything = task.fit("every effect", vector, FitStart(starts), policy)
     task.say(so_far(needed(everything.minimum, everything.covariance, everything.vector, NEEDED)))
     return replace(backwards(task, everything, task.weighed(plain, everything.inputs)), drift=drift)
 
@@ -78,9 +77,8 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> Selection:
 
 def _adequate(task: Task, vector: FitVector, plain: Fit) -> Selection:
     """Return the selection where the declared parameters explain all: effects take part to first order."""
-    everything = task.linearised(
-        "every effect beside them", vector, FitStart(with_factors(vector, plain.x), inputs=plain.inputs)
-    )
+    beside = np.pad(plain.x, (0, len(vector.parameters) - len(plain.x)))
+    everything = task.linearised("every effect beside them", vector, FitStart(beside, inputs=plain.inputs))
     small = sparse(everything, needed(everything.minimum, everything.covariance, vector, NEEDED))
     judged = task.judged(plain)
     return Selection(everything, judged, judged, small=tuple(small))
