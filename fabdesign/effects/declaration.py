@@ -12,6 +12,7 @@ from itertools import product
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from fabdesign.formats.schema import Key
@@ -39,9 +40,10 @@ class MuscleRecord:
         """Return (n,) 1/s, of contraction: slope of the line through the rows around each one, for noise makes
         neighbours' differences useless."""
         half = min(_RATE_WINDOW, (len(self.time) - 1) // 2)
-        kernel = np.arange(half, -half - 1, -1.0)
-        inner = np.convolve(self.contraction, kernel, "valid") / np.convolve(self.time, kernel, "valid")
-        return np.pad(inner, half, mode="edge")
+        weights = np.arange(-half, half + 1.0)
+        drawn, time = (sliding_window_view(of, len(weights), axis=0) @ weights for of in (self.contraction, self.time))
+        inner = (drawn.T / time).T
+        return np.pad(inner, [(half, half), *[(0, 0)] * (inner.ndim - 1)], mode="edge")
 
     @staticmethod
     def measured(time: Array, pressure: Array, contraction: Array) -> "MuscleRecord":

@@ -116,6 +116,11 @@ MUSCLE_CREEP = Effect(
 
 
 # Muscle viscosity: tension lost by the rate of contraction, another share while lengthening.
+def _muscle_viscosity_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
+    viscosity = np.where(record.rate > 0, values["contracting"], values["lengthening"])
+    return replace(record, friction=record.friction + viscosity * record.rate)
+
+
 MUSCLE_VISCOSITY = Effect(
     "muscle_viscosity",
     site="muscle",
@@ -132,6 +137,7 @@ MUSCLE_VISCOSITY = Effect(
     specimen=to_muscles(viscosity_contracting="contracting", viscosity_lengthening="lengthening"),
     force="sim.effects:MUSCLE_VISCOSITY",
     resists=True,
+    bench=_muscle_viscosity_bench,
 )
 
 

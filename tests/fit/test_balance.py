@@ -29,7 +29,7 @@ from studies.measured.used_frames import UsedFrames
 DESIGN = build("basic", muscles=4)
 SIGMA = 0.3e-3  # m
 TIMES = np.arange(30) / 30  # s
-FREE = ["orthotropy", "filling_lag", "supply_droop", "registration_bias.z", "muscle_creep", "muscle_viscosity"]
+FREE = ["orthotropy", "filling_lag", "supply_droop", "registration_bias.z", "muscle_creep", "air_drag"]
 TERMS = (
     Term("orthotropy", {"ratio": 0.5}),
     Term("filling_lag", {"fill": 0.15, "empty": 0.15}),
@@ -99,11 +99,11 @@ def test_a_known_truth_is_led_to_in_one_go(data, forward, vector, balanced):
 def test_what_balance_needs_is_said_and_what_it_does_not_begins_at_nothing(vector, balanced):
     found = {*needed(balanced.minimum, balanced.covariance, balanced.vector, NEEDED)}
     assert found == {"orthotropy", "filling_lag", "registration_bias"}
-    assert "muscle_viscosity" not in balanced.vector.labels  # a force without a tangent
+    assert "air_drag" not in balanced.vector.labels  # a force without a tangent
     assert {*shown(balanced)} == {*balanced.vector.labels} and unneeded(balanced) == {"supply_droop"}
     rows = [dict(zip(vector.names, row, strict=True)) for row in starts_of(vector, balanced, {"supply_droop"})]
-    viscosity = vector.start[vector.names.index("muscle_viscosity.contracting")]
-    assert sorted(row["muscle_viscosity.contracting"] for row in rows) == [0.0, viscosity, viscosity]
+    drag = vector.start[vector.names.index("air_drag.coefficient")]
+    assert sorted(row["air_drag.coefficient"] for row in rows) == [0.0, drag, drag]
     assert sorted(row["supply_droop.share"] > 0 for row in rows) == [False, False, True]  # at the vector's own start
     assert sorted(row["orthotropy.ratio"] < -0.5 for row in rows) == [False, True, True]
     starts = starts_of(vector.without_effects, balanced)
