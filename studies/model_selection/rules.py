@@ -13,7 +13,6 @@ import numpy as np
 from fabdesign.units import in_mm
 from optimize.fit.cross_validation import Gain
 from optimize.fit.fitted import Fit
-from optimize.fit.significance import NEEDED, needed
 from studies.model_selection.judged import CAUSE, CHANCE, Decoys, Judged, is_cause, is_certain, strength
 
 LOSS_RATIO = 1.2  # times what a fit may lose of trials left out, in quadrature: what loses more of those fitted ends
@@ -236,17 +235,11 @@ def too_little(refits: Refits, selection: Selection) -> Selection | None:
 
 def as_well(refits: Refits, selection: Selection) -> Selection | None:
     """Drop an effect where a fit without it does as well: what is not linear may take its place, and which of two gains
-    more to first order may be wrong. Not asked of an effect that gains more than enough for certain, and that the fit
-    needs by its covariance."""
+    more to first order may be wrong. Not asked of an effect that gains more than enough for certain."""
     known, limit, most = selection.chosen, least(refits, selection), selection.reference
     hopeless, asked = float(np.hypot(most.fit.after, LOSS_RATIO * limit)), selection.asked
     several = len(selection.gains) > 1
-    certain = needed(known.minimum, known.covariance, known.vector, NEEDED)
-    unsure = [
-        label
-        for label, (_, (low, _)) in selection.gains.items()
-        if (low < limit or label not in certain) and label not in asked
-    ]
+    unsure = [label for label, (_, (low, _)) in selection.gains.items() if low < limit and label not in asked]
     for label in sorted(unsure, key=lambda label: selection.gains[label][0]):
         cause, judged = is_cause(known, label), selection.before
         if several:
