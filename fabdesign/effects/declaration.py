@@ -195,7 +195,8 @@ class Effect:
     muscles (m,) says which muscles the effect belongs to. clock(times, values): the instants [s] whose shape frames
     show; observed(points, values): points [m] as a sensor gives them. force: the kernel's part, a
     sim.forces.added.AddedForce or "module:NAME" of one. bench(record, values): what a muscle's law sees of a record on
-    its bench, which begins settled; None where one muscle does not show the effect. remembers: whether what was before
+    its bench, which begins settled, and in a cloth of its intervals' contractions along a motion; None where one muscle
+    does not show the effect. remembers: whether what was before
     the present pressures still shows in the shape at rest. resists: whether its force is against motion alone, so that
     the derivatives of a shape at rest are near those without it. named: whether it stands for something physical;
     one that does not is fitted where it is asked for by its name, not with `all`, and is no answer of a trace.

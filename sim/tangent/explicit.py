@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects.acting import specimen_of
-from fabdesign.effects.declaration import Specimen
+from fabdesign.effects.declaration import MuscleRecord, Specimen
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import Column, Course, move
 from fabdesign.nouns.forward import OF_MUSCLES, Case
@@ -24,7 +24,7 @@ from sim.kernels.fields import LANES
 from sim.lacing import touched
 from sim.loading import constants_of, side_by_side
 from sim.materials import CONSTANTS, REST_CURVATURES, Lane, M
-from sim.tangent.memory import Memory
+from sim.tangent.memory import Memory, felt
 from sim.tangent.muscle_forces import Grid, Pull, Strand, summed
 
 LARGE = 0.5  # of a constant
@@ -69,10 +69,14 @@ class LaidCase:
             Strand(muscle, design.muscle_types[muscle.type], float(pressure[muscle.channel]), *row)
             for muscle, row in zip(design.muscles, self._pulls, strict=True)
         ]
-        if self.memory is None or tick is None:
+        if tick is None or self.memory is None or not self._remembered:
             return strands
-        felt = self.memory.at(self.case, tick)
-        return [replace(one, lent=lent, friction=of) for one, (lent, of) in zip(strands, felt, strict=True)]
+        then = [felt(record, tick * self.memory.tick) for record in self._remembered]
+        return [replace(one, lent=lent, friction=of) for one, (lent, of) in zip(strands, then, strict=True)]
+
+    @cached_property
+    def _remembered(self) -> list[MuscleRecord]:
+        return [] if self.memory is None else self.memory.of(self.case)
 
 
 class Sides(NamedTuple):

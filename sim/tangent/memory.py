@@ -19,8 +19,6 @@ from sim.lacing import touched
 from sim.state import LOADED, Plane
 from sim.tangent.muscle_forces import Grid, contractions
 
-Felt = tuple[float | Array, float | Array]  # contraction lent and N of friction, of a muscle's k intervals or (k,) each
-
 
 @ti.func
 def _lent(b, k):
@@ -47,17 +45,15 @@ class Memory:
     ticks of `tick` s from rest on."""
 
     def __init__(self, specimen: Specimen, course: Course, pressure: Array, tick: float) -> None:
-        self._specimen, self._course, self._pressure, self._tick = specimen, course, pressure, tick
+        self._specimen, self._course, self._pressure, self.tick = specimen, course, pressure, tick
         self._known: dict[Hashable, list[MuscleRecord]] = {}
 
-    def at(self, case: Case, tick: int) -> list[Felt]:
-        """Return what each muscle feels at a tick; nothing where no effect is remembered."""
+    def of(self, case: Case) -> list[MuscleRecord]:
+        """Return what each muscle has felt; nothing where no effect is remembered."""
         acting = [(effect, values, term) for effect, values, term in active(case) if is_remembered(effect)]
-        if not acting:
-            return [(0.0, 0.0)] * len(case.design.muscles)
         key = tuple((term.name, term.scope, *values.items()) for _, values, term in acting)
         if key not in self._known:
-            records = self._records
+            records = self._records if acting else []
             for effect, values, term in acting:
                 assert effect.bench is not None
                 records = [
@@ -65,15 +61,14 @@ class Memory:
                     for record, acts in zip(records, muscles_of(case, term), strict=True)
                 ]
             self._known[key] = records
-        time = tick * self._tick
-        return [(_at(one.lent, one.time, time), _at(one.friction, one.time, time)) for one in self._known[key]]
+        return self._known[key]
 
     @cached_property
     def _records(self) -> list[MuscleRecord]:
         time, middle, design = self._course.time, self._course.middle, self._specimen.design
         n, shapes = middle.shape[1], middle.reshape(len(time), -1, 3).astype(float)
         spacing = np.array([design.fabric.width, design.fabric.height]) / (n - 1)
-        ticks = np.minimum(np.round(time / self._tick).astype(int), len(self._pressure) - 1)
+        ticks = np.minimum(np.round(time / self.tick).astype(int), len(self._pressure) - 1)
         levers, grid = self._specimen.muscles["lever"].tolist(), Grid(n, *touched(design, n))
         return [
             MuscleRecord.measured(
@@ -90,8 +85,10 @@ def is_remembered(effect: Effect) -> bool:
     return effect.force is not None and effect.bench is not None
 
 
-def _at(values: Array, times: Array, time: float) -> Array:
-    """Return (k,) values between rows (T, k)."""
-    row = int(np.clip(np.searchsorted(times, time), 1, len(times) - 1))
-    share = np.clip((time - times[row - 1]) / (times[row] - times[row - 1]), 0.0, 1.0)
-    return np.asarray((1 - share) * values[row - 1] + share * values[row])
+def felt(record: MuscleRecord, time: float) -> tuple[Array, Array]:
+    """Return contraction lent and N of friction at an instant, (k,) each, between the rows of a record."""
+    row = int(np.clip(np.searchsorted(record.time, time), 1, len(record.time) - 1))
+    before, after = record.time[row - 1 : row + 1]
+    share = np.clip((time - before) / (after - before), 0.0, 1.0)
+    lent, friction = ((1 - share) * of[row - 1] + share * of[row] for of in (record.lent, record.friction))
+    return lent, friction
