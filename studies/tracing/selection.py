@@ -5,7 +5,6 @@ Around the false minimum that a fit without them goes to the wrong names come fi
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -92,12 +91,15 @@ def without(vector: FitVector, known: Sequence[str]) -> FitVector:
 
 def worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
     """Return the terms that the joint fit says the data need, and those that trials left out gain too little by, to
-    first order. Shapes are not fitted yet, so what is left says nothing."""
+    first order; the last is asked by a fit. Shapes are not fitted yet, so what is left says nothing."""
     vector, judged = everything.vector, task.judged(everything)
     certain = needed(everything.minimum, everything.covariance, vector, NEEDED)
     labels = _with_channels(judged, task.tolerance, certain, sparse(everything, certain))
     dropped = [label for label in vector.labels if label not in labels]
-    stays = partial(task.matters_elsewhere, everything)
+
+    def stays(off: Sequence[str], label: str) -> bool:
+        return all(other in off for other in labels if other != label) or task.matters_elsewhere(everything, off, label)
+
     small = below(judged, labels, dropped, task.tolerance, stays)
     return [label for label in labels if label not in small], small
 
