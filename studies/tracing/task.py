@@ -83,11 +83,6 @@ class Task(Refits):
         """Fit as `optimize.fit.descent.fit` does. named: in the folder and in messages."""
         return self.fits.fit(self.problem(vector), start, policy, named)
 
-    def nearest(self, vector: FitVector, xs: Sequence[Array]) -> tuple[float, Array]:
-        """Return the RMS of the residuals capped at 10 mm, m, and the place of `xs` where that is least."""
-        best = min(self.problem(vector).evaluate(xs), key=lambda one: one.misfit.rms)
-        return best.misfit.rms, best.x
-
     def linearised(self, named: str, vector: FitVector, start: FitStart) -> Fit:
         """Return a fit that ends where it begins, with missing columns of the Jacobian by differences."""
         x, problem = start.x, self.problem(vector)
@@ -160,13 +155,11 @@ class Task(Refits):
         one, other = ((fit.vector, fit.without(labels)) for labels in (dropped, [*dropped, label]))
         return self.differs_elsewhere(one, other) >= self.tolerance
 
-    def needed_elsewhere(self, known: Fit, simpler: Fit, x: Array | None = None) -> bool:
-        """Return whether the data lose by a simpler fit, and other layouts move otherwise than where `known` has its
-        unknowns x (p,), by default where it ended."""
+    def needed_elsewhere(self, known: Fit, simpler: Fit) -> bool:
+        """Return whether the data lose by a simpler fit, and other layouts move otherwise."""
         if _lost(known, simpler) < NEEDED:
             return False
-        place = known.vector, known.x if x is None else x
-        return self.differs_elsewhere(place, (simpler.vector, simpler.x)) >= self.tolerance
+        return self.differs_elsewhere((known.vector, known.x), (simpler.vector, simpler.x)) >= self.tolerance
 
 
 def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:

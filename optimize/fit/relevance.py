@@ -1,0 +1,56 @@
+"""How much evidence there is for groups of unknowns of a joint fit: automatic relevance determination.
+
+Each group has a prior variance of its own, by which the linearised data are most probable (MacKay 1994; Tipping 2001,
+J. Mach. Learn. Res. 1, 211). Where the data do not need a group, or others take its part as well, that goes to zero,
+and with it the group: so of many that share what one does, one is left.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from fabdesign.nouns.array import Array, Indices
+from optimize.fit.fitted import Fit
+
+_ROUNDS = 2000  # of updates at most; most groups settle within some hundred
+_SETTLED = 1e-3  # of a logarithm, by which no variance changes any more
+_NOTHING = 1e-5  # of the declared prior's variance: the group is gone
+
+
+def evidence(fit: Fit, groups: Mapping[str, Indices]) -> dict[str, float]:
+    """Return the log evidence that each group of unknowns adds beside the others, 0 for one that is gone. All other
+    unknowns keep their priors."""
+    prior, precision = fit.vector.prior, fit.vector.precision
+    data = fit.normal.information * np.outer(prior, prior)
+    pull = (data + precision * np.outer(prior, prior)) @ (fit.minimum / prior)
+    every = np.concatenate([np.zeros(0, dtype=np.intp), *groups.values()]).astype(np.intp)
+    fixed = np.setdiff1d(np.arange(len(prior)), every)
+    weights = dict.fromkeys(groups, 1.0)  # 1 over the variance, of the declared prior's
+
+    def posterior(names: list[str]) -> tuple[Indices, Array, Array]:
+        """Return which unknowns, their weights, and the precision with these."""
+        kept = np.concatenate([fixed, *(groups[name] for name in names)]).astype(np.intp)
+        by_group = np.concatenate([np.ones(len(fixed)), *(np.full(len(groups[n]), weights[n]) for n in names)])
+        return kept, by_group, data[np.ix_(kept, kept)] + np.diag(by_group)
+
+    names = [*groups]
+    for _ in range(_ROUNDS):
+        kept, _, joint = posterior(names)
+        covariance = np.linalg.inv(joint)
+        mean, first, change = covariance @ pull[kept], len(fixed), 0.0
+        for name in names:
+            part = slice(first, first := first + len(groups[name]))
+            determined = len(groups[name]) - weights[name] * float(np.trace(covariance[part, part]))
+            weight = max(determined, 1e-12) / max(float(mean[part] @ mean[part]), 1e-12)
+            change, weights[name] = max(change, abs(np.log(weight / weights[name]))), weight
+        names = [name for name in names if weights[name] < 1 / _NOTHING]
+        if change < _SETTLED:
+            break
+
+    def total(names: list[str]) -> float:
+        kept, by_group, joint = posterior(names)
+        _, size = np.linalg.slogdet(joint)
+        return 0.5 * float(np.log(by_group).sum() - size + pull[kept] @ np.linalg.solve(joint, pull[kept]))
+
+    most = total(names)
+    return dict.fromkeys(groups, 0.0) | {name: most - total([n for n in names if n != name]) for name in names}
