@@ -14,7 +14,7 @@ from optimize.fit.fitted import Fit
 
 _ROUNDS = 2000  # of updates at most; most groups settle within some hundred
 _SETTLED = 1e-3  # of a logarithm, by which no variance changes any more
-_NOTHING = 1e-5  # of the declared prior's variance: the group is gone
+_LEAST, _MOST = 1e-5, 1e3  # of the declared prior's variance: below, the group is gone
 
 
 def evidence(fit: Fit, groups: Mapping[str, Indices]) -> dict[str, float]:
@@ -41,9 +41,10 @@ def evidence(fit: Fit, groups: Mapping[str, Indices]) -> dict[str, float]:
         for name in names:
             part = slice(first, first := first + len(groups[name]))
             determined = len(groups[name]) - weights[name] * float(np.trace(covariance[part, part]))
-            weight = max(determined, 1e-12) / max(float(mean[part] @ mean[part]), 1e-12)
+            variance = float(mean[part] @ mean[part]) / max(determined, 1e-12)
+            weight = 1 / np.clip(variance, 0.1 * _LEAST, _MOST)
             change, weights[name] = max(change, abs(np.log(weight / weights[name]))), weight
-        names = [name for name in names if weights[name] < 1 / _NOTHING]
+        names = [name for name in names if weights[name] < 1 / _LEAST]
         if change < _SETTLED:
             break
 
