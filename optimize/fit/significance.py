@@ -7,7 +7,7 @@ import numpy as np
 from fabdesign.nouns.array import Array, Indices
 from optimize.fit.parameters import FitVector
 
-NEEDED = 8.0  # of log likelihood: what costs less to drop is dropped; four standard deviations of one parameter
+NEEDED = 8.0  # of log likelihood or evidence: what costs less to drop is dropped; four deviations of one parameter
 ALIKE = 0.98  # cosine from which on two effects are one answer
 
 
