@@ -113,7 +113,6 @@ class Task(Refits):
         labels: Sequence[str],
         *,
         hopeless: float = np.inf,
-        named: str = "",
         jacobian: Literal["kept", "anew"] = "kept",
     ) -> Fit:
         """Return a fit of these effects alone, from where one with more is, on its Jacobian but for shapes that it has
@@ -123,7 +122,7 @@ class Task(Refits):
         fewer, index = known.vector.only(labels)
         at = [vector.names.index(name) for name in fewer.names]
         known_jacobian = None if jacobian == "anew" else widened(known.state.jacobian[:, index], at, len(vector.names))
-        named = named or f"{' '.join(vector.labels)}{' at last' if jacobian == 'anew' else ''}"
+        named = f"{' '.join(vector.labels)}{' at last' if jacobian == 'anew' else ''}"
         content = float(np.hypot(known.promised(to_first_order(known, labels)), 0.5 * self.tolerance))
         policy = replace(ASKED, hopeless=hopeless, content=content)
         return self.fit(named, vector, FitStart(starts, known_jacobian, known.inputs), policy)
