@@ -228,6 +228,11 @@ class Effect:
     )  # fmt: skip
 
     @property
+    def pulls_by_record(self) -> bool:
+        """Return whether its force follows from what a muscle's bench would record."""
+        return self.force is not None and self.bench is not None
+
+    @property
     def strengths(self) -> tuple[str, ...]:
         """Return the parameters that switch it off."""
         return tuple(name for name, parameter in self.parameters.items() if parameter.off is not None)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.acting import is_sensing, observed, seen_at
+from fabdesign.effects.acting import is_sensing, observed, seen_at, terms_of
 from fabdesign.effects.registry import EFFECTS, label_effect
 from fabdesign.files.trial_file import TrialData
 from fabdesign.geometry.shape import normals, sheets_of
@@ -41,7 +41,7 @@ POINTS = 400  # of a frame
 HALF = 2  # frames to each side, through which velocity and acceleration are seen
 WIDEST = 0.28  # s that these may span, as at 15 Hz: beyond, a swing of 8 rad/s turns by more than a third
 FIRST = 0.1  # s after rest, before which little has moved
-COURSE = 1 / 80  # s, between the instants that a motion is remembered by
+COURSE, MOST = 1 / 80, 1000  # s between the instants that muscles remember a motion by, and how many at most
 INSTANTS = np.arange(-2, 3) / 160  # s, from a frame, of the motion's own velocity and acceleration
 RADIUS = 0.05  # m, of a cloth's bends: a displacement d is off by d^2 over it where it is taken as linear
 STEP = 0.007  # of a prior's deviation, of a column
@@ -116,10 +116,8 @@ class BalanceProblem(Problem):
         modelled = [self.forward.case(case) for case in cases]
         seen = [seen_at(case, one.sample.times) for case, one in zip(modelled, self.frames, strict=True)]
         fine = [at[one.around[:, HALF], None] + INSTANTS for at, one in zip(seen, self.frames, strict=True)]
-        way = [np.arange(0.0, float(some.max()), COURSE) for some in fine]
-        times = [
-            np.unique(np.concatenate([*of])) for of in zip(seen, (some.ravel() for some in fine), way, strict=True)
-        ]
+        ways = [_course(case, float(some.max())) for case, some in zip(modelled, fine, strict=True)]
+        times = [np.unique(np.concatenate([at, *some, way])) for at, some, way in zip(seen, fine, ways, strict=True)]
         sheets = sheets_of(replace(self.forward, sensing=False))(cases, times)
         motions = []
         for case, one, sheet, every, at, some in zip(modelled, self.frames, sheets, times, seen, fine, strict=True):
@@ -188,6 +186,12 @@ class _Motion:
             later = float(seen_at(side, time)[0]) - instant.time
             places.append(observed(side, instant.middle + later * instant.velocity))
         return np.asarray((places[1] - places[0]) / change.width)
+
+
+def _course(case: Case, until: float) -> Array:
+    """Return the instants [s] of a motion that muscles remember it by; none where no effect does."""
+    remembers = any(EFFECTS[term.name].pulls_by_record for term in terms_of(case))
+    return np.linspace(0.0, until, min(round(until / COURSE), MOST)) if remembers else np.zeros(0)
 
 
 class _Held(NamedTuple):
@@ -263,7 +267,7 @@ def acting_in_balance(vector: FitVector) -> FitVector:
     """Return the factors, and the terms that have a tangent: those without a force of their own, those whose force
     a muscle's bench knows, and those that are learned, which have more than a force."""
     effects = [EFFECTS[term.name] for term in vector.terms]
-    acting = [effect.force is None or effect.bench is not None or not effect.named for effect in effects]
+    acting = [effect.force is None or effect.pulls_by_record or not effect.named for effect in effects]
     return vector.only([label for label, acts in zip(vector.labels, acting, strict=True) if acts])[0]
 
 

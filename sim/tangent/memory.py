@@ -8,7 +8,7 @@ import numpy as np
 import taichi as ti
 
 from fabdesign.effects.acting import active, muscles_of
-from fabdesign.effects.declaration import Effect, MuscleRecord, Specimen
+from fabdesign.effects.declaration import MuscleRecord, Specimen
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.column import Course
 from fabdesign.nouns.forward import Case
@@ -50,7 +50,7 @@ class Memory:
 
     def of(self, case: Case) -> list[MuscleRecord]:
         """Return what each muscle has felt; nothing where no effect is remembered."""
-        acting = [(effect, values, term) for effect, values, term in active(case) if is_remembered(effect)]
+        acting = [(effect, values, term) for effect, values, term in active(case) if effect.pulls_by_record]
         key = tuple((term.name, term.scope, *values.items()) for _, values, term in acting)
         if key not in self._known:
             records = self._records if acting else []
@@ -78,11 +78,6 @@ class Memory:
             )
             for muscle, lever in zip(design.muscles, levers, strict=True)
         ]
-
-
-def is_remembered(effect: Effect) -> bool:
-    """Return whether an effect's force is known from what a muscle's bench would record."""
-    return effect.force is not None and effect.bench is not None
 
 
 def felt(record: MuscleRecord, time: float) -> tuple[Array, Array]:
