@@ -229,8 +229,9 @@ class Effect:
 
     @property
     def pulls_by_record(self) -> bool:
-        """Return whether its force follows from what a muscle's bench would record."""
-        return self.force is not None and self.bench is not None
+        """Return whether its force follows from what a muscle's bench would record of the past. What goes with the rate
+        alone is told from a lag by motions, not by frames in balance."""
+        return self.force is not None and self.bench is not None and self.remembers
 
     @property
     def strengths(self) -> tuple[str, ...]:

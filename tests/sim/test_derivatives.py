@@ -139,7 +139,6 @@ def test_a_moved_motion_is_in_balance_with_what_moved_it(effects, most):
     [
         ("muscle_creep", {"share": 0.4, "time": 0.3}, {"share": 0.5, "time": 0.4}, 0.15),
         ("braid_hysteresis", {"friction": 0.003, "slip": 0.005}, {"friction": 0.004}, 0.03),
-        ("muscle_viscosity", {"contracting": 20.0, "lengthening": 5.0}, {"contracting": 30.0}, 0.2),
     ],
 )
 def test_what_muscles_remember_is_in_balance_by_the_law_of_their_bench(effect, values, moved, most):
