@@ -27,15 +27,15 @@ def evidence(fit: Fit, groups: Mapping[str, Indices]) -> dict[str, float]:
     fixed = np.setdiff1d(np.arange(len(prior)), every)
     weights = dict.fromkeys(groups, 1.0)  # 1 over the variance, of the declared prior's
 
-    def posterior(names: list[str]) -> tuple[Indices, Array, Array]:
-        """Return which unknowns, their weights, and the precision with these."""
+    def posterior(names: list[str]) -> tuple[Indices, Array]:
+        """Return which unknowns there are with these groups, and their precision."""
         kept = np.concatenate([fixed, *(groups[name] for name in names)]).astype(np.intp)
-        by_group = np.concatenate([np.ones(len(fixed)), *(np.full(len(groups[n]), weights[n]) for n in names)])
-        return kept, by_group, data[np.ix_(kept, kept)] + np.diag(by_group)
+        declared = [np.ones(len(fixed)), *(np.full(len(groups[name]), weights[name]) for name in names)]
+        return kept, data[np.ix_(kept, kept)] + np.diag(np.concatenate(declared))
 
     names = [*groups]
     for _ in range(_ROUNDS):
-        kept, _, joint = posterior(names)
+        kept, joint = posterior(names)
         covariance = np.linalg.inv(joint)
         mean, first, change = covariance @ pull[kept], len(fixed), 0.0
         for name in names:
@@ -49,9 +49,9 @@ def evidence(fit: Fit, groups: Mapping[str, Indices]) -> dict[str, float]:
             break
 
     def total(names: list[str]) -> float:
-        kept, by_group, joint = posterior(names)
-        _, size = np.linalg.slogdet(joint)
-        return 0.5 * float(np.log(by_group).sum() - size + pull[kept] @ np.linalg.solve(joint, pull[kept]))
+        kept, joint = posterior(names)
+        narrowed = sum(len(groups[name]) * np.log(weights[name]) for name in names) - np.linalg.slogdet(joint)[1]
+        return 0.5 * float(narrowed + pull[kept] @ np.linalg.solve(joint, pull[kept]))
 
     most = total(names)
     return dict.fromkeys(groups, 0.0) | {name: most - total([n for n in names if n != name]) for name in names}

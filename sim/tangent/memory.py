@@ -1,5 +1,5 @@
-"""What muscles remember of a motion: contraction that is lent and friction, by the laws of effects on a muscle's bench,
-which see the contraction of each interval along the motion as a record."""
+"""Muscles remember a motion: contraction that is lent and friction, by the laws of effects on a muscle's bench, which
+see the contraction of each interval along the motion as a record."""
 
 from collections.abc import Hashable
 from functools import cached_property
