@@ -47,7 +47,7 @@ THRESHOLDS = {
         Threshold("studies/measured", "GRID", "grid of the simulator (`--grid`)", "points a side"),
         Threshold("optimize/fit/balance.py", "FRAMES", "frames of a trial in balance"),
         Threshold("optimize/fit/balance.py", "WIDEST", "time that five frames around one may span", "s"),
-        Threshold("optimize/fit", "NEEDED", "an effect that costs less to drop is dropped", "log likelihood"),
+        Threshold("optimize/fit", "NEEDED", "an effect that there is less evidence for is dropped", "log likelihood"),
         Threshold("studies/model_selection", "CAUSE", "a weaker effect is no cause", "deviations of its prior"),
         Threshold("studies/model_selection", "CHANCE", "share of the decoys that an effect must beat", "%", 100),
         Threshold("studies/model_selection", "SHARE_OF_A_CAUSE", "excess that effects must remove", "%", 100),

@@ -12,7 +12,7 @@ import sim.effects  # noqa: F401 declares its planes before the first batch
 from fabdesign.effects.acting import acting_pressure, specimen_of
 from fabdesign.effects.declaration import ActingPressure
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.column import Balance, Column, FacesJacobian, Instants, move
+from fabdesign.nouns.column import Balance, Column, Course, FacesJacobian, move
 from fabdesign.nouns.forward import Case
 from fabdesign.runtime.cluster import current
 from fabdesign.runtime.effort import require_motion
@@ -229,15 +229,18 @@ class Simulator(Settings):
                     results[shares[i][0]].append(one)
         return [together(parts) for parts in results]
 
-    def balances(self, cases: Sequence[Case], instants: Instants, columns: Sequence[Column]) -> list[list[Balance]]:
+    def balances(
+        self, cases: Sequence[Case], courses: Sequence[Course], columns: Sequence[Column]
+    ) -> list[list[Balance]]:
         """Return how frames of motions change with each column where forces balance with inertia and damping
-        (sim/tangent/motion.py), at each case's own instants; NaN where no tangent is positive definite. A force
-        that an effect adds stays as it is."""
+        (sim/tangent/motion.py), at the instants of each case's course; NaN where no tangent is positive definite. A
+        force that an effect adds is as the course has led to, and stays as it is."""
         if (cluster := current()) is not None:
-            return OnCluster(self, cluster).ask("balances", cases, instants, columns)
+            return OnCluster(self, cluster).ask("balances", cases, courses, columns)
+        instants = [course.instants for course in courses]
         until = max((one.time for some in instants for one in some), default=0.0)
         pressure = partial(pressures_until, until=until, tick=self.time_step)
-        moved = MovedCases(cases, columns, self.points_per_side, pressure)
+        moved = MovedCases(cases, columns, self.points_per_side, pressure, courses=courses, tick=self.time_step)
         frames = [(i, f) for i, some in enumerate(instants) for f in range(len(some))]
         shares = share_out([range(len(columns))] * len(frames))
         results: list[list[Solved]] = [[] for _ in frames]

@@ -12,6 +12,7 @@ from itertools import product
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from fabdesign.formats.schema import Key
@@ -25,7 +26,8 @@ _RATE_WINDOW = 3  # rows on either side of the one whose rate is taken
 
 @dataclass(frozen=True, eq=False)
 class MuscleRecord:
-    """Rows of one record: the measured tension is law(pressure, contraction - lent) - friction - what damps."""
+    """Rows of one record: the measured tension is law(pressure, contraction - lent) - friction - what damps. Of
+    a muscle's k intervals in a cloth all but `time` is (n, k)."""
 
     time: Array  # (n,) s, rising
     pressure: Array  # (n,) Pa that acts
@@ -38,14 +40,15 @@ class MuscleRecord:
         """Return (n,) 1/s, of contraction: slope of the line through the rows around each one, for noise makes
         neighbours' differences useless."""
         half = min(_RATE_WINDOW, (len(self.time) - 1) // 2)
-        kernel = np.arange(half, -half - 1, -1.0)
-        inner = np.convolve(self.contraction, kernel, "valid") / np.convolve(self.time, kernel, "valid")
-        return np.pad(inner, half, mode="edge")
+        weights = np.arange(-half, half + 1.0)
+        drawn, time = (sliding_window_view(of, len(weights), axis=0) @ weights for of in (self.contraction, self.time))
+        inner = (drawn.T / time).T
+        return np.pad(inner, [(half, half), *[(0, 0)] * (inner.ndim - 1)], mode="edge")
 
     @staticmethod
     def measured(time: Array, pressure: Array, contraction: Array) -> "MuscleRecord":
         """Return the record as measured, without effects."""
-        return MuscleRecord(time, pressure, contraction, np.zeros(len(time)), np.zeros(len(time)))
+        return MuscleRecord(time, pressure, contraction, np.zeros_like(contraction), np.zeros_like(contraction))
 
 
 OfPlace = Callable[[Array, Array], Array]  # of places (u, v) [m] on the flat cloth
@@ -192,7 +195,8 @@ class Effect:
     muscles (m,) says which muscles the effect belongs to. clock(times, values): the instants [s] whose shape frames
     show; observed(points, values): points [m] as a sensor gives them. force: the kernel's part, a
     sim.forces.added.AddedForce or "module:NAME" of one. bench(record, values): what a muscle's law sees of a record on
-    its bench, which begins settled; None where one muscle does not show the effect. remembers: whether what was before
+    its bench, which begins settled, and in a cloth of its intervals' contractions along a motion; None where one muscle
+    does not show the effect. remembers: whether what was before
     the present pressures still shows in the shape at rest. resists: whether its force is against motion alone, so that
     the derivatives of a shape at rest are near those without it. named: whether it stands for something physical;
     one that does not is fitted where it is asked for by its name, not with `all`, and is no answer of a trace.
@@ -222,6 +226,12 @@ class Effect:
     json_keys: ClassVar = (
         "name", "site", "scope", "what", "signature", "looks_like", "source", "remembers", "parameters"
     )  # fmt: skip
+
+    @property
+    def pulls_by_record(self) -> bool:
+        """Return whether its force follows from what a muscle's bench would record of the past. What goes with the rate
+        alone is told from a lag by motions, not by frames in balance."""
+        return self.force is not None and self.bench is not None and self.remembers
 
     @property
     def strengths(self) -> tuple[str, ...]:

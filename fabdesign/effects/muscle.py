@@ -48,11 +48,11 @@ def _braid_hysteresis_specimen(specimen: Specimen, values: Values, muscles: NDAr
 
 
 def _braid_hysteresis_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
-    limit = (values["friction_at_zero"] + values["friction"] / from_kpa(1.0) * record.pressure).tolist()
-    drawn = np.diff(record.contraction, prepend=record.contraction[0]).tolist()
-    force, forces = 0.0, []
+    limit = values["friction_at_zero"] + values["friction"] / from_kpa(1.0) * record.pressure
+    drawn = np.diff(record.contraction, axis=0, prepend=record.contraction[:1])
+    force, forces = np.zeros(drawn.shape[1:]), []
     for most, more in zip(limit, drawn, strict=True):
-        force = min(max(force + most / values["slip"] * more, -most), most)
+        force = np.clip(force + most / values["slip"] * more, -most, most)
         forces.append(force)
     return replace(record, friction=record.friction + np.array(forces))
 
@@ -116,6 +116,11 @@ MUSCLE_CREEP = Effect(
 
 
 # Muscle viscosity: tension lost by the rate of contraction, another share while lengthening.
+def _muscle_viscosity_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
+    viscosity = np.where(record.rate > 0, values["contracting"], values["lengthening"])
+    return replace(record, friction=record.friction + viscosity * record.rate)
+
+
 MUSCLE_VISCOSITY = Effect(
     "muscle_viscosity",
     site="muscle",
@@ -132,6 +137,7 @@ MUSCLE_VISCOSITY = Effect(
     specimen=to_muscles(viscosity_contracting="contracting", viscosity_lengthening="lengthening"),
     force="sim.effects:MUSCLE_VISCOSITY",
     resists=True,
+    bench=_muscle_viscosity_bench,
 )
 
 

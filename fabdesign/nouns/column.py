@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fabdesign.effects.acting import terms_of
 from fabdesign.effects.registry import effect_named
 from fabdesign.errors import InputError
-from fabdesign.nouns.array import Floats
+from fabdesign.nouns.array import Array, Floats
 from fabdesign.nouns.forward import Case, Instant, Term
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.nouns.pressure import PressureProgram
@@ -176,6 +176,10 @@ class FacesJacobian(NamedTuple):
 Jacobians = Callable[[Sequence[Case], Sequence[Column]], list[FacesJacobian]]
 
 
+SPRINGS = 400.0  # 1/s^2, that hold a frame in balance: an error of its acceleration over them is a displacement, and
+# the square of a swing's 8 rad/s counts for little beside them
+
+
 class Balance(NamedTuple):
     """How the mid-surface of a frame of a motion moves where its forces balance with inertia and damping."""
 
@@ -183,15 +187,22 @@ class Balance(NamedTuple):
     changes: Floats  # (p, n, n, 3) m per unit of the column; NaN, as `response`, where there is no tangent
 
 
-Instants = Sequence[Sequence[Instant]]  # of each case
-Balances = Callable[[Sequence[Case], Instants, Sequence[Column]], list[list[Balance]]]
+class Course(NamedTuple):
+    """A motion of a case from rest on, and frames of it. time: (T,) s, rising; middle: (T, n, n, 3) m."""
+
+    time: Array
+    middle: Floats
+    instants: Sequence[Instant]
+
+
+Balances = Callable[[Sequence[Case], Sequence[Course], Sequence[Column]], list[list[Balance]]]
 
 
 def with_on_top(
     cases: Sequence[Case], columns: Sequence[Column], jacobians: Sequence[FacesJacobian], on_top: OnTop
 ) -> list[FacesJacobian]:
     """Return the Jacobians of what `on_top` makes of shapes, which depends on the case too: central differences of it
-    alone, between shapes that move as `found` says, as far as a column's `far`."""
+    alone, between shapes that move as `jacobians` say, as far as a column's `far`."""
     results = []
     for case, one in zip(cases, jacobians, strict=True):
         moves = [move(case, column, column.far) for column in columns]

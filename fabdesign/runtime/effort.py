@@ -101,7 +101,7 @@ def rig_seconds(motion: float, area: float) -> float:
 def bench_fit_seconds(records: int, rows: int, unknowns: int) -> float:
     """Return about how many seconds the fit of a muscle's bench takes, on one core. rows: of all records; unknowns: of
     effects."""
-    return BENCH_LAW * (43 + 3 * records) + BENCH_ROW * records * rows * (unknowns + (unknowns > 0)) ** 2
+    return BENCH_LAW * 3 * (1 + records) + BENCH_ROW * records * rows * (unknowns + (unknowns > 0)) ** 2
 
 
 def in_words(seconds: float, *what: str) -> str:

@@ -16,12 +16,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.acting import is_sensing, observed, seen_at
+from fabdesign.effects.acting import is_sensing, observed, seen_at, terms_of
 from fabdesign.effects.registry import EFFECTS, label_effect
 from fabdesign.files.trial_file import TrialData
 from fabdesign.geometry.shape import normals, sheets_of
 from fabdesign.nouns.array import Array, Floats, Indices
-from fabdesign.nouns.column import Balances, Column, move
+from fabdesign.nouns.column import SPRINGS, Balances, Column, Course, move
 from fabdesign.nouns.forward import Case, Instant
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import Trial
@@ -41,8 +41,8 @@ POINTS = 400  # of a frame
 HALF = 2  # frames to each side, through which velocity and acceleration are seen
 WIDEST = 0.28  # s that these may span, as at 15 Hz: beyond, a swing of 8 rad/s turns by more than a third
 FIRST = 0.1  # s after rest, before which little has moved
+COURSE, MOST = 1 / 80, 1000  # s between the instants that muscles remember a motion by, and how many at most
 INSTANTS = np.arange(-2, 3) / 160  # s, from a frame, of the motion's own velocity and acceleration
-SPRINGS = 500.0  # 1/s^2, those of a balance and a swing's square: an acceleration's error over it is a displacement
 RADIUS = 0.05  # m, of a cloth's bends: a displacement d is off by d^2 over it where it is taken as linear
 STEP = 0.007  # of a prior's deviation, of a column
 ITERATIONS, FAR_OFF = 12, 3  # at most; and those at first, where frames far off promise little
@@ -116,13 +116,14 @@ class BalanceProblem(Problem):
         modelled = [self.forward.case(case) for case in cases]
         seen = [seen_at(case, one.sample.times) for case, one in zip(modelled, self.frames, strict=True)]
         fine = [at[one.around[:, HALF], None] + INSTANTS for at, one in zip(seen, self.frames, strict=True)]
-        times = [np.unique(np.concatenate([at, some.ravel()])) for at, some in zip(seen, fine, strict=True)]
+        ways = [_course(case, float(some.max())) for case, some in zip(modelled, fine, strict=True)]
+        times = [np.unique(np.concatenate([at, *some, way])) for at, some, way in zip(seen, fine, ways, strict=True)]
         sheets = sheets_of(replace(self.forward, sensing=False))(cases, times)
         motions = []
         for case, one, sheet, every, at, some in zip(modelled, self.frames, sheets, times, seen, fine, strict=True):
             middle, frames = np.asarray(sheet.middle, dtype=float), np.searchsorted(every, at)
-            points = observed(case, sheet.points[frames])
-            motions.append(_Motion(case, one, at, middle[frames], points, middle[np.searchsorted(every, some)]))
+            points, around = observed(case, sheet.points[frames]), middle[np.searchsorted(every, some)]
+            motions.append(_Motion(case, one, at, middle[frames], points, around, (every, sheet.middle)))
         return motions
 
     def _changes(self, motions: Sequence["_Motion"], held: Sequence[Sequence["_Held"]]) -> list[Floats]:
@@ -132,8 +133,10 @@ class BalanceProblem(Problem):
             not p.is_factor and is_sensing(label_effect(p.name.rpartition(".")[0])) for p in self.vector.parameters
         ]
         acting = [k for k, of_sensors in enumerate(sensed) if not of_sensors]
-        instants = [[one.instant for one in some] for some in held]
-        balances = self.balances([motion.case for motion in motions], instants, [columns[k] for k in acting])
+        courses = [
+            Course(*motion.course, [one.instant for one in some]) for motion, some in zip(motions, held, strict=True)
+        ]
+        balances = self.balances([motion.case for motion in motions], courses, [columns[k] for k in acting])
         changes = []
         for motion, some, balanced in zip(motions, held, balances, strict=True):
             of_motion = np.zeros((1 + len(columns), len(some), *motion.middle.shape[1:]))
@@ -150,7 +153,7 @@ class BalanceProblem(Problem):
 class _Motion:
     """A motion of the model beside a trial's frames. case: with the model. seen: (m,) s, the instants of the frames.
     middle: (m, n, n, 3) m there; points: (m, 2 k, 3) m of both faces, as sensors give them. around: (F, 5, n, n, 3) m,
-    at INSTANTS from each frame in balance."""
+    at INSTANTS from each frame in balance. course: (T,) s and (T, n, n, 3) m, all of it."""
 
     case: Case
     frames: FramesAround
@@ -158,6 +161,7 @@ class _Motion:
     middle: Array
     points: Floats
     around: Array
+    course: tuple[Array, Floats]
 
     def held(self, heights: Array) -> list["_Held"]:
         """Return the frames in balance. heights: (m, n, n) m, of the cloth that was seen over the mid-surface."""
@@ -182,6 +186,12 @@ class _Motion:
             later = float(seen_at(side, time)[0]) - instant.time
             places.append(observed(side, instant.middle + later * instant.velocity))
         return np.asarray((places[1] - places[0]) / change.width)
+
+
+def _course(case: Case, until: float) -> Array:
+    """Return the instants [s] of a motion that muscles remember it by; none where no effect does."""
+    remembers = any(EFFECTS[term.name].pulls_by_record for term in terms_of(case))
+    return np.linspace(0.0, until, min(round(until / COURSE), MOST)) if remembers else np.zeros(0)
 
 
 class _Held(NamedTuple):
@@ -254,10 +264,10 @@ def fit_balance(
 
 
 def acting_in_balance(vector: FitVector) -> FitVector:
-    """Return the factors, and the terms that have a tangent: those without a force of their own, and those that are
-    learned, which have more than that."""
+    """Return the factors, and the terms that have a tangent: those without a force of their own, those whose force
+    a muscle's bench knows, and those that are learned, which have more than a force."""
     effects = [EFFECTS[term.name] for term in vector.terms]
-    acting = [effect.force is None or not effect.named for effect in effects]
+    acting = [effect.force is None or effect.pulls_by_record or not effect.named for effect in effects]
     return vector.only([label for label, acts in zip(vector.labels, acting, strict=True) if acts])[0]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from fabdesign.effects.registry import EFFECTS, labels_of
+from fabdesign.effects.registry import EFFECTS, label_effect, labels_of
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import FACTOR_RANGE, MUSCLE_TYPES, PARAMETERS, Case, Term
 from fabdesign.nouns.trial import Trial
@@ -135,6 +135,12 @@ class FitVector:
     def part(self, label: str) -> NDArray[np.intp]:
         """Return which unknowns are those of a term."""
         return np.flatnonzero([name.rpartition(".")[0] == label and "." in name for name in self.names])
+
+    def strengths(self, label: str) -> NDArray[np.intp]:
+        """Return which unknowns switch a term off; all of it where none of them does."""
+        part, keys = self.part(label), EFFECTS[label_effect(label)].strengths
+        strengths = [k for k in part if self.names[k].rpartition(".")[2] in keys]
+        return np.array(strengths, dtype=np.intp) if strengths else part
 
     def parts(self, labels: Iterable[str]) -> NDArray[np.intp]:
         """Return which unknowns are those of several terms, one after another."""

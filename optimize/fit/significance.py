@@ -7,14 +7,14 @@ import numpy as np
 from fabdesign.nouns.array import Array, Indices
 from optimize.fit.parameters import FitVector
 
-NEEDED = 8.0  # of log likelihood: what costs less to drop is dropped; four standard deviations of one parameter
+NEEDED = 8.0  # of log likelihood or evidence: what costs less to drop is dropped; four deviations of one parameter
 ALIKE = 0.98  # cosine from which on two effects are one answer
 
 
 def needed(x: Array, covariance: Array, vector: FitVector, least: float) -> list[str]:
-    """Return the terms that cost at least `least` of log likelihood each to drop, one after another, the cheapest
+    """Return the terms that cost at least `least` of log likelihood each to switch off, one after another, the cheapest
     first, with all other unknowns moving along. x (p,), covariance (p, p)."""
-    return [*eliminated(x, covariance, {label: vector.part(label) for label in vector.labels}, least)[0]]
+    return [*eliminated(x, covariance, {label: vector.strengths(label) for label in vector.labels}, least)[0]]
 
 
 def eliminated(

@@ -6,8 +6,8 @@ curvatures, each, so that a kernel may take their difference over changes of LAR
 constants move that far in the direction in which the column moves them.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -15,15 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects.acting import specimen_of
-from fabdesign.effects.declaration import Specimen
+from fabdesign.effects.declaration import MuscleRecord, Specimen
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.column import Column, move
+from fabdesign.nouns.column import Column, Course, move
 from fabdesign.nouns.forward import OF_MUSCLES, Case
 from sim.grid import masses, muscle_masses
 from sim.kernels.fields import LANES
 from sim.lacing import touched
 from sim.loading import constants_of, side_by_side
 from sim.materials import CONSTANTS, REST_CURVATURES, Lane, M
+from sim.tangent.memory import Memory, felt
 from sim.tangent.muscle_forces import Grid, Pull, Strand, summed
 
 LARGE = 0.5  # of a constant
@@ -32,10 +33,11 @@ OF_SOLVER = "MEAN_MASS", "WEIGHT_TENSION"
 
 
 class LaidCase:
-    """A case as the forces take it, under (channels,) Pa, or (ticks, channels) Pa of a motion."""
+    """A case as the forces take it, under (channels,) Pa, or (ticks, channels) Pa of a motion, which muscles
+    remember."""
 
-    def __init__(self, case: Case, pressure: Array, n: int) -> None:
-        self.case, self.pressure, self.n = case, pressure, n
+    def __init__(self, case: Case, pressure: Array, n: int, memory: Memory | None = None) -> None:
+        self.case, self.pressure, self.n, self.memory = case, pressure, n, memory
         self.specimen = specimen_of(case)
 
     @cached_property
@@ -63,10 +65,18 @@ class LaidCase:
 
     def strands(self, tick: int | None) -> list[Strand]:
         design, pressure = self.specimen.design, self.at(tick)
-        return [
+        strands = [
             Strand(muscle, design.muscle_types[muscle.type], float(pressure[muscle.channel]), *row)
             for muscle, row in zip(design.muscles, self._pulls, strict=True)
         ]
+        if tick is None or self.memory is None or not self._remembered:
+            return strands
+        then = [felt(record, tick * self.memory.tick) for record in self._remembered]
+        return [replace(one, lent=lent, friction=of) for one, (lent, of) in zip(strands, then, strict=True)]
+
+    @cached_property
+    def _remembered(self) -> list[MuscleRecord]:
+        return [] if self.memory is None else self.memory.of(self.case)
 
 
 class Sides(NamedTuple):
@@ -78,13 +88,23 @@ class Sides(NamedTuple):
 
 
 class MovedCases:
-    """Cases on n x n grids, each moved along columns, once. pressure(case): what LaidCase takes."""
+    """Cases on n x n grids, each moved along columns, once. pressure(case): what LaidCase takes. courses: of the cases,
+    where they move; tick: s, of their pressures."""
 
     def __init__(
-        self, cases: Sequence[Case], columns: Sequence[Column], n: int, pressure: Callable[[Case], Array]
+        self,
+        cases: Sequence[Case],
+        columns: Sequence[Column],
+        n: int,
+        pressure: Callable[[Case], Array],
+        *,
+        courses: Sequence[Course] = (),
+        tick: float = 0.0,
     ) -> None:
         self._columns, self._n, self._pressure = columns, n, pressure
         self.laid = [LaidCase(case, pressure(case), n) for case in cases]
+        for laid, course in zip(self.laid, courses, strict=False):
+            laid.memory = Memory(laid.specimen, course, laid.pressure, tick)
         self._sides: dict[tuple[int, int], Sides] = {}
 
     def sides(self, case: int, column: int) -> Sides:
@@ -98,7 +118,7 @@ class MovedCases:
 
     def _side(self, base: LaidCase, case: Case) -> LaidCase:
         same = case.program is base.case.program and case.effects == base.case.effects
-        return LaidCase(case, base.pressure if same else self._pressure(case), self._n)
+        return LaidCase(case, base.pressure if same else self._pressure(case), self._n, base.memory)
 
 
 class LaneColumns(NamedTuple):
@@ -135,6 +155,21 @@ class Explicit:
     def masses(self) -> list[Array]:
         """Return (n n,) kg of each lane."""
         return [laid.mass for laid in self._lanes]
+
+    @property
+    def remembered(self) -> dict[str, NDArray[np.float32]]:
+        """Return what the muscles of each lane remember, by the plane of the fields."""
+        lanes = [laid.strands(lane.tick) for laid, lane in zip(self._lanes, self._columns, strict=True)]
+        counts = [[len(strand.muscle.fixed_points()) for strand in strands] for strands in lanes]
+        room = max(map(sum, counts))
+
+        def plane(of: Callable[[Strand], float | Array]) -> NDArray[np.float32]:
+            """Return (blocks, points, LANES); an interval has the place of its first fixed point."""
+            return side_by_side(
+                [_by_interval(map(of, strands), some, room) for strands, some in zip(lanes, counts, strict=True)]
+            )
+
+        return {"held_lent": plane(lambda one: one.lent), "held_friction": plane(lambda one: one.friction)}
 
     def moved(self, slot: int) -> list[Sides | None]:
         """Return both sides of each lane along the column in a slot of its own; None where there is none."""
@@ -214,6 +249,14 @@ class Explicit:
         density = {name: kind.mass_per_length for name, kind in low.specimen.design.muscle_types.items()}
         changes = [(m, sign * density[m.type]) for pair in moved for m, sign in zip(pair, (-1, 1), strict=True)]
         return muscle_masses(changes, tuple(self._spacing[lane]), self._n)
+
+
+def _by_interval(values: Iterable[float | Array], counts: Sequence[int], room: int) -> Array:
+    """Return (room,): a value of each muscle's intervals, or (k,) of each, at the places of their first of `counts`
+    fixed points."""
+    spread = [np.broadcast_to(value, count - 1) for value, count in zip(values, counts, strict=True)]
+    every = np.concatenate([np.zeros(0), *(np.append(some, 0.0) for some in spread)])
+    return np.pad(every, (0, room - len(every)))
 
 
 def _unlike(low: Sequence[Strand], high: Sequence[Strand]) -> tuple[list[Strand], list[Strand]]:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects.acting import acting_pressure
-from fabdesign.nouns.array import Array
-from fabdesign.nouns.column import Balance
+from fabdesign.nouns.array import Array, Floats
+from fabdesign.nouns.column import SPRINGS, Balance
 from fabdesign.nouns.forward import Case, Instant
 from sim.kernels.fields import LANES
 from sim.kernels.transfer import put
@@ -25,7 +25,6 @@ from sim.tangent.shape_kernels import write_columns
 from sim.tangent.shapes import Balanced, Solved
 
 FARTHEST = 5e-3  # m, RMS from a frame to where its forces balance: farther off its acceleration was not resolved
-SPRINGS = 400.0  # 1/s^2, sigma: the square of a swing's 8 rad/s counts for little beside it
 
 
 def solve_in_motion(
@@ -33,10 +32,10 @@ def solve_in_motion(
 ) -> list[Solved]:
     """Return the responses of the lanes of a batch, each at an instant, as their middle, and the columns solved."""
     state = {"x0": "middle", "q": "middle", "v0": "velocity", "a0": "acceleration"}
-    put(batch.blocks, {plane: state_of(instants, name) for plane, name in state.items()})
+    put(batch.blocks, {plane: ringed([getattr(one, name) for one in instants]) for plane, name in state.items()})
     balanced = Balanced(batch, lanes, cases, springs=SPRINGS, farthest=FARTHEST)
     changes = balanced.changes()
-    put(batch.blocks, {"vp": state_of(instants, "moved_velocity")})
+    put(batch.blocks, {"vp": ringed([one.moved_velocity for one in instants])})
     loads = [(SPRINGS * one.moved - one.moved_acceleration).reshape(-1, 3) for one in instants]
     forces = [mass[:, None] * load for mass, load in zip(balanced.host.masses, loads, strict=True)]
     write_columns(*batch.grid, 1, np.array(forces, np.float32).reshape(1, batch.blocks, LANES, -1, 3))
@@ -62,7 +61,6 @@ def balance_of(solved: Solved, count: int) -> Balance:
     return Balance(solved.middle + np.float32(nothing), changes + np.float32(nothing))
 
 
-def state_of(instants: Sequence[Instant], field: str) -> NDArray[np.float32]:
-    """Return (blocks, nodes, 3, LANES) of a field of each lane's instant, with a ring of zeros."""
-    fields = [np.pad(getattr(one, field), ((1, 1), (1, 1), (0, 0))) for one in instants]
-    return side_by_side([field.reshape(-1, 3).T for field in fields])
+def ringed(fields: Sequence[Floats]) -> NDArray[np.float32]:
+    """Return (blocks, nodes, 3, LANES) of a field (n, n, 3) of each lane, with a ring of zeros."""
+    return side_by_side([np.pad(field, ((1, 1), (1, 1), (0, 0))).reshape(-1, 3).T for field in fields])

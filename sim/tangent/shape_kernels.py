@@ -13,9 +13,10 @@ from sim.solver.muscle_modes import green
 from sim.solver.muscles import woodbury
 from sim.step import muscles, muscles_pull
 from sim.tangent.conjugate_gradients import conjugate_gradients
+from sim.tangent.memory import REMEMBERED
 from sim.time_steps import CA
 
-NOTHING_ADDED = ()  # forces of effects: shapes with them take differences
+ADDED = (REMEMBERED,)  # as it is held; shapes with other forces of effects take differences
 
 
 @ti.func
@@ -31,7 +32,7 @@ def forces_held(b, nu, nv, npt, support, pressure: ti.template()):
         lane = F.after[lane]
     fabric_force(b, nu, nv, support, False)
     if npt > 0:
-        muscles(b, nu, npt, NOTHING_ADDED)
+        muscles(b, nu, npt, ADDED)
         muscles_pull(b, nu, npt)
 
 

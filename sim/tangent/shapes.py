@@ -77,6 +77,7 @@ class Balanced:
         self._batch, self._lanes = batch, lanes
         self.host = Explicit(cases, lanes, batch.nu)
         before = batch.positions(F.x0)
+        put(batch.blocks, self.host.remembered)
         settled = _solve(batch, self.host, SETTLING, settles=True)[:, -1] == SOLVED
         self.middle = batch.positions(F.q)
         moved = np.sqrt(np.square(self.middle - before).sum(axis=-1).mean(axis=(1, 2)))

@@ -26,7 +26,7 @@ from optimize.fit.parameters import FitVector
 from optimize.fit.problem import BenchProblem
 from studies.benches.evaluate import errors_of
 from studies.benches.law import Law, rms
-from studies.benches.muscle import REFITS, BenchMuscle, Rows, motion_columns, only_speed, rows_of, travels
+from studies.benches.muscle import BenchMuscle, Rows, motion_columns, only_speed, rows_of, travels
 from studies.benches.records import LAWS, LEAST_SHOWN, BenchNoise, for_people, noise_of, require_columns, shown, unit_of
 from studies.fitting.fitted_model import effect_term, quantities_of
 
@@ -107,7 +107,7 @@ def calibrate_bench(
     left_out = []
     for i, tell in enumerate(later):
         others = chosen[:i] + chosen[i + 1 :]
-        left_out.append(_error(bench, _fit(bench, others, vector, tell, refits=0)[0], [chosen[i]]))
+        left_out.append(_error(bench, _fit(bench, others, vector, tell)[0], [chosen[i]]))
     return BenchCalibration(
         bench=bench,
         law=law,
@@ -185,14 +185,13 @@ def _fit(
     records: Sequence[BenchRecord],
     vector: FitVector | None,
     tell: Callable[[float], None],
-    refits: int = REFITS,
 ) -> tuple[Law, tuple[EffectTerm, ...]]:
     tell(0.0)
     kind = LAWS[bench.specimen]
     if issubclass(kind, BenchMuscle):
         effects = () if vector is None else fit_effects(partial(rows_of, records), vector, tell)
         terms = tuple(effect.term for effect in effects)
-        return kind.fit(records, terms=terms, refits=refits), effects
+        return kind.fit(records, terms=terms), effects
     return kind.fit(records), ()
 
 

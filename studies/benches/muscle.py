@@ -2,12 +2,11 @@
 with effects in what the law sees of them."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.declaration import MuscleRecord
@@ -83,7 +82,6 @@ def motion_columns(rate: Array, *, friction: bool = True) -> Array:
     return np.stack([rate, sign if friction else np.zeros(len(rate))], axis=1)
 
 
-REFITS = 20  # of the block bootstrap
 _CELLS = (12, 24)  # of pressure and contraction, that a time series is averaged over before the law is fitted
 _PRESSURES, _CONTRACTIONS = 9, 16  # of the table in a file
 
@@ -91,20 +89,14 @@ _PRESSURES, _CONTRACTIONS = 9, 16  # of the table in a file
 @dataclass(frozen=True, eq=False)
 class BenchMuscle(Law):
     """F = law(p, eps) - viscosity deps/dt - hysteresis sign(deps/dt): the law is the mean of both directions. With
-    effects, p, eps are what they leave, and braid_hysteresis stands for the last term.
-
-    Intervals are 90 %, by a block bootstrap over records (or tenths of them).
-    """
+    effects, p, eps are what they leave, and braid_hysteresis stands for the last term."""
 
     columns: ClassVar = (PRESSURES, ("contraction",), FORCES)
 
     law: MuscleLaw
     viscosity: float | None  # N s, tension lost per contraction rate; None: no motion in the records
-    viscosity90: tuple[float, float] | None
     hysteresis: float | None  # N, half the distance of the branches
-    hysteresis90: tuple[float, float] | None
     misfit: float  # N RMS over the rows fitted
-    refits: tuple[MuscleLaw, ...]  # of the bootstrap
     terms: tuple[Term, ...] = ()  # effects that act
 
     @staticmethod
@@ -113,58 +105,31 @@ class BenchMuscle(Law):
         return table
 
     @classmethod
-    def fit(
-        cls, records: Sequence[BenchRecord], *, terms: tuple[Term, ...] = (), refits: int = REFITS, seed: int = 0
-    ) -> "BenchMuscle":
+    def fit(cls, records: Sequence[BenchRecord], *, terms: tuple[Term, ...] = ()) -> "BenchMuscle":
         """Return the law and what damps. terms: effects that are held. Raises InputError where a record lacks pressure,
         contraction or force, or where all have too few rows."""
-        rows, rubs = rows_of(records, terms), all(term.name != "braid_hysteresis" for term in terms)
-        law, constants, misfit = cls._fitted(rows, np.zeros(2), ROUNDS, friction=rubs)
-        rng = np.random.default_rng(seed)
-        blocks = np.unique(rows.block)
-        again: list[_Fitted] = []
-        for _ in range(refits):
-            drawn = rng.choice(blocks, len(blocks))
-            index = np.concatenate([np.flatnonzero(rows.block == block) for block in drawn])
-            with suppress(InputError):  # a draw that misses all pressures but one
-                some = Rows(*(column[index] for column in vars(rows).values()))
-                again.append(cls._fitted(some, np.zeros(2) if constants is None else constants, 2, friction=rubs))
-        bands = np.quantile([c for _, c, _ in again], (0.05, 0.95), axis=0) if constants is not None and again else None
-        return cls(
-            law=law,
-            viscosity=None if constants is None else float(constants[0]),
-            viscosity90=None if bands is None else (float(bands[0, 0]), float(bands[1, 0])),
-            hysteresis=None if constants is None or not rubs else float(constants[1]),
-            hysteresis90=None if bands is None or not rubs else (float(bands[0, 1]), float(bands[1, 1])),
-            misfit=misfit,
-            refits=tuple(refit for refit, _, _ in again),
-            terms=terms,
-        )
-
-    @classmethod
-    def _fitted(cls, rows: Rows, constants: Array, rounds: int, *, friction: bool) -> "_Fitted":
-        """Return the fit from given constants."""
         from scipy.optimize import nnls
 
-        motion, force = motion_columns(rows.rate, friction=friction), rows.force + rows.friction
+        rows, rubs = rows_of(records, terms), all(term.name != "braid_hysteresis" for term in terms)
+        motion, force, constants = motion_columns(rows.rate, friction=rubs), rows.force + rows.friction, np.zeros(2)
         moves = bool(rows.rate.any())
-        for _ in range(rounds if moves else 1):
+        for _ in range(ROUNDS if moves else 1):
             law = MuscleLaw.fit(cls.by_formula(_averaged(rows, force + motion @ constants)))
             residual = law.tension(rows.pressure, rows.contraction) - force
             if moves:
                 constants, _ = nnls(motion, residual)
-        return _Fitted(law, constants if moves else None, rms(residual - motion @ constants))
-
-    def interval90(self, pressure_pa: ArrayLike, contraction: ArrayLike) -> tuple[Array, Array]:
-        """Return N, of the law."""
-        forces = [refit.tension(pressure_pa, contraction) for refit in self.refits]
-        low, high = np.quantile(forces, (0.05, 0.95), axis=0)
-        return low, high
+        return cls(
+            law=law,
+            viscosity=float(constants[0]) if moves else None,
+            hysteresis=float(constants[1]) if moves and rubs else None,
+            misfit=rms(residual - motion @ constants),
+            terms=terms,
+        )
 
     @classmethod
     def still(cls, others: Sequence[BenchRecord], record: BenchRecord) -> Array:
         """Return (n,) N by the law alone."""
-        return replace(cls.fit(others, refits=0), viscosity=None, hysteresis=None).predict(record)
+        return replace(cls.fit(others), viscosity=None, hysteresis=None).predict(record)
 
     def constants(self) -> Mapping[str, Quantity]:
         """Return what damps, as far as records move."""
@@ -195,7 +160,7 @@ class BenchMuscle(Law):
 
 
 def of_type(law: MuscleLaw, viscosity: float | None, terms: Sequence[Term]) -> Predict:
-    still = BenchMuscle(law, None, None, None, None, 0.0, ())
+    still = BenchMuscle(law, None, None, 0.0)
     moving = replace(still, viscosity=viscosity or None, terms=tuple(terms))
     return lambda record: (still.predict(record), moving.predict(record))
 
@@ -203,14 +168,6 @@ def of_type(law: MuscleLaw, viscosity: float | None, terms: Sequence[Term]) -> P
 def travels(effect: EffectTerm | Term) -> bool:
     """Return whether an effect belongs to the muscle; a bench's regulator stays where it is."""
     return EFFECTS[effect.name].scope == "muscle type"
-
-
-class _Fitted(NamedTuple):
-    """A fit: the law, and where there is motion viscosity and hysteresis, not below 0."""
-
-    law: MuscleLaw
-    constants: Array | None
-    misfit: float  # N
 
 
 def _averaged(rows: Rows, force: Array) -> BenchTable:

@@ -19,7 +19,7 @@ from optimize.fit.parameters import DECLARED, FitVector
 from optimize.fit.policy import CLOSE, DECLARED_ALONE, ROUGH, Policy
 from studies.calibration.result import Calibration, ambiguities
 from studies.calibration.trial_checks import implausible
-from studies.fitting.fits import Fits, factor_starts, fit_in_balance, starts_of
+from studies.fitting.fits import Fits, fit_in_balance, starts_of
 from studies.fitting.fitted_model import EXCESS, doubted, far_factors, fitted_model, interval_warnings, with_engines
 from studies.fitting.joint_fit import MANY, joint_fit
 from studies.intervals.calibrate import MOST, with_spread
@@ -180,7 +180,7 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, options: Calibration
             return lambda line, share: early.progress_of(named, vector)(f"no effects, {line}", share)
 
         alone = replace(early, named=f"factors of {len(data.trials)} trials", progress_of=no_effects)
-        plain = alone.fit(alone.problem(some, factors), FitStart(factor_starts(balanced, factors)), _last(factors))
+        plain = alone.fit(alone.problem(some, factors), FitStart(starts_of(factors, balanced)), _last(factors))
         fitted = joint_fit(data, vector, fits.within(_WITHOUT_EFFECTS, 1.0), balanced)
     except KeyboardInterrupt as stop:
         reached = stop.fit() if options.interruptible and isinstance(stop, Interrupted) else None

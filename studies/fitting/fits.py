@@ -1,22 +1,24 @@
 """How a study fits models to what was measured: by which engines, how precisely, where fits are kept, who is told; and
 where fits of motions begin: at what balances frames of them."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.effects.registry import EFFECTS
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.forward import ForwardModel, Term
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.runtime.store import Checkpoint
 from optimize.fit.balance import BalanceProblem, acting_in_balance, fit_balance, frames_around
 from optimize.fit.descent import FitStart, Progress, fit, parts, silent
 from optimize.fit.fitted import Fit
-from optimize.fit.parameters import FitVector
+from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.policy import ROUGH, Policy
 from optimize.fit.problem import FitProblem
+from optimize.fit.significance import NEEDED, needed
 from studies.fitting.fitted_model import expected_rms
 from studies.measured.fit_data import MeasuredData
 
@@ -59,6 +61,7 @@ class Fits:
 
 
 BALANCED = 16  # trials, of which frames are looked at
+KEPT = NEEDED / 2  # of log likelihood: an effect that costs less to drop where a fit begins, is not fitted on
 SHOWS = 1e-5  # m RMS that a prior's deviation of an unknown moves frames by; less is rounding
 
 
@@ -82,30 +85,33 @@ def fit_in_balance(data: MeasuredData, fits: Fits, vector: FitVector) -> Fit | N
     return fit_balance(problem, named=named, checkpoint=fits.checkpoint, progress=say)
 
 
-def starts_of(vector: FitVector, balanced: Fit | None, dropped: Collection[str] = ()) -> Array:
-    """Return (k, p) where a fit of motions may begin: where frames balance, with the terms `dropped` at nothing; what
-    has no tangent at its start, and at nothing."""
-    if balanced is None:
+def starts_of(vector: FitVector, known: Fit | None) -> Array:
+    """Return (k, p) where a fit of motions may begin: the vector's start; where another fit is, with what that has not
+    got at its start, and at nothing; and where that is, to first order, without what it does not need, or the vector
+    has not got."""
+    if known is None:
         return vector.start[None]
-    there = balanced.without(dropped) if dropped else balanced.x
-    known = dict(zip(balanced.vector.names, there, strict=True))
-    return np.array([[known.get(p.name, share * p.start) for p in vector.parameters] for share in (1.0, 0.0)])
+    off = unneeded(known) | ({*known.vector.labels} - {*vector.labels})
+    values = [dict(zip(known.vector.names, x, strict=True)) for x in (known.x, known.without(off))]
+    rows = [[of.get(p.name, share * p.start) for p in vector.parameters] for of in values for share in (1.0, 0.0)]
+    return np.unique([*rows, vector.start], axis=0)
 
 
-def factor_starts(balanced: Fit | None, factors: FitVector) -> Array:
-    """Return (k, p) where a fit of the factors alone may begin: where frames balance with effects and, to first order,
-    without, and their start."""
-    if balanced is None:
-        return factors.start[None]
-    places = balanced.x, balanced.without(balanced.vector.labels)
-    return np.array([*(x[balanced.vector.are_factors] for x in places), factors.start])
+def unneeded(fit: Fit) -> frozenset[str]:
+    """Return the terms that move the residuals of a fit, and that cost under KEPT to drop, one after another."""
+    kept = needed(fit.minimum, fit.covariance, fit.vector, KEPT)
+    terms = dict(zip(fit.vector.labels, fit.vector.terms, strict=True))
+    return frozenset(
+        label
+        for label in shown(fit)
+        if label not in kept and _may_go(terms[label], tuple(fit.vector.parameters[k] for k in fit.vector.part(label)))
+    )
 
 
-def with_factors(vector: FitVector, factors: Array) -> Array:
-    """Return a vector's unknowns (p,): factors, and effects at nothing."""
-    x = np.zeros(len(vector.parameters))
-    x[: len(factors)] = factors
-    return x
+def _may_go(term: Term, parameters: Sequence[FitParameter]) -> bool:
+    """Return whether a term may be dropped: no model gave it, fitted or held."""
+    keys = {parameter.name.rpartition(".")[2] for parameter in parameters}
+    return bool(keys) and keys <= {*EFFECTS[term.name].strengths} - term.values.keys()
 
 
 def shown(fit: Fit) -> list[str]:

@@ -15,8 +15,6 @@ from math import factorial
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fabdesign.effects import EFFECTS
-from fabdesign.effects.registry import label_effect
 from fabdesign.nouns.array import Array, Indices
 from optimize.fit.clouds import Match, Sample, places_on_cloth
 from optimize.fit.cross_validation import Gain, LeftOut, Scored
@@ -95,9 +93,8 @@ def is_certain(gain: Gain, least: float) -> bool:
 
 def strength(fit: Fit, label: str) -> float:
     """Return the strongest of the strengths of an effect of a fit, in deviations of their priors."""
-    keys, vector = EFFECTS[label_effect(label)].strengths, fit.vector
-    strengths = [k for k in vector.part(label) if vector.parameters[k].name.rpartition(".")[2] in keys]
-    return float((np.abs(fit.x[strengths]) / vector.prior[strengths]).max())
+    strengths = fit.vector.strengths(label)
+    return float((np.abs(fit.x[strengths]) / fit.vector.prior[strengths]).max())
 
 
 def is_cause(fit: Fit, label: str) -> bool:

@@ -16,7 +16,7 @@ from fabdesign.errors import SimulationError
 from fabdesign.geometry.metrics import trial_errors
 from fabdesign.geometry.sensor_noise import estimate_noise
 from fabdesign.nouns.catalogue import build
-from fabdesign.nouns.column import factor
+from fabdesign.nouns.column import Course, factor
 from fabdesign.nouns.design import Term
 from fabdesign.nouns.forward import Case, Instant
 from fabdesign.nouns.pressure import PressureProgram
@@ -71,7 +71,8 @@ def _derivatives() -> None:
     from sim import Simulator
 
     nothing = np.zeros((GRID, GRID, 3))
-    Simulator(GRID).balances([_case()], [[Instant(0.0, *[nothing] * 6)]], [factor("membrane")])
+    course = Course(np.zeros(1), nothing[None], [Instant(0.0, *[nothing] * 6)])
+    Simulator(GRID).balances([_case()], [course], [factor("membrane")])
 
 
 def _distances() -> None:

@@ -83,11 +83,6 @@ class Task(Refits):
         """Fit as `optimize.fit.descent.fit` does. named: in the folder and in messages."""
         return self.fits.fit(self.problem(vector), start, policy, named)
 
-    def nearest(self, vector: FitVector, xs: Sequence[Array]) -> tuple[float, Array]:
-        """Return the RMS of the residuals capped at 10 mm, m, and the place of `xs` where that is least."""
-        best = min(self.problem(vector).evaluate(xs), key=lambda one: one.misfit.rms)
-        return best.misfit.rms, best.x
-
     def linearised(self, named: str, vector: FitVector, start: FitStart) -> Fit:
         """Return a fit that ends where it begins, with missing columns of the Jacobian by differences."""
         x, problem = start.x, self.problem(vector)
@@ -118,7 +113,6 @@ class Task(Refits):
         labels: Sequence[str],
         *,
         hopeless: float = np.inf,
-        named: str = "",
         jacobian: Literal["kept", "anew"] = "kept",
     ) -> Fit:
         """Return a fit of these effects alone, from where one with more is, on its Jacobian but for shapes that it has
@@ -128,7 +122,7 @@ class Task(Refits):
         fewer, index = known.vector.only(labels)
         at = [vector.names.index(name) for name in fewer.names]
         known_jacobian = None if jacobian == "anew" else widened(known.state.jacobian[:, index], at, len(vector.names))
-        named = named or f"{' '.join(vector.labels)}{' at last' if jacobian == 'anew' else ''}"
+        named = f"{' '.join(vector.labels)}{' at last' if jacobian == 'anew' else ''}"
         content = float(np.hypot(known.promised(to_first_order(known, labels)), 0.5 * self.tolerance))
         policy = replace(ASKED, hopeless=hopeless, content=content)
         return self.fit(named, vector, FitStart(starts, known_jacobian, known.inputs), policy)
@@ -160,13 +154,11 @@ class Task(Refits):
         one, other = ((fit.vector, fit.without(labels)) for labels in (dropped, [*dropped, label]))
         return self.differs_elsewhere(one, other) >= self.tolerance
 
-    def needed_elsewhere(self, known: Fit, simpler: Fit, x: Array | None = None) -> bool:
-        """Return whether the data lose by a simpler fit, and other layouts move otherwise than where `known` has its
-        unknowns x (p,), by default where it ended."""
+    def needed_elsewhere(self, known: Fit, simpler: Fit) -> bool:
+        """Return whether the data lose by a simpler fit, and other layouts move otherwise."""
         if _lost(known, simpler) < NEEDED:
             return False
-        place = known.vector, known.x if x is None else x
-        return self.differs_elsewhere(place, (simpler.vector, simpler.x)) >= self.tolerance
+        return self.differs_elsewhere((known.vector, known.x), (simpler.vector, simpler.x)) >= self.tolerance
 
 
 def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:

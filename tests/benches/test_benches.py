@@ -117,16 +117,12 @@ def test_friction_does_not_depend_on_the_rate():
 
 
 def test_muscle_recovers_law_viscosity_and_hysteresis():
-    muscle = BenchMuscle.fit([muscle_record(viscosity=6.0, hysteresis=0.4)], refits=8)
+    muscle = BenchMuscle.fit([muscle_record(viscosity=6.0, hysteresis=0.4)])
     assert muscle.viscosity == pytest.approx(6.0, rel=0.05)
     assert muscle.hysteresis == pytest.approx(0.4, rel=0.1)
-    assert muscle.viscosity90[0] < 6.05
-    assert muscle.viscosity90[1] > 5.95
     p, eps = np.linspace(50e3, 350e3, 7)[:, None], np.linspace(-0.01, 0.2, 22)
     error = muscle.law.tension(p, eps) - muscle_force(p, eps)
     assert np.sqrt(np.mean(error**2)) < 0.1
-    low, high = muscle.interval90(200e3, 0.1)
-    assert low < muscle.law.tension(200e3, 0.1) < high
 
 
 def test_muscle_without_motion_has_no_dynamic_constants():

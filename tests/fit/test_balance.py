@@ -20,8 +20,7 @@ from optimize.fit.free_parameters import fit_vector
 from optimize.fit.misfit import frames_of
 from optimize.fit.significance import NEEDED, needed
 from sim import Simulator
-from studies.fitting.fits import Fits, factor_starts, fit_in_balance, shown, starts_of
-from studies.fitting.joint_fit import unneeded
+from studies.fitting.fits import Fits, fit_in_balance, shown, starts_of, unneeded
 from studies.measured.fit_data import MeasuredData
 from studies.measured.splits import fit_trials
 from studies.measured.used_frames import UsedFrames
@@ -29,7 +28,7 @@ from studies.measured.used_frames import UsedFrames
 DESIGN = build("basic", muscles=4)
 SIGMA = 0.3e-3  # m
 TIMES = np.arange(30) / 30  # s
-FREE = ["orthotropy", "filling_lag", "supply_droop", "registration_bias.z", "muscle_creep"]
+FREE = ["orthotropy", "filling_lag", "supply_droop", "registration_bias.z", "muscle_creep", "air_drag"]
 TERMS = (
     Term("orthotropy", {"ratio": 0.5}),
     Term("filling_lag", {"fill": 0.15, "empty": 0.15}),
@@ -99,14 +98,16 @@ def test_a_known_truth_is_led_to_in_one_go(data, forward, vector, balanced):
 def test_what_balance_needs_is_said_and_what_it_does_not_begins_at_nothing(vector, balanced):
     found = {*needed(balanced.minimum, balanced.covariance, balanced.vector, NEEDED)}
     assert found == {"orthotropy", "filling_lag", "registration_bias"}
-    assert "muscle_creep" not in balanced.vector.labels  # a force without a tangent
+    assert "air_drag" not in balanced.vector.labels  # a force without a tangent
     assert {*shown(balanced)} == {*balanced.vector.labels} and unneeded(balanced) == {"supply_droop"}
-    on, off = (dict(zip(vector.names, row, strict=True)) for row in starts_of(vector, balanced, {"supply_droop"}))
-    assert on["supply_droop.share"] == off["supply_droop.share"] == 0.0
-    assert on["muscle_creep.share"] == vector.start[vector.names.index("muscle_creep.share")] > 0
-    assert off["muscle_creep.share"] == 0.0 and on["orthotropy.ratio"] == off["orthotropy.ratio"] < -0.5
-    starts = factor_starts(balanced, vector.without_effects)
-    assert starts.shape == (3, 7) and not starts[-1].any() and (starts[0] == balanced.x[:7]).all()
+    rows = [dict(zip(vector.names, row, strict=True)) for row in starts_of(vector, balanced)]
+    drag = vector.start[vector.names.index("air_drag.coefficient")]
+    assert sorted(row["air_drag.coefficient"] for row in rows) == [0.0, 0.0, drag, drag, drag]
+    assert sum(row["supply_droop.share"] == 0 for row in rows) == 2  # where it is dropped
+    assert sum(row["orthotropy.ratio"] < -0.5 for row in rows) == 4  # not at the vector's own start
+    starts = starts_of(vector.without_effects, balanced)
+    assert starts.shape == (3, 7) and (starts == 0).all(axis=1).any()
+    assert (starts == balanced.x[:7]).all(axis=1).any()
 
 
 @pytest.mark.parametrize("seconds", [1 / 30, 0.1])
@@ -136,15 +137,16 @@ def test_an_engine_without_balance_begins_where_the_vector_does(data, vector):
     bare = Fits(Predictor(Bare()), 0.5e-3)
     assert fit_in_balance(data, bare, vector) is None
     assert (starts_of(vector, None) == vector.start[None]).all()
-    assert (factor_starts(None, vector.without_effects) == 0).all()
+    assert (starts_of(vector.without_effects, None) == 0).all()
 
 
 def test_a_set_of_which_no_frame_balances_begins_where_the_vector_does(data, forward, vector):
     class Falling(Simulator):
-        def balances(self, cases, instants, columns):
+        def balances(self, cases, courses, columns):
             return [
-                [Balance(np.full((21, 21, 3), np.nan), np.full((len(columns), 21, 21, 3), np.nan))] * len(some)
-                for some in instants
+                [Balance(np.full((21, 21, 3), np.nan), np.full((len(columns), 21, 21, 3), np.nan))]
+                * len(course.instants)
+                for course in courses
             ]
 
     assert fit_in_balance(data, Fits(Predictor(Falling(21), sensing=True), 0.5e-3), vector) is None

@@ -53,9 +53,9 @@ def test_a_muscle_law_is_a_formula_and_its_name() -> None:
 
     force = braid(pressure, eps) - 3 * np.gradient(eps, time) + 0.3 * rng.standard_normal(len(time))
     columns = {"time": time, "pressure": pressure, "contraction": eps, "force": force}
-    muscle = law.fit([BenchRecord("sweep", columns, {})], refits=0)
+    muscle = law.fit([BenchRecord("sweep", columns, {})])
     p, e = np.meshgrid([0.0, 120e3, 380e3], np.linspace(-0.01, 0.2, 9))
-    plain = BenchMuscle.fit([BenchRecord("sweep", columns, {})], refits=0)
+    plain = BenchMuscle.fit([BenchRecord("sweep", columns, {})])
     errors = [np.abs(one.tension(p, e) - braid(p, e)).max() for one in (muscle.law, law_of(muscle.table()), plain.law)]
     assert max(errors[:2]) < 0.1 < 0.2 < errors[2], errors  # N
     assert muscle.viscosity == pytest.approx(3, rel=0.05)
@@ -91,7 +91,7 @@ def test_an_objective_is_one_entry(monkeypatch: pytest.MonkeyPatch) -> None:
     declared("Add an objective", names=vars(objective_room))
     shape = AnalyticCloth().equilibria([Case(build("basic"), constant_program([1e5] * 8))])[0][None].astype(float)
     objective = Objective([Target(shape[0, :1681] + [0, 0, 0.002])], measure="mean")  # type: ignore[arg-type]
-    assert 1e-3 < objective.value(shape) <= 2e-3
+    assert 1e-3 < objective.value(shape) < 2.001e-3
     _, slope = objective.gradient(shape)
     direction = np.random.default_rng(0).standard_normal(shape.shape)
     ahead, behind = (objective.gradient(shape + h * direction)[0] for h in (1e-8, -1e-8))

@@ -107,25 +107,48 @@ MOVED = {"muscle_gain": 0.05, "bending": 0.1, "areal_density": 0.2, "damping": 0
 FRICTION = Term("braid_hysteresis", {"friction": 0.002})
 
 
-@pytest.mark.parametrize(("effects", "most"), [((), (0.1, 0.2, 0.6, 0.5)), ((FRICTION,), (0.6, 0.6, 0.85, 0.75))])
+def balance_of(case, others, columns, *, at=0.35):
+    """Return how far off the motions of others are at an instant, what of that their velocity and acceleration leave,
+    and what the columns do: (others, N, N, 3) m each."""
+    course = np.unique(np.concatenate([np.arange(0.0, at, 1 / 80), at + FINE]))
+    base, fine, coarse, *seen = SIMULATOR.run(
+        [case, case, case, *others], [course, at + FINE] + [at + FRAMES] * (1 + len(others))
+    )
+    offs = [other.middle.astype(float) - coarse.middle for other in seen]
+    instants = [Instant(at, *polynomial(FINE, fine.middle), off[2], *polynomial(FRAMES, off)[1:]) for off in offs]
+    [balances] = SIMULATOR.balances([case], [column.Course(course, base.middle, instants)], columns)
+    off = np.array([off[2] for off in offs])
+    remaining = off - [balance.response for balance in balances]
+    return off, remaining, np.array([balance.changes[k] for k, balance in enumerate(balances)])
+
+
+@pytest.mark.parametrize(("effects", "most"), [((), (0.1, 0.2, 0.6, 0.5)), ((FRICTION,), (0.1, 0.2, 0.8, 0.6))])
 def test_a_moved_motion_is_in_balance_with_what_moved_it(effects, most):
     """K d = F dtheta - C d' - M d'', with d to the motion under another factor: beside velocity and acceleration the
-    column takes most of d. A friction, which has no tangent, stays as it is, and leads near all the same."""
-    case, at, moved = replace(CASES[0], effects=effects), 0.35, MOVED
-    others = [replace(case, factors={name: 1 + by}) for name, by in moved.items()]
-    base, coarse, *seen = SIMULATOR.run([case, case, *others], [at + FINE] + [at + FRAMES] * (1 + len(others)))
-    middle, velocity, acceleration = polynomial(FINE, base.middle)
-    distances = [polynomial(FRAMES, other.middle.astype(float) - coarse.middle)[1:] for other in seen]
-    offs = [(other.middle[2].astype(float) - coarse.middle[2]) for other in seen]
-    instants = [
-        Instant(at, middle, velocity, acceleration, off, *later) for off, later in zip(offs, distances, strict=True)
-    ]
-    [balances] = SIMULATOR.balances([case], [instants], [column.factor(name) for name in moved])
-    for k, ((name, by), share) in enumerate(zip(moved.items(), most, strict=True)):
-        without = np.linalg.norm(offs[k] - balances[k].response)
-        assert without > 0.25 * np.linalg.norm(offs[k]), name
-        explained = balances[k].response + by * balances[k].changes[k]
-        assert np.linalg.norm(offs[k] - explained) < share * without, name
+    column takes most of d. A friction is as the motion has led to, and stays so."""
+    case = replace(CASES[0], effects=effects)
+    others = [replace(case, factors={name: 1 + by}) for name, by in MOVED.items()]
+    offs, remaining, changes = balance_of(case, others, [column.factor(name) for name in MOVED])
+    for (name, by), share, off, rest, change in zip(MOVED.items(), most, offs, remaining, changes, strict=True):
+        assert np.linalg.norm(rest) > 0.25 * np.linalg.norm(off), name
+        assert np.linalg.norm(rest - by * change) < share * np.linalg.norm(rest), name
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "moved", "most"),
+    [
+        ("muscle_creep", {"share": 0.4, "time": 0.3}, {"share": 0.5, "time": 0.4}, 0.15),
+        ("braid_hysteresis", {"friction": 0.003, "slip": 0.005}, {"friction": 0.004}, 0.03),
+    ],
+)
+def test_what_muscles_remember_is_in_balance_by_the_law_of_their_bench(effect, values, moved, most):
+    """The force follows from the contractions along the motion, whose changes are small beside what moved them."""
+    case = replace(CASES[0], effects=(Term(effect, values),))
+    others = [replace(case, effects=(Term(effect, {**values, name: value}),)) for name, value in moved.items()]
+    _, remaining, changes = balance_of(case, others, [column.of_effect(effect, name, 1e-3) for name in moved])
+    for (name, value), rest, change in zip(moved.items(), remaining, changes, strict=True):
+        left = np.linalg.norm(rest - (value - values[name]) * change)
+        assert left < most * np.linalg.norm(rest), name
 
 
 def test_damping_moves_no_shape_at_rest():
@@ -136,7 +159,8 @@ def test_damping_moves_no_shape_at_rest():
 
 def test_a_frame_that_is_not_there_has_no_balance():
     nothing = np.full((N, N, 3), np.nan)
-    [[balance]] = SIMULATOR.balances(CASES[:1], [[Instant(0.1, *[nothing] * 6)]], [column.factor("bending")])
+    course = column.Course(np.array([0.0, 0.1]), np.zeros((2, N, N, 3)), [Instant(0.1, *[nothing] * 6)])
+    [[balance]] = SIMULATOR.balances(CASES[:1], [course], [column.factor("bending")])
     assert np.isnan(balance.response).all() and np.isnan(balance.changes).all()
 
 

@@ -48,7 +48,7 @@ from studies.tracing.candidates import candidates_of
 from studies.tracing.report import as_text
 from studies.tracing.residual_analysis import other_layouts, remains
 from studies.tracing.run import DRAWN, trace_set
-from studies.tracing.selection import backwards, begin_without, enough, reduced, sparse, worth
+from studies.tracing.selection import backwards, with_evidence
 from studies.tracing.task import Task, label_in
 from tests.few_effects import few_effects
 
@@ -368,17 +368,19 @@ def test_of_several_channels_or_places_the_odd_one_stays(monkeypatch):
     ]
     x = np.zeros(len(vector.parameters))
     x[vector.part("odd_muscle:1")], x[vector.part("odd_muscle:2")], x[vector.part("dead_time")] = -0.4, 0.1, 0.05
-    here, there, *_ = places = [label for label in vector.labels if label.startswith("added_mass")]
+    here, there, *others = [label for label in vector.labels if label.startswith("added_mass")]
     x[vector.part(here)], x[vector.part(there)] = 0.002, 0.004
 
-    class Found:
-        pass
-
-    found = Found()
-    found.minimum, found.vector, found.covariance = x, vector, 1e-4 * np.eye(len(x))
+    variance = np.where(np.isin(np.arange(len(x)), vector.parts(places := [here, there, *others])), 1e-8, 1e-4)
+    information = np.diag(1 / variance) - vector.precision
+    found = SimpleNamespace(
+        minimum=x, vector=vector, covariance=np.diag(variance), normal=SimpleNamespace(information=information)
+    )
     assert len(places) == 4
-    assert sparse(found, ["dead_time", "odd_muscle:1", "odd_muscle:2"]) == ["dead_time", "odd_muscle:1"]
-    assert sparse(found, [here, "dead_time", there]) == ["dead_time", there]
+    # all channels that the data need, of places the strongest
+    assert with_evidence(found) == ["dead_time", "odd_muscle:1", "odd_muscle:2", there]
+    x[vector.part("dead_time")] = 0.03  # three deviations
+    assert with_evidence(found) == ["odd_muscle:1", "odd_muscle:2", there]
     own, index = vector.only(["odd_muscle:1"])
     assert own.labels == ("odd_muscle",) and label_in(vector, own.terms[0]) == "odd_muscle:1"
     assert label_in(own, vector.terms[vector.labels.index("odd_muscle:1")]) == "odd_muscle"
@@ -514,8 +516,7 @@ def unhurried(late):
 
 def test_several_effects_are_found_together_and_no_other(late):
     found, data = late
-    labels = needed(found.minimum, found.covariance, found.vector, NEEDED)
-    assert labels == ["filling_lag", "supply_droop"]
+    assert with_evidence(found) == ["filling_lag", "supply_droop"]
     terms = {term.name: term.values for term in found.vector.terms_at(found.x)}
     assert terms["supply_droop"]["share"] == pytest.approx(0.15, abs=0.03)
     assert terms["filling_lag"]["fill"] == pytest.approx(0.3, abs=0.03)
@@ -582,68 +583,10 @@ def test_the_declared_parameters_begin_beside_the_effects_too(late, unhurried, t
             data, Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], Checkpoint(work, {}),
             say=lambda line: None,
         )  # fmt: skip
-        assert task.nearest(away.vector, [away.minimum])[0] > 2 * unhurried.after
+        assert task.problem(away.vector).evaluate([away.minimum])[0].misfit.rms > 2 * unhurried.after
         found = task.alone(joint, away)
     assert not found.vector.terms
     assert found.after < 1.02 * unhurried.after
-
-
-class Counting(Predictor):
-    """Counts the motions that it makes."""
-
-    made = 0
-
-    def motions(self, cases, times):
-        self.made += len(cases)
-        return super().motions(cases, times)
-
-
-def test_where_many_cannot_go_at_once_few_go_at_a_time_by_the_joint_fits_jacobian(late, tmp_path, monkeypatch):
-    joint, data = late
-    forward = Counting(Curler(), Model(), sensing=True)
-    wanted, most, said = ["filling_lag", "supply_droop"], 3, []
-
-    def snapping(task, known, labels):
-        """More than so many at once, and the cloth is elsewhere."""
-        begin = begin_without(task, known, labels)
-        return replace(begin, rms=begin.rms + 2e-3) if len(labels) > most else begin
-
-    with work_folder(tmp_path / "out", made_by="trace") as work:
-        task = Task(data, forward, 0.5e-3, {}, [], Checkpoint(work, {}), say=said.append)
-        assert reduced(task, joint, wanted) == (joint, wanted)  # which any fit of them may begin from
-        monkeypatch.setattr("studies.tracing.selection.begin_without", snapping)
-        forward.made = 0
-        found, labels = reduced(task, joint, wanted)
-    others = len(joint.vector.labels) - len(wanted)
-    steps = [line for line in said if "mm RMS without" in line]
-    assert labels == wanted and len(steps) >= (others - most) / most
-    assert all(1 <= line.partition(";")[0].count(",") + 1 <= most for line in steps)
-    assert len(wanted) <= len(found.vector.labels) <= len(wanted) + most
-    assert found.after < joint.after + 0.05e-3
-    columns = len(joint.x) * len(data.trials)
-    assert forward.made < 2 * columns  # not a Jacobian for each step
-    # where it ends is the minimum of a fit of the same unknowns with a Jacobian of its own
-    slow = fit(Fits(forward, 0.5e-3).problem(data, found.vector), FitStart(found.x, inputs=joint.inputs), ROUGH)
-    moved = np.abs(slow.x - found.x) / np.sqrt(np.diag(slow.covariance))
-    assert moved.max() < 0.5
-
-
-def test_what_cannot_go_alone_stays(late, tmp_path, monkeypatch):
-    joint, data = late
-
-    def stuck(task, known, labels):
-        begin = begin_without(task, known, labels)
-        return replace(begin, promised=0.0) if "filling_lag" in labels else begin
-
-    monkeypatch.setattr("studies.tracing.selection.begin_without", stuck)
-    with work_folder(tmp_path / "out", made_by="trace") as work:
-        task = Task(
-            data, Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], Checkpoint(work, {}),
-            say=lambda line: None,
-        )  # fmt: skip
-        found, labels = reduced(task, joint, ["supply_droop"])
-    assert labels == ["filling_lag", "supply_droop"]
-    assert {*labels} <= {*found.vector.labels}
 
 
 def test_a_fit_ends_where_even_its_linear_minimum_leaves_too_much(late, unhurried):
@@ -656,23 +599,6 @@ def test_a_fit_ends_where_even_its_linear_minimum_leaves_too_much(late, unhurrie
     )
     assert ended.ended == "hopeless" and ended.iterations < gone_on.iterations
     assert gone_on.after < ended.after
-
-
-@pytest.mark.parametrize(("tolerance", "apart", "alone"), [(6e-3, 0.0, True), (6e-3, 1.0, False), (0.5e-3, 0.0, False)])
-def test_an_effect_that_is_enough_is_fitted_alone(tolerance, apart, alone, late, unhurried, tmp_path, monkeypatch):
-    """Where that leaves no more than the tolerance allows, and nothing else on other layouts."""
-    joint, data = late
-    monkeypatch.setattr(Task, "differs_elsewhere", lambda *_: apart)
-    said = []
-    with work_folder(tmp_path / "out", made_by="trace") as work:
-        task = Task(
-            data, Predictor(Curler(), Model(), sensing=True), tolerance, {}, [], Checkpoint(work, {}),
-            say=lambda line: said.append(line.partition(",")[0]),
-        )  # fmt: skip
-        found = enough(task, joint, ["supply_droop", "filling_lag"], unhurried)
-    assert {*said} == ({"filling_lag alone"} if tolerance > unhurried.after else set())  # which promises too little
-    assert (found is not None) is alone
-    assert found is None or (found.vector.labels == ("filling_lag",) and found.after < unhurried.after)
 
 
 def test_other_layouts_ask_for_nothing_that_is_no_cause(selected, late, unhurried, tmp_path, monkeypatch):
@@ -805,8 +731,9 @@ def test_an_effect_within_the_tolerance_stays_where_it_matters_to_another_layout
             data, Predictor(Stiffer(), Model(), sensing=True), tolerance, {}, known=[],
             checkpoint=Checkpoint(work, {}), say=lambda line: None, elsewhere=[other],
         )  # fmt: skip
-        assert worth(replace(task, elsewhere=()), joint) == (["filling_lag"], ["supply_droop"])
+        alone = backwards(replace(task, elsewhere=()), joint, unhurried)
         chosen = backwards(task, joint, unhurried)
+    assert alone.chosen.vector.labels == ("filling_lag",) and alone.small == ("supply_droop",)
     assert sorted(chosen.chosen.vector.labels) == ["filling_lag", "supply_droop"]
     assert not chosen.small
 
