@@ -27,7 +27,7 @@ UNSEEN = (1.05, 9.0, 21)
 RIG = 300.0  # CPU s for each second of motion and m^2 of cloth: basic under one pressure took 18 for 1.5 s and 0.04 m^2
 # CPU s of a muscle's law on a bench, and of a row, left-out record and unknown squared of effects fitted beside it:
 # made benches of 4 to 12 records of 500 to 4,000 rows, 3 and 5 unknowns, within a factor 1.4
-BENCH_LAW, BENCH_ROW = 0.05, 1.0e-5
+BENCH_LAW, BENCH_ROW = 0.09, 1.0e-5
 _LATE = 0.9  # of the time expected, from which on a bar no longer follows the clock
 
 

@@ -169,7 +169,7 @@ def test_what_a_corrector_adds_is_part_of_the_motion(simulator):
         solve(FollowTask(case, wanted, REGULATOR, lacks), TRUTH.copy(), Effort(simulator, 1)) for lacks in (shift, None)
     )
     assert np.abs(with_it - TRUTH).max() < 1e3
-    assert np.abs(without - TRUTH).max() > 10e3
+    assert np.abs(without - TRUTH).max() > 9e3  # 9.98 kPa on one processor, 10.0 on another
 
 
 def test_pressures_nearby_are_recovered_from_clouds(simulator, wanted):

