@@ -255,10 +255,7 @@ def _unexplained(rows: Rows, spans: tuple[float, float, float], acting: Collecti
     e = design_matrix((rows.contraction - start) / contraction, _SPANS[1] + 3)
     smooth = (p[:, :, None] * e[:, None, :]).reshape(len(p), -1)
     stretch = p * (np.maximum(-rows.contraction, 0.0) / contraction)[:, None]
-    damping = motion_columns(rows.rate, friction="braid_hysteresis" not in acting)
-    if "muscle_viscosity" in acting:
-        damping[:, 0] = 0.0
-    columns = np.hstack([smooth, stretch, damping])
+    columns = np.hstack([smooth, stretch, motion_columns(rows.rate, acting)])
     columns = columns[:, np.abs(columns).max(axis=0) > 0]
     ridge = _RIDGE * np.sqrt(len(p)) * np.eye(columns.shape[1])
     goal = rows.force + rows.friction

@@ -1,7 +1,7 @@
 """A muscle type from bench records, isometric, isotonic or any other, time series or points; and rows of these records,
 with effects in what the law sees of them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -76,10 +76,11 @@ def only_speed(rows: Rows) -> float | None:
     return float(middle) if high < 1.5 * low else None
 
 
-def motion_columns(rate: Array, *, friction: bool = True) -> Array:
-    """Return (n, 2): what viscosity and hysteresis multiply; without friction the latter is zero."""
-    sign = np.where(np.abs(rate) > _SAME_WAY, np.sign(rate), 0.0)
-    return np.stack([rate, sign if friction else np.zeros(len(rate))], axis=1)
+def motion_columns(rate: Array, acting: Collection[str] = ()) -> Array:
+    """Return (n, 2): what viscosity and hysteresis multiply; zero where an effect of `acting` is that by itself."""
+    moves = np.where(np.abs(rate) > _SAME_WAY, np.sign(rate), 0.0)
+    columns = np.stack([rate, moves], axis=1)
+    return columns * [name not in acting for name in ("muscle_viscosity", "braid_hysteresis")]
 
 
 _CELLS = (12, 24)  # of pressure and contraction, that a time series is averaged over before the law is fitted
@@ -110,8 +111,8 @@ class BenchMuscle(Law):
         contraction or force, or where all have too few rows."""
         from scipy.optimize import nnls
 
-        rows, rubs = rows_of(records, terms), all(term.name != "braid_hysteresis" for term in terms)
-        motion, force, constants = motion_columns(rows.rate, friction=rubs), rows.force + rows.friction, np.zeros(2)
+        rows, acting = rows_of(records, terms), {term.name for term in terms}
+        motion, force, constants = motion_columns(rows.rate, acting), rows.force + rows.friction, np.zeros(2)
         moves = bool(rows.rate.any())
         for _ in range(ROUNDS if moves else 1):
             law = MuscleLaw.fit(cls.by_formula(_averaged(rows, force + motion @ constants)))
@@ -121,7 +122,7 @@ class BenchMuscle(Law):
         return cls(
             law=law,
             viscosity=float(constants[0]) if moves else None,
-            hysteresis=float(constants[1]) if moves and rubs else None,
+            hysteresis=float(constants[1]) if moves and "braid_hysteresis" not in acting else None,
             misfit=rms(residual - motion @ constants),
             terms=terms,
         )

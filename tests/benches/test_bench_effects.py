@@ -28,7 +28,8 @@ def record(name, seed=0):
     told = 50e3 * rng.integers(0, 9, 21)[(time / 1.0).astype(int)]
     turns = rng.uniform(0.02, 0.2, 15)
     eps = np.interp(time, 1.5 * np.arange(15), turns)
-    eps = np.where((time % 6) > 4, np.interp(time - time % 6 + 4, time, eps), eps)  # holds
+    if name != "muscle_viscosity":  # which a jump would make infinite
+        eps = np.where((time % 6) > 4, np.interp(time - time % 6 + 4, time, eps), eps)  # holds
     p, z, g, pressure, lent, rubbed = told[0], 0.3 * eps[0], 0.0, [], [], []
     if name != "muscle_creep":
         z = 0.0
@@ -43,6 +44,9 @@ def record(name, seed=0):
         if name == "braid_hysteresis":
             limit = 0.1 + 4e-6 * p
             g = np.clip(g + limit / 0.01 * (e - before), -limit, limit)
+        if name == "muscle_viscosity":
+            rate = (e - before) / STEP
+            g = (20.0 if rate > 0 else 4.0) * rate
         before = e
         pressure.append(p)
         lent.append(z)
@@ -70,12 +74,13 @@ def bench(folder, name):
 
 # rows of the truth in one of the record: of friction, rows must show where it turns
 EVERY = {
-    "muscle_creep": 20, "braid_hysteresis": 5, "filling_lag": 20,
+    "muscle_creep": 20, "braid_hysteresis": 5, "filling_lag": 20, "muscle_viscosity": 2,
 }  # fmt: skip
 TRUTH = {
     "muscle_creep": {"share": 0.3, "time": 0.8},
     "braid_hysteresis": {"friction": 0.004, "friction_at_zero": 0.1, "slip": 0.01},
     "filling_lag": {"fill": 0.15, "empty": 0.3},
+    "muscle_viscosity": {"contracting": 20.0, "lengthening": 4.0},
 }
 
 
