@@ -12,7 +12,6 @@ from itertools import product
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from fabdesign.formats.schema import Key
@@ -27,7 +26,7 @@ _RATE_WINDOW = 3  # rows on either side of the one whose rate is taken
 @dataclass(frozen=True, eq=False)
 class MuscleRecord:
     """Rows of one record: the measured tension is law(pressure, contraction - lent) - friction - what damps. Of
-    a muscle's k intervals in a cloth all but `time` is (n, k)."""
+    a muscle's k intervals in a cloth all but `time` is (n, k), and there is no `rate`."""
 
     time: Array  # (n,) s, rising
     pressure: Array  # (n,) Pa that acts
@@ -40,10 +39,9 @@ class MuscleRecord:
         """Return (n,) 1/s, of contraction: slope of the line through the rows around each one, for noise makes
         neighbours' differences useless."""
         half = min(_RATE_WINDOW, (len(self.time) - 1) // 2)
-        weights = np.arange(-half, half + 1.0)
-        drawn, time = (sliding_window_view(of, len(weights), axis=0) @ weights for of in (self.contraction, self.time))
-        inner = (drawn.T / time).T
-        return np.pad(inner, [(half, half), *[(0, 0)] * (inner.ndim - 1)], mode="edge")
+        kernel = np.arange(half, -half - 1, -1.0)
+        inner = np.convolve(self.contraction, kernel, "valid") / np.convolve(self.time, kernel, "valid")
+        return np.pad(inner, half, mode="edge")
 
     @staticmethod
     def measured(time: Array, pressure: Array, contraction: Array) -> "MuscleRecord":

@@ -17,7 +17,7 @@ from sim.kernels.fields import F, X
 from sim.kernels.vectors import Lanes
 from sim.lacing import touched
 from sim.state import LOADED, Plane
-from sim.tangent.muscle_forces import Grid, contractions
+from sim.tangent.muscle_forces import Grid, contractions, offset_of
 
 
 @ti.func
@@ -69,12 +69,13 @@ class Memory:
         n, shapes = middle.shape[1], middle.reshape(len(time), -1, 3).astype(float)
         spacing = np.array([design.fabric.width, design.fabric.height]) / (n - 1)
         ticks = np.minimum(np.round(time / self.tick).astype(int), len(self._pressure) - 1)
+        kinds = design.muscle_types
         levers, grid = self._specimen.muscles["lever"].tolist(), Grid(n, *touched(design, n))
         return [
             MuscleRecord.measured(
                 time,
                 self._pressure[ticks, muscle.channel][:, None],
-                contractions(muscle, lever * design.muscle_types[muscle.type].axis_offset, shapes, spacing, grid),
+                contractions(muscle, offset_of(muscle, kinds[muscle.type], lever), shapes, spacing, grid),
             )
             for muscle, lever in zip(design.muscles, levers, strict=True)
         ]

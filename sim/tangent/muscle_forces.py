@@ -115,7 +115,8 @@ def _on_nodes(
     # (p,) the pull that a fixed point belongs to
     of, at = np.repeat(np.arange(len(pulls)), [len(places) for places in points]), np.concatenate(points)
     shape = np.array([pull.shape for pull in pulls])[of]
-    loops = _loops(at, shape, np.array([_offset(pull.strand) for pull in pulls])[of], shapes, spacing, grid)
+    offset = np.array([offset_of(p.strand.muscle, p.strand.type, p.strand.lever) for p in pulls])[of]
+    loops = _loops(at, shape, offset, shapes, spacing, grid)
     normal, (along_u, along_v), ((wu, du), (wv, dv)) = loops.normal, loops.tangents, loops.weights
     force = _pulls(pulls, at, of, loops.axis) * np.array([pull.weight for pull in pulls])[of, None]
     couple = loops.offset * (force - np.sum(force * normal, axis=1, keepdims=True) * normal) / loops.area
@@ -127,12 +128,12 @@ def _on_nodes(
 
 
 def contractions(muscle: Muscle, offset: float, shapes: Array, spacing: Array, grid: Grid) -> Array:
-    """Return (s, k): the contraction of a muscle's intervals on shapes (s, n n, 3) m. offset: m, of its axis; spacing:
-    (2,) m along u, v."""
+    """Return (s, k): the contraction of a muscle's intervals on shapes (s, n n, 3) m. offset: m, of its axis
+    (offset_of); spacing: (2,) m along u, v."""
     at, count = muscle.fixed_points(), len(shapes)
     shape = np.repeat(np.arange(count), len(at))
-    signed = np.full(shape.shape, offset if muscle.side == "front" else -offset)
-    loops = _loops(np.tile(at, (count, 1)), shape, signed, shapes, np.broadcast_to(spacing, (count, 2)), grid)
+    everywhere = np.broadcast_to(spacing, (count, 2))
+    loops = _loops(np.tile(at, (count, 1)), shape, np.full(len(shape), offset), shapes, everywhere, grid)
     axis = loops.axis.reshape(count, len(at), 3)
     rest = np.linalg.norm(np.diff(at, axis=0), axis=1)
     return np.asarray(1 - np.linalg.norm(np.diff(axis, axis=1), axis=2) / rest)
@@ -144,9 +145,9 @@ def _fixed_points(pulls: Sequence[Pull]) -> list[Array]:
     return [points[id(pull.strand.muscle)] for pull in pulls]
 
 
-def _offset(strand: Strand) -> float:
-    """Return the offset [m], positive on the front."""
-    return (1 if strand.muscle.side == "front" else -1) * strand.lever * strand.type.axis_offset
+def offset_of(muscle: Muscle, kind: MuscleType, lever: float) -> float:
+    """Return the offset [m] of a muscle's axis, positive on the front."""
+    return (1 if muscle.side == "front" else -1) * lever * kind.axis_offset
 
 
 def _pulls(pulls: Sequence[Pull], at: Array, of: NDArray[np.int_], points: Array) -> Array:

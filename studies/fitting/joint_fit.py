@@ -23,7 +23,7 @@ def joint_fit(data: MeasuredData, vector: FitVector, fits: Fits, balanced: Fit |
     hide in them there, though it leaves less."""
     many = len(vector.parameters) > MANY
     nothing = unneeded(balanced) if balanced is not None and many else frozenset()
-    there, index = vector.only(set(vector.labels) - nothing)
+    there, _ = vector.only(set(vector.labels) - nothing)
     starts = starts_of(there, balanced)
     if many and len(data.trials) > EARLY_TRIALS:
         early = fits.coarse.within(0.0, _AT_LAST)

@@ -123,8 +123,8 @@ class Refits:
         """Return effects by chance beside a fit."""
         return Decoys((), ())
 
-    def matters_elsewhere(self, fit: Fit, dropped: Sequence[str], label: str) -> bool:
-        """Return whether other layouts tell, to first order, that an effect is there, with those `dropped` off."""
+    def matters_elsewhere(self, fit: Fit, label: str) -> bool:
+        """Return whether other layouts tell, to first order, that an effect is there."""
         return False
 
     def needed_elsewhere(self, known: Fit, simpler: Fit) -> bool:
@@ -173,20 +173,18 @@ def least(refits: Refits, selection: Selection) -> float:
 def below(
     judged: Judged,
     asked: Sequence[str],
-    dropped: Sequence[str],
     limit: float,
     stays: Callable[[Sequence[str], str], bool],
 ) -> list[str]:
     """Return the effects of those `asked` that trials left out gain less by than `limit` [m], or not for certain, to
-    first order, one after another, the least first. dropped: effects that are off already. stays: of those that are off
-    and one more, whether that is not dropped for another reason."""
-    vector, weak = judged.fit.vector, list[str]()
+    first order, one after another, the least first. stays: of those that are off and one more, whether that is not
+    dropped for another reason."""
+    weak = list[str]()
     while True:
-        off = [label for label in vector.labels if label in dropped or label in weak]
-        gains = judged.gains_without(off, [label for label in asked if label not in weak])
+        gains = judged.gains_without(weak, [label for label in asked if label not in weak])
         rising = sorted(gains, key=lambda label: gains[label][0])
         for label in rising:
-            if not is_certain(gains[label], limit) and not stays(off, label):
+            if not is_certain(gains[label], limit) and not stays(weak, label):
                 weak.append(label)
                 break
         else:
@@ -215,10 +213,10 @@ def too_little(refits: Refits, selection: Selection) -> Selection | None:
 
     def stays(off: Sequence[str], label: str) -> bool:
         last = 0 < len(off) == len(labels) - 1
-        return last or (is_cause(judged.fit, label) and refits.matters_elsewhere(judged.fit, (), label))
+        return last or (is_cause(judged.fit, label) and refits.matters_elsewhere(judged.fit, label))
 
     idle = [label for label in labels if label not in judged.parts]
-    weak = idle or below(judged, [label for label in labels if label not in selection.asked], (), limit, stays)
+    weak = idle or below(judged, [label for label in labels if label not in selection.asked], limit, stays)
     if not weak:
         return None
     if len(labels) == 1:

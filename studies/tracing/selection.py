@@ -49,7 +49,6 @@ def select(task: Task) -> Selection:
         starts = np.concatenate([starts, starts_of(vector, plain)])
     policy = ROUGH if balanced is None else replace(ROUGH, content=expected_rms(task.data.noise, task.tolerance))
     everything = task.fit("every effect", vector, FitStart(starts), policy)
-    task.say(so_far(with_evidence(everything)))
     return replace(backwards(task, everything, task.weighed(plain, everything.inputs)), drift=drift)
 
 
@@ -57,6 +56,7 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> Selection:
     """Return what the rules leave of the terms that a joint fit has evidence for. plain: where the declared parameters
     ended by themselves, by the weights of `everything`."""
     labels = with_evidence(everything)
+    task.say(so_far(labels))
     if not labels:
         alone = task.judged(task.alone(everything, plain))
         return Selection(everything, alone, alone)

@@ -148,10 +148,10 @@ class Task(Refits):
         """Return effects by chance beside a fit."""
         return decoys_beside(known, everything, self.data.samples, self.data.folds, self.floor)
 
-    def matters_elsewhere(self, fit: Fit, dropped: Sequence[str], label: str) -> bool:
-        """Return whether a fit with terms `dropped` off differs on other layouts where one more is, to first order: by
-        the tolerance, whatever is left of trials left out."""
-        one, other = ((fit.vector, fit.without(labels)) for labels in (dropped, [*dropped, label]))
+    def matters_elsewhere(self, fit: Fit, label: str) -> bool:
+        """Return whether a fit differs on other layouts where a term is off, to first order: by the tolerance, whatever
+        is left of trials left out."""
+        one, other = ((fit.vector, fit.without(labels)) for labels in ([], [label]))
         return self.differs_elsewhere(one, other) >= self.tolerance
 
     def needed_elsewhere(self, known: Fit, simpler: Fit) -> bool:
