@@ -140,11 +140,11 @@ class BalanceProblem(Problem):
         changes = []
         for motion, some, balanced in zip(motions, held, balances, strict=True):
             of_motion = np.zeros((1 + len(columns), len(some), *motion.middle.shape[1:]))
-            for f, (one, balance) in enumerate(zip(some, balanced, strict=True)):
+            for f, balance in enumerate(balanced):
                 of_motion[0, f] = balance.response
                 of_motion[[1 + k for k in acting], f] = balance.changes
-                for k in np.flatnonzero(sensed):
-                    of_motion[1 + k, f] = motion.as_seen(one, columns[k])
+            for k in np.flatnonzero(sensed):
+                of_motion[1 + k] = motion.as_seen(some, columns[k])
             changes.append(of_motion)
         return changes
 
@@ -178,13 +178,14 @@ class _Motion:
             held.append(_Held(self.frames.sample.times[places[HALF]], Instant(time[HALF], *fields, *moved), doubt))
         return held
 
-    def as_seen(self, held: "_Held", column: Column) -> Array:
-        """Return (n, n, 3) m per unit: what a column of sensing changes in a frame."""
-        change, instant = move(self.case, column, column.step), held.instant
-        time, places = np.array([held.time]), []
+    def as_seen(self, held: Sequence["_Held"], column: Column) -> Array:
+        """Return (F, n, n, 3) m per unit: what a column of sensing changes in the frames in balance."""
+        change, time = move(self.case, column, column.step), np.array([one.time for one in held])
+        middle, velocity = (np.array([getattr(one.instant, name) for one in held]) for name in ("middle", "velocity"))
+        places = []
         for side in change.sides:
-            later = float(seen_at(side, time)[0]) - instant.time
-            places.append(observed(side, instant.middle + later * instant.velocity))
+            later = seen_at(side, time) - [one.instant.time for one in held]
+            places.append(observed(side, middle + later[:, None, None, None] * velocity))
         return np.asarray((places[1] - places[0]) / change.width)
 
 

@@ -1,6 +1,6 @@
 """The one fit: bounded Gauss-Newton steps in a problem's unknowns, with priors; honest covariances."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -147,16 +147,18 @@ class _Descent:
         return self._linearised(course, state, every, normal)
 
     def _best(self, state: Linearisation, step: Array, normal: Normal, promised: float) -> tuple[Evaluation, float]:
-        """Return where a step leads, and what it gains; where that is far from its promise, by its best length."""
-        vector, best = self.problem.vector, None
-        for lengths in ((1.0,), constants.LENGTHS):
+        """Return where the best length of a step leads, and what it gains. The whole and half of it are tried at once,
+        since few motions cost as much as twice as many; others where that is far from the promise."""
+        vector = self.problem.vector
+
+        def among(lengths: Sequence[float]) -> list[tuple[Evaluation, float]]:
             there = self.problem.evaluate([vector.inside(state.x + length * step) for length in lengths])
-            gains = [-loss(state, other, normal, vector, self.inputs) for other in there]
-            best = max([*zip(there, gains, strict=True), *([best] if best else [])], key=lambda one: one[1])
-            if constants.GOOD * promised < best[1] < promised / constants.GOOD:
-                break
-        assert best is not None
-        return best
+            return [(other, -loss(state, other, normal, vector, self.inputs)) for other in there]
+
+        tried = among(constants.LENGTHS)
+        if not constants.GOOD * promised < max(gain for _, gain in tried) < promised / constants.GOOD:
+            tried += among(constants.OTHER_LENGTHS)
+        return max(tried, key=lambda one: one[1])
 
     def _linearised(self, course: _Course, there: Evaluation, fresh: Indices, normal: Normal) -> _Course:
         """Return the course with the columns `fresh` made anew at a place."""

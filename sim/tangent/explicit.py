@@ -32,6 +32,9 @@ CURVED = 20.0  # 1/m, what LARGE counts of where a curvature is zero
 OF_SOLVER = "MEAN_MASS", "WEIGHT_TENSION"
 
 
+_NOTHING: list[MuscleRecord] = []
+
+
 class LaidCase:
     """A case as the forces take it, under (channels,) Pa, or (ticks, channels) Pa of a motion, which muscles
     remember."""
@@ -74,9 +77,16 @@ class LaidCase:
         then = [felt(record, tick * self.memory.tick) for record in self._remembered]
         return [replace(one, lent=lent, friction=of) for one, (lent, of) in zip(strands, then, strict=True)]
 
+    def pulls_like(self, other: "LaidCase") -> bool:
+        """Return whether all muscles pull alike in another case, at any tick."""
+        one, another = self.specimen.design, other.specimen.design
+        same = one.muscles is another.muscles and one.muscle_types is another.muscle_types
+        same = same and self._pulls == other._pulls and self._remembered is other._remembered
+        return same and np.array_equal(self.pressure, other.pressure)
+
     @cached_property
     def _remembered(self) -> list[MuscleRecord]:
-        return [] if self.memory is None else self.memory.of(self.case)
+        return _NOTHING if self.memory is None else self.memory.of(self.case)
 
 
 class Sides(NamedTuple):
@@ -85,6 +95,7 @@ class Sides(NamedTuple):
     low: LaidCase
     high: LaidCase
     width: float  # between both, in the column's unit
+    pulls_alike: bool  # whether all muscles pull alike on both
 
 
 class MovedCases:
@@ -113,7 +124,7 @@ class MovedCases:
             base, moving = self.laid[case], self._columns[column]
             move_of = move(base.case, moving, moving.step)
             low, high = (self._side(base, side) for side in move_of.sides)
-            self._sides[case, column] = Sides(low, high, move_of.width)
+            self._sides[case, column] = Sides(low, high, move_of.width, low.pulls_like(high))
         return self._sides[case, column]
 
     def _side(self, base: LaidCase, case: Case) -> LaidCase:
@@ -222,9 +233,7 @@ class Explicit:
                 if sides is None:
                     continue
                 at, tick = slot * count + k, self._columns[k].tick
-                for strands, sign in zip(
-                    _unlike(sides.low.strands(tick), sides.high.strands(tick)), (-1, 1), strict=True
-                ):
+                for strands, sign in zip(_unlike(sides, tick), (-1, 1), strict=True):
                     pulls += [Pull(strand, k, sign / sides.width, at) for strand in strands]
                 change = self._mass_change(k, sides.low, sides.high)
                 if change is not None:
@@ -259,9 +268,12 @@ def _by_interval(values: Iterable[float | Array], counts: Sequence[int], room: i
     return np.pad(every, (0, room - len(every)))
 
 
-def _unlike(low: Sequence[Strand], high: Sequence[Strand]) -> tuple[list[Strand], list[Strand]]:
+def _unlike(sides: Sides, tick: int | None) -> tuple[list[Strand], list[Strand]]:
     """Return the muscles of both sides that do not pull alike."""
-    pairs = [pair for pair in zip(low, high, strict=True) if not pair[0].is_like(pair[1])]
+    if sides.pulls_alike:
+        return [], []
+    strands = sides.low.strands(tick), sides.high.strands(tick)
+    pairs = [pair for pair in zip(*strands, strict=True) if not pair[0].is_like(pair[1])]
     return [one for one, _ in pairs], [other for _, other in pairs]
 
 

@@ -138,7 +138,7 @@ class BenchTask(Refits):
         held = np.flatnonzero(np.minimum(fit.x - low, high - fit.x) < _AT_LIMIT * fit.vector.prior)
         return Judged(fit, range(int(self.record.max()) + 1), self.floor, held)
 
-    def without(self, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf) -> Fit:
+    def without(self, known: Fit, labels: Sequence[str]) -> Fit:
         """Return the fit of the effects of another but `labels`."""
         return self.shaped([label for label in known.vector.labels if label not in labels]).fit
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.registry import EFFECTS
+from fabdesign.effects.acting import is_sensing
+from fabdesign.effects.registry import EFFECTS, label_effect
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import ForwardModel, Term
 from fabdesign.nouns.predictor import Predictor
@@ -18,7 +19,8 @@ from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.policy import ROUGH, Policy
 from optimize.fit.problem import FitProblem
-from optimize.fit.significance import NEEDED, needed
+from optimize.fit.relevance import evidence
+from optimize.fit.significance import NEEDED, alike, needed
 from studies.fitting.fitted_model import expected_rms
 from studies.measured.fit_data import MeasuredData
 
@@ -86,15 +88,31 @@ def fit_in_balance(data: MeasuredData, fits: Fits, vector: FitVector) -> Fit | N
 
 
 def starts_of(vector: FitVector, known: Fit | None) -> Array:
-    """Return (k, p) where a fit of motions may begin: the vector's start; where another fit is, with what that has not
-    got at its start, and at nothing; and where that is, to first order, without what it does not need, or the vector
-    has not got."""
+    """Return (k, p) where a fit of motions may begin: where another fit is, to first order, without what it does not
+    need, or the vector has not got, and where it is with that, each with what it has not got itself at nothing, and at
+    its start; and the vector's start."""
     if known is None:
         return vector.start[None]
     off = unneeded(known) | ({*known.vector.labels} - {*vector.labels})
-    values = [dict(zip(known.vector.names, x, strict=True)) for x in (known.x, known.without(off))]
-    rows = [[of.get(p.name, share * p.start) for p in vector.parameters] for of in values for share in (1.0, 0.0)]
-    return np.unique([*rows, vector.start], axis=0)
+    values = [dict(zip(known.vector.names, x, strict=True)) for x in (known.without(off), known.x)]
+    rows = [[of.get(p.name, share * p.start) for p in vector.parameters] for of in values for share in (0.0, 1.0)]
+    return np.array([*dict.fromkeys(map(tuple, [*rows, vector.start.tolist()]))])
+
+
+def worth_fitting(vector: FitVector, balanced: Fit | None) -> set[str]:
+    """Return the terms of a vector but those that frames in balance show and have under KEPT of evidence for, unless
+    they do what one with evidence does. What sensors see stays: its columns need no motion, and are least sure in
+    balance."""
+    every = {*vector.labels}
+    if balanced is None:
+        return every
+    of = balanced.vector
+    score = evidence(balanced, {label: of.part(label) for label in of.labels})
+    certain = [label for label in of.labels if score[label] >= KEPT]
+    others = [label for label in of.labels if label not in certain]
+    same = {other for label in certain for other in alike(balanced.normal.sensitivity, of, label, others)}
+    gone = {label for label in unneeded(balanced) if score[label] < KEPT and not is_sensing(label_effect(label))} - same
+    return every - gone
 
 
 def unneeded(fit: Fit) -> frozenset[str]:

@@ -10,7 +10,7 @@ from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitVector
 from optimize.fit.policy import ROUGH
-from studies.fitting.fits import Fits, shown, starts_of, unneeded
+from studies.fitting.fits import Fits, shown, starts_of, unneeded, worth_fitting
 from studies.measured.fit_data import MeasuredData
 
 MANY = 20  # unknowns, of which those that are not needed are not fitted on
@@ -22,8 +22,7 @@ def joint_fit(data: MeasuredData, vector: FitVector, fits: Fits, balanced: Fit |
     """Return the fit of all frames from where they are in balance. Where the factors alone end is no start: effects
     hide in them there, though it leaves less."""
     many = len(vector.parameters) > MANY
-    nothing = unneeded(balanced) if balanced is not None and many else frozenset()
-    there, _ = vector.only(set(vector.labels) - nothing)
+    there = vector.only(worth_fitting(vector, balanced))[0] if many else vector
     starts = starts_of(there, balanced)
     if many and len(data.trials) > EARLY_TRIALS:
         early = fits.coarse.within(0.0, _AT_LAST)

@@ -8,14 +8,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-import numpy as np
-
 from fabdesign.units import in_mm
 from optimize.fit.cross_validation import Gain
 from optimize.fit.fitted import Fit
 from studies.model_selection.judged import CAUSE, CHANCE, Decoys, Judged, is_cause, is_certain, strength
-
-LOSS_RATIO = 1.2  # times what a fit may lose of trials left out, in quadrature: what loses more of those fitted ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +24,7 @@ class Selection:
 
     For the rules: of_all: m of excess that all effects leave of trials left out. most: the fit with most effects; what
     goes one after another must not add up, so fits with fewer are compared with it. asked: effects that a fit without
-    them lost; with fewer others beside it, that loses all the more. exact: whether the fit's Jacobian was made where it
-    ends. beside: whether `plain` began beside an effect too.
+    them lost; with fewer others beside it, that loses all the more. beside: whether `plain` began beside an effect too.
     """
 
     everything: Fit
@@ -41,7 +36,6 @@ class Selection:
     drift: float = 0.0
     most: Judged | None = None
     asked: tuple[str, ...] = ()
-    exact: bool = True
     beside: bool = False
 
     @property
@@ -89,7 +83,7 @@ class Selection:
     def without(self, judged: Judged, dropped: Sequence[str]) -> "Selection":
         """Return the selection with a fit that has fewer effects."""
         small = (*self.small, *dropped)
-        return replace(self, judged=judged, most=self.reference, small=small, decoys=None, exact=not dropped)
+        return replace(self, judged=judged, most=self.reference, small=small, decoys=None)
 
     def none(self, dropped: Sequence[str]) -> "Selection":
         """Return the selection of no effect."""
@@ -98,7 +92,7 @@ class Selection:
 
 class Refits:
     """Fits with fewer effects than another, of a set's motions or a bench's records, that rules ask for. By default a
-    method holds of a bench: it has no other layouts, no decoys, and columns that do not change."""
+    method holds of a bench: it has no other layouts and no decoys."""
 
     tolerance: float  # m of excess, or in the bench's unit
     say: Callable[[str], None] = staticmethod(lambda line: None)
@@ -107,17 +101,13 @@ class Refits:
         """Return a fit with what trials left out say of it."""
         raise NotImplementedError
 
-    def without(self, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf) -> Fit:
-        """Return a fit of the effects of another but `labels`; not refined where it leaves more than `hopeless` [m]."""
+    def without(self, known: Fit, labels: Sequence[str]) -> Fit:
+        """Return a fit of the effects of another but `labels`."""
         raise NotImplementedError
 
     def alone(self, known: Fit, plain: Fit) -> Fit:
         """Return the fit of the declared parameters, begun beside the effects of a fit too."""
         return plain
-
-    def exact(self, known: Fit) -> Fit:
-        """Return the fit of the same effects with a Jacobian made where it ends."""
-        return known
 
     def decoys(self, known: Fit, everything: Fit) -> Decoys:
         """Return effects by chance beside a fit."""
@@ -231,30 +221,6 @@ def too_little(refits: Refits, selection: Selection) -> Selection | None:
         weak = weak[: (len(weak) + 1) // 2]
 
 
-def as_well(refits: Refits, selection: Selection) -> Selection | None:
-    """Drop an effect where a fit without it does as well: what is not linear may take its place, and which of two gains
-    more to first order may be wrong. Not asked of an effect that gains more than enough for certain."""
-    known, limit, most = selection.chosen, least(refits, selection), selection.reference
-    hopeless, asked = float(np.hypot(most.fit.after, LOSS_RATIO * limit)), selection.asked
-    several = len(selection.gains) > 1
-    unsure = [label for label, (_, (low, _)) in selection.gains.items() if low < limit and label not in asked]
-    for label in sorted(unsure, key=lambda label: selection.gains[label][0]):
-        cause, judged = is_cause(known, label), selection.before
-        if several:
-            judged = refits.judged(refits.without(known, [label], hopeless=hopeless))
-            if not loses(refits, most, judged, limit, cause=cause):
-                judged = refits.judged(refits.exact(judged.fit))
-        if not loses(refits, most, judged, limit, cause=cause):
-            return replace(selection.without(judged, [label]), exact=True) if several else selection.none([label])
-        asked = (*asked, label)
-    return replace(selection, asked=asked) if asked != selection.asked else None
-
-
-def confirm(refits: Refits, selection: Selection) -> Selection | None:
-    """Fit once more by a Jacobian made where the fit ends."""
-    return None if selection.exact else selection.without(refits.judged(refits.exact(selection.chosen)), ())
-
-
 def by_chance(refits: Refits, selection: Selection) -> Selection | None:
     """Ask for more than one decoy in twenty gains."""
     if selection.decoys is not None:
@@ -288,8 +254,6 @@ ON_BENCHES = (_TOO_LITTLE,)
 ON_SETS = (
     Rule("begin beside", "one effect is left", "false minima of the declared parameters", begin_beside),
     _TOO_LITTLE,
-    Rule("make sure", "a Jacobian made where the fit ends", "updates drift over several fits", confirm),
-    Rule("as well without", "the same, by a fit without it", "first order may be wrong of two that are alike", as_well),
     Rule(
         "by chance", f"the {CHANCE:.0%} quantile of decoys' gains", "target-decoy competition, Elias and Gygi 2007",
         by_chance,

@@ -15,9 +15,10 @@ from optimize.fit.fitted import Fit
 from optimize.fit.free_parameters import fit_vector
 from optimize.fit.parameters import FitVector
 from optimize.fit.policy import DECLARED_ALONE, ROUGH
+from optimize.fit.problem import widened
 from optimize.fit.relevance import evidence
 from optimize.fit.significance import NEEDED, cost, needed
-from studies.fitting.fits import fit_in_balance, starts_of
+from studies.fitting.fits import fit_in_balance, starts_of, worth_fitting
 from studies.fitting.fitted_model import expected_rms
 from studies.model_selection.judged import certain_drift
 from studies.model_selection.rules import ON_SETS, Selection, follow
@@ -33,8 +34,10 @@ def select(task: Task) -> Selection:
     vector = without(fit_vector(["all"], factors=task.factors, designs=task.designs), task.known)
     factors = vector.without_effects
     balanced = fit_in_balance(task.data, task.fits, vector)
+    starts = starts_of(vector, balanced)
+    inputs = task.input_errors(vector, starts[0])
     hopeful = replace(ROUGH, hopeless=expected_rms(task.data.noise, HOPELESS * task.tolerance))
-    plain = task.fit("plain", factors, FitStart(starts_of(factors, balanced)), hopeful)
+    plain = task.fit("plain", factors, FitStart(starts_of(factors, balanced), inputs=inputs), hopeful)
     judged = task.judged(plain)
     excess = max(judged.excess, judged.typical)
     drift = certain_drift(judged, task.data.session[:, 0])
@@ -43,25 +46,38 @@ def select(task: Task) -> Selection:
         to_its_end = FitStart(plain.minimum, plain.state.jacobian, plain.inputs)
         plain = task.fit("plain to its end", plain.vector, to_its_end, DECLARED_ALONE)
         return replace(_adequate(task, vector, plain), drift=drift)
-    starts = starts_of(vector, balanced)
     if excess <= GROSS * task.tolerance and plain.vector.is_plausible(plain.x):
         # the residuals are nearly linear there; where factors had to go where no specimen is, an effect hides in them
         starts = np.concatenate([starts, starts_of(vector, plain)])
+    everything = _joint(task, vector, FitStart(starts, inputs=inputs), balanced)
+    return replace(backwards(task, everything, plain), drift=drift)
+
+
+def _joint(task: Task, vector: FitVector, start: FitStart, balanced: Fit | None) -> Fit:
+    """Return the joint fit of what frames in balance have evidence for, or do not show; where that does not explain
+    most trials, of all."""
     policy = ROUGH if balanced is None else replace(ROUGH, content=expected_rms(task.data.noise, task.tolerance))
-    everything = task.fit("every effect", vector, FitStart(starts), policy)
-    return replace(backwards(task, everything, task.weighed(plain, everything.inputs)), drift=drift)
+    assert start.x is not None
+    some, places = vector.only(worth_fitting(vector, balanced))
+    joint = task.fit("every effect that may be", some, replace(start, x=start.x[:, places]), policy)
+    if len(some.names) == len(vector.names) or task.judged(joint).typical <= task.tolerance:
+        return joint
+    jacobian = widened(joint.state.jacobian, places, len(vector.names))
+    x = np.zeros(len(vector.names))
+    x[places] = joint.x
+    return task.fit("every effect", vector, FitStart(x, jacobian, joint.inputs), policy)
 
 
 def backwards(task: Task, everything: Fit, plain: Fit) -> Selection:
     """Return what the rules leave of the terms that a joint fit has evidence for. plain: where the declared parameters
-    ended by themselves, by the weights of `everything`."""
+    ended by themselves."""
     labels = with_evidence(everything)
     task.say(so_far(labels))
     if not labels:
         alone = task.judged(task.alone(everything, plain))
         return Selection(everything, alone, alone)
     known = task.judged(task.with_effects(everything, labels))
-    begun = Selection(everything, task.judged(plain), known, task.judged(everything).excess, exact=False)
+    begun = Selection(everything, task.judged(plain), known, task.judged(everything).excess)
     return follow(ON_SETS, task, begun)
 
 

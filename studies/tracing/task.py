@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -12,19 +11,21 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import ForwardModel, Term
 from fabdesign.nouns.trial import Trial
-from fabdesign.runtime.store import Checkpoint
+from fabdesign.runtime.store import Arrays, Checkpoint
 from optimize.fit.descent import FitStart, Progress, begun
 from optimize.fit.fitted import Fit, concluded, kept
 from optimize.fit.misfit import CLOUDS
 from optimize.fit.normal import loss
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.policy import DECLARED_ALONE, LITTLE, STEP, FitStage, Policy
-from optimize.fit.problem import Evaluation, FitProblem, InputErrors, widened
+from optimize.fit.problem import Evaluation, FitProblem, InputErrors
 from optimize.fit.significance import NEEDED
 from studies.fitting.fits import Fits
+from studies.fitting.fitted_model import expected_rms
 from studies.measured.fit_data import MeasuredData
 from studies.model_selection.judged import Decoys, Judged, decoys_beside
 from studies.model_selection.rules import Refits
+from studies.model_selection.verdict import GROSS
 
 # A step is the last that promises less, in log likelihood, than a quarter of what makes an effect needed.
 _LAST = FitStage(slight=0.01, least=LITTLE, exact_end=False)
@@ -95,9 +96,16 @@ class Task(Refits):
 
         return kept(self.checkpoint, named, problem, start.inputs, there)
 
-    def weighed(self, known: Fit, inputs: InputErrors | None) -> Fit:
-        """Return a fit as it ended with `inputs` of another, so that models are compared by the same weights."""
-        return concluded(self.problem(known.vector), known.state, inputs, known.before, known.iterations, known.ended)
+    def input_errors(self, vector: FitVector, x: Array) -> InputErrors | None:
+        """Return what errors of the inputs do near x (p,), by which all fits are weighed; None for exact ones."""
+        if self.data.weighed is None:
+            return None
+
+        def there() -> Arrays:
+            problem = self.problem(vector)
+            return vars(problem.input_errors(problem.evaluate([x])[0]))
+
+        return InputErrors(**self.checkpoint.arrays("errors_of_inputs", there))
 
     def problem(self, vector: FitVector) -> FitProblem:
         """Return the motions of the trials fitted."""
@@ -107,40 +115,26 @@ class Task(Refits):
         """Return a fit with what trials left out say of it."""
         return Judged(fit, self.data.folds, self.floor)
 
-    def with_effects(
-        self,
-        known: Fit,
-        labels: Sequence[str],
-        *,
-        hopeless: float = np.inf,
-        jacobian: Literal["kept", "anew"] = "kept",
-    ) -> Fit:
-        """Return a fit of these effects alone, from where one with more is, on its Jacobian but for shapes that it has
-        not. hopeless: m RMS, of a fit that need not be refined. jacobian: "anew" of one made where it
-        begins."""
+    def with_effects(self, known: Fit, labels: Sequence[str]) -> Fit:
+        """Return a fit of these effects alone with their shapes, from where one with more is."""
         vector, starts = with_shapes(known, labels)
-        fewer, index = known.vector.only(labels)
-        at = [vector.names.index(name) for name in fewer.names]
-        known_jacobian = None if jacobian == "anew" else widened(known.state.jacobian[:, index], at, len(vector.names))
-        named = f"{' '.join(vector.labels)}{' at last' if jacobian == 'anew' else ''}"
         content = float(np.hypot(known.promised(to_first_order(known, labels)), 0.5 * self.tolerance))
-        policy = replace(ASKED, hopeless=hopeless, content=content)
-        return self.fit(named, vector, FitStart(starts, known_jacobian, known.inputs), policy)
-
-    def without(self, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf) -> Fit:
-        """Return a fit of the effects of another but `labels`, as `with_effects` has it."""
-        return self.with_effects(
-            known, [other for other in known.vector.labels if other not in labels], hopeless=hopeless
+        return self.fit(
+            " ".join(vector.labels), vector, FitStart(starts, inputs=known.inputs), replace(ASKED, content=content)
         )
 
-    def exact(self, known: Fit) -> Fit:
-        """Return the fit of the same effects, gone on with by a Jacobian made where it ended."""
-        return self.with_effects(known, known.vector.labels, jacobian="anew")
+    def without(self, known: Fit, labels: Sequence[str]) -> Fit:
+        """Return a fit of the effects of another but `labels`, as `with_effects` has it."""
+        return self.with_effects(known, [other for other in known.vector.labels if other not in labels])
 
     def alone(self, known: Fit, plain: Fit) -> Fit:
         """Return the declared parameters' fit, from where they are by themselves or beside the effects of a fit,
-        whichever is nearer: what one of their false minima leaves is nothing that an effect explains."""
+        whichever is nearer: what one of their false minima leaves is nothing that an effect explains. Those that are
+        nearest by themselves, and leave more than twice the tolerance, stay as they are."""
         vector, starts = with_shapes(known, [])
+        by_themselves, *beside = (one.misfit.rms for one in self.problem(vector).evaluate([plain.minimum, *starts]))
+        if min(beside) > by_themselves > expected_rms(self.data.noise, GROSS * self.tolerance):
+            return plain
         begin = FitStart(np.array([plain.minimum, *starts]), inputs=known.inputs)
         return self.fit("plain to its end", vector, begin, DECLARED_ALONE)
 

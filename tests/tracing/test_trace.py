@@ -547,8 +547,7 @@ def test_several_effects_of_which_each_gains_enough_for_certain_are_fitted_toget
     assert not small
     gains = Judged(found, late[1].folds, late[1].noise.sigma).gains
     assert min(low for _, (low, _) in gains.values()) > 0.5e-3
-    # and gone on with by a Jacobian made where that ended
-    assert {*said} == {"filling_lag supply_droop", "filling_lag supply_droop at last"}
+    assert {*said} == {"filling_lag supply_droop"}
 
 
 def test_an_effect_that_is_next_to_nothing_is_no_cause(selected, late, unhurried, tmp_path, monkeypatch):

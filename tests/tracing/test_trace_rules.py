@@ -52,17 +52,13 @@ class Made(Refits):
     def judged(self, fit):
         return fit.known
 
-    def without(self, known, labels, *, hopeless=None):
+    def without(self, known, labels):
         self.calls.append(("without", *labels))
         return replace(known.known, gain={k: g for k, g in known.known.gain.items() if k not in labels}).fit
 
     def alone(self, known, plain):
         self.calls.append(("alone",))
         return Known({}, 9.0).fit
-
-    def exact(self, known):
-        self.calls.append(("exact",))
-        return known.known.fit
 
     def decoys(self, known, everything):
         self.calls.append(("decoys",))
@@ -84,7 +80,7 @@ def selection(gain, **known):
 def test_what_gains_less_than_the_tolerance_goes_and_of_several_less_than_what_is_left():
     made = Made()
     after = rules.too_little(made, selection({"lag": 3.0, "droop": 0.4, "creep": 0.6}))
-    assert after.small == ("droop",) and [*after.gains] == ["lag", "creep"] and after.exact is False
+    assert after.small == ("droop",) and [*after.gains] == ["lag", "creep"]
     assert rules.too_little(made, selection({"lag": 3.0, "creep": 0.6})) is None
     after = rules.too_little(made, selection({"lag": 3.0, "creep": 0.6}, excess=0.7))
     assert after.small == ("creep",)
@@ -100,27 +96,11 @@ def test_what_a_fit_without_it_loses_is_not_dropped_nor_asked_again():
     assert rules.too_little(made, after) is None
 
 
-def test_an_effect_without_which_a_fit_does_as_well_goes():
-    begun = selection({"lag": 0.54, "droop": 0.52}, needed=frozenset(["lag"]))
-    assert rules.as_well(Made(), begun).small == ("droop",)
-    both = selection({"lag": 0.54, "droop": 0.52}, needed=frozenset(["lag", "droop"]))
-    after = rules.as_well(made := Made(), both)
-    assert set(after.asked) == {"lag", "droop"} and made.calls == [("without", "droop"), ("without", "lag")]
-    assert rules.as_well(made, after) is None
-    assert rules.as_well(Made(), selection({"lag": 3.0, "droop": 2.0})) is None  # more than enough, for certain
-
-
 def test_the_declared_parameters_begin_beside_the_last_effect_once():
     after = rules.begin_beside(made := Made(), selection({"lag": 3.0}))
     assert after.beside and after.plain.known.excess == 9.0 and made.calls == [("alone",)]
     assert rules.begin_beside(made, after) is None
     assert rules.begin_beside(made, selection({"lag": 3.0, "droop": 2.0})) is None
-
-
-def test_the_last_fit_has_a_jacobian_of_its_own():
-    begun = replace(selection({"lag": 3.0}), exact=False)
-    after = rules.confirm(made := Made(), begun)
-    assert after.exact and made.calls == [("exact",)] and rules.confirm(made, after) is None
 
 
 @pytest.mark.parametrize(("chance", "asked"), [(0.4, ("lag",)), (0.6, ())])
@@ -155,6 +135,6 @@ def test_rules_are_followed_in_order_until_none_applies():
     after = follow((*rules.ON_SETS, ours), Made(), begun)
     assert [*after.gains] == ["lag"] and set(after.small) == {"droop", "creep"}
     assert all("creep" not in gains for gains in named)  # which an earlier rule had dropped
-    assert after.decoys is not None and after.exact
+    assert after.decoys is not None
     for rule in rules.ON_SETS:
         assert rule.name and rule.threshold and rule.origin and rule.step.__doc__
