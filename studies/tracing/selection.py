@@ -54,18 +54,22 @@ def select(task: Task) -> Selection:
 
 
 def _joint(task: Task, vector: FitVector, start: FitStart, balanced: Fit | None) -> Fit:
-    """Return the joint fit of what frames in balance have evidence for, or do not show; where that does not explain
-    most trials, of all."""
+    """Return the joint fit: of what frames in balance have evidence for, with what these do not show to first order
+    beside it; where that does not explain most trials, of all."""
     policy = ROUGH if balanced is None else replace(ROUGH, content=expected_rms(task.data.noise, task.tolerance))
+    if balanced is None:
+        return task.fit("every effect", vector, start, policy)
     assert start.x is not None
-    some, places = vector.only(worth_fitting(vector, balanced))
-    joint = task.fit("every effect that may be", some, replace(start, x=start.x[:, places]), policy)
-    if len(some.names) == len(vector.names) or task.judged(joint).typical <= task.tolerance:
-        return joint
-    jacobian = widened(joint.state.jacobian, places, len(vector.names))
-    x = np.zeros(len(vector.names))
-    x[places] = joint.x
-    return task.fit("every effect", vector, FitStart(x, jacobian, joint.inputs), policy)
+    worth = worth_fitting(vector, balanced)
+    some, places = vector.only(worth.intersection(balanced.vector.labels))
+    known = task.fit("what frames in balance show", some, replace(start, x=start.x[:, places]), policy)
+    x, jacobian = np.zeros(len(vector.names)), widened(known.state.jacobian, places, len(vector.names))
+    x[places] = known.x
+    if task.judged(known).typical > task.tolerance:
+        return task.fit("every effect", vector, FitStart(x, jacobian, known.inputs), policy)
+    these, places = vector.only(worth)
+    beside = FitStart(x[places], jacobian[:, places], known.inputs)
+    return task.linearised("what they do not show beside it", these, beside)
 
 
 def backwards(task: Task, everything: Fit, plain: Fit) -> Selection:
