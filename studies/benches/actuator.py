@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from fabdesign.errors import InputError
 from fabdesign.files.law_tables import BenchLaw
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.bench import Bench, BenchRecord
+from fabdesign.nouns.bench import BenchRecord
 from fabdesign.nouns.model import Quantity
 from fabdesign.units import from_kpa, in_kpa
 from studies.benches.law import Law, Predict, twice
@@ -79,8 +79,12 @@ class StaticCurve(Law):
         hold = hold_of(record)
         highest = hold.pressure > max(hold_of(other).pressure for other in others)
         level = float(cls.fit([*others, record] if highest else others).displacement(hold.pressure))
-        onset, release = _instants(record, hold)
-        time = record.columns["time"]
+        # it begins to move and to fall back where all that comes later than the pressure still shows
+        time, share = record.columns["time"], record.columns["displacement"] / hold.level
+        rest = time[(time < hold.onset) & (share < _MOVED)]
+        held = time[(time <= hold.release) & (share > 1 - _MOVED)]
+        onset = rest[-1] if len(rest) else hold.onset
+        release = held[-1] if hold.release < time[-1] and len(held) else hold.release
         return np.where((time > onset) & (time <= release), level, 0.0)
 
     def predict(self, record: BenchRecord) -> Array:
@@ -96,19 +100,15 @@ class StaticCurve(Law):
         """Return how it creeps."""
         return {"creep_per_decade": Quantity(self.creep_per_decade, "1")}
 
-    def written(self, *, sized: bool) -> Predict:
-        """Return what its file says: all of it."""
-        return lambda record: twice(self.predict(record))
-
-    def file(self, bench: Bench) -> BenchLaw:
+    def file(self, output: str) -> BenchLaw:
         """Return pressures and levels."""
-        return BenchLaw("actuator", bench.output, {"pressure_kpa": in_kpa(self.pressure), "displacement_m": self.level})
+        return BenchLaw("actuator", output, {"pressure_kpa": in_kpa(self.pressure), "displacement_m": self.level})
 
     @staticmethod
     def read(law: BenchLaw) -> Predict:
         """Return the curve through pressures and levels."""
         curve = StaticCurve(from_kpa(law.columns["pressure_kpa"]), law.columns["displacement_m"], ())
-        return curve.written(sized=True)
+        return lambda record: twice(curve.predict(record))
 
     @property
     def creep_per_decade(self) -> float:
@@ -137,13 +137,3 @@ def hold_of(record: BenchRecord) -> Hold:
         release=float(time[last]),
         creep=float(slope),
     )
-
-
-def _instants(record: BenchRecord, hold: Hold) -> tuple[float, float]:
-    """Return s: when the actuator begins to move and to fall back, so that all that comes later than the pressure
-    shows."""
-    time, share = record.columns["time"], record.columns["displacement"] / hold.level
-    rest, held = time[(time < hold.onset) & (share < _MOVED)], time[(time <= hold.release) & (share > 1 - _MOVED)]
-    onset = float(rest[-1]) if len(rest) else hold.onset
-    falls = hold.release < time[-1] and len(held) > 0
-    return onset, float(held[-1]) if falls else float(hold.release)

@@ -1,6 +1,6 @@
 """The answer that a bench gives: a law of its specimen, and a muscle type or a cloth that a design can include."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -27,7 +27,7 @@ from optimize.fit.problem import BenchProblem
 from studies.benches.evaluate import errors_of
 from studies.benches.law import Law, rms
 from studies.benches.muscle import BenchMuscle, Rows, motion_columns, only_speed, rows_of, travels
-from studies.benches.records import LAWS, LEAST_SHOWN, BenchNoise, for_people, noise_of, require_columns, shown, unit_of
+from studies.benches.records import LAWS, LEAST_SHOWN, BenchNoise, for_people, noise_of, require_columns, shown
 from studies.fitting.fitted_model import effect_term, quantities_of
 
 Progress = Callable[[str, float | None], None]
@@ -79,12 +79,10 @@ def calibrate_bench(
     """
     bench = read_bench(path)
     chosen, tests = bench.of_role("fit"), bench.of_role("test")
-    if fit is not None:
-        for name in fit:
-            if name not in {record.name for record in chosen}:
-                known = ", ".join(record.name for record in chosen)
-                raise InputError(f"{bench.file}: no record {name} to fit; it has {known}")
-        chosen = [record for record in chosen if record.name in fit]
+    known = [record.name for record in chosen]
+    if unknown := [name for name in fit or () if name not in known]:
+        raise InputError(f"{bench.file}: no record {unknown[0]} to fit; it has {', '.join(known)}")
+    chosen = [record for record in chosen if fit is None or record.name in fit]
     if not chosen:
         raise InputError(f"{bench.file}: no record of role fit; expected at least one")
     require_columns(bench, [*chosen, *tests])
@@ -99,19 +97,17 @@ def calibrate_bench(
         seconds = bench_fit_seconds(len(chosen), rows, unknowns)
         what = f"{len(chosen)} records", f"{rows} rows", *([f"{unknowns} unknowns of effects"] if free else [])
         progress(in_words(seconds, *what), None)
-    turns = len(chosen) if len(chosen) > 2 else 0
-    lines = ["all records", *(f"record {k} of {turns} left out" for k in range(1, turns + 1))]
-    shares = parts(progress, *(k / len(lines) for k in range(1, len(lines))))
-    first, *later = (partial(part, f"fitting {bench.name}, {line}") for part, line in zip(shares, lines, strict=True))
-    law, effects = _fit(bench, chosen, vector, first)
-    left_out = []
-    for i, tell in enumerate(later):
-        others = chosen[:i] + chosen[i + 1 :]
-        left_out.append(_error(bench, _fit(bench, others, vector, tell)[0], [chosen[i]]))
+    others = [[*chosen[:k], *chosen[k + 1 :]] for k in range(len(chosen))] if len(chosen) > 2 else []
+    fits, ends = [], [k / (len(others) + 1) for k in range(1, len(others) + 1)]
+    for k, (some, part) in enumerate(zip([chosen, *others], parts(progress, *ends), strict=True)):
+        line = f"record {k} of {len(others)} left out" if k else "all records"
+        fits.append(_fit(bench, some, vector, partial(part, f"fitting {bench.name}, {line}")))
+    (law, effects), *later = fits
+    left_out = [_error(bench, one, [record]) for (one, _), record in zip(later, chosen, strict=False)]
     return BenchCalibration(
         bench=bench,
         law=law,
-        unit=unit_of(bench),
+        unit=law.unit,
         error_fit=_error(bench, law, chosen),
         error_left_out=float(np.mean(left_out)) if left_out else None,
         error_test=_error(bench, law, tests) if tests else None,
@@ -188,11 +184,10 @@ def _fit(
 ) -> tuple[Law, tuple[EffectTerm, ...]]:
     tell(0.0)
     kind = LAWS[bench.specimen]
-    if issubclass(kind, BenchMuscle):
-        effects = () if vector is None else fit_effects(partial(rows_of, records), vector, tell)
-        terms = tuple(effect.term for effect in effects)
-        return kind.fit(records, terms=terms), effects
-    return kind.fit(records), ()
+    if vector is None or not issubclass(kind, BenchMuscle):
+        return kind.fit(records), ()
+    effects = fit_effects(partial(rows_of, records), vector, tell)
+    return kind.fit(records, terms=tuple(effect.term for effect in effects)), effects
 
 
 def _error(bench: Bench, law: Law, records: Sequence[BenchRecord]) -> float:
@@ -234,30 +229,25 @@ def fit_effects(
     (variable projection, Golub and Pereyra 1973, doi:10.1137/0710036), in the descent that fits clouds."""
     plain, acting = rows_of(()), {term.name for term in vector.terms}
     start, end = min(float(plain.contraction.min()), 0.0), max(float(plain.contraction.max()), 0.0)
-    # splines lie over what was measured, whatever the effects make of it
-    spans = float(plain.pressure.max()) / _SPANS[0], start, (end - start) / _SPANS[1]
+    # splines lie over what was measured, whatever the effects make of it: Pa, and contraction, between knots
+    pressure, contraction = float(plain.pressure.max()) / _SPANS[0], (end - start) / _SPANS[1]
 
     def unexplained(x: Array) -> Array:
-        return _unexplained(rows_of(vector.terms_at(vector.inside(x))), spans, acting)
+        """Return (n,) N that law and damping do not explain; no damping that one of the effects is by itself."""
+        rows = rows_of(vector.terms_at(vector.inside(x)))
+        p = design_matrix(rows.pressure / pressure, _SPANS[0] + 3)
+        e = design_matrix((rows.contraction - start) / contraction, _SPANS[1] + 3)
+        smooth = (p[:, :, None] * e[:, None, :]).reshape(len(p), -1)
+        stretch = p * (np.maximum(-rows.contraction, 0.0) / contraction)[:, None]
+        columns = np.hstack([smooth, stretch, motion_columns(rows.rate, acting)])
+        columns = columns[:, np.abs(columns).max(axis=0) > 0]
+        ridge = _RIDGE * np.sqrt(len(p)) * np.eye(columns.shape[1])
+        goal = rows.force + rows.friction
+        steps = np.linalg.lstsq(np.vstack([columns, ridge]), np.r_[goal, np.zeros(len(ridge))], rcond=None)[0]
+        return np.asarray(goal - columns @ steps)
 
     problem = BenchProblem(unexplained, np.zeros_like(plain.block), plain.block, vector)
     fitted = fitted_to(problem, progress=lambda _, share: tell(share))
     deviation = np.sqrt(np.diag(fitted.covariance))
     quantities, terms = quantities_of(vector, fitted.x, deviation), vector.terms_at(fitted.x)
     return tuple(effect_term(label, term, quantities, None) for label, term in zip(vector.labels, terms, strict=True))
-
-
-def _unexplained(rows: Rows, spans: tuple[float, float, float], acting: Collection[str]) -> Array:
-    """Return (n,) N that law and damping do not explain; no damping that one of the effects `acting` is by itself.
-    spans: Pa between knots, the first contraction, and contraction between knots."""
-    pressure, start, contraction = spans
-    p = design_matrix(rows.pressure / pressure, _SPANS[0] + 3)
-    e = design_matrix((rows.contraction - start) / contraction, _SPANS[1] + 3)
-    smooth = (p[:, :, None] * e[:, None, :]).reshape(len(p), -1)
-    stretch = p * (np.maximum(-rows.contraction, 0.0) / contraction)[:, None]
-    columns = np.hstack([smooth, stretch, motion_columns(rows.rate, acting)])
-    columns = columns[:, np.abs(columns).max(axis=0) > 0]
-    ridge = _RIDGE * np.sqrt(len(p)) * np.eye(columns.shape[1])
-    goal = rows.force + rows.friction
-    steps = np.linalg.lstsq(np.vstack([columns, ridge]), np.r_[goal, np.zeros(len(ridge))], rcond=None)[0]
-    return np.asarray(goal - columns @ steps)

@@ -2,20 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import ClassVar, TypeVar
+from typing import ClassVar
 
 import numpy as np
 
 from fabdesign.errors import InputError
 from fabdesign.files.law_tables import BenchLaw
-from fabdesign.nouns.array import Array
-from fabdesign.nouns.bench import Bench, BenchRecord
-from fabdesign.nouns.lag import first_order
+from fabdesign.nouns.array import Array, Indices
+from fabdesign.nouns.bench import BenchRecord
 from fabdesign.nouns.model import Quantity
-from studies.benches.law import Law, Predict, rms
+from studies.benches.law import Law, Predict, friction_state
 
-T = TypeVar("T")
+__all__ = ["CylinderLaw", "friction_state"]
 
 # Terms of the law, N. p: pressure over 100 kPa, x: displacement over 10 mm, s: state of friction in [-1, 1].
 FORMS: dict[str, tuple[str, ...]] = {
@@ -26,6 +24,8 @@ FORMS: dict[str, tuple[str, ...]] = {
     "preload": ("1", "x", "p", "x p", "s", "s p"),
     "saturating friction": ("1", "x", "p", "x p", "s", "s p", "s p p"),
 }
+TERMS = tuple(dict.fromkeys(term for terms in FORMS.values() for term in terms))
+STILL = "1", "x", "p", "x p"  # terms without friction
 PRESLIDINGS = (0.0001, 0.0002, 0.0003, 0.0005, 0.001, 0.002)  # m
 _PRESSURE, _STROKE = 1e5, 0.01  # Pa, m, one unit of p and x
 
@@ -55,76 +55,65 @@ class CylinderLaw(Law):
 
         Raises InputError for fewer than two records.
         """
+        from scipy.stats import t
+
         if len(records) < 2:
             raise InputError("cylinder: one record; expected at least two pressures")
+        force = np.concatenate([one.columns["force"] for one in records])
+        record = np.repeat(np.arange(len(records)), [len(one.columns["force"]) for one in records])
+        every = {d: np.concatenate([terms_of(one, TERMS, d) for one in records]) for d in PRESLIDINGS}
         scores: dict[tuple[str, float], float] = {}
         for form, terms in FORMS.items():
             for presliding in PRESLIDINGS if "s" in terms else PRESLIDINGS[:1]:
-                tables = [terms_of(record, terms, presliding) for record in records]
-                scores[form, presliding] = float(np.mean([_left_out(tables, records, i) for i in range(len(records))]))
+                table = every[presliding][:, [TERMS.index(term) for term in terms]]
+                misses = (table * _without_each(table, force, record)[record]).sum(axis=1) - force
+                squares = np.bincount(record, np.square(misses)) / np.bincount(record)
+                scores[form, presliding] = float(np.sqrt(squares).mean())
         form, presliding = min(scores, key=lambda key: scores[key])
-        terms = FORMS[form]
-        tables = [terms_of(record, terms, presliding) for record in records]
-        best = _solve(tables, records)
-        alone = np.array([_solve(_without(tables, i), _without(records, i)) for i in range(len(records))])
+        table = every[presliding][:, [TERMS.index(term) for term in FORMS[form]]]
+        best, alone, n = np.linalg.lstsq(table, force)[0], _without_each(table, force, record), len(records)
+        half = t.ppf(0.95, n - 1) * np.sqrt((n - 1) / n * np.square(alone - alone.mean(axis=0)).sum(axis=0))
         return CylinderLaw(
-            form,
-            terms,
-            best,
-            _jackknife90(best, alone),
-            presliding,
-            {name: min(score for (f, _), score in scores.items() if f == name) for name in FORMS},
+            form=form,
+            terms=FORMS[form],
+            coefficients=best,
+            interval90=np.stack([best - half, best + half], axis=1),
+            presliding=presliding,
+            cross_validated={name: min(score for (f, _), score in scores.items() if f == name) for name in FORMS},
         )
 
     @classmethod
     def still(cls, others: Sequence[BenchRecord], record: BenchRecord) -> Array:
         """Return (n,) N by preload, spring, area times pressure, and its change over the stroke: without friction."""
-        tables = [terms_of(one, ("1", "x", "p", "x p"), 1.0) for one in others]
-        return terms_of(record, ("1", "x", "p", "x p"), 1.0) @ _solve(tables, others)
+        table = np.concatenate([terms_of(one, STILL, 1.0) for one in others])
+        force = np.concatenate([one.columns["force"] for one in others])
+        return terms_of(record, STILL, 1.0) @ np.linalg.lstsq(table, force)[0]
 
     def constants(self) -> Mapping[str, Quantity]:
         """Return over which distance friction comes."""
         return {"presliding": Quantity(self.presliding, "m")}
 
-    def written(self, *, sized: bool) -> Predict:
-        """Return what its file says: the terms without friction, and all of them."""
-        return _prediction(self.terms, self.coefficients, self.presliding)
-
-    def file(self, bench: Bench) -> BenchLaw:
+    def file(self, output: str) -> BenchLaw:
         """Return coefficients with their bands."""
         low, high = self.interval90.T
         columns = {"coefficient_n": self.coefficients, "low90_n": low, "high90_n": high}
-        return BenchLaw("cylinder", bench.output, columns, self.terms, self.form, self.presliding)
+        return BenchLaw("cylinder", output, columns, self.terms, self.form, self.presliding)
 
     @staticmethod
     def read(law: BenchLaw) -> Predict:
-        """Return the sum of its terms."""
-        return _prediction(law.terms, law.columns["coefficient_n"], law.presliding or 1.0)
+        """Return the sum of its terms: of those without friction, and of all."""
+        coefficients = law.columns["coefficient_n"]
+        still = np.where(["s" in term for term in law.terms], 0.0, coefficients)
+
+        def cylinder(record: BenchRecord) -> tuple[Array, Array]:
+            columns = terms_of(record, law.terms, law.presliding or 1.0)
+            return columns @ still, columns @ coefficients
+
+        return cylinder
 
     def predict(self, record: BenchRecord) -> Array:
         """Return N at every row of a record, in its order."""
         return terms_of(record, self.terms, self.presliding) @ self.coefficients
-
-
-def _prediction(terms: Sequence[str], coefficients: Array, presliding: float) -> Predict:
-    still = np.array(["s" not in term for term in terms]) * coefficients
-
-    def cylinder(record: BenchRecord) -> tuple[Array, Array]:
-        columns = terms_of(record, terms, presliding)
-        return columns @ still, columns @ coefficients
-
-    return cylinder
-
-
-def friction_state(displacement: Array, presliding: float) -> Array:
-    """Return (n,) s, from 1 (moving out) at the start: exact for steps of even motion."""
-    steps = np.diff(displacement)
-    return first_order(np.sign(steps), np.abs(steps), presliding, start=1.0)
-
-
-@lru_cache(maxsize=256)
-def _state(record: BenchRecord, presliding: float) -> Array:
-    return friction_state(record.columns["displacement"], presliding)
 
 
 def terms_of(record: BenchRecord, terms: Sequence[str], presliding: float) -> Array:
@@ -132,27 +121,11 @@ def terms_of(record: BenchRecord, terms: Sequence[str], presliding: float) -> Ar
     x, p = record.columns["displacement"] / _STROKE, record.columns["pressure"] / _PRESSURE
     factors = {"1": np.ones(len(x)), "x": x, "p": p}
     if any("s" in term for term in terms):
-        factors["s"] = _state(record, presliding)
+        factors["s"] = friction_state(record.columns["displacement"], presliding)
     return np.stack([np.prod([factors[name] for name in term.split()], axis=0) for term in terms], axis=1)
 
 
-def _solve(tables: Sequence[Array], records: Sequence[BenchRecord]) -> Array:
-    force = np.concatenate([record.columns["force"] for record in records])
-    return np.linalg.lstsq(np.concatenate(tables), force, rcond=None)[0]
-
-
-def _left_out(tables: Sequence[Array], records: Sequence[BenchRecord], i: int) -> float:
-    return rms(tables[i] @ _solve(_without(tables, i), _without(records, i)) - records[i].columns["force"])
-
-
-def _without(items: Sequence[T], i: int) -> list[T]:
-    return [item for j, item in enumerate(items) if j != i]
-
-
-def _jackknife90(best: Array, alone: Array) -> Array:
-    from scipy.stats import t
-
-    n = len(alone)
-    error = np.sqrt((n - 1) / n * np.sum((alone - alone.mean(axis=0)) ** 2, axis=0))
-    half = t.ppf(0.95, n - 1) * error
-    return np.stack([best - half, best + half], axis=1)
+def _without_each(table: Array, force: Array, record: Indices) -> Array:
+    """Return (records, terms) N: the coefficients without each of the records, which are (N,) of the rows."""
+    others = [record != k for k in range(record[-1] + 1)]
+    return np.array([np.linalg.lstsq(table[rows], force[rows])[0] for rows in others])

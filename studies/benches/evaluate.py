@@ -10,7 +10,7 @@ import numpy as np
 
 from fabdesign.errors import InputError
 from fabdesign.files.bench_file import read_bench
-from fabdesign.files.design_file import DesignPart, read_part
+from fabdesign.files.design_file import read_part
 from fabdesign.files.law_tables import FORMAT as BENCH_LAW
 from fabdesign.files.law_tables import read_bench_law
 from fabdesign.formats.result_tables import Columns, Tabled
@@ -21,7 +21,7 @@ from fabdesign.nouns.muscle_law import law_of
 from fabdesign.nouns.trial import Role
 from studies.benches.law import Predict, rms
 from studies.benches.muscle import of_type
-from studies.benches.records import LAWS, LEAST_SHOWN, BenchNoise, for_people, noise_of, require_columns, unit_of
+from studies.benches.records import LAWS, LEAST_SHOWN, BenchNoise, for_people, noise_of, require_columns
 from studies.benches.strip import of_strip
 
 
@@ -52,7 +52,12 @@ def prediction(path: Path, bench: Bench) -> Predict:
         return LAWS[bench.specimen].read(law)
     part = read_part(path)
     if bench.is_muscle:
-        return _of_muscle(part, path, bench)
+        name = bench.name if bench.name in part.types else next(iter(part.types), None)
+        if name is None or (name != bench.name and len(part.types) > 1):
+            names = ", ".join(part.types) or "none"
+            raise InputError(f"{path}: muscle types {names}; expected one, or {bench.name}")
+        terms = [term for term in part.effects if term.scope in (None, f"muscle_types.{name}")]
+        return of_type(law_of(part.types[name].bench), part.types[name].viscosity, terms)
     if bench.specimen != "strip" or part.fabric is None or (curve := part.fabric.membrane_curve) is None:
         raise InputError(f"{path}: no law of a {bench.specimen}, which {bench.file} has; expected what calibrate wrote")
     width, across = bench.constant("width"), 1 if bench.constants.get("direction") == 2 else 0
@@ -60,15 +65,6 @@ def prediction(path: Path, bench: Bench) -> Predict:
         raise InputError(f"{path}: its curve has no direction {across + 1}, which {bench.file} has")
     strain, force = np.array(curve.strain[across]), width * np.array(curve.tension[across])
     return of_strip(strain, force)
-
-
-def _of_muscle(part: DesignPart, path: Path, bench: Bench) -> Predict:
-    name = bench.name if bench.name in part.types else next(iter(part.types), None)
-    if name is None or (name != bench.name and len(part.types) > 1):
-        raise InputError(f"{path}: muscle types {', '.join(part.types) or 'none'}; expected one, or {bench.name}")
-    muscle = part.types[name]
-    terms = tuple(term for term in part.effects if term.scope in (None, f"muscle_types.{name}"))
-    return of_type(law_of(muscle.bench), muscle.viscosity, terms)
 
 
 METRIC = "rms"
@@ -100,8 +96,7 @@ class BenchEvaluation(Tabled):
 
     def _table(self, records: Mapping[str, RecordErrors]) -> dict[str, Any]:
         return {
-            "before": {METRIC: _statistics(records, "before")},
-            "after": {METRIC: _statistics(records, "after")},
+            **{when: {METRIC: _statistics(records, when)} for when in ("before", "after")},
             "source": self.bench.source or self.bench.description,
             "records": records,
         }
@@ -141,7 +136,7 @@ def evaluate_bench(path: Path, law: Path, roles: Sequence[Role] = ("test",)) -> 
     others = errors(fitted)
     if not tests and not others:
         raise InputError(f"{bench.file}: no record of role test; expected one, or --all for those of role fit")
-    return BenchEvaluation(bench, unit_of(bench), noise_of(bench), errors(tests), others)
+    return BenchEvaluation(bench, LAWS[bench.specimen].unit, noise_of(bench), errors(tests), others)
 
 
 def _statistics(records: Mapping[str, RecordErrors], state: str) -> Statistics:

@@ -5,12 +5,11 @@ It never comes from what a law leaves: a law that lacks an effect leaves that to
 `fabdesign/geometry/sensor_noise.py`.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.formats.schema import Key
@@ -59,11 +58,6 @@ def require_sizes(bench: Bench) -> None:
         )
 
 
-def unit_of(bench: Bench) -> str:
-    """Return the SI unit of what is predicted: N, of an actuator m."""
-    return LAWS[bench.specimen].unit
-
-
 def for_people(unit: str) -> tuple[float, str]:
     """Return the factor on values in an SI unit that people are shown, and the unit that they see: mm for m."""
     return (in_mm(1.0), "mm") if unit == "m" else (1.0, unit)
@@ -78,6 +72,28 @@ def shown(value: float, unit: str) -> str:
 def output_of(bench: Bench) -> str:
     """Return the column that is compared row by row; of an actuator the displacement."""
     return LAWS[bench.specimen].output or bench.output
+
+
+def laws_of(
+    bench: Bench,
+    records: Sequence[BenchRecord],
+    added: Sequence[Array] | None = None,
+    *,
+    tell: Callable[[float], None] = lambda share: None,
+) -> list[Array]:
+    """Return what the law says of each record, fitted to the others. added: what effects add to each, taken off
+    before the fit. tell: is given the share done."""
+    output = output_of(bench)
+    if added is not None:
+        records = [
+            replace(r, columns={**r.columns, output: r.columns[output] - more})
+            for r, more in zip(records, added, strict=True)
+        ]
+    laws = []
+    for k, record in enumerate(records):
+        tell(k / len(records))
+        laws.append(LAWS[bench.specimen].still([*records[:k], *records[k + 1 :]], record))
+    return laws
 
 
 _INPUTS = "pressure", "pressure_command", "pressure_amplitude", "contraction", "displacement", "stretch"
@@ -113,26 +129,18 @@ def noise_of(bench: Bench) -> BenchNoise:
     output, records = output_of(bench), bench.records
     readings = [record.columns[output] for record in records]
     inputs = [{n: r.columns[n] for n in _INPUTS if n in r.columns and n != output} for r in records]
-    sizes = _sizes(inputs)
-    step = max((_quantum(y) for y in readings), default=0.0) / np.sqrt(12)
+    together = {name: np.concatenate([x[name] for x in inputs if name in x]) for name in set().union(*inputs)}
+    # of each input its range, at least a twentieth of its largest value
+    sizes = {name: max(float(np.ptp(v)), 0.05 * float(np.abs(v).max()), 1e-30) for name, v in together.items()}
+    distinct = [(np.unique(values), len(values)) for values in readings]
+    steps = [float(np.diff(values).min()) for values, count in distinct if 1 < len(values) < count / 2]
+    step = max(steps, default=0.0) / np.sqrt(12)
     repeated = _by_repeats(readings, inputs, sizes)
     if repeated is not None:
         return BenchNoise(max(repeated, step), "repeats")
     single = [_by_neighbours(y, x, sizes) for y, x in zip(readings, inputs, strict=True)]
     known = [sigma for sigma in single if sigma is not None]
     return BenchNoise(max(float(np.median(known)), step), "neighbours") if known else BenchNoise(0.0, "unknown")
-
-
-def _sizes(inputs: Sequence[dict[str, Array]]) -> dict[str, float]:
-    """Return the range of each input over all records, at least a twentieth of its largest value."""
-    together = {name: np.concatenate([x[name] for x in inputs if name in x]) for name in set().union(*inputs)}
-    return {name: max(float(np.ptp(v)), 0.05 * float(np.abs(v).max()), 1e-30) for name, v in together.items()}
-
-
-def _quantum(values: Array) -> float:
-    """Return the step of a reading that takes few values; 0 for others."""
-    distinct = np.unique(values)
-    return float(np.diff(distinct).min()) if 1 < len(distinct) < len(values) / 2 else 0.0
 
 
 def _by_repeats(readings: Sequence[Array], inputs: Sequence[dict[str, Array]], sizes: dict[str, float]) -> float | None:
@@ -182,6 +190,8 @@ def _by_neighbours(y: Array, inputs: dict[str, Array], sizes: dict[str, float]) 
 
 def _variance(y: Array, inputs: dict[str, Array], sizes: dict[str, float], stride: int) -> float | None:
     """Return the median over windows of what the readings leave, for each degree of freedom; None for few windows."""
+    from scipy.stats import chi2
+
     span = (_ROWS - 1) * stride + 1
     if len(y) < span:
         return None
@@ -190,7 +200,10 @@ def _variance(y: Array, inputs: dict[str, Array], sizes: dict[str, float], strid
         return np.lib.stride_tricks.sliding_window_view(values, span)[:, ::stride]
 
     moving = {name: windows(values) / sizes[name] for name, values in inputs.items()}
-    smooth = np.all([_is_even(np.diff(x, axis=1)) for x in moving.values()], axis=0) if moving else slice(None)
+    smooth = np.ones(len(y) - span + 1, dtype=np.bool_)  # no input turns or jumps: it stands, creeps, or goes on evenly
+    for steps in (np.diff(x, axis=1) for x in moving.values()):
+        along, largest = steps * np.sign(steps.sum(axis=1, keepdims=True)), np.abs(steps).max(axis=1)
+        smooth &= (largest <= _CLEAR) | (along.min(axis=1) >= _EVEN * largest)
     readings = windows(y)[smooth]
     if len(readings) < _LEAST_WINDOWS:
         return None
@@ -202,18 +215,5 @@ def _variance(y: Array, inputs: dict[str, Array], sizes: dict[str, float], strid
     level = readings.mean(axis=1, keepdims=True)
     coefficients = np.einsum("nrk,nr->nk", basis, readings - level) * used
     unexplained = np.square(readings - level).sum(axis=1) - np.square(coefficients).sum(axis=1)
-    return _median(np.maximum(unexplained, 0.0), _ROWS - used.sum(axis=1))
-
-
-def _is_even(steps: Array) -> NDArray[np.bool_]:
-    """Return of each window whether an input stands, creeps or goes on by about even steps: no turn and no jump."""
-    along = steps * np.sign(steps.sum(axis=1, keepdims=True))
-    largest = np.abs(steps).max(axis=1)
-    return np.asarray((largest <= _CLEAR) | (along.min(axis=1) >= _EVEN * largest))
-
-
-def _median(squares: Array, freedom: NDArray[np.intp]) -> float:
-    """Return the variance by the median of chi-square sums of several degrees of freedom."""
-    from scipy.stats import chi2
-
-    return float(np.median(squares / chi2.median(freedom)))
+    # the variance by the median of chi-square sums of several degrees of freedom
+    return float(np.median(np.maximum(unexplained, 0.0) / chi2.median(_ROWS - used.sum(axis=1))))

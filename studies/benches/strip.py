@@ -11,7 +11,7 @@ from fabdesign.errors import InputError
 from fabdesign.files.law_tables import BenchLaw, MembraneCurve
 from fabdesign.geometry.curves import design_matrix, least_squares_with_inequalities
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.bench import Bench, BenchRecord
+from fabdesign.nouns.bench import BenchRecord
 from studies.benches.law import Law, Predict, twice
 
 # A repeat counts half as much as the next one: cloth runs in. Chosen on repeats 1 to 4 of the 16 knits alone,
@@ -67,15 +67,14 @@ class StripLaw(Law):
 
     def written(self, *, sized: bool) -> Predict:
         """Return what its file says: its samples; where the width is known, a cloth's, whose tension begins at zero."""
-        strain, force = self.samples()
-        return of_strip(strain, force if sized else self.force(1 + strain))
+        return of_strip(*self.samples()) if sized else super().written(sized=sized)
 
-    def file(self, bench: Bench) -> BenchLaw:
+    def file(self, output: str) -> BenchLaw:
         """Return samples with the band of another record."""
         strain, _ = self.samples()
         low, high = self.interval90(1 + strain)
         columns = {"strain": strain, "force_n": self.force(1 + strain), "low90_n": low, "high90_n": high}
-        return BenchLaw("strip", bench.output, columns)
+        return BenchLaw("strip", output, columns)
 
     @staticmethod
     def read(law: BenchLaw) -> Predict:
@@ -100,43 +99,34 @@ class StripLaw(Law):
 
     def membrane_curve(self, width: float, *, across: bool = True, down: bool = True) -> MembraneCurve:
         """Return tension per width [N/m] of a strip of this width [m], for the directions asked for."""
-        strain, force = self.samples()
-        empty: tuple[float, ...] = ()
-        pairs = [
-            (tuple(strain.tolist()), tuple((force / width).tolist())) if on else (empty, empty) for on in (across, down)
-        ]
-        return MembraneCurve((pairs[0][0], pairs[1][0]), (pairs[0][1], pairs[1][1]))
+        strain, tension = (tuple(values.tolist()) for values in (self.samples()[0], self.samples()[1] / width))
+        return MembraneCurve(
+            (strain if across else (), strain if down else ()), (tension if across else (), tension if down else ())
+        )
 
 
 def of_strip(strain: Array, force: Array) -> Predict:
     """Return a prediction that is linear between the samples and beyond them."""
-    slopes = np.diff(force) / np.diff(strain)
+    from scipy.interpolate import interp1d
 
-    def strip(record: BenchRecord) -> tuple[Array, Array]:
-        x = record.columns["stretch"] - 1
-        k = np.clip(np.searchsorted(strain, x) - 1, 0, len(slopes) - 1)
-        return twice(force[k] + slopes[k] * (x - strain[k]))
-
-    return strip
+    line = interp1d(strain, force, fill_value="extrapolate")
+    return lambda record: twice(line(record.columns["stretch"] - 1))
 
 
 def _fitted(records: Sequence[BenchRecord], recency: float) -> StripLaw:
-    """Return the law without its spread."""
+    """Return the law without its spread: a rising convex P-spline."""
     strain = np.concatenate([r.columns["stretch"] for r in records]) - 1
     force = np.concatenate([r.columns["force"] for r in records])
     age = np.repeat(np.arange(len(records))[::-1], [len(r.columns["force"]) for r in records])
     start, step = float(strain.min()), float(np.ptp(strain)) / _SPANS
-    coefficients = _j_shaped((strain - start) / step, force, recency ** (age / 2))
-    return StripLaw(coefficients, start, step, np.zeros(_SAMPLES), len(records))
-
-
-def _j_shaped(x: Array, force: Array, weight: Array) -> Array:
-    """Return coefficients of a rising convex P-spline through (x in spans, force)."""
-    count = _SPANS + 3
+    weight, count = recency ** (age / 2), _SPANS + 3
     scale = np.abs(force).max() or 1.0
     bend = np.diff(np.eye(count), 2, axis=0)
-    rows = np.vstack([design_matrix(x, count) * weight[:, None], _SMOOTHNESS * bend, 1e-4 * np.eye(count)])
+    rows = np.vstack(
+        [design_matrix((strain - start) / step, count) * weight[:, None], _SMOOTHNESS * bend, 1e-4 * np.eye(count)]
+    )
     goal = np.concatenate([force / scale * weight, np.zeros(2 * count - 2)])
     shape = np.vstack([np.diff(np.eye(count)[:2], axis=0), bend])
     least = np.concatenate([[_MIN_SLOPE / _SPANS], np.zeros(count - 2)])
-    return scale * least_squares_with_inequalities(rows, goal, shape, least)
+    coefficients = scale * least_squares_with_inequalities(rows, goal, shape, least)
+    return StripLaw(coefficients, start, step, np.zeros(_SAMPLES), len(records))

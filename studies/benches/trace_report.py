@@ -18,7 +18,7 @@ from fabdesign.runtime.fingerprint import sha256
 from fabdesign.units import in_kpa, in_mm
 from fabdesign.version import __version__
 from studies.benches.evaluate import METRIC
-from studies.benches.records import BenchNoise, for_people, output_of, shown, unit_of
+from studies.benches.records import LAWS, BenchNoise, for_people, output_of, shown
 from studies.model_selection.outcome import Candidate, TraceOutcome, When
 from studies.model_selection.verdict import STRUCTURE, effect_in_words
 from studies.report import charts, page
@@ -50,7 +50,7 @@ class BenchOutcome(TraceOutcome):
     @property
     def unit(self) -> str:
         """Return the output's SI unit."""
-        return unit_of(self.bench)
+        return LAWS[self.bench.specimen].unit
 
     def mean_error(self, role: Role, when: When) -> float | None:
         """Return the mean error of records of a role; None where there are none."""
@@ -102,7 +102,14 @@ def bench_in_words(outcome: BenchOutcome) -> str:
     evidence = outcome.evidence
     before = shown(evidence.before, outcome.unit)
     if outcome.verdict == "adequate":
-        return f"On records left out the quasi-static law leaves {before} over the noise. {_what_is_small(outcome)}"
+        leaves = f"On records left out the quasi-static law leaves {before} over the noise."
+        limit = f"within the tolerance of {shown(outcome.tolerance, outcome.unit)}"
+        if (small := outcome.small) is None:
+            return f"{leaves} That is {limit}."
+        return (
+            f"{leaves} {small.name.replace('_', ' ').capitalize()} gains {shown(small.gain, outcome.unit)} of it for "
+            f"certain, but what is left is {limit}, so it was not added; a smaller --tolerance judges it."
+        )
     if outcome.verdict == "unexplained":
         if not outcome.effects:
             return f"On records left out {before} over the noise remain that none of the known effects explains."
@@ -118,18 +125,6 @@ def bench_in_words(outcome: BenchOutcome) -> str:
         else ""
     )
     return f"Missing was {named}: {before} over the noise without, {shown(evidence.after, outcome.unit)} with it.{also}"
-
-
-def _what_is_small(outcome: BenchOutcome) -> str:
-    """Say of an adequate law whether an effect is certain all the same."""
-    limit = f"the tolerance of {shown(outcome.tolerance, outcome.unit)}"
-    if (small := outcome.small) is None:
-        return f"That is within {limit}."
-    gain, name = shown(small.gain, outcome.unit), small.name.replace("_", " ")
-    return (
-        f"{name.capitalize()} gains {gain} of it for certain, but what is left is within {limit}, so it was not added; "
-        "a smaller --tolerance judges it."
-    )
 
 
 def as_text(outcome: BenchOutcome) -> str:

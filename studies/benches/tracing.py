@@ -1,8 +1,9 @@
-"""Tracing on a bench: a quasi-static law, and what its left-out records show beside it."""
+"""Tracing on a bench: a quasi-static law, and what its left-out records show beside it; one joint fit of every effect,
+then those dropped again that the records do not need, by the rules of sets."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,38 +11,45 @@ import numpy as np
 from fabdesign.errors import InputError
 from fabdesign.files.bench_file import read_bench
 from fabdesign.nouns.array import Array, Indices
-from fabdesign.nouns.bench import Bench, BenchRecord
-from fabdesign.nouns.model import EffectTerm, Quantity
+from fabdesign.nouns.bench import Bench
+from fabdesign.nouns.forward import Term
+from fabdesign.nouns.model import NORMAL90, EffectTerm, Quantity
 from fabdesign.nouns.trial import LEAST_TRIALS
 from fabdesign.output import new_folder
 from optimize.fit.clouds import evenly
 from optimize.fit.cross_validation import Scored
 from optimize.fit.descent import Progress, parts
-from studies.benches.law import ROUNDS, rms
-from studies.benches.records import LAWS, noise_of, output_of, require_columns
-from studies.benches.trace_fit import (
-    BenchTask,
-    Columns,
+from optimize.fit.fitted import Fit, concluded
+from optimize.fit.parameters import FitParameter, FitVector
+from optimize.fit.problem import BenchProblem
+from optimize.fit.significance import NEEDED, conditioned, eliminated
+from studies.benches.law import (
+    ROUNDS,
     ShapedEffect,
     Signals,
-    alike,
-    candidates_of,
-    select,
+    added_by,
+    joined,
+    lowest,
+    rms,
     shapes_of,
     signals_of,
 )
+from studies.benches.records import LAWS, laws_of, noise_of, output_of, require_columns
 from studies.benches.trace_report import BenchOutcome, render_bench
 from studies.fitting.fitted_model import quantities_of
 from studies.model_selection.black_box import predicted_by_others, standardised
 from studies.model_selection.judged import Judged
-from studies.model_selection.outcome import write_trace
-from studies.model_selection.verdict import Evidence, decide
+from studies.model_selection.outcome import Candidate, write_trace
+from studies.model_selection.rules import ON_BENCHES, Refits, Selection, follow
+from studies.model_selection.verdict import STRUCTURE, Evidence, decide
 
 TOLERANCE = 0.02  # of the largest output
 _ROWS = 400  # of a record
 _BOX_ROWS = 40
 _SETTLED = 0.01  # of what is left, that one more turn of the law and the effects beside it would take
 _ENDS = (0.2, 0.3)  # shares of the work at which laws alone and effects end
+_WIDE = 3.0  # prior deviation of a strength, times the one that moves the records as much as all that the law leaves
+_AT_LIMIT = 1e-6  # of the prior's deviation
 
 
 def trace_bench(
@@ -70,22 +78,18 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
     first, second, third = parts(progress, *_ENDS)
     line = f"{len(records)} records, each predicted from the others by the quasi-static law"
     laws = laws_of(bench, records, tell=partial(first, line))
-    sampled = _Sampled.of(bench, records, laws)
-    residual = sampled.residual(laws)
-    limit = tolerance * max(float(np.abs(r.columns[output_of(bench)]).max()) for r in records)
     noise = noise_of(bench)
-    floor = noise.sigma
-    shapes = shapes_of(LAWS[bench.specimen], sampled.signals)
-    task = BenchTask(shapes, [sampled.table(shape) for shape in shapes], residual, sampled.record, floor, limit)
+    limit = tolerance * max(float(np.abs(r.columns[output_of(bench)]).max()) for r in records)
+    task = BenchTask.of(bench, laws, noise.sigma, limit)
     second(f"{len(task.effects)} effects together on {len(records)} records", 0.0)
     selection = select(task)
     chosen = [task.shapes[k] for k in task.places(selection.chosen)]
-    refitted = _with_law(sampled, task, selection.judged, partial(third, "law and effects in turn"))
+    refitted = _with_law(task, selection.judged, third)
     remaining = refitted.fit.state.misfit.residual
-    box = sampled.baseline(residual)
-    beside = sampled.baseline(remaining) if selection.gains else box
+    box = task.baseline(task.residual)
+    beside = task.baseline(remaining) if selection.gains else box
     evidence = Evidence(
-        selection.before.excess, refitted.excess, len(chosen), box.excess(floor),
+        selection.before.excess, refitted.excess, len(chosen), box.excess(task.floor),
         structure=1 - float(beside.squares.sum() / np.square(remaining).sum()), typical=selection.before.typical,
     )  # fmt: skip
     verdict, effects = decide(evidence, limit), _effects(task, refitted, chosen)
@@ -93,7 +97,7 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
         verdict=verdict,
         evidence=evidence,
         tolerance=limit,
-        floor=floor,
+        floor=task.floor,
         selection=selection,
         candidates=candidates_of(task, selection),
         named={effect.name: effect for effect in effects} if verdict == "effect" else {},
@@ -101,108 +105,146 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
         bench=bench,
         noise=noise,
         effects=effects,
-        fit=(rms(residual), rms(remaining)),
+        fit=(rms(task.residual), rms(remaining)),
         test=_tested(bench, chosen, refitted.fit.x),
         curves=tuple(
-            (r, k, residual[sampled.record == i], remaining[sampled.record == i])
-            for i, (r, k) in enumerate(zip(records, sampled.rows, strict=True))
+            (record, evenly(len(law), _ROWS), task.residual[task.record == k], remaining[task.record == k])
+            for k, (record, law) in enumerate(zip(records, laws, strict=True))
         ),
     )
 
 
-def laws_of(
-    bench: Bench,
-    records: Sequence[BenchRecord],
-    added: Sequence[Array] | None = None,
-    *,
-    tell: Callable[[float], None] = lambda share: None,
-) -> list[Array]:
-    """Return what the law says of each record, fitted to the others. added: what effects add to each, taken off
-    before the fit. tell: is given the share done."""
-    output = output_of(bench)
-    if added is not None:
-        records = [
-            replace(r, columns={**r.columns, output: r.columns[output] - more})
-            for r, more in zip(records, added, strict=True)
-        ]
-    laws = []
-    for k, record in enumerate(records):
-        tell(k / len(records))
-        laws.append(LAWS[bench.specimen].still([*records[:k], *records[k + 1 :]], record))
-    return laws
-
-
 @dataclass(frozen=True, eq=False)
-class _Sampled:
-    """Records, some rows of each, and what a law that was fitted to others says of them."""
+class BenchTask(Refits):
+    """The records' residuals, and what effects would change of them. As rules ask it (`rules.Refits`): a fit with fewer
+    effects is one with their shapes searched anew.
+
+    rows (N,): those used, of all records one after another; record (N,): of which, whose rows share the error of the
+    law; residual (N,): law less measured, in the output's unit. tables: (strengths, N) of each shape. either_sign:
+    whether strengths have no bound."""
 
     bench: Bench
-    records: Sequence[BenchRecord]
     signals: Sequence[Signals]
-    rows: Sequence[Indices]
+    shapes: Sequence[ShapedEffect]
+    tables: Sequence[Array]
+    rows: Indices
+    record: Indices
+    residual: Array
+    floor: float
+    tolerance: float
+    either_sign: bool = False
 
     @staticmethod
-    def of(
-        bench: Bench, records: Sequence[BenchRecord], laws: Sequence[Array], *, first: int = 0, most: int = _ROWS
-    ) -> "_Sampled":
-        """Return at most so many rows of each record. first: the first one's place among the bench's records."""
-        signals = [signals_of(r, law, first + k) for k, (r, law) in enumerate(zip(records, laws, strict=True))]
-        return _Sampled(bench, records, signals, [evenly(len(law), most) for law in laws])
+    def of(bench: Bench, laws: Sequence[Array], floor: float, tolerance: float) -> "BenchTask":
+        """Return the task of some rows of each record. laws: (n,) of each, by what was fitted to the others."""
+        signals = signals_of(bench.of_role("fit"), laws, output_of(bench))
+        shapes, lengths = shapes_of(LAWS[bench.specimen], signals), [len(law) for law in laws]
+        rows = _spread(lengths, _ROWS)
+        residual = joined(signals, "law") - joined(signals, "measured")
+        record, tables = np.repeat(np.arange(len(laws)), lengths), [shape.table(signals)[:, rows] for shape in shapes]
+        return BenchTask(bench, signals, shapes, tables, rows, record[rows], residual[rows], floor, tolerance)
 
-    @cached_property
-    def record(self) -> Indices:
-        """Return (N,) of which record each row is."""
-        return np.repeat(np.arange(len(self.rows)), [len(k) for k in self.rows])
+    @property
+    def effects(self) -> list[str]:
+        return list(dict.fromkeys(shape.effect for shape in self.shapes))
 
-    def residual(self, laws: Sequence[Array]) -> Array:
-        """Return (N,) law less measured."""
-        measured = (r.columns[output_of(self.bench)] for r in self.records)
-        return np.concatenate([(law - m)[k] for law, m, k in zip(laws, measured, self.rows, strict=True)])
+    def judged(self, fit: Fit) -> Judged:
+        """Return a fit with what records left out say of it. Unknowns at their limit take no part: what they would take
+        has a sign that they cannot have."""
+        low, high = fit.vector.limits
+        held = np.flatnonzero(np.minimum(fit.x - low, high - fit.x) < _AT_LIMIT * fit.vector.prior)
+        return Judged(fit, range(int(self.record.max()) + 1), self.floor, held)
 
-    def table(self, shape: ShapedEffect) -> Columns:
-        """Return (N,) of each of the shape's parameters."""
-        parts = [shape.columns(s) for s in self.signals]
-        return {name: np.concatenate([p[name][k] for p, k in zip(parts, self.rows, strict=True)]) for name in parts[0]}
+    def without(self, known: Fit, labels: Sequence[str]) -> Fit:
+        """Return the fit of the effects of another but `labels`."""
+        return self.shaped([label for label in known.vector.labels if label not in labels]).fit
 
-    def added(self, shapes: Sequence[ShapedEffect], x: Array) -> list[Array]:
-        """Return (n,) of each record, what effects at these shapes, of strengths x (p,), add to the law."""
-        added = []
-        for s in self.signals:
-            columns = (column for shape in shapes for column in shape.columns(s).values())
-            added.append(np.zeros(len(s["law"])) + sum(v * column for v, column in zip(x, columns, strict=True)))
-        return added
+    def places(self, fit: Fit) -> list[int]:
+        """Return which shapes the effects of a fit have."""
+        keys = [(shape.effect, shape.values) for shape in self.shapes]
+        return [keys.index((term.name, term.values)) for term in fit.vector.terms]
+
+    def fit(self, places: Sequence[int] = (), rows: Indices | slice = slice(None)) -> Judged:
+        """Return the effects at these shapes, together, from off. Residuals are linear in these, so the second step is
+        the last. rows: that take part."""
+        residual, record = self.residual[rows], self.record[rows]
+        columns = np.reshape([column for k in places for column in self.tables[k][:, rows]], (-1, len(record))).T
+        names = [(s, key) for s in (self.shapes[k] for k in places) for key in s.units if key not in s.values]
+        before, parameters = rms(residual), []
+        for (shape, key), column in zip(names, columns.T, strict=True):
+            name = f"{shape.effect}.{key}"
+            size = np.sqrt(np.mean(residual**2) / max(float(np.mean(column**2)), 1e-30))
+            bounds = -np.inf if self.either_sign else lowest(name), np.inf
+            parameters.append(FitParameter(name, _WIDE * float(size), 0.0, "linear", shape.units[key], bounds))
+        terms = tuple(Term(self.shapes[k].effect, self.shapes[k].values) for k in places)
+        vector = FitVector(tuple(parameters), (), terms)
+        problem, x = BenchProblem(lambda x: residual + columns @ x, record, record, vector), vector.start
+        for _ in range(2):
+            state = problem.with_jacobian(problem.evaluate([x])[0], columns)
+            fitted = concluded(problem, state, None, before, 1, "converged")
+            x = fitted.minimum
+        return self.judged(fitted)
+
+    def deviation(self, joint: Fit) -> Array:
+        """Return (p,) of the unknowns, by their covariance and by how far leaving out each record moves them
+        (jackknife): its rows share the law's error."""
+        records, places = np.unique(self.record), self.places(joint)
+        others = [np.flatnonzero(self.record != k) for k in records]
+        alone = np.array([self.fit(places, rows).fit.x for rows in others])
+        return np.asarray(np.sqrt(np.diag(joint.covariance) + (len(records) - 1) * alone.var(axis=0)))
+
+    def shaped(self, effects: Sequence[str], beside: Sequence[int] = ()) -> Judged:
+        """Return each effect at the shape that leaves least of records left out, the others being at theirs; beside:
+        shapes that stay."""
+        places_of = {effect: [k for k, shape in enumerate(self.shapes) if shape.effect == effect] for effect in effects}
+        chosen = {effect: places[0] for effect, places in places_of.items()}
+        best = self.fit([*beside, *chosen.values()])
+        for _ in range(ROUNDS):
+            before = dict(chosen)
+            for effect, places in places_of.items():
+                for place in places if len(places) > 1 else ():
+                    tried = self.fit([*beside, *(chosen | {effect: place}).values()])
+                    if tried.scored.squares.sum() < best.scored.squares.sum():
+                        best, chosen = tried, chosen | {effect: place}
+            if chosen == before:
+                break
+        return best
 
     def baseline(self, residual: Array) -> Scored:
         """Return what a kernel regression leaves of records that it was not trained on."""
-        parts, kept, first = [], [], 0
-        for s, k in zip(self.signals, self.rows, strict=True):
+        parts = []
+        for s in self.signals:
             columns = [s["law"], np.gradient(s["law"])]
             columns += [s[name] for name in ("path", "pressure", "time") if name in s]
             if "path" in s:
                 columns += [np.sign(np.gradient(s["path"])), np.gradient(s["path"])]
-            parts.append(np.column_stack(columns)[k])
-            kept.append(first + evenly(len(k), _BOX_ROWS))
-            first += len(k)
-        some, count = np.concatenate(kept), np.bincount(self.record)
-        features, record, wanted = standardised(np.concatenate(parts))[some], self.record[some], residual[some][:, None]
-        remaining = wanted - predicted_by_others([features], wanted, [np.array([True])], record)
-        squares = [float(np.mean(remaining[record == k] ** 2)) * count[k] for k in range(len(count))]
-        return Scored(np.array(squares), count.astype(np.float64))
+            parts.append(np.column_stack(columns))
+        features, count = standardised(np.concatenate(parts)[self.rows]), np.bincount(self.record)
+        some = _spread([*count], _BOX_ROWS)
+        record, wanted = self.record[some], residual[some][:, None]
+        remaining = wanted - predicted_by_others([features[some]], wanted, [np.array([True])], record)
+        squares = [float(np.mean(remaining[record == k] ** 2)) for k in range(len(count))]
+        return Scored(np.array(squares) * count, count.astype(np.float64))
 
 
-def _with_law(sampled: _Sampled, task: BenchTask, chosen: Judged, tell: Callable[[float], None]) -> Judged:
+def _spread(lengths: Sequence[int], most: int) -> Indices:
+    """Return at most so many places of each part of a row of parts, evenly."""
+    starts = np.cumsum([0, *lengths[:-1]])
+    return np.concatenate([start + evenly(n, most) for start, n in zip(starts, lengths, strict=True)])
+
+
+def _with_law(task: BenchTask, chosen: Judged, progress: Progress) -> Judged:
     """Return the effects chosen and the law fitted in turn: a law that was fitted alone has taken a part of them. An
     actuator's law is the level held, which has none."""
-    places, refitted = task.places(chosen.fit), chosen
-    shapes = [task.shapes[k] for k in places]
-
-    def in_turn(turn: int, share: float) -> None:
-        tell((turn + share) / ROUNDS)
-
-    for turn in range(ROUNDS if places and sampled.bench.specimen != "actuator" else 0):
-        added = sampled.added(shapes, refitted.fit.x)
-        laws = laws_of(sampled.bench, sampled.records, added, tell=partial(in_turn, turn))
-        last, refitted = refitted, replace(task, residual=sampled.residual(laws)).fit(places)
+    places, refitted, records = task.places(chosen.fit), chosen, task.bench.of_role("fit")
+    if not places or task.bench.specimen == "actuator":
+        return chosen
+    for part in parts(progress, *(k / ROUNDS for k in range(1, ROUNDS))):
+        added = added_by([task.shapes[k] for k in places], task.signals, refitted.fit.x)
+        each = np.split(added, np.cumsum([len(s["law"]) for s in task.signals])[:-1])
+        laws = laws_of(task.bench, records, each, tell=partial(part, "law and effects in turn"))
+        residual = (np.concatenate(laws) - joined(task.signals, "measured"))[task.rows]
+        last, refitted = refitted, replace(task, residual=residual).fit(places)
         if refitted.scored.rms() > (1 - _SETTLED) * last.scored.rms():
             break
     return refitted
@@ -215,17 +257,61 @@ def _tested(bench: Bench, shapes: Sequence[ShapedEffect], x: Array) -> tuple[flo
     if not tests:
         return None
     laws = [LAWS[bench.specimen].still(records, record) for record in tests]
-    sampled = _Sampled.of(bench, tests, laws, first=len(records), most=max(map(len, laws)))
-    residual = sampled.residual(laws)
-    return rms(residual), rms(residual + np.concatenate(sampled.added(shapes, x)))
+    signals = signals_of(tests, laws, output_of(bench), len(records))
+    residual = joined(signals, "law") - joined(signals, "measured")
+    return rms(residual), rms(residual + added_by(shapes, signals, x))
 
 
 def _effects(task: BenchTask, chosen: Judged, shapes: Sequence[ShapedEffect]) -> tuple[EffectTerm, ...]:
     """Return the effects at their shapes, with what was fitted in its interval."""
-    vector, effects = chosen.fit.vector, list[EffectTerm]()
-    strengths = quantities_of(vector, chosen.fit.x, task.deviation(chosen.fit))
-    for shape, label in zip(shapes, vector.labels, strict=True):
-        fitted = {vector.names[k].removeprefix(f"{label}."): strengths[vector.names[k]] for k in vector.part(label)}
-        fixed = {name: Quantity(float(v), shape.units[name]) for name, v in shape.values.items()}
+    strengths = quantities_of(chosen.fit.vector, chosen.fit.x, task.deviation(chosen.fit))
+    effects = []
+    for shape in shapes:
+        fixed = {name: Quantity(float(value), shape.units[name]) for name, value in shape.values.items()}
+        fitted = {name: strengths[f"{shape.effect}.{name}"] for name in shape.units if name not in fixed}
         effects.append(EffectTerm(shape.effect, fitted | fixed))
     return tuple(effects)
+
+
+def select(task: BenchTask) -> Selection:
+    """Return a selection of every effect at once, then by the rules: to first order what the data do not need, then
+    what records left out gain too little by, with shapes and strengths fitted anew."""
+    none = task.fit()
+    if none.excess <= task.tolerance:
+        return Selection(none.fit, none, none)
+    everything = task.shaped(task.effects)
+    known = conditioned(everything.fit.x.copy(), everything.fit.covariance, everything.off)
+    labels = [*eliminated(*known, everything.parts, NEEDED)[0]]
+    if not labels:
+        return Selection(everything.fit, none, none)
+    judged = task.shaped(labels)
+    return follow(ON_BENCHES, task, Selection(everything.fit, none, judged, everything.excess))
+
+
+def candidates_of(task: BenchTask, selection: Selection) -> tuple[Candidate, ...]:
+    """Return every effect by itself, at its best shape and with any sign, the one that leaves least first."""
+    rows, before, task = [], selection.before.excess, replace(task, either_sign=True)
+    for effect in task.effects:
+        alone = task.shaped([effect])
+        gain, interval = alone.gains_without(())[effect]
+        remaining, chosen = (alone.excess, alone.typical), effect in selection.chosen.vector.labels
+        refused = False
+        if interval[0] > 0 and alone.excess <= (1 - STRUCTURE) * before:  # it takes some: with a sign that it can have?
+            most = alone.fit.x + NORMAL90 * task.deviation(alone.fit)
+            refused = any(m < lowest(name) for m, name in zip(most, alone.fit.vector.names, strict=True))
+        rows.append((alone.scored.rms(), Candidate(effect, gain, interval, *remaining, chosen, refused=refused)))
+    return tuple(candidate for _, candidate in sorted(rows, key=lambda row: row[0]))
+
+
+def alike(task: BenchTask, chosen: Judged) -> tuple[str, ...]:
+    """Return effects that in the place of one of those chosen do as well, as far as records left out can say."""
+    names, places = [], task.places(chosen.fit)
+    for place in places:
+        others = [k for k in places if k != place]
+        for effect in task.effects:
+            if effect not in chosen.fit.vector.labels:
+                swapped = task.shaped([effect], others)
+                gain = chosen.trials.gain(swapped.scored, chosen.scored, task.floor)
+                if effect in swapped.parts and gain[1][0] <= 0:
+                    names.append(effect)
+    return tuple(dict.fromkeys(names))

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import tomlkit
 
@@ -32,11 +33,17 @@ def require_one_cloth(benches: Sequence[Bench]) -> None:
 
 
 def write_cloth(strips: Sequence[BenchCalibration], output: Path) -> list[Path]:
-    """Write what strips of one cloth (`require_one_cloth`) say, as `write_bench_type` writes one."""
-    across, down = (_curve(strip) for strip in sorted(strips, key=lambda strip: strip.bench.constants["direction"]))
-    curve = MembraneCurve((across.strain[0], down.strain[1]), (across.tension[0], down.tension[1]))
-    origin = "; ".join(origin_of(strip.bench) for strip in strips)
-    return _write_curve(curve, origin, output)
+    """Write what one strip of a cloth says, or one across and one down (`require_one_cloth`), as `write_bench_type`."""
+    curves = []
+    for strip in sorted(strips, key=lambda strip: strip.bench.constants.get("direction", 0)):
+        bench, law, direction = strip.bench, strip.law, strip.bench.constants.get("direction")
+        assert isinstance(law, StripLaw)
+        curves.append(law.membrane_curve(bench.constant("width"), across=direction != 2, down=direction != 1))
+    across, down = curves[0], curves[-1]
+    table = _table_of(output)
+    write_membrane_curve(MembraneCurve((across.strain[0], down.strain[1]), (across.tension[0], down.tension[1])), table)
+    _write_part({"fabric": {"membrane_curve": table.name}}, [strip.bench for strip in strips], output)
+    return [output, table]
 
 
 def write_bench_type(calibration: BenchCalibration, output: Path) -> list[Path]:
@@ -48,48 +55,30 @@ def write_bench_type(calibration: BenchCalibration, output: Path) -> list[Path]:
     either by `include`. Anything else becomes a file of the law alone (`fabdesign.bench-law/1`). Raises InputError for
     a missing size and where `output` cannot be written.
     """
-    bench, law = calibration.bench, calibration.law
+    bench, law, table = calibration.bench, calibration.law, _table_of(output)
     require_sizes(bench)
-    table = _table_of(output)
+    if isinstance(law, StripLaw) and "width" in bench.constants:
+        return write_cloth([calibration], output)
     if isinstance(law, BenchMuscle):
-        document = tomlkit.document()
-        document.add(tomlkit.comment(origin_of(bench)))
-        document["format"] = "fabdesign.design/1"
-        entry = tomlkit.table()
-        for key in SIZES:
-            entry[key] = bench.constant(key)
+        entry: dict[str, Any] = {key: bench.constant(key) for key in SIZES}
         if law.viscosity is not None:
             entry["viscosity"] = law.viscosity
         entry["bench"] = table.name
-        document["muscle_types"] = {bench.name: entry}
-        if travelling := [effect for effect in calibration.effects if travels(effect)]:
-            document["effects"] = [Encoder().encode(effect) for effect in travelling]
+        effects = [Encoder().encode(effect) for effect in calibration.effects if travels(effect)]
         write_bench_table(law.table(), table)
-        write_text(output, tomlkit.dumps(document))
-        return [output, table]
-    if isinstance(law, StripLaw) and "width" in bench.constants:
-        return _write_curve(_curve(calibration), origin_of(bench), output)
-    write_bench_law(law.file(bench), output, table, comment=origin_of(bench))
+        content: dict[str, Any] = {"muscle_types": {bench.name: entry}}
+        _write_part(content | ({"effects": effects} if effects else {}), [bench], output)
+    else:
+        write_bench_law(law.file(bench.output), output, table, comment=origin_of(bench))
     return [output, table]
 
 
-def _curve(strip: BenchCalibration) -> MembraneCurve:
-    """Return the curve of a strip whose width is stated, in its direction or both."""
-    bench, law = strip.bench, strip.law
-    assert isinstance(law, StripLaw)
-    direction = bench.constants.get("direction")
-    return law.membrane_curve(bench.constant("width"), across=direction != 2, down=direction != 1)
-
-
-def _write_curve(curve: MembraneCurve, origin: str, output: Path) -> list[Path]:
-    table = _table_of(output)
+def _write_part(content: dict[str, Any], benches: Sequence[Bench], output: Path) -> None:
+    """Write what a design includes, and which benches it comes from."""
     document = tomlkit.document()
-    document.add(tomlkit.comment(origin))
-    document["format"] = "fabdesign.design/1"
-    document["fabric"] = {"membrane_curve": table.name}
-    write_membrane_curve(curve, table)
+    document.add(tomlkit.comment("; ".join(map(origin_of, benches))))
+    document.update({"format": "fabdesign.design/1"} | content)
     write_text(output, tomlkit.dumps(document))
-    return [output, table]
 
 
 def _table_of(output: Path) -> Path:
