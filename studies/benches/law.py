@@ -114,7 +114,12 @@ def signals_of(records: Sequence[BenchRecord], laws: Sequence[Array], output: st
     return every
 
 
-@dataclass(frozen=True)
+def misses_of(laws: Sequence[Array], signals: Sequence[Signals]) -> Array:
+    """Return (n,) law less measured, of all records one after another."""
+    return np.concatenate([law - s["measured"] for law, s in zip(laws, signals, strict=True)])
+
+
+@dataclass(frozen=True, eq=False)
 class ShapedEffect:
     """A candidate at one shape. columns: what a record's signals say of it, (n,) by which a unit of each of its
     strengths changes the law."""
@@ -123,6 +128,16 @@ class ShapedEffect:
     values: Mapping[str, float]  # of what shapes it
     units: Mapping[str, str]  # of its strengths, and of what shapes it
     columns: Callable[..., Sequence[Array]]
+
+    @property
+    def strengths(self) -> list[str]:
+        """Return the names of those of its parameters that are fitted."""
+        return [name for name in self.units if name not in self.values]
+
+    def lowest(self, name: str) -> float:
+        """Return the least of a strength: nothing, unless it may have either sign."""
+        declared = EFFECTS[self.effect].parameters.get(name)
+        return -np.inf if declared is not None and declared.bounds[0] < 0 else 0.0
 
     def table(self, signals: Sequence[Signals]) -> Array:
         """Return (strengths, n), the columns of all records one after another."""
@@ -183,16 +198,5 @@ def added_by(shapes: Sequence[ShapedEffect], signals: Sequence[Signals], x: Arra
     """Return (n,) what effects at these shapes, of strengths x (p,), add to the law, of all records one after
     another."""
     columns = [column for shape in shapes for column in shape.table(signals)]
-    return np.asarray(sum((v * column for v, column in zip(x, columns, strict=True)), 0.0 * joined(signals, "law")))
-
-
-def joined(signals: Sequence[Signals], name: str) -> Array:
-    """Return (n,) a signal of all records one after another."""
-    return np.concatenate([s[name] for s in signals])
-
-
-def lowest(name: str) -> float:
-    """Return the least of a strength, EFFECT.PARAMETER: nothing, unless it may have either sign."""
-    effect, _, key = name.partition(".")
-    declared = EFFECTS[effect].parameters.get(key)
-    return -np.inf if declared is not None and declared.bounds[0] < 0 else 0.0
+    none = np.zeros(sum(len(s["law"]) for s in signals))
+    return np.asarray(sum((v * column for v, column in zip(x, columns, strict=True)), none))

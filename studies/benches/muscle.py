@@ -52,18 +52,13 @@ def rows_of(records: Sequence[BenchRecord], terms: Sequence[Term] = ()) -> Rows:
         moving = "time" in columns and n > 2
         if terms and not moving:
             raise InputError(f"{record.name}: no time column; expected one, for effects show in time")
-        block = i * _BLOCKS + (np.arange(n) * _BLOCKS // n if len(records) < _BLOCKS else 0)
+        block = i * _BLOCKS + (np.arange(n) * _BLOCKS // n if len(records) < _BLOCKS else np.zeros(n, dtype=np.intp))
         seen = MuscleRecord.measured(columns["time"] if moving else np.arange(n, dtype=float), pressure, contraction)
         rate = seen.rate if moving else np.zeros(n)
         for term in terms:
             if (bench := EFFECTS[term.name].bench) is not None:
                 seen = bench(seen, EFFECTS[term.name].values(term.values))
-        parts.append(
-            Rows(
-                seen.pressure, contraction - seen.lent, force, rate, seen.friction,
-                np.broadcast_to(block, n).astype(np.intp),
-            )
-        )  # fmt: skip
+        parts.append(Rows(seen.pressure, contraction - seen.lent, force, rate, seen.friction, block))
     return Rows(*(np.concatenate(column) for column in zip(*(vars(part).values() for part in parts), strict=True)))
 
 

@@ -6,7 +6,7 @@ It never comes from what a law leaves: a law that lacks an effect leaves that to
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
@@ -74,21 +74,8 @@ def output_of(bench: Bench) -> str:
     return LAWS[bench.specimen].output or bench.output
 
 
-def laws_of(
-    bench: Bench,
-    records: Sequence[BenchRecord],
-    added: Sequence[Array] | None = None,
-    *,
-    tell: Callable[[float], None] = lambda share: None,
-) -> list[Array]:
-    """Return what the law says of each record, fitted to the others. added: what effects add to each, taken off
-    before the fit. tell: is given the share done."""
-    output = output_of(bench)
-    if added is not None:
-        records = [
-            replace(r, columns={**r.columns, output: r.columns[output] - more})
-            for r, more in zip(records, added, strict=True)
-        ]
+def laws_of(bench: Bench, records: Sequence[BenchRecord], tell: Callable[[float], None]) -> list[Array]:
+    """Return (n,) what the law says of each record, fitted to the others. tell: is given the share done."""
     laws = []
     for k, record in enumerate(records):
         tell(k / len(records))

@@ -61,7 +61,16 @@ class BenchOutcome(TraceOutcome):
     def model(self) -> Model:
         """Return the model with those of the effects that the simulator has, where its parameters mean the same."""
         return Model(
-            effects=tuple(effect for effect in self.named.values() if _simulated(effect)),
+            effects=tuple(
+                effect
+                for effect in self.named.values()
+                if all(
+                    (declared := EFFECTS[effect.name].parameters.get(name)) is not None
+                    and declared.unit == quantity.unit
+                    and declared.bounds[0] <= quantity.value <= declared.bounds[1]
+                    for name, quantity in effect.parameters.items()
+                )
+            ),
             provenance=Provenance(
                 sets=(self.bench.name,),
                 fitted=tuple(f"{self.bench.name}/{r.name}" for r in self.bench.of_role("fit")),
@@ -85,16 +94,6 @@ class BenchOutcome(TraceOutcome):
         """Return a row a candidate: its name, error of records left out and gain."""
         rows = self.rows[1:]
         return {key: [getattr(row, key) for row in rows] for key in ("name", "held_out", "gain")}
-
-
-def _simulated(effect: EffectTerm) -> bool:
-    declared = EFFECTS[effect.name].parameters if effect.name in EFFECTS else {}
-    return all(
-        name in declared
-        and declared[name].unit == q.unit
-        and declared[name].bounds[0] <= q.value <= declared[name].bounds[1]
-        for name, q in effect.parameters.items()
-    )
 
 
 def bench_in_words(outcome: BenchOutcome) -> str:

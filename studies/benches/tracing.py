@@ -1,7 +1,7 @@
 """Tracing on a bench: a quasi-static law, and what its left-out records show beside it; one joint fit of every effect,
 then those dropped again that the records do not need, by the rules of sets."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -23,17 +23,7 @@ from optimize.fit.fitted import Fit, concluded
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.problem import BenchProblem
 from optimize.fit.significance import NEEDED, conditioned, eliminated
-from studies.benches.law import (
-    ROUNDS,
-    ShapedEffect,
-    Signals,
-    added_by,
-    joined,
-    lowest,
-    rms,
-    shapes_of,
-    signals_of,
-)
+from studies.benches.law import ROUNDS, ShapedEffect, Signals, added_by, misses_of, rms, shapes_of, signals_of
 from studies.benches.records import LAWS, laws_of, noise_of, output_of, require_columns
 from studies.benches.trace_report import BenchOutcome, render_bench
 from studies.fitting.fitted_model import quantities_of
@@ -77,13 +67,13 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
     require_columns(bench, bench.records)
     first, second, third = parts(progress, *_ENDS)
     line = f"{len(records)} records, each predicted from the others by the quasi-static law"
-    laws = laws_of(bench, records, tell=partial(first, line))
+    laws = laws_of(bench, records, partial(first, line))
     noise = noise_of(bench)
     limit = tolerance * max(float(np.abs(r.columns[output_of(bench)]).max()) for r in records)
     task = BenchTask.of(bench, laws, noise.sigma, limit)
     second(f"{len(task.effects)} effects together on {len(records)} records", 0.0)
     selection = select(task)
-    chosen = [task.shapes[k] for k in task.places(selection.chosen)]
+    chosen = task.shapes_in(selection.chosen)
     refitted = _with_law(task, selection.judged, third)
     remaining = refitted.fit.state.misfit.residual
     box = task.baseline(task.residual)
@@ -92,7 +82,7 @@ def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, sh
         selection.before.excess, refitted.excess, len(chosen), box.excess(task.floor),
         structure=1 - float(beside.squares.sum() / np.square(remaining).sum()), typical=selection.before.typical,
     )  # fmt: skip
-    verdict, effects = decide(evidence, limit), _effects(task, refitted, chosen)
+    verdict, effects = decide(evidence, limit), _effects(task, refitted.fit)
     return BenchOutcome(
         verdict=verdict,
         evidence=evidence,
@@ -125,8 +115,7 @@ class BenchTask(Refits):
 
     bench: Bench
     signals: Sequence[Signals]
-    shapes: Sequence[ShapedEffect]
-    tables: Sequence[Array]
+    tables: Mapping[ShapedEffect, Array]
     rows: Indices
     record: Indices
     residual: Array
@@ -138,15 +127,15 @@ class BenchTask(Refits):
     def of(bench: Bench, laws: Sequence[Array], floor: float, tolerance: float) -> "BenchTask":
         """Return the task of some rows of each record. laws: (n,) of each, by what was fitted to the others."""
         signals = signals_of(bench.of_role("fit"), laws, output_of(bench))
-        shapes, lengths = shapes_of(LAWS[bench.specimen], signals), [len(law) for law in laws]
-        rows = _spread(lengths, _ROWS)
-        residual = joined(signals, "law") - joined(signals, "measured")
-        record, tables = np.repeat(np.arange(len(laws)), lengths), [shape.table(signals)[:, rows] for shape in shapes]
-        return BenchTask(bench, signals, shapes, tables, rows, record[rows], residual[rows], floor, tolerance)
+        lengths = [len(law) for law in laws]
+        rows, record = _spread(lengths, _ROWS), np.repeat(np.arange(len(laws)), lengths)
+        tables = {shape: shape.table(signals)[:, rows] for shape in shapes_of(LAWS[bench.specimen], signals)}
+        residual = misses_of(laws, signals)[rows]
+        return BenchTask(bench, signals, tables, rows, record[rows], residual, floor, tolerance)
 
     @property
     def effects(self) -> list[str]:
-        return list(dict.fromkeys(shape.effect for shape in self.shapes))
+        return list(dict.fromkeys(shape.effect for shape in self.tables))
 
     def judged(self, fit: Fit) -> Judged:
         """Return a fit with what records left out say of it. Unknowns at their limit take no part: what they would take
@@ -159,24 +148,24 @@ class BenchTask(Refits):
         """Return the fit of the effects of another but `labels`."""
         return self.shaped([label for label in known.vector.labels if label not in labels]).fit
 
-    def places(self, fit: Fit) -> list[int]:
+    def shapes_in(self, fit: Fit) -> list[ShapedEffect]:
         """Return which shapes the effects of a fit have."""
-        keys = [(shape.effect, shape.values) for shape in self.shapes]
-        return [keys.index((term.name, term.values)) for term in fit.vector.terms]
+        shapes = {(shape.effect, *shape.values.values()): shape for shape in self.tables}
+        return [shapes[term.name, *term.values.values()] for term in fit.vector.terms]
 
-    def fit(self, places: Sequence[int] = (), rows: Indices | slice = slice(None)) -> Judged:
+    def fit(self, shapes: Sequence[ShapedEffect] = (), rows: Indices | slice = slice(None)) -> Judged:
         """Return the effects at these shapes, together, from off. Residuals are linear in these, so the second step is
         the last. rows: that take part."""
         residual, record = self.residual[rows], self.record[rows]
-        columns = np.reshape([column for k in places for column in self.tables[k][:, rows]], (-1, len(record))).T
-        names = [(s, key) for s in (self.shapes[k] for k in places) for key in s.units if key not in s.values]
+        table = [column for shape in shapes for column in self.tables[shape][:, rows]]
+        columns = np.reshape(table, (-1, len(record))).T
+        strengths = [(shape, name) for shape in shapes for name in shape.strengths]
         before, parameters = rms(residual), []
-        for (shape, key), column in zip(names, columns.T, strict=True):
-            name = f"{shape.effect}.{key}"
-            size = np.sqrt(np.mean(residual**2) / max(float(np.mean(column**2)), 1e-30))
-            bounds = -np.inf if self.either_sign else lowest(name), np.inf
-            parameters.append(FitParameter(name, _WIDE * float(size), 0.0, "linear", shape.units[key], bounds))
-        terms = tuple(Term(self.shapes[k].effect, self.shapes[k].values) for k in places)
+        for (shape, name), column in zip(strengths, columns.T, strict=True):
+            prior = _WIDE * float(np.sqrt(np.mean(residual**2) / max(float(np.mean(column**2)), 1e-30)))
+            bounds, unit = (-np.inf if self.either_sign else shape.lowest(name), np.inf), shape.units[name]
+            parameters.append(FitParameter(f"{shape.effect}.{name}", prior, 0.0, "linear", unit, bounds))
+        terms = tuple(Term(shape.effect, shape.values) for shape in shapes)
         vector = FitVector(tuple(parameters), (), terms)
         problem, x = BenchProblem(lambda x: residual + columns @ x, record, record, vector), vector.start
         for _ in range(2):
@@ -188,24 +177,24 @@ class BenchTask(Refits):
     def deviation(self, joint: Fit) -> Array:
         """Return (p,) of the unknowns, by their covariance and by how far leaving out each record moves them
         (jackknife): its rows share the law's error."""
-        records, places = np.unique(self.record), self.places(joint)
+        records, shapes = np.unique(self.record), self.shapes_in(joint)
         others = [np.flatnonzero(self.record != k) for k in records]
-        alone = np.array([self.fit(places, rows).fit.x for rows in others])
+        alone = np.array([self.fit(shapes, rows).fit.x for rows in others])
         return np.asarray(np.sqrt(np.diag(joint.covariance) + (len(records) - 1) * alone.var(axis=0)))
 
-    def shaped(self, effects: Sequence[str], beside: Sequence[int] = ()) -> Judged:
+    def shaped(self, effects: Sequence[str], beside: Sequence[ShapedEffect] = ()) -> Judged:
         """Return each effect at the shape that leaves least of records left out, the others being at theirs; beside:
         shapes that stay."""
-        places_of = {effect: [k for k, shape in enumerate(self.shapes) if shape.effect == effect] for effect in effects}
-        chosen = {effect: places[0] for effect, places in places_of.items()}
+        chosen = {effect: next(shape for shape in self.tables if shape.effect == effect) for effect in effects}
         best = self.fit([*beside, *chosen.values()])
         for _ in range(ROUNDS):
-            before = dict(chosen)
-            for effect, places in places_of.items():
-                for place in places if len(places) > 1 else ():
-                    tried = self.fit([*beside, *(chosen | {effect: place}).values()])
+            before = chosen
+            for shape in self.tables:
+                if chosen.get(shape.effect, shape) is not shape:
+                    other = chosen | {shape.effect: shape}
+                    tried = self.fit([*beside, *other.values()])
                     if tried.scored.squares.sum() < best.scored.squares.sum():
-                        best, chosen = tried, chosen | {effect: place}
+                        best, chosen = tried, other
             if chosen == before:
                 break
         return best
@@ -236,15 +225,19 @@ def _spread(lengths: Sequence[int], most: int) -> Indices:
 def _with_law(task: BenchTask, chosen: Judged, progress: Progress) -> Judged:
     """Return the effects chosen and the law fitted in turn: a law that was fitted alone has taken a part of them. An
     actuator's law is the level held, which has none."""
-    places, refitted, records = task.places(chosen.fit), chosen, task.bench.of_role("fit")
-    if not places or task.bench.specimen == "actuator":
+    shapes, refitted = task.shapes_in(chosen.fit), chosen
+    records, output = task.bench.of_role("fit"), output_of(task.bench)
+    if not shapes or task.bench.specimen == "actuator":
         return chosen
     for part in parts(progress, *(k / ROUNDS for k in range(1, ROUNDS))):
-        added = added_by([task.shapes[k] for k in places], task.signals, refitted.fit.x)
+        added = added_by(shapes, task.signals, refitted.fit.x)
         each = np.split(added, np.cumsum([len(s["law"]) for s in task.signals])[:-1])
-        laws = laws_of(task.bench, records, each, tell=partial(part, "law and effects in turn"))
-        residual = (np.concatenate(laws) - joined(task.signals, "measured"))[task.rows]
-        last, refitted = refitted, replace(task, residual=residual).fit(places)
+        without = [
+            replace(r, columns={**r.columns, output: r.columns[output] - more})
+            for r, more in zip(records, each, strict=True)
+        ]
+        laws = laws_of(task.bench, without, partial(part, "law and effects in turn"))
+        last, refitted = refitted, replace(task, residual=misses_of(laws, task.signals)[task.rows]).fit(shapes)
         if refitted.scored.rms() > (1 - _SETTLED) * last.scored.rms():
             break
     return refitted
@@ -258,17 +251,17 @@ def _tested(bench: Bench, shapes: Sequence[ShapedEffect], x: Array) -> tuple[flo
         return None
     laws = [LAWS[bench.specimen].still(records, record) for record in tests]
     signals = signals_of(tests, laws, output_of(bench), len(records))
-    residual = joined(signals, "law") - joined(signals, "measured")
+    residual = misses_of(laws, signals)
     return rms(residual), rms(residual + added_by(shapes, signals, x))
 
 
-def _effects(task: BenchTask, chosen: Judged, shapes: Sequence[ShapedEffect]) -> tuple[EffectTerm, ...]:
-    """Return the effects at their shapes, with what was fitted in its interval."""
-    strengths = quantities_of(chosen.fit.vector, chosen.fit.x, task.deviation(chosen.fit))
+def _effects(task: BenchTask, fit: Fit) -> tuple[EffectTerm, ...]:
+    """Return the effects of a fit at their shapes, with what was fitted in its interval."""
+    strengths = quantities_of(fit.vector, fit.x, task.deviation(fit))
     effects = []
-    for shape in shapes:
+    for shape in task.shapes_in(fit):
         fixed = {name: Quantity(float(value), shape.units[name]) for name, value in shape.values.items()}
-        fitted = {name: strengths[f"{shape.effect}.{name}"] for name in shape.units if name not in fixed}
+        fitted = {name: strengths[f"{shape.effect}.{name}"] for name in shape.strengths}
         effects.append(EffectTerm(shape.effect, fitted | fixed))
     return tuple(effects)
 
@@ -298,19 +291,19 @@ def candidates_of(task: BenchTask, selection: Selection) -> tuple[Candidate, ...
         refused = False
         if interval[0] > 0 and alone.excess <= (1 - STRUCTURE) * before:  # it takes some: with a sign that it can have?
             most = alone.fit.x + NORMAL90 * task.deviation(alone.fit)
-            refused = any(m < lowest(name) for m, name in zip(most, alone.fit.vector.names, strict=True))
+            [shape] = task.shapes_in(alone.fit)
+            refused = any(m < shape.lowest(name) for m, name in zip(most, shape.strengths, strict=True))
         rows.append((alone.scored.rms(), Candidate(effect, gain, interval, *remaining, chosen, refused=refused)))
     return tuple(candidate for _, candidate in sorted(rows, key=lambda row: row[0]))
 
 
 def alike(task: BenchTask, chosen: Judged) -> tuple[str, ...]:
     """Return effects that in the place of one of those chosen do as well, as far as records left out can say."""
-    names, places = [], task.places(chosen.fit)
-    for place in places:
-        others = [k for k in places if k != place]
+    names, shapes = [], task.shapes_in(chosen.fit)
+    for shape in shapes:
         for effect in task.effects:
             if effect not in chosen.fit.vector.labels:
-                swapped = task.shaped([effect], others)
+                swapped = task.shaped([effect], [one for one in shapes if one is not shape])
                 gain = chosen.trials.gain(swapped.scored, chosen.scored, task.floor)
                 if effect in swapped.parts and gain[1][0] <= 0:
                     names.append(effect)
