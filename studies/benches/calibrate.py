@@ -60,8 +60,8 @@ class BenchCalibration(Tabled):
 
     def columns(self) -> Columns:
         """Return name, value and unit of every constant."""
-        names = {"name": [*self.constants], "value": [q.value for q in self.constants.values()]}
-        return {**names, "unit": [q.unit for q in self.constants.values()]}
+        quantities = self.constants.values()
+        return {"name": [*self.constants], **{key: [getattr(q, key) for q in quantities] for key in ("value", "unit")}}
 
 
 def calibrate_bench(
@@ -121,12 +121,12 @@ def calibrate_bench(
 
 def errors_in_words(calibration: BenchCalibration) -> str:
     """Return the root mean squares for people: of the fit, of records left out of it, of those of role test."""
-    lines = [
-        ("on the fit", calibration.error_fit),
-        ("on records left out of it", calibration.error_left_out),
-        ("on records of role test", calibration.error_test),
-    ]
-    return ", ".join(f"{_shown(error, calibration.unit)} {where}" for where, error in lines if error is not None)
+    errors = {
+        "on the fit": calibration.error_fit,
+        "on records left out of it": calibration.error_left_out,
+        "on records of role test": calibration.error_test,
+    }
+    return ", ".join(f"{_shown(error, calibration.unit)} {on}" for on, error in errors.items() if error is not None)
 
 
 def noise_in_words(calibration: BenchCalibration) -> list[str]:

@@ -116,26 +116,27 @@ def noise_of(bench: Bench) -> BenchNoise:
     output, records = output_of(bench), bench.records
     readings = [record.columns[output] for record in records]
     inputs = [{n: r.columns[n] for n in _INPUTS if n in r.columns and n != output} for r in records]
-    together = {name: np.concatenate([x[name] for x in inputs if name in x]) for name in set().union(*inputs)}
-    # of each input its range, at least a twentieth of its largest value
-    sizes = {name: max(float(np.ptp(v)), 0.05 * float(np.abs(v).max()), 1e-30) for name, v in together.items()}
+    for name in set().union(*inputs):  # in its range over all records, at least a twentieth of its largest value
+        together = np.concatenate([x[name] for x in inputs if name in x])
+        size = max(float(np.ptp(together)), 0.05 * float(np.abs(together).max()), 1e-30)
+        inputs = [x | {name: x[name] / size} if name in x else x for x in inputs]
     distinct = [(np.unique(values), len(values)) for values in readings]
     steps = [float(np.diff(values).min()) for values, count in distinct if 1 < len(values) < count / 2]
     step = max(steps, default=0.0) / np.sqrt(12)
-    repeated = _by_repeats(readings, inputs, sizes)
+    repeated = _by_repeats(readings, inputs)
     if repeated is not None:
         return BenchNoise(max(repeated, step), "repeats")
-    single = [_by_neighbours(y, x, sizes) for y, x in zip(readings, inputs, strict=True)]
+    single = [_by_neighbours(y, x) for y, x in zip(readings, inputs, strict=True)]
     known = [sigma for sigma in single if sigma is not None]
     return BenchNoise(max(float(np.median(known)), step), "neighbours") if known else BenchNoise(0.0, "unknown")
 
 
-def _by_repeats(readings: Sequence[Array], inputs: Sequence[dict[str, Array]], sizes: dict[str, float]) -> float | None:
+def _by_repeats(readings: Sequence[Array], inputs: Sequence[dict[str, Array]]) -> float | None:
     """Return the noise by what differs between records of the same inputs, row by row. A record's offset and scale are
     none: a specimen that softens has them."""
     squares, freedom, taken = 0.0, 0, set[int]()
     for k in range(len(readings)):
-        same = [j for j in range(k, len(readings)) if j not in taken and _repeats(inputs[k], inputs[j], sizes)]
+        same = [j for j in range(k, len(readings)) if j not in taken and _repeats(inputs[k], inputs[j])]
         taken.update(same)
         if len(same) < 2 or len(readings[k]) < 2 * _ROWS:
             continue
@@ -147,21 +148,20 @@ def _by_repeats(readings: Sequence[Array], inputs: Sequence[dict[str, Array]], s
     return float(np.sqrt(squares / freedom)) if freedom >= _LEAST_WINDOWS else None
 
 
-def _repeats(one: dict[str, Array], other: dict[str, Array], sizes: dict[str, float]) -> bool:
+def _repeats(one: dict[str, Array], other: dict[str, Array]) -> bool:
     return one.keys() == other.keys() and all(
-        len(x) == len(other[name]) and float(np.abs(x - other[name]).max(initial=0.0)) <= _SAME * sizes[name]
-        for name, x in one.items()
+        len(x) == len(other[name]) and np.abs(x - other[name]).max(initial=0.0) <= _SAME for name, x in one.items()
     )
 
 
-def _by_neighbours(y: Array, inputs: dict[str, Array], sizes: dict[str, float]) -> float | None:
+def _by_neighbours(y: Array, inputs: dict[str, Array]) -> float | None:
     """Return the noise by what windows of readings leave of a parabola and of straight lines over the inputs.
 
     None where that may be the signal itself, which grows steeply when the readings are taken farther apart. Noise that
     is correlated over a few readings grows slowly; then those farther apart count."""
     variances: list[float] = []
     for stride in _STRIDES:
-        variance = _variance(y, inputs, sizes, stride)
+        variance = _variance(y, inputs, stride)
         if variance is None:
             break
         variances.append(variance)
@@ -175,7 +175,7 @@ def _by_neighbours(y: Array, inputs: dict[str, Array], sizes: dict[str, float]) 
     return float(np.sqrt(variances[k]))
 
 
-def _variance(y: Array, inputs: dict[str, Array], sizes: dict[str, float], stride: int) -> float | None:
+def _variance(y: Array, inputs: dict[str, Array], stride: int) -> float | None:
     """Return the median over windows of what the readings leave, for each degree of freedom; None for few windows."""
     from scipy.stats import chi2
 
@@ -186,9 +186,9 @@ def _variance(y: Array, inputs: dict[str, Array], sizes: dict[str, float], strid
     def windows(values: Array) -> Array:
         return np.lib.stride_tricks.sliding_window_view(values, span)[:, ::stride]
 
-    moving = {name: windows(values) / sizes[name] for name, values in inputs.items()}
+    moving = [windows(values) for values in inputs.values()]
     smooth = np.ones(len(y) - span + 1, dtype=np.bool_)  # no input turns or jumps: it stands, creeps, or goes on evenly
-    for steps in (np.diff(x, axis=1) for x in moving.values()):
+    for steps in (np.diff(x, axis=1) for x in moving):
         along, largest = steps * np.sign(steps.sum(axis=1, keepdims=True)), np.abs(steps).max(axis=1)
         smooth &= (largest <= _CLEAR) | (along.min(axis=1) >= _EVEN * largest)
     readings = windows(y)[smooth]
@@ -196,7 +196,7 @@ def _variance(y: Array, inputs: dict[str, Array], sizes: dict[str, float], strid
         return None
     place = np.linspace(-1, 1, _ROWS)
     columns = [np.broadcast_to(place**power, readings.shape) for power in range(3)]
-    columns += [x[smooth] - x[smooth].mean(axis=1, keepdims=True) for x in moving.values()]
+    columns += [x[smooth] - x[smooth].mean(axis=1, keepdims=True) for x in moving]
     basis, size, _ = np.linalg.svd(np.stack(columns, axis=2), full_matrices=False)
     used = size > _STEADY * np.sqrt(_ROWS)
     level = readings.mean(axis=1, keepdims=True)

@@ -130,8 +130,7 @@ class BenchTask(Refits):
         lengths = [len(law) for law in laws]
         rows, record = _spread(lengths, _ROWS), np.repeat(np.arange(len(laws)), lengths)
         tables = {shape: shape.table(signals)[:, rows] for shape in shapes_of(LAWS[bench.specimen], signals)}
-        residual = misses_of(laws, signals)[rows]
-        return BenchTask(bench, signals, tables, rows, record[rows], residual, floor, tolerance)
+        return BenchTask(bench, signals, tables, rows, record[rows], misses_of(laws, signals)[rows], floor, tolerance)
 
     @property
     def effects(self) -> list[str]:
@@ -165,8 +164,7 @@ class BenchTask(Refits):
             prior = _WIDE * float(np.sqrt(np.mean(residual**2) / max(float(np.mean(column**2)), 1e-30)))
             bounds, unit = (-np.inf if self.either_sign else shape.lowest(name), np.inf), shape.units[name]
             parameters.append(FitParameter(f"{shape.effect}.{name}", prior, 0.0, "linear", unit, bounds))
-        terms = tuple(Term(shape.effect, shape.values) for shape in shapes)
-        vector = FitVector(tuple(parameters), (), terms)
+        vector = FitVector(tuple(parameters), (), tuple(Term(shape.effect, shape.values) for shape in shapes))
         problem, x = BenchProblem(lambda x: residual + columns @ x, record, record, vector), vector.start
         for _ in range(2):
             state = problem.with_jacobian(problem.evaluate([x])[0], columns)
@@ -178,8 +176,7 @@ class BenchTask(Refits):
         """Return (p,) of the unknowns, by their covariance and by how far leaving out each record moves them
         (jackknife): its rows share the law's error."""
         records, shapes = np.unique(self.record), self.shapes_in(joint)
-        others = [np.flatnonzero(self.record != k) for k in records]
-        alone = np.array([self.fit(shapes, rows).fit.x for rows in others])
+        alone = np.array([self.fit(shapes, np.flatnonzero(self.record != k)).fit.x for k in records])
         return np.asarray(np.sqrt(np.diag(joint.covariance) + (len(records) - 1) * alone.var(axis=0)))
 
     def shaped(self, effects: Sequence[str], beside: Sequence[ShapedEffect] = ()) -> Judged:
@@ -229,13 +226,10 @@ def _with_law(task: BenchTask, chosen: Judged, progress: Progress) -> Judged:
     records, output = task.bench.of_role("fit"), output_of(task.bench)
     if not shapes or task.bench.specimen == "actuator":
         return chosen
+    ends = np.cumsum([len(s["law"]) for s in task.signals])[:-1]
     for part in parts(progress, *(k / ROUNDS for k in range(1, ROUNDS))):
-        added = added_by(shapes, task.signals, refitted.fit.x)
-        each = np.split(added, np.cumsum([len(s["law"]) for s in task.signals])[:-1])
-        without = [
-            replace(r, columns={**r.columns, output: r.columns[output] - more})
-            for r, more in zip(records, each, strict=True)
-        ]
+        pairs = zip(records, np.split(added_by(shapes, task.signals, refitted.fit.x), ends), strict=True)
+        without = [replace(r, columns={**r.columns, output: r.columns[output] - added}) for r, added in pairs]
         laws = laws_of(task.bench, without, partial(part, "law and effects in turn"))
         last, refitted = refitted, replace(task, residual=misses_of(laws, task.signals)[task.rows]).fit(shapes)
         if refitted.scored.rms() > (1 - _SETTLED) * last.scored.rms():
@@ -257,8 +251,7 @@ def _tested(bench: Bench, shapes: Sequence[ShapedEffect], x: Array) -> tuple[flo
 
 def _effects(task: BenchTask, fit: Fit) -> tuple[EffectTerm, ...]:
     """Return the effects of a fit at their shapes, with what was fitted in its interval."""
-    strengths = quantities_of(fit.vector, fit.x, task.deviation(fit))
-    effects = []
+    strengths, effects = quantities_of(fit.vector, fit.x, task.deviation(fit)), []
     for shape in task.shapes_in(fit):
         fixed = {name: Quantity(float(value), shape.units[name]) for name, value in shape.values.items()}
         fitted = {name: strengths[f"{shape.effect}.{name}"] for name in shape.strengths}
@@ -275,10 +268,7 @@ def select(task: BenchTask) -> Selection:
     everything = task.shaped(task.effects)
     known = conditioned(everything.fit.x.copy(), everything.fit.covariance, everything.off)
     labels = [*eliminated(*known, everything.parts, NEEDED)[0]]
-    if not labels:
-        return Selection(everything.fit, none, none)
-    judged = task.shaped(labels)
-    return follow(ON_BENCHES, task, Selection(everything.fit, none, judged, everything.excess))
+    return follow(ON_BENCHES, task, Selection(everything.fit, none, task.shaped(labels), everything.excess))
 
 
 def candidates_of(task: BenchTask, selection: Selection) -> tuple[Candidate, ...]:
