@@ -183,8 +183,8 @@ SPRINGS = 400.0  # 1/s^2, that hold a frame in balance: an error of its accelera
 class Balance(NamedTuple):
     """How the mid-surface of a frame of a motion moves where its forces balance with inertia and damping."""
 
-    response: Floats  # (n, n, 3) m, to what the cloth seen has of these beyond the motion's
-    changes: Floats  # (p, n, n, 3) m per unit of the column; NaN, as `response`, where there is no tangent
+    responses: Floats  # (k, n, n, 3) m, to the inertia and damping of an instant's displacements
+    changes: Floats  # (p, n, n, 3) m per unit of the column; NaN, as `responses`, where there is no tangent
 
 
 class Course(NamedTuple):

@@ -36,15 +36,15 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Instant:
-    """A frame of a motion, of the mid-surface on the simulator's own n x n grid, and how a cloth that was seen moves
-    relative to it. time: s after rest. Arrays: (n, n, 3)."""
+    """A frame of a motion, of the mid-surface on the simulator's own n x n grid, and displacements from it: of a cloth
+    that was seen, and of what sensors may do. time: s after rest. Arrays: (n, n, 3), of k displacements (k, n, n, 3)."""
 
     time: float
     middle: Array  # m
     velocity: Array  # m/s
     acceleration: Array  # m/s^2
-    moved: Array  # m, from this frame's mid-surface to the one seen
-    moved_velocity: Array  # m/s, how that changes
+    moved: Array  # m, from this frame's mid-surface
+    moved_velocity: Array  # m/s, how these change
     moved_acceleration: Array  # m/s^2
 
 

@@ -11,6 +11,7 @@ of the model, so intervals and verdicts come from motions alone.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from dataclasses import fields as dataclass_fields
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ from fabdesign.effects.registry import EFFECTS, label_effect
 from fabdesign.files.trial_file import TrialData
 from fabdesign.geometry.shape import normals, sheets_of
 from fabdesign.nouns.array import Array, Floats, Indices
-from fabdesign.nouns.column import SPRINGS, Balances, Column, Course, move
+from fabdesign.nouns.column import SPRINGS, Balances, Column, Course, Move, move
 from fabdesign.nouns.forward import Case, Instant
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import Trial
@@ -102,8 +103,8 @@ class BalanceProblem(Problem):
         motions = self._motions([self.vector.case(one.sample.trial, x) for one in self.frames])
         every = match([motion.frames.sample for motion in motions], [motion.points for motion in motions])
         rows = iter(frames_of(every)[1])
-        side = motions[0].middle.shape[1]
-        held = [motion.held(heights(every, [next(rows) for _ in motion.middle], side)) for motion in motions]
+        side, sensed = motions[0].middle.shape[1], [self._columns[k] for k in self._sensed]
+        held = [motion.held(heights(every, [next(rows) for _ in motion.middle], side), sensed) for motion in motions]
         central = _central(every, self.frames)
         slopes = derivatives(central, nodes_of(central, side), self._changes(motions, held))
         doubt = np.array([one.doubt for some in held for one in some])
@@ -126,25 +127,33 @@ class BalanceProblem(Problem):
             motions.append(_Motion(case, one, at, middle[frames], points, around, (every, sheet.middle)))
         return motions
 
+    @cached_property
+    def _columns(self) -> list[Column]:
+        return [_column(self.vector, k) for k in range(len(self.vector.parameters))]
+
+    @cached_property
+    def _sensed(self) -> list[int]:
+        """Return the unknowns of what sensors do."""
+        named = [(k, p.name.rpartition(".")[0]) for k, p in enumerate(self.vector.parameters) if not p.is_factor]
+        return [k for k, label in named if is_sensing(label_effect(label))]
+
     def _changes(self, motions: Sequence["_Motion"], held: Sequence[Sequence["_Held"]]) -> list[Floats]:
         """Return the response and the changes by each unknown, (1 + p, F, n, n, 3) m a motion."""
-        columns = [_column(self.vector, k) for k in range(len(self.vector.parameters))]
-        sensed = [
-            not p.is_factor and is_sensing(label_effect(p.name.rpartition(".")[0])) for p in self.vector.parameters
-        ]
-        acting = [k for k, of_sensors in enumerate(sensed) if not of_sensors]
+        acting = np.setdiff1d(np.arange(len(self._columns)), self._sensed)
         courses = [
             Course(*motion.course, [one.instant for one in some]) for motion, some in zip(motions, held, strict=True)
         ]
-        balances = self.balances([motion.case for motion in motions], courses, [columns[k] for k in acting])
+        balances = self.balances(
+            [motion.case for motion in motions], courses, [self._columns[k] for k in acting.tolist()]
+        )
         changes = []
-        for motion, some, balanced in zip(motions, held, balances, strict=True):
-            of_motion = np.zeros((1 + len(columns), len(some), *motion.middle.shape[1:]))
-            for f, balance in enumerate(balanced):
-                of_motion[0, f] = balance.response
-                of_motion[[1 + k for k in acting], f] = balance.changes
-            for k in np.flatnonzero(sensed):
-                of_motion[1 + k] = motion.as_seen(some, columns[k])
+        for some, balanced in zip(held, balances, strict=True):
+            of_motion = np.zeros((1 + len(self._columns), len(some), *some[0].instant.middle.shape))
+            for f, (one, balance) in enumerate(zip(some, balanced, strict=True)):
+                of_motion[0, f] = balance.responses[0]
+                of_motion[1 + acting, f] = balance.changes
+                # what is seen elsewhere need not be elsewhere: its own balance is no part of what is seen
+                of_motion[1 + np.array(self._sensed, dtype=int), f] = one.instant.moved[1:] - balance.responses[1:]
             changes.append(of_motion)
         return changes
 
@@ -163,9 +172,10 @@ class _Motion:
     around: Array
     course: tuple[Array, Floats]
 
-    def held(self, heights: Array) -> list["_Held"]:
-        """Return the frames in balance. heights: (m, n, n) m, of the cloth that was seen over the mid-surface."""
-        held = []
+    def held(self, heights: Array, sensed: Sequence[Column]) -> list["_Held"]:
+        """Return the frames in balance, with the displacements to the cloth seen and by a unit of each column of
+        sensing. heights: (m, n, n) m, of the cloth that was seen over the mid-surface."""
+        held, moves = [], [move(self.case, column, column.step) for column in sensed]
         for fine, places in zip(self.around, self.frames.around, strict=True):
             middle, time = fine[len(INSTANTS) // 2], self.seen[places]
             off, offsets = heights[places][..., None] * normals(self.middle[places]), time - time[HALF]
@@ -175,18 +185,18 @@ class _Motion:
             fields = middle, *_derivatives(INSTANTS, fine, 3)
             if np.isfinite(doubt) and np.isfinite(fields).all():
                 moved = [*map(Unstrained(middle), moved)]
-            held.append(_Held(self.frames.sample.times[places[HALF]], Instant(time[HALF], *fields, *moved), doubt))
+            elsewhere = [self._as_seen(change, fine, self.frames.sample.times[places[HALF]]) for change in moves]
+            every = [moved, *([one[len(INSTANTS) // 2], *_derivatives(INSTANTS, one, 3)] for one in elsewhere)]
+            held.append(_Held(Instant(time[HALF], *fields, *map(np.array, zip(*every, strict=True))), doubt))
         return held
 
-    def as_seen(self, held: Sequence["_Held"], column: Column) -> Array:
-        """Return (F, n, n, 3) m per unit: what a column of sensing changes in the frames in balance."""
-        change, time = move(self.case, column, column.step), np.array([one.time for one in held])
-        middle, velocity = (np.array([getattr(one.instant, name) for one in held]) for name in ("middle", "velocity"))
-        places = []
-        for side in change.sides:
-            later = seen_at(side, time) - [one.instant.time for one in held]
-            places.append(observed(side, middle + later[:, None, None, None] * velocity))
-        return np.asarray((places[1] - places[0]) / change.width)
+    def _as_seen(self, change: Move, fine: Array, time: float) -> Array:
+        """Return (5, n, n, 3) m per unit: what a move along a column of sensing changes of the motion at INSTANTS from
+        a frame, of `time` [s] by its own clock."""
+        now, *later = (float(seen_at(case, np.array([time]))[0]) for case in (self.case, *change.sides))
+        velocity = np.gradient(fine, INSTANTS, axis=0)
+        low, high = (observed(side, fine + (at - now) * velocity) for side, at in zip(change.sides, later, strict=True))
+        return np.asarray((high - low) / change.width)
 
 
 def _course(case: Case, until: float) -> Array:
@@ -196,10 +206,9 @@ def _course(case: Case, until: float) -> Array:
 
 
 class _Held(NamedTuple):
-    """A frame in balance. time: s, by the frame's own clock. doubt: m that its balance may be off by, for what is not
-    known of its acceleration, and for what is not linear."""
+    """A frame in balance. doubt: m that its balance may be off by, for what is not known of its acceleration, and for
+    what is not linear."""
 
-    time: float
     instant: Instant
     doubt: float
 

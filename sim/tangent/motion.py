@@ -30,19 +30,25 @@ FARTHEST = 5e-3  # m, RMS from a frame to where its forces balance: farther off 
 def solve_in_motion(
     batch: Batch, lanes: Sequence[LaneColumns], cases: MovedCases, instants: Sequence[Instant]
 ) -> list[Solved]:
-    """Return the responses of the lanes of a batch, each at an instant, as their middle, and the columns solved."""
+    """Return the responses (k, n, n, 3) m of the lanes of a batch, each at an instant, as their middle, and the columns
+    solved."""
     state = {"x0": "middle", "q": "middle", "v0": "velocity", "a0": "acceleration"}
     put(batch.blocks, {plane: ringed([getattr(one, name) for one in instants]) for plane, name in state.items()})
     balanced = Balanced(batch, lanes, cases, springs=SPRINGS, farthest=FARTHEST)
     changes = balanced.changes()
-    put(batch.blocks, {"vp": ringed([one.moved_velocity for one in instants])})
-    loads = [(SPRINGS * one.moved - one.moved_acceleration).reshape(-1, 3) for one in instants]
-    forces = [mass[:, None] * load for mass, load in zip(balanced.host.masses, loads, strict=True)]
-    write_columns(*batch.grid, 1, np.array(forces, np.float32).reshape(1, batch.blocks, LANES, -1, 3))
-    balanced.add_viscous(0, np.ones(len(lanes)))
-    responses, outcomes = balanced.solved(1)
-    sound = balanced.settled & (outcomes[:, 0] == SOLVED)
-    return [Solved(responses[k, 0], bool(sound[k]), changes[k]) for k in range(len(lanes))]
+    loads = [SPRINGS * one.moved - one.moved_acceleration for one in instants]
+    forces = [
+        mass[:, None] * load.reshape(len(load), -1, 3) for mass, load in zip(balanced.host.masses, loads, strict=True)
+    ]
+    count = len(forces[0])
+    by_slot = np.ascontiguousarray(np.array(forces, np.float32).swapaxes(0, 1))
+    write_columns(*batch.grid, count, by_slot.reshape(count, batch.blocks, LANES, -1, 3))
+    for slot in range(count):
+        put(batch.blocks, {"vp": ringed([one.moved_velocity[slot] for one in instants])})
+        balanced.add_viscous(slot, np.ones(len(lanes)))
+    responses, outcomes = balanced.solved(count)
+    sound = balanced.settled & (outcomes == SOLVED).all(axis=1)
+    return [Solved(responses[k], bool(sound[k]), changes[k]) for k in range(len(lanes))]
 
 
 def pressures_until(case: Case, until: float, tick: float) -> Array:
@@ -54,7 +60,7 @@ def pressures_until(case: Case, until: float, tick: float) -> Array:
 def balance_of(solved: Solved, count: int) -> Balance:
     """Return what was solved of a frame's `count` columns: zero for one that alone is not, which moves next to nothing,
     such as that of a muscle without pressure; NaN for all where the frame has no tangent."""
-    changes = np.zeros((count, *solved.middle.shape), np.float32)
+    changes = np.zeros((count, *solved.middle.shape[1:]), np.float32)
     for column, change in solved.changes.items():
         changes[column] = change
     nothing = 0.0 if solved.settled else np.nan

@@ -38,7 +38,7 @@ STIFFENED = 300.0  # 1/s^2 times the mass that the preconditioner adds, without 
 class Solved:
     """The solution of one lane. settled: whether the forces balance at `middle`, near where the lane came to rest."""
 
-    middle: NDArray[np.float32]  # (n, n, 3) m
+    middle: NDArray[np.float32]  # (n, n, 3) m, or responses (k, n, n, 3) m
     settled: bool
     changes: dict[int, NDArray[np.float32]]  # (n, n, 3) m per unit, by column; those that were not solved are absent
 

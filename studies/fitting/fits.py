@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.acting import is_sensing
-from fabdesign.effects.registry import EFFECTS, label_effect
+from fabdesign.effects.registry import EFFECTS
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.forward import ForwardModel, Term
 from fabdesign.nouns.predictor import Predictor
@@ -101,8 +100,7 @@ def starts_of(vector: FitVector, known: Fit | None) -> Array:
 
 def worth_fitting(vector: FitVector, balanced: Fit | None) -> set[str]:
     """Return the terms of a vector but those that frames in balance show and have under KEPT of evidence for, unless
-    they do what one with evidence does. What sensors see stays: its columns need no motion, and are least sure in
-    balance."""
+    they do what one with evidence does."""
     every = {*vector.labels}
     if balanced is None:
         return every
@@ -111,7 +109,7 @@ def worth_fitting(vector: FitVector, balanced: Fit | None) -> set[str]:
     certain = [label for label in of.labels if score[label] >= KEPT]
     others = [label for label in of.labels if label not in certain]
     same = {other for label in certain for other in alike(balanced.normal.sensitivity, of, label, others)}
-    gone = {label for label in unneeded(balanced) if score[label] < KEPT and not is_sensing(label_effect(label))} - same
+    gone = {label for label in unneeded(balanced) if score[label] < KEPT} - same
     return every - gone
 
 

@@ -71,7 +71,7 @@ def _derivatives() -> None:
     from sim import Simulator
 
     nothing = np.zeros((GRID, GRID, 3))
-    course = Course(np.zeros(1), nothing[None], [Instant(0.0, *[nothing] * 6)])
+    course = Course(np.zeros(1), nothing[None], [Instant(0.0, *[nothing] * 3, *[nothing[None]] * 3)])
     Simulator(GRID).balances([_case()], [course], [factor("membrane")])
 
 

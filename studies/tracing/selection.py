@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from fabdesign.effects import EFFECTS
+from fabdesign.effects.acting import is_sensing
 from fabdesign.effects.registry import label_effect
 from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
@@ -54,14 +55,16 @@ def select(task: Task) -> Selection:
 
 
 def _joint(task: Task, vector: FitVector, start: FitStart, balanced: Fit | None) -> Fit:
-    """Return the joint fit: of what frames in balance have evidence for, with what these do not show to first order
-    beside it; where that does not explain most trials, of all."""
+    """Return the joint fit: of what frames in balance have evidence for and of what sensors do, whose columns need no
+    motion; the rest that balance does not show to first order beside it. Where that does not explain most trials, of
+    all."""
     policy = ROUGH if balanced is None else replace(ROUGH, content=expected_rms(task.data.noise, task.tolerance))
     if balanced is None:
         return task.fit("every effect", vector, start, policy)
     assert start.x is not None
     worth = worth_fitting(vector, balanced)
-    some, places = vector.only(worth.intersection(balanced.vector.labels))
+    sensed = {label for label in vector.labels if is_sensing(label_effect(label))}
+    some, places = vector.only(worth & {*balanced.vector.labels, *sensed})
     known = task.fit("what frames in balance show", some, replace(start, x=start.x[:, places]), policy)
     x, jacobian = np.zeros(len(vector.names)), widened(known.state.jacobian, places, len(vector.names))
     x[places] = known.x

@@ -144,9 +144,10 @@ def test_a_set_of_which_no_frame_balances_begins_where_the_vector_does(data, for
     class Falling(Simulator):
         def balances(self, cases, courses, columns):
             return [
-                [Balance(np.full((21, 21, 3), np.nan), np.full((len(columns), 21, 21, 3), np.nan))]
+                [Balance(np.full_like(one.moved, np.nan), np.full((len(columns), 21, 21, 3), np.nan))]
                 * len(course.instants)
                 for course in courses
+                for one in course.instants[:1]
             ]
 
     assert fit_in_balance(data, Fits(Predictor(Falling(21), sensing=True), 0.5e-3), vector) is None

@@ -115,10 +115,11 @@ def balance_of(case, others, columns, *, at=0.35):
         [case, case, case, *others], [course, at + FINE] + [at + FRAMES] * (1 + len(others))
     )
     offs = [other.middle.astype(float) - coarse.middle for other in seen]
-    instants = [Instant(at, *polynomial(FINE, fine.middle), off[2], *polynomial(FRAMES, off)[1:]) for off in offs]
+    moved = [[part[None] for part in (off[2], *polynomial(FRAMES, off)[1:])] for off in offs]
+    instants = [Instant(at, *polynomial(FINE, fine.middle), *parts) for parts in moved]
     [balances] = SIMULATOR.balances([case], [column.Course(course, base.middle, instants)], columns)
     off = np.array([off[2] for off in offs])
-    remaining = off - [balance.response for balance in balances]
+    remaining = off - [balance.responses[0] for balance in balances]
     return off, remaining, np.array([balance.changes[k] for k, balance in enumerate(balances)])
 
 
@@ -159,9 +160,11 @@ def test_damping_moves_no_shape_at_rest():
 
 def test_a_frame_that_is_not_there_has_no_balance():
     nothing = np.full((N, N, 3), np.nan)
-    course = column.Course(np.array([0.0, 0.1]), np.zeros((2, N, N, 3)), [Instant(0.1, *[nothing] * 6)])
+    course = column.Course(
+        np.array([0.0, 0.1]), np.zeros((2, N, N, 3)), [Instant(0.1, *[nothing] * 3, *[nothing[None]] * 3)]
+    )
     [[balance]] = SIMULATOR.balances(CASES[:1], [course], [column.factor("bending")])
-    assert np.isnan(balance.response).all() and np.isnan(balance.changes).all()
+    assert np.isnan(balance.responses).all() and np.isnan(balance.changes).all()
 
 
 def test_a_moved_corner_keeps_its_intervals_or_says_so():
