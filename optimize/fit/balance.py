@@ -31,7 +31,7 @@ from optimize.fit.clouds import Match, Sample, derivatives, evenly, match, nodes
 from optimize.fit.descent import Progress, silent
 from optimize.fit.displacement import Unstrained, heights
 from optimize.fit.fitted import Fit, concluded
-from optimize.fit.misfit import capped, frames_of
+from optimize.fit.misfit import frames_of
 from optimize.fit.normal import step_to_minimum
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import Linearisation, Problem
@@ -252,7 +252,7 @@ def fit_balance(
             break
         state = there
         step, _ = step_to_minimum(state, vector)
-        promised = capped(state.misfit.residual + state.jacobian @ step)
+        promised = state.after(step).misfit.rms
         progress(f"iteration {k + 1}: {in_mm(state.misfit.rms):.3f} mm RMS", (k + 1) / (k + 3))
         x = vector.inside(state.x + step)
         longest = float(np.abs(step / vector.scale).max())

@@ -1,6 +1,6 @@
 """Problems of a fit: the residuals of a forward model at some unknowns, and how they change with each unknown."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isqrt
@@ -11,7 +11,7 @@ from fabdesign.geometry.shape import Sheet, sheets_of
 from fabdesign.nouns.array import Array, Indices
 from fabdesign.nouns.forward import Case, ForwardModel, Term
 from fabdesign.nouns.trial import Accuracy, Trial
-from optimize.fit.clouds import Match, Motion, Sample, derivatives, match, nodes_of
+from optimize.fit.clouds import Match, Sample, derivatives, match, nodes_of
 from optimize.fit.misfit import ROWS, Misfit, frames_of
 from optimize.fit.parameters import DECLARED, FitVector
 
@@ -43,6 +43,11 @@ class Linearisation(Evaluation):
     """An evaluation with the residuals' Jacobian (N, p) m."""
 
     jacobian: Array
+
+    def after(self, step: Array) -> Evaluation:
+        """Return what a step (p,) leads to where the residuals are linear."""
+        misfit = replace(self.misfit, residual=self.misfit.residual + self.jacobian @ step)
+        return Evaluation(self.x + step, misfit, self.sheets)
 
 
 class Problem:
@@ -156,8 +161,24 @@ class FitProblem(Problem):
         return self.differences(evaluation, others)
 
     def differences(self, evaluation: Evaluation, others: Sequence[Sequence[Case]]) -> Array:
-        """Return the change of each residual, (N, k) m, from the evaluation's motions to k times a case a sample."""
-        parts = [columns(evaluation, moved) for moved in self.displacements(evaluation, others)]
+        """Return the change of each residual, (N, k) m, from the evaluation's motions to k times a case a sample, by
+        how the mid-surface moves."""
+        base, match = evaluation.sheets, evaluation.misfit
+        assert isinstance(match, Match)
+        face = isqrt(base[0].points.shape[1] // 2)
+        if self.slopes != self.forward:
+            cases = [self.vector.case(s.trial, evaluation.x) for s in self.samples]
+            base = sheets_of(self.slopes)(cases, self._times)
+        nodes, parts = nodes_of(match, base[0].middle.shape[1], face), []
+        at_once = max(1, _AT_ONCE // len(self.samples))
+        for first in range(0, len(others), at_once):
+            some = others[first : first + at_once]
+            moved = sheets_of(self.slopes)([case for row in some for case in row], len(some) * self._times)
+            changes = [
+                np.stack([moved[k * len(base) + s].middle - sheet.middle for k in range(len(some))])
+                for s, sheet in enumerate(base)
+            ]
+            parts.append(derivatives(match, nodes, changes))
         return np.concatenate(parts, axis=1)
 
     def input_errors(self, evaluation: Evaluation) -> InputErrors | None:
@@ -191,23 +212,6 @@ class FitProblem(Problem):
         level = Term("frame_tilt", {"about_x": about_x, "about_z": about_z})
         return replace(case, program=program, effects=(*case.effects, level))
 
-    def displacements(self, evaluation: Evaluation, others: Sequence[Sequence[Case]]) -> Iterator[list[Motion]]:
-        """Yield some of the k after others: (some, F, n, n, 3) m a sample, how the mid-surface moves from the motions
-        of the evaluation to those of k times a case a sample."""
-        if self.slopes == self.forward:
-            base = evaluation.sheets
-        else:
-            cases = [self.vector.case(s.trial, evaluation.x) for s in self.samples]
-            base = sheets_of(self.slopes)(cases, self._times)
-        at_once = max(1, _AT_ONCE // len(self.samples))
-        for first in range(0, len(others), at_once):
-            some = others[first : first + at_once]
-            moved = sheets_of(self.slopes)([case for row in some for case in row], len(some) * self._times)
-            yield [
-                np.stack([moved[k * len(base) + s].middle - sheet.middle for k in range(len(some))])
-                for s, sheet in enumerate(base)
-            ]
-
     @property
     def _times(self) -> list[Array]:
         """Return the times of each sample, s."""
@@ -219,10 +223,3 @@ def widened(jacobian: Array, at: Indices | Sequence[int], count: int) -> Array:
     wide = np.full((len(jacobian), count), np.nan)
     wide[:, at] = jacobian
     return wide
-
-
-def columns(evaluation: Evaluation, changes: Sequence[Motion]) -> Array:
-    """Return the change of each residual, (N, k) m, by changes (k, F, n, n, 3) m of the mid-surface, one a sample."""
-    assert isinstance(evaluation.misfit, Match)
-    face = isqrt(evaluation.sheets[0].points.shape[1] // 2)
-    return derivatives(evaluation.misfit, nodes_of(evaluation.misfit, changes[0].shape[2], face), changes)
