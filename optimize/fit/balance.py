@@ -11,7 +11,6 @@ of the model, so intervals and verdicts come from motions alone.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from dataclasses import fields as dataclass_fields
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,13 +26,14 @@ from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import Trial
 from fabdesign.runtime.store import Arrays, Checkpoint
 from fabdesign.units import in_mm
-from optimize.fit.clouds import Match, Sample, derivatives, evenly, match, nodes_of
+from optimize.fit.clouds import Match, Sample, derivatives, drawn, evenly, match, nodes_of
 from optimize.fit.descent import Progress, silent
 from optimize.fit.displacement import Unstrained, heights
 from optimize.fit.fitted import Fit, concluded
 from optimize.fit.misfit import frames_of
 from optimize.fit.normal import step_to_minimum
 from optimize.fit.parameters import FitVector
+from optimize.fit.policy import UNSURE
 from optimize.fit.problem import Linearisation, Problem
 
 FRAMES = 10  # of a trial, that balance
@@ -42,11 +42,10 @@ HALF = 2  # frames to each side, through which velocity and acceleration are see
 WIDEST = 0.28  # s that these may span, as at 15 Hz: beyond, a swing of 8 rad/s turns by more than a third
 FIRST = 0.1  # s after rest, before which little has moved
 COURSE, MOST = 1 / 80, 1000  # s between the instants that muscles remember a motion by, and how many at most
-INSTANTS = np.arange(-2, 3) / 160  # s, from a frame, of the motion's own velocity and acceleration
+INSTANTS = np.arange(-HALF, HALF + 1) / (2 / COURSE)  # s, from a frame, of the motion's own velocity and acceleration
 RADIUS = 0.05  # m, of a cloth's bends: a displacement d is off by d^2 over it where it is taken as linear
 STEP = 0.007  # of a prior's deviation, of a column
 ITERATIONS, FAR_OFF = 12, 3  # at most; and those at first, where frames far off promise little
-SLIGHT, LEAST_GAIN = 0.03, 0.02  # the last step is shorter, in logarithms, or promises a smaller share of what is left
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,9 +77,7 @@ def frames_around(
         return None
     around = np.array(inside)[evenly(len(inside), FRAMES)][:, None] + offsets
     every = np.unique(around)
-    clouds = (np.asarray(data.frames[int(k)], dtype=float) for k in every)
-    drawn = tuple(c if len(c) <= POINTS else c[rng.choice(len(c), POINTS, replace=False)] for c in clouds)
-    return FramesAround(Sample(trial, time[every], drawn), np.searchsorted(every, around))
+    return FramesAround(drawn(trial, data, every, POINTS, rng), np.searchsorted(every, around))
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +102,8 @@ class BalanceProblem(Problem):
         side = motions[0].middle.shape[1]
         held = [motion.held(heights(every, [next(rows) for _ in motion.middle], side)) for motion in motions]
         central = _central(every, self.frames)
-        slopes = derivatives(central, nodes_of(central, side), self._changes(motions, held))
-        doubt = np.array([one.doubt for some in held for one in some])
+        slopes = derivatives(central, nodes_of(central, side), self._changes(motions, [some for some, _ in held]))
+        doubt = np.concatenate([doubts for _, doubts in held])
         counts = self.noise / np.hypot(self.noise, doubt[frames_of(central)[0]])
         residual = (central.residual + slopes[:, 0]) * counts
         return Linearisation(x, replace(central, residual=residual), (), slopes[:, 1:] * counts[:, None])
@@ -126,16 +123,14 @@ class BalanceProblem(Problem):
             motions.append(_Motion(case, one, at, middle[frames], points, around, (every, sheet.middle)))
         return motions
 
-    def _changes(self, motions: Sequence["_Motion"], held: Sequence[Sequence["_Held"]]) -> list[Floats]:
-        """Return the response and the changes by each unknown, (1 + p, F, n, n, 3) m a motion."""
+    def _changes(self, motions: Sequence["_Motion"], held: Sequence[Sequence[Instant]]) -> list[Floats]:
+        """Return the response and the changes by each unknown, (1 + p, F, n, n, 3) m a motion. held: its frames."""
         columns = [_column(self.vector, k) for k in range(len(self.vector.parameters))]
         sensed = [
             not p.is_factor and is_sensing(label_effect(p.name.rpartition(".")[0])) for p in self.vector.parameters
         ]
         acting = [k for k, of_sensors in enumerate(sensed) if not of_sensors]
-        courses = [
-            Course(*motion.course, [one.instant for one in some]) for motion, some in zip(motions, held, strict=True)
-        ]
+        courses = [Course(*motion.course, some) for motion, some in zip(motions, held, strict=True)]
         balances = self.balances([motion.case for motion in motions], courses, [columns[k] for k in acting])
         changes = []
         for motion, some, balanced in zip(motions, held, balances, strict=True):
@@ -163,9 +158,10 @@ class _Motion:
     around: Array
     course: tuple[Array, Floats]
 
-    def held(self, heights: Array) -> list["_Held"]:
-        """Return the frames in balance. heights: (m, n, n) m, of the cloth that was seen over the mid-surface."""
-        held = []
+    def held(self, heights: Array) -> tuple[list[Instant], Array]:
+        """Return the frames in balance, and (F,) m that each may be off by, for what is not known of its acceleration,
+        and for what is not linear. heights: (m, n, n) m, of the cloth that was seen over the mid-surface."""
+        held, doubts = [], []
         for fine, places in zip(self.around, self.frames.around, strict=True):
             middle, time = fine[len(INSTANTS) // 2], self.seen[places]
             off, offsets = heights[places][..., None] * normals(self.middle[places]), time - time[HALF]
@@ -175,16 +171,17 @@ class _Motion:
             fields = middle, *_derivatives(INSTANTS, fine, 3)
             if np.isfinite(doubt) and np.isfinite(fields).all():
                 moved = [*map(Unstrained(middle), moved)]
-            held.append(_Held(self.frames.sample.times[places[HALF]], Instant(time[HALF], *fields, *moved), doubt))
-        return held
+            held.append(Instant(time[HALF], *fields, *moved))
+            doubts.append(doubt)
+        return held, np.array(doubts)
 
-    def as_seen(self, held: Sequence["_Held"], column: Column) -> Array:
+    def as_seen(self, held: Sequence[Instant], column: Column) -> Array:
         """Return (F, n, n, 3) m per unit: what a column of sensing changes in the frames in balance."""
-        change, time = move(self.case, column, column.step), np.array([one.time for one in held])
-        middle, velocity = (np.array([getattr(one.instant, name) for one in held]) for name in ("middle", "velocity"))
+        change = move(self.case, column, column.step)
+        middle, velocity = (np.array([getattr(one, name) for one in held]) for name in ("middle", "velocity"))
         places = []
         for side in change.sides:
-            later = seen_at(side, time) - [one.instant.time for one in held]
+            later = seen_at(side, self.frames.central.times) - [one.time for one in held]
             places.append(observed(side, middle + later[:, None, None, None] * velocity))
         return np.asarray((places[1] - places[0]) / change.width)
 
@@ -193,15 +190,6 @@ def _course(case: Case, until: float) -> Array:
     """Return the instants [s] of a motion that muscles remember it by; none where no effect does."""
     remembers = any(EFFECTS[term.name].pulls_by_record for term in terms_of(case))
     return np.linspace(0.0, until, min(round(until / COURSE), MOST)) if remembers else np.zeros(0)
-
-
-class _Held(NamedTuple):
-    """A frame in balance. time: s, by the frame's own clock. doubt: m that its balance may be off by, for what is not
-    known of its acceleration, and for what is not linear."""
-
-    time: float
-    instant: Instant
-    doubt: float
 
 
 def _derivatives(offsets: Array, values: Array, order: int) -> tuple[Array, Array]:
@@ -256,7 +244,7 @@ def fit_balance(
         progress(f"iteration {k + 1}: {in_mm(state.misfit.rms):.3f} mm RMS", (k + 1) / (k + 3))
         x = vector.inside(state.x + step)
         longest = float(np.abs(step / vector.scale).max())
-        if longest < SLIGHT or (k >= FAR_OFF and promised > (1 - LEAST_GAIN) * state.misfit.rms):
+        if longest < UNSURE.slight or (k >= FAR_OFF and promised > (1 - UNSURE.least_share) * state.misfit.rms):
             break
     if state is None:
         return None

@@ -33,12 +33,11 @@ class FitStart:
     inputs: InputErrors | None = None
 
 
+@dataclass(eq=False)
 class Interrupted(KeyboardInterrupt):
     """Ctrl-C in a fit that has a place already. fit: makes the fit that ends there."""
 
-    def __init__(self, fit: Callable[[], Fit]) -> None:
-        super().__init__()
-        self.fit = fit
+    fit: Callable[[], Fit]
 
 
 def silent(line: str, share: float) -> None:
@@ -112,7 +111,8 @@ class _Descent:
             self.problem, jacobian = problem, self.state.jacobian
             evaluation, sheet = problem.evaluate([self.state.x, np.zeros(len(self.state.x))])
             self.before, self.state = sheet.misfit.rms, problem.with_jacobian(evaluation, jacobian)
-            self._descend(policy.finer, "finer grid, ", finer)
+            last = policy.finer or policy.end or policy.begin
+            self._descend(replace(last, exact_end=False), "finer grid, ", finer)
         return self._concluded(self.ended or "iterations")()
 
     def _best_start(self) -> Evaluation:

@@ -16,7 +16,6 @@ from optimize.fit.misfit import ROWS, Misfit, frames_of
 from optimize.fit.parameters import DECLARED, FitVector
 
 _AT_ONCE = 192  # motions in memory
-_PATTERNS = 2  # of signs, of all inputs together, whose two sides say what is not proportional
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,22 +181,21 @@ class FitProblem(Problem):
         return np.concatenate(parts, axis=1)
 
     def input_errors(self, evaluation: Evaluation) -> InputErrors | None:
-        """Return them by a motion for each channel and each axis of the tilt, and two sides of two patterns."""
+        """Return them by a motion for each channel and each axis of the tilt, and two sides of two patterns of signs of
+        all inputs together, which say what is not proportional."""
         if self.accuracy is None:
             return None
-        channels = max(s.trial.program.pressure.shape[1] for s in self.samples)
-        single = [*np.eye(channels + 2)]
-        rng = np.random.default_rng(0)
-        patterns = [rng.choice([-1.0, 1.0], channels + 2) for _ in range(_PATTERNS)]
-        rows = [*single, *(sign * pattern for pattern in patterns for sign in (1.0, -1.0))]
+        count = max(s.trial.program.pressure.shape[1] for s in self.samples) + 2
+        one, other = np.random.default_rng(0).choice([-1.0, 1.0], (2, count))
+        rows = np.concatenate([np.eye(count), [one, -one, other, -other]])
         changed = self.differences(
             evaluation, [[self._off(s.trial, evaluation.x, row) for s in self.samples] for row in rows]
         )
-        ends = changed[:, channels + 2 :].reshape(len(changed), _PATTERNS, 2)
+        ends = changed[:, count:].reshape(len(changed), 2, 2)
         bent = np.sqrt(np.square(0.5 * ends.sum(axis=2)).mean(axis=1))
         frame, groups = frames_of(evaluation.misfit)
         by_frame = np.array([np.sqrt(np.square(bent[points]).mean()) for points in groups])
-        return InputErrors(changed[:, : channels + 2], by_frame[frame])
+        return InputErrors(changed[:, :count], by_frame[frame])
 
     def _off(self, trial: Trial, x: Array, deviations: Array) -> Case:
         """Return a case off by deviations (channels + 2,), in standard ones: of pressures, then tilt about x and z."""
