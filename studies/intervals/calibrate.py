@@ -70,13 +70,11 @@ def calibrated(others: Sequence[RegionResiduals], width: Width, start: Array) ->
 
 def left_out(every: Sequence[RegionResiduals], folds: Sequence[int], width: Width, start: Array) -> list[Array]:
     """Return (n,) m of each trial, standard deviations calibrated on the trials of the other folds."""
-    residuals: list[Array] = [np.empty(0)] * len(every)
-    for fold in sorted(set(folds)):
-        others = [one for one, fold_of in zip(every, folds, strict=True) if fold_of != fold]
-        widths = calibrated(others, width, start)
-        for k in (k for k, fold_of in enumerate(folds) if fold_of == fold):
-            residuals[k] = widths.of(every[k])
-    return residuals
+    widths = {
+        fold: calibrated([one for one, other in zip(every, folds, strict=True) if other != fold], width, start)
+        for fold in sorted(set(folds))
+    }
+    return [widths[fold].of(one) for one, fold in zip(every, folds, strict=True)]
 
 
 @dataclass(frozen=True)
