@@ -103,7 +103,7 @@ class BalanceProblem(Problem):
         held = [motion.held(heights(every, [next(rows) for _ in motion.middle], side)) for motion in motions]
         central = _central(every, self.frames)
         slopes = derivatives(central, nodes_of(central, side), self._changes(motions, [some for some, _ in held]))
-        doubt = np.concatenate([doubts for _, doubts in held])
+        doubt = np.concatenate([uncertain for _, uncertain in held])
         counts = self.noise / np.hypot(self.noise, doubt[frames_of(central)[0]])
         residual = (central.residual + slopes[:, 0]) * counts
         return Linearisation(x, replace(central, residual=residual), (), slopes[:, 1:] * counts[:, None])
@@ -161,7 +161,7 @@ class _Motion:
     def held(self, heights: Array) -> tuple[list[Instant], Array]:
         """Return the frames in balance, and (F,) m that each may be off by, for what is not known of its acceleration,
         and for what is not linear. heights: (m, n, n) m, of the cloth that was seen over the mid-surface."""
-        held, doubts = [], []
+        held, uncertain = [], []
         for fine, places in zip(self.around, self.frames.around, strict=True):
             middle, time = fine[len(INSTANTS) // 2], self.seen[places]
             off, offsets = heights[places][..., None] * normals(self.middle[places]), time - time[HALF]
@@ -172,8 +172,8 @@ class _Motion:
             if np.isfinite(doubt) and np.isfinite(fields).all():
                 moved = [*map(Unstrained(middle), moved)]
             held.append(Instant(time[HALF], *fields, *moved))
-            doubts.append(doubt)
-        return held, np.array(doubts)
+            uncertain.append(doubt)
+        return held, np.array(uncertain)
 
     def as_seen(self, held: Sequence[Instant], column: Column) -> Array:
         """Return (F, n, n, 3) m per unit: what a column of sensing changes in the frames in balance."""

@@ -161,8 +161,8 @@ def _everywhere(values: Array, sound: NDArray[np.bool_]) -> Array:
 def _explained(table: Array, u: Array, w: Array, cluster: Indices) -> tuple[Array, Array]:
     """Return what errors of the inputs (N, k) explain of the columns of `table` (N, p) in each cluster, (N, p), and
     (p,) the sums of these errors' squares, in standard deviations."""
-    out, paid = np.empty_like(table), np.zeros(table.shape[1])
-    for rows in groups_of(cluster):
+    out, paid = np.zeros_like(table), np.zeros(table.shape[1])
+    for rows in groups_of(cluster) if u.size else ():  # exact inputs explain nothing
         inputs, weighted = u[rows], u[rows] * w[rows, None]
         errors = np.linalg.solve(np.eye(inputs.shape[1]) + weighted.T @ inputs, weighted.T @ table[rows])
         out[rows] = inputs @ errors
