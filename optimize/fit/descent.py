@@ -156,7 +156,7 @@ class _Descent:
         if longest < LARGEST * (1 - 1e-9) and linear.misfit.rms > self.policy.hopeless:
             return "hopeless"
         there, gain = self._best_length(step, normal, promised)
-        enough = stage.enough(len(step), float(normal.frames.sum()))
+        enough = max(stage.least, stage.least_each * len(step), stage.least_share * float(normal.frames.sum()))
         enough *= max(1.0, state.misfit.rms / problem.expected) ** 2
         small = promised < enough or longest < stage.slight or (exact and 0 < gain < enough)
         stuck = not gain > 0  # NaN, too

@@ -28,10 +28,6 @@ class FitStage:
     far: float = FAR  # times the usual residual, over which a frame counts less
     exact_end: bool = True  # whether the last step goes by a Jacobian that was made where it begins
 
-    def enough(self, unknowns: int, observations: float) -> float:
-        """Return the log likelihood of which a step that promises less is the last."""
-        return max(self.least, self.least_each * unknowns, self.least_share * observations)
-
 
 @dataclass(frozen=True)
 class Policy:
