@@ -130,9 +130,8 @@ def with_spread(
     if predictor.corrector is not None and not predictor.corrector.ordered:
         return bare, "intervals of motions are not calibrated: the corrector's points have no order"
     usable = [trial for trial in of_each_design(trials, MOST) if len(looked_at(trial, used))]
-    every: list[RegionResiduals] = []
-    if len(usable) >= LEAST:
-        every = residuals(usable, predictor, coarse or simulator, used=used, progress=progress)
+    enough = len(usable) >= LEAST
+    every = residuals(usable, predictor, coarse or simulator, used=used, progress=progress) if enough else []
     kept = [k for k, one in enumerate(every) if len(one.residual)]
     if len(kept) < LEAST:
         count = len(kept) if every else len(usable)

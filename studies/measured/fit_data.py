@@ -53,7 +53,7 @@ class MeasuredData:
         for trial in trials:
             data = trial.load()
             until = max(int(np.searchsorted(data.time, density.until + 1e-6)), 1)
-            usable = np.flatnonzero(used.at(_owner(sets, trial), trial, data.time)[:until])
+            usable = np.flatnonzero(used.at(_owner(sets, trial), trial)[:until])
             if len(usable):
                 frames = usable[evenly(len(usable), density.frames)]
                 samples.append(drawn(trial, data, frames, density.points, rng))
