@@ -36,8 +36,8 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Instant:
-    """A frame of a motion, of the mid-surface on the simulator's own n x n grid, and displacements from it: of a cloth
-    that was seen, and of what sensors may do. time: s after rest. Arrays: (n, n, 3), of k displacements (k, n, n, 3)."""
+    """A frame of a motion, of the mid-surface on the simulator's own n x n grid, and displacements from it: to a cloth
+    that was seen, and by what sensors may do. time: s after rest. Arrays: (n, n, 3); of displacements (k, n, n, 3)."""
 
     time: float
     middle: Array  # m

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from dataclasses import fields as dataclass_fields
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,13 +27,14 @@ from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import Trial
 from fabdesign.runtime.store import Arrays, Checkpoint
 from fabdesign.units import in_mm
-from optimize.fit.clouds import Match, Sample, derivatives, evenly, match, nodes_of
+from optimize.fit.clouds import Match, Sample, derivatives, drawn, evenly, match, nodes_of
 from optimize.fit.descent import Progress, silent
 from optimize.fit.displacement import Unstrained, heights
 from optimize.fit.fitted import Fit, concluded
-from optimize.fit.misfit import capped, frames_of
+from optimize.fit.misfit import frames_of
 from optimize.fit.normal import step_to_minimum
 from optimize.fit.parameters import FitVector
+from optimize.fit.policy import UNSURE
 from optimize.fit.problem import Linearisation, Problem
 
 FRAMES = 10  # of a trial, that balance
@@ -43,11 +43,10 @@ HALF = 2  # frames to each side, through which velocity and acceleration are see
 WIDEST = 0.28  # s that these may span, as at 15 Hz: beyond, a swing of 8 rad/s turns by more than a third
 FIRST = 0.1  # s after rest, before which little has moved
 COURSE, MOST = 1 / 80, 1000  # s between the instants that muscles remember a motion by, and how many at most
-INSTANTS = np.arange(-2, 3) / 160  # s, from a frame, of the motion's own velocity and acceleration
+INSTANTS = np.arange(-HALF, HALF + 1) / (2 / COURSE)  # s, from a frame, of the motion's own velocity and acceleration
 RADIUS = 0.05  # m, of a cloth's bends: a displacement d is off by d^2 over it where it is taken as linear
 STEP = 0.007  # of a prior's deviation, of a column
 ITERATIONS, FAR_OFF = 12, 3  # at most; and those at first, where frames far off promise little
-SLIGHT, LEAST_GAIN = 0.03, 0.02  # the last step is shorter, in logarithms, or promises a smaller share of what is left
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +78,7 @@ def frames_around(
         return None
     around = np.array(inside)[evenly(len(inside), FRAMES)][:, None] + offsets
     every = np.unique(around)
-    clouds = (np.asarray(data.frames[int(k)], dtype=float) for k in every)
-    drawn = tuple(c if len(c) <= POINTS else c[rng.choice(len(c), POINTS, replace=False)] for c in clouds)
-    return FramesAround(Sample(trial, time[every], drawn), np.searchsorted(every, around))
+    return FramesAround(drawn(trial, data, every, POINTS, rng), np.searchsorted(every, around))
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,8 +103,8 @@ class BalanceProblem(Problem):
         side, sensed = motions[0].middle.shape[1], [self._columns[k] for k in self._sensed]
         held = [motion.held(heights(every, [next(rows) for _ in motion.middle], side), sensed) for motion in motions]
         central = _central(every, self.frames)
-        slopes = derivatives(central, nodes_of(central, side), self._changes(motions, held))
-        doubt = np.array([one.doubt for some in held for one in some])
+        slopes = derivatives(central, nodes_of(central, side), self._changes(motions, [some for some, _ in held]))
+        doubt = np.concatenate([uncertain for _, uncertain in held])
         counts = self.noise / np.hypot(self.noise, doubt[frames_of(central)[0]])
         residual = (central.residual + slopes[:, 0]) * counts
         return Linearisation(x, replace(central, residual=residual), (), slopes[:, 1:] * counts[:, None])
@@ -137,23 +134,21 @@ class BalanceProblem(Problem):
         named = [(k, p.name.rpartition(".")[0]) for k, p in enumerate(self.vector.parameters) if not p.is_factor]
         return [k for k, label in named if is_sensing(label_effect(label))]
 
-    def _changes(self, motions: Sequence["_Motion"], held: Sequence[Sequence["_Held"]]) -> list[Floats]:
-        """Return the response and the changes by each unknown, (1 + p, F, n, n, 3) m a motion."""
+    def _changes(self, motions: Sequence["_Motion"], held: Sequence[Sequence[Instant]]) -> list[Floats]:
+        """Return the response and the changes by each unknown, (1 + p, F, n, n, 3) m a motion. held: its frames."""
         acting = np.setdiff1d(np.arange(len(self._columns)), self._sensed)
-        courses = [
-            Course(*motion.course, [one.instant for one in some]) for motion, some in zip(motions, held, strict=True)
-        ]
+        courses = [Course(*motion.course, some) for motion, some in zip(motions, held, strict=True)]
         balances = self.balances(
             [motion.case for motion in motions], courses, [self._columns[k] for k in acting.tolist()]
         )
         changes = []
         for some, balanced in zip(held, balances, strict=True):
-            of_motion = np.zeros((1 + len(self._columns), len(some), *some[0].instant.middle.shape))
+            of_motion = np.zeros((1 + len(self._columns), len(some), *some[0].middle.shape))
             for f, (one, balance) in enumerate(zip(some, balanced, strict=True)):
                 of_motion[0, f] = balance.responses[0]
                 of_motion[1 + acting, f] = balance.changes
                 # what is seen elsewhere need not be elsewhere: its own balance is no part of what is seen
-                of_motion[1 + np.array(self._sensed, dtype=int), f] = one.instant.moved[1:] - balance.responses[1:]
+                of_motion[1 + np.array(self._sensed, dtype=int), f] = one.moved[1:] - balance.responses[1:]
             changes.append(of_motion)
         return changes
 
@@ -172,10 +167,12 @@ class _Motion:
     around: Array
     course: tuple[Array, Floats]
 
-    def held(self, heights: Array, sensed: Sequence[Column]) -> list["_Held"]:
+    def held(self, heights: Array, sensed: Sequence[Column]) -> tuple[list[Instant], Array]:
         """Return the frames in balance, with the displacements to the cloth seen and by a unit of each column of
-        sensing. heights: (m, n, n) m, of the cloth that was seen over the mid-surface."""
-        held, moves = [], [move(self.case, column, column.step) for column in sensed]
+        sensing, and (F,) m that each may be off by, for what is not known of its acceleration, and for what is not
+        linear. heights: (m, n, n) m, of the cloth that was seen over the mid-surface."""
+        held, uncertain = [], []
+        moves = [move(self.case, column, column.step) for column in sensed]
         for fine, places in zip(self.around, self.frames.around, strict=True):
             middle, time = fine[len(INSTANTS) // 2], self.seen[places]
             off, offsets = heights[places][..., None] * normals(self.middle[places]), time - time[HALF]
@@ -187,8 +184,9 @@ class _Motion:
                 moved = [*map(Unstrained(middle), moved)]
             elsewhere = [self._as_seen(change, fine, self.frames.sample.times[places[HALF]]) for change in moves]
             every = [moved, *([one[len(INSTANTS) // 2], *_derivatives(INSTANTS, one, 3)] for one in elsewhere)]
-            held.append(_Held(Instant(time[HALF], *fields, *map(np.array, zip(*every, strict=True))), doubt))
-        return held
+            held.append(Instant(time[HALF], *fields, *map(np.array, zip(*every, strict=True))))
+            uncertain.append(doubt)
+        return held, np.array(uncertain)
 
     def _as_seen(self, change: Move, fine: Array, time: float) -> Array:
         """Return (5, n, n, 3) m per unit: what a move along a column of sensing changes of the motion at INSTANTS from
@@ -203,14 +201,6 @@ def _course(case: Case, until: float) -> Array:
     """Return the instants [s] of a motion that muscles remember it by; none where no effect does."""
     remembers = any(EFFECTS[term.name].pulls_by_record for term in terms_of(case))
     return np.linspace(0.0, until, min(round(until / COURSE), MOST)) if remembers else np.zeros(0)
-
-
-class _Held(NamedTuple):
-    """A frame in balance. doubt: m that its balance may be off by, for what is not known of its acceleration, and for
-    what is not linear."""
-
-    instant: Instant
-    doubt: float
 
 
 def _derivatives(offsets: Array, values: Array, order: int) -> tuple[Array, Array]:
@@ -261,11 +251,11 @@ def fit_balance(
             break
         state = there
         step, _ = step_to_minimum(state, vector)
-        promised = capped(state.misfit.residual + state.jacobian @ step)
+        promised = state.after(step).misfit.rms
         progress(f"iteration {k + 1}: {in_mm(state.misfit.rms):.3f} mm RMS", (k + 1) / (k + 3))
         x = vector.inside(state.x + step)
         longest = float(np.abs(step / vector.scale).max())
-        if longest < SLIGHT or (k >= FAR_OFF and promised > (1 - LEAST_GAIN) * state.misfit.rms):
+        if longest < UNSURE.slight or (k >= FAR_OFF and promised > (1 - UNSURE.least_share) * state.misfit.rms):
             break
     if state is None:
         return None

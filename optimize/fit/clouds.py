@@ -44,22 +44,11 @@ def evenly(count: int, most: int) -> Indices:
     return np.unique(np.linspace(count - 1, 0, min(most, count)).round().astype(np.intp))
 
 
-def sample_trial(
-    trial: Trial, data: TrialData, used: NDArray[np.bool_], density: Density, rng: np.random.Generator
-) -> Sample | None:
-    """Return frames of a trial, of those `used` (T,), with random points of each. Return None where no frame is
-    used."""
-    usable = np.flatnonzero(used[: _frames_until(data.time, density.until)])
-    if not len(usable):
-        return None
-    chosen, points = usable[evenly(len(usable), density.frames)], density.points
-    clouds = (data.frames[int(k)] for k in chosen)
-    drawn = tuple(c if len(c) <= points else c[rng.choice(len(c), points, replace=False)] for c in clouds)
-    return Sample(trial, data.time[chosen], drawn)
-
-
-def _frames_until(times: Array, until: float) -> int:
-    return max(int(np.searchsorted(times, until + 1e-6)), 1)
+def drawn(trial: Trial, data: TrialData, frames: Indices, points: int, rng: np.random.Generator) -> Sample:
+    """Return the frames (F,) of a trial, with up to so many random points of each."""
+    clouds = (data.frames[int(k)] for k in frames)
+    some = tuple(c if len(c) <= points else c[rng.choice(len(c), points, replace=False)] for c in clouds)
+    return Sample(trial, data.time[frames], some)
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,12 +33,11 @@ class FitStart:
     inputs: InputErrors | None = None
 
 
+@dataclass(eq=False)
 class Interrupted(KeyboardInterrupt):
     """Ctrl-C in a fit that has a place already. fit: makes the fit that ends there."""
 
-    def __init__(self, fit: Callable[[], Fit]) -> None:
-        super().__init__()
-        self.fit = fit
+    fit: Callable[[], Fit]
 
 
 def silent(line: str, share: float) -> None:
@@ -70,155 +69,130 @@ def fit(
     """
 
     def compute() -> Fit:
-        work = _Work(problem, start, policy)
+        descent = _Descent(problem, start, policy)
         try:
-            return work.fit(progress)
+            return descent.fit(progress)
         except KeyboardInterrupt as stop:
-            if work.reached is None:
+            if descent.reached is None:
                 raise
-            raise Interrupted(work.reached) from stop
+            raise Interrupted(descent.reached) from stop
 
     return compute() if checkpoint is None else kept(checkpoint, named, problem, start.inputs, compute)
 
 
-@dataclass(frozen=True, eq=False)
-class _Course:
-    """Where a descent stands. exact: whether the state's Jacobian was made there; complete: all of its columns."""
-
-    state: Linearisation
-    exact: bool = True
-    complete: bool = True
-    damping: float = 0.0
-    iterations: int = 0
-    ended: Ending | None = None
-
-
-@dataclass(frozen=True, eq=False)
 class _Descent:
-    """Steps on some rows. before: m RMS, at the data sheet. inputs: what errors of them do. hopeless, content: as a
-    policy's."""
+    """A fit under way. state: where it stands, on the engine that it goes by. exact: how many columns of the Jacobian
+    were made there. reached: makes the fit that ends where the last iteration began."""
 
-    problem: Problem
-    inputs: InputErrors | None
-    before: float
-    hopeless: float = np.inf
-    content: float = 0.0
+    def __init__(self, problem: Problem, start: FitStart, policy: Policy) -> None:
+        self.problem, self.start, self.policy = problem, start, policy
+        self.inputs = start.inputs
+        self.before = np.nan  # m RMS, at the data sheet
+        self.iterations, self.exact, self.damping = 0, 0, 0.0
+        self.ended: Ending | None = None
+        self.reached: Callable[[], Fit] | None = None
 
-    def concluded(self, state: Linearisation, iterations: int, ended: Ending) -> Fit:
-        """Return the fit that ends at a state."""
-        return concluded(self.problem, state, self.inputs, self.before, iterations, ended)
+    def fit(self, progress: Progress) -> Fit:
+        """Fit all rows by the first steps and, where these leave little enough, the last ones; then with the finer
+        engine if any."""
+        problem, policy, by_jacobian = self.problem, self.policy, self.start.jacobian is None
+        coarse = self.problem = problem.coarse
+        rows, finer = parts(progress, 1.0 if coarse is problem else 0.5)
+        first, second = parts(rows, 1.0 if policy.end is None else 0.5)
+        best = self._best_start()
+        self.state = begun(coarse, best, np.diag(constants.STEP * problem.vector.scale), self.start.jacobian)
+        begin = replace(policy.begin, exact_end=policy.begin.exact_end and by_jacobian)
+        self._descend(begin, "", first, len(self.state.x) if by_jacobian else 0)
+        if policy.end is not None:
+            wrong = self.state.misfit.rms > constants.WRONG * problem.expected
+            end = replace(policy.begin, exact_end=policy.end.exact_end) if wrong else policy.end
+            self._descend(end, "", second)
+        if coarse is not problem:  # grids differ by less than a model does: one step is usual
+            self.problem, jacobian = problem, self.state.jacobian
+            evaluation, sheet = problem.evaluate([self.state.x, np.zeros(len(self.state.x))])
+            self.before, self.state = sheet.misfit.rms, problem.with_jacobian(evaluation, jacobian)
+            last = policy.finer or policy.end or policy.begin
+            self._descend(replace(last, exact_end=False), "finer grid, ", finer)
+        return self._concluded(self.ended or "iterations")()
 
-    def after(self, course: _Course, stage: FitStage) -> _Course:
-        """Return where one iteration leads.
+    def _best_start(self) -> Evaluation:
+        """Return the best of the starts, of which the data sheet may be the only one, and ask what errors of the inputs
+        do there."""
+        starts = np.atleast_2d(self.problem.vector.start if self.start.x is None else self.start.x)
+        evaluations = self.problem.evaluate([*starts, *(np.zeros((1, starts.shape[1])) if starts.any() else [])])
+        best = min(evaluations[:-1] or evaluations, key=lambda one: one.misfit.rms)
+        if self.inputs is None:
+            self.inputs = self.problem.input_errors(best)
+        self.before = evaluations[-1].misfit.rms
+        return best
+
+    def _descend(self, stage: FitStage, line: str, progress: Progress, exact: int = 0) -> None:
+        """Go on to where a stage ends."""
+        self.exact, self.damping = exact, 0.0
+        for k in range(1, constants.ITERATIONS + 1):
+            progress(f"{line}iteration {k}: {in_mm(self.state.misfit.rms):.3f} mm RMS", k / (k + 2))
+            self.reached = self._concluded("interrupted")
+            self.ended = self._iterate(stage)
+            self.iterations += 1
+            if self.ended is not None:
+                break
+
+    def _concluded(self, ended: Ending) -> Callable[[], Fit]:
+        """Return what makes the fit that ends where this one stands."""
+        return partial(concluded, self.problem, self.state, self.inputs, self.before, self.iterations, ended)
+
+    def _iterate(self, stage: FitStage) -> Ending | None:
+        """Go where one iteration leads. Return why the stage ends there, None where it goes on.
 
         Between two Jacobians by differences stands Broyden's update (1965), which costs no motions of its own, while
         steps gain most of what they promise. Columns of effects that the data do not need where the fit stands are as
         old as the first Jacobian, unless a step gains nothing.
         """
-        state, vector, exact = course.state, self.problem.vector, course.exact
-        course = replace(course, iterations=course.iterations + 1)
-        step, normal = step_to_minimum(state, vector, self.inputs, damping=course.damping, far=stage.far)
-        linear = _promised(state, step)
-        promised = -loss(state, linear, normal, vector, self.inputs)
-        longest = float(np.abs(step / vector.scale).max())
-        if longest < LARGEST * (1 - 1e-9) and linear.misfit.rms > self.hopeless:
-            return replace(course, ended="hopeless")
-        there, gain = self._best(state, step, normal, promised)
-        enough = stage.enough(len(vector.parameters), float(normal.frames.sum()))
-        enough *= max(1.0, state.misfit.rms / self.problem.expected) ** 2
+        state, problem, exact = self.state, self.problem, self.exact > 0
+        step, normal = step_to_minimum(state, problem.vector, self.inputs, damping=self.damping, far=stage.far)
+        linear = state.after(step)
+        promised = -self._loss(linear, normal)
+        longest = float(np.abs(step / problem.vector.scale).max())
+        if longest < LARGEST * (1 - 1e-9) and linear.misfit.rms > self.policy.hopeless:
+            return "hopeless"
+        there, gain = self._best_length(step, normal, promised)
+        enough = max(stage.least, stage.least_each * len(step), stage.least_share * float(normal.frames.sum()))
+        enough *= max(1.0, state.misfit.rms / problem.expected) ** 2
         small = promised < enough or longest < stage.slight or (exact and 0 < gain < enough)
-        if gain > 0:
-            course = replace(course, damping=course.damping / 10)
-            if small and (exact or not stage.exact_end):
-                ended = self.problem.with_jacobian(there, state.jacobian)
-                return replace(course, state=ended, ended="converged")
-            if not small and gain > constants.PROMISED * promised:
-                updated = self.problem.with_jacobian(there, updated_jacobian(self.problem, state, there))
-                return replace(course, state=updated, exact=False)
-            if there.misfit.rms <= self.content:
-                return replace(course, state=self.problem.with_jacobian(there, state.jacobian), ended="converged")
-            return self._linearised(course, there, _needed_columns(vector, state.x, step, normal), normal)
-        if state.misfit.rms <= self.content or (small and exact):
-            return replace(course, ended="converged")
-        if exact and course.complete:
-            return replace(course, damping=max(10 * course.damping, constants.DAMPING))
-        # what gains nothing with some columns made anew may with all
-        every = np.arange(len(step)) if exact else _needed_columns(vector, state.x, step, normal)
-        return self._linearised(course, state, every, normal)
+        stuck = not gain > 0  # NaN, too
+        there = state if stuck else there
+        self.damping /= 1 if stuck else 10
+        if not (stuck or small) and gain > constants.PROMISED * promised:
+            updated = updated_jacobian(problem, state, there)
+            self.state, self.exact = problem.with_jacobian(there, updated), 0
+        elif (small and (exact or not (stuck or stage.exact_end))) or there.misfit.rms <= self.policy.content:
+            self.state = problem.with_jacobian(there, state.jacobian)
+            return "converged"
+        elif stuck and self.exact == len(step):
+            self.damping = max(10 * self.damping, constants.DAMPING)
+        else:  # what gains nothing with some columns made anew may with all
+            needed_alone = not (stuck and exact)
+            fresh = _needed_columns(problem.vector, state.x, step, normal) if needed_alone else np.arange(len(step))
+            along = directions(normal, problem.vector)
+            self.state, self.exact = problem.linearise(there, along, state.jacobian, fresh), len(fresh)
+        return None
 
-    def _best(self, state: Linearisation, step: Array, normal: Normal, promised: float) -> tuple[Evaluation, float]:
+    def _best_length(self, step: Array, normal: Normal, promised: float) -> tuple[Evaluation, float]:
         """Return where the best length of a step leads, and what it gains. The whole and half of it are tried at once,
         since few motions cost as much as twice as many; others where that is far from the promise."""
-        vector = self.problem.vector
+        x, vector = self.state.x, self.problem.vector
 
         def among(lengths: Sequence[float]) -> list[tuple[Evaluation, float]]:
-            there = self.problem.evaluate([vector.inside(state.x + length * step) for length in lengths])
-            return [(other, -loss(state, other, normal, vector, self.inputs)) for other in there]
+            there = self.problem.evaluate([vector.inside(x + length * step) for length in lengths])
+            return [(other, -self._loss(other, normal)) for other in there]
 
         tried = among(constants.LENGTHS)
         if not constants.GOOD * promised < max(gain for _, gain in tried) < promised / constants.GOOD:
             tried += among(constants.OTHER_LENGTHS)
         return max(tried, key=lambda one: one[1])
 
-    def _linearised(self, course: _Course, there: Evaluation, fresh: Indices, normal: Normal) -> _Course:
-        """Return the course with the columns `fresh` made anew at a place."""
-        along = directions(normal, self.problem.vector)
-        state = self.problem.linearise(there, along, course.state.jacobian, fresh)
-        return replace(course, state=state, exact=True, complete=len(fresh) == len(along))
-
-
-class _Work:
-    """A fit under way, and what makes the fit that ends where it stands."""
-
-    def __init__(self, problem: Problem, start: FitStart, policy: Policy) -> None:
-        self.problem, self.start, self.policy = problem, start, policy
-        self.iterations = 0
-        self.reached: Callable[[], Fit] | None = None
-
-    def fit(self, progress: Progress) -> Fit:
-        """Fit all rows, then with the finer engine if any."""
-        problem, coarse = self.problem, self.problem.coarse
-        rows, finer = parts(progress, 1.0 if coarse is problem else 0.5)
-        descent, evaluation = self._begun(coarse)
-        state = begun(coarse, evaluation, np.diag(constants.STEP * problem.vector.scale), self.start.jacobian)
-        course = self._all_rows(descent, state, rows)
-        if coarse is not problem:  # grids differ by less than a model does: one step is usual
-            evaluation, sheet = problem.evaluate([course.state.x, np.zeros(len(course.state.x))])
-            descent = _Descent(problem, descent.inputs, sheet.misfit.rms)
-            state = problem.with_jacobian(evaluation, course.state.jacobian)
-            course = self._descend(descent, _Course(state, exact=False), self.policy.finer, "finer grid, ", finer)
-        return descent.concluded(course.state, self.iterations, course.ended or "iterations")
-
-    def _begun(self, problem: Problem) -> tuple[_Descent, Evaluation]:
-        """Return a descent, and the best of the starts, of which the data sheet may be the only one."""
-        starts = np.atleast_2d(problem.vector.start if self.start.x is None else self.start.x)
-        evaluations = problem.evaluate([*starts, *(np.zeros((1, starts.shape[1])) if starts.any() else [])])
-        best = min(evaluations[:-1] or evaluations, key=lambda one: one.misfit.rms)
-        inputs = problem.input_errors(best) if self.start.inputs is None else self.start.inputs
-        return _Descent(problem, inputs, evaluations[-1].misfit.rms, self.policy.hopeless, self.policy.content), best
-
-    def _all_rows(self, descent: _Descent, state: Linearisation, progress: Progress) -> _Course:
-        """Return where the first steps and, where these leave little enough, the last ones lead."""
-        begin, end, exact = self.policy.begin, self.policy.end, self.start.jacobian is None
-        if end is None:
-            stage = replace(begin, exact_end=begin.exact_end and exact)
-            return self._descend(descent, _Course(state, exact), stage, "", progress)
-        first, second = parts(progress, 0.5)
-        state = self._descend(descent, _Course(state, exact), begin, "", first).state
-        if state.misfit.rms > constants.WRONG * self.problem.expected:
-            end = replace(begin, exact_end=end.exact_end)
-        return self._descend(descent, _Course(state, exact=False), end, "", second)
-
-    def _descend(self, descent: _Descent, course: _Course, stage: FitStage, line: str, progress: Progress) -> _Course:
-        """Return where a stage ends."""
-        course, before = replace(course, complete=course.exact), self.iterations
-        while course.ended is None and course.iterations < constants.ITERATIONS:
-            k, state = course.iterations + 1, course.state
-            progress(f"{line}iteration {k}: {in_mm(state.misfit.rms):.3f} mm RMS", k / (k + 2))
-            self.reached = partial(descent.concluded, state, before + k - 1, "interrupted")
-            course = descent.after(course, stage)
-        self.iterations = before + course.iterations
-        return course
+    def _loss(self, other: Evaluation, normal: Normal) -> float:
+        return loss(self.state, other, normal, self.problem.vector, self.inputs)
 
 
 def begun(problem: Problem, evaluation: Evaluation, along: Array, jacobian: Array | None) -> Linearisation:
@@ -247,12 +221,6 @@ def _needed_columns(vector: FitVector, x: Array, step: Array, normal: Normal) ->
     kept = {label for place in (x, x + step) for label in needed(place, covariance, vector, constants.LITTLE)}
     dropped = vector.parts(label for label in vector.labels if label not in kept)
     return np.setdiff1d(np.arange(len(x)), dropped)
-
-
-def _promised(state: Linearisation, step: Array) -> Evaluation:
-    """Return what a step would lead to if the residuals were linear."""
-    misfit = replace(state.misfit, residual=state.misfit.residual + state.jacobian @ step)
-    return Evaluation(state.x + step, misfit, state.sheets)
 
 
 def updated_jacobian(problem: Problem, state: Linearisation, other: Evaluation) -> Array:

@@ -10,6 +10,7 @@ from scipy.sparse.linalg import splu
 from fabdesign.geometry.shape import normals
 from fabdesign.nouns.array import Array, Indices
 from optimize.fit.clouds import Match, places_on_cloth
+from optimize.fit.misfit import deviation_by_median
 
 WAVES = 6  # cosines along each side of the cloth: what muscles and buckles do to it
 _LARGE, _NOISE = 3e-3, 6e-4  # m, of a wave and of a point, so that no wave is made of noise where points are missing
@@ -44,7 +45,7 @@ def _fitted(table: Array, height: Array) -> Array:
         weighted = table * weight[:, None]
         share = np.asarray(np.linalg.solve(weighted.T @ table + ridge, weighted.T @ height), dtype=np.float64)
         remaining = np.abs(height - table @ share)
-        usual = max(1.4826 * float(np.median(remaining)), 0.5 * _NOISE)
+        usual = max(deviation_by_median(remaining), 0.5 * _NOISE)
         weight = 1 / np.maximum(remaining / (_FAR * usual), 1.0)
     return share
 

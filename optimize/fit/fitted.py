@@ -57,7 +57,7 @@ class Fit:
 
     def promised(self, there: Array) -> float:
         """Return the RMS of residuals capped at 10 mm, m, to first order, where its unknowns are `there` (p,)."""
-        return capped(self.state.misfit.residual + self.state.jacobian @ (there - self.x))
+        return self.state.after(there - self.x).misfit.rms
 
 
 def concluded(

@@ -88,11 +88,10 @@ def directions(normal: Normal, vector: FitVector = DECLARED) -> Array:
     rows = np.zeros((len(prior), len(prior)))
     factors = vector.are_factors
     for group in (np.flatnonzero(factors), *np.flatnonzero(~factors)[:, None]):
-        if len(group):
-            block = np.ix_(group, group)
-            squares, vectors = np.linalg.eigh(normal.sensitivity[block] * np.outer(prior[group], prior[group]))
-            length = np.clip(_CHANGE / np.sqrt(np.maximum(squares, 1e-30)), _SHORTEST, _LONGEST)
-            rows[block] = (vectors * length * prior[group, None]).T
+        block = np.ix_(group, group)
+        squares, vectors = np.linalg.eigh(normal.sensitivity[block] * np.outer(prior[group], prior[group]))
+        length = np.clip(_CHANGE / np.sqrt(np.maximum(squares, 1e-30)), _SHORTEST, _LONGEST)
+        rows[block] = (vectors * length * prior[group, None]).T
     return rows
 
 
@@ -107,26 +106,24 @@ def normal_equations(
     far: times the usual median residual over which a frame counts less.
     """
     misfit, jacobian, weight = state.misfit, state.jacobian, vector.precision
-    sound = np.isfinite(misfit.residual) & np.isfinite(jacobian).all(axis=1)
-    if inputs is not None:
-        sound &= np.isfinite(inputs.columns).all(axis=1) & np.isfinite(inputs.bent)
+    inputs = inputs or _exact(len(jacobian))
+    known = misfit.residual, jacobian, inputs.columns, inputs.bent
+    sound = np.all([np.isfinite(np.atleast_2d(part.T)).all(axis=0) for part in known], axis=0)
     if not sound.any():
         raise SimulationError("every motion of the trials to fit diverged")
-    r, j = misfit.residual[sound], jacobian[sound]
+    r, j, u, bent = (part[sound] for part in known)
     _, cluster = np.unique(misfit.block[sound], return_inverse=True)
-    residual, sharp = r + j @ step, np.ones(len(r))
+    residual = r + j @ step
     scale = misfit.loss.scale(residual)
-    if inputs is not None:
-        u, bent = inputs.columns[sound], inputs.bent[sound]
-        sharp = 1 / (1 + np.square(BENT * bent / scale))
-        residual, _ = _cleaned(residual, u, sharp, cluster, scale, misfit.loss)
-        scale = misfit.loss.scale(residual[sharp > 0.5]) if (sharp > 0.5).any() else scale
-        sharp = 1 / (1 + np.square(BENT * bent / scale))
+    sharp = 1 / (1 + np.square(BENT * bent / scale))
+    residual, _ = _cleaned(residual, u, sharp, cluster, scale, misfit.loss)
+    scale = misfit.loss.scale(residual[sharp > 0.5]) if (sharp > 0.5).any() else scale
+    sharp = 1 / (1 + np.square(BENT * bent / scale))
     frames = sharp * _frame_weights(misfit, sound, residual * np.sqrt(sharp), max(far, misfit.loss.far))
     most = MODES * (cluster.max() + 1) / max(float(frames.sum()), 1e-12)
     frames = frames * min(1.0, most)  # before errors of the inputs take their part, which bounds what is left by itself
     w = frames * misfit.loss.share(residual * np.sqrt(sharp), scale) / scale**2
-    white = j if inputs is None else j - _explained(j, u, w, cluster)[0]
+    white = j - _explained(j, u, w, cluster)[0]
     scores = np.zeros((cluster.max() + 1, len(weight)))
     np.add.at(scores, cluster, white * (w * (r + j @ step))[:, None])
     hessian = (white * w[:, None]).T @ j
@@ -144,14 +141,19 @@ def normal_equations(
         scale=scale,
         sensitivity=(j * frames[:, None]).T @ j / frames.sum(),
         frames=_everywhere(frames, sound),
-        counts=_everywhere(sharp * _share(j, white, w, cluster, vector.prior), sound),
+        counts=_everywhere(sharp * _share(j, white, w, cluster, vector.prior) if u.size else sharp, sound),
         weights=_everywhere(w, sound),
     )
 
 
+def _exact(count: int) -> InputErrors:
+    """Return the errors of inputs that have none, on so many rows."""
+    return InputErrors(np.zeros((count, 0)), np.zeros(count))
+
+
 def _everywhere(values: Array, sound: NDArray[np.bool_]) -> Array:
-    """Return the values of sound points, and zero for others, (N, ...)."""
-    out = np.zeros((len(sound), *values.shape[1:]))
+    """Return the values (n,) of sound points, and zero for others, (N,)."""
+    out = np.zeros(len(sound))
     out[sound] = values
     return out
 
@@ -159,8 +161,8 @@ def _everywhere(values: Array, sound: NDArray[np.bool_]) -> Array:
 def _explained(table: Array, u: Array, w: Array, cluster: Indices) -> tuple[Array, Array]:
     """Return what errors of the inputs (N, k) explain of the columns of `table` (N, p) in each cluster, (N, p), and
     (p,) the sums of these errors' squares, in standard deviations."""
-    out, paid = np.empty_like(table), np.zeros(table.shape[1])
-    for rows in groups_of(cluster):
+    out, paid = np.zeros_like(table), np.zeros(table.shape[1])
+    for rows in groups_of(cluster) if u.size else ():  # exact inputs explain nothing
         inputs, weighted = u[rows], u[rows] * w[rows, None]
         errors = np.linalg.solve(np.eye(inputs.shape[1]) + weighted.T @ inputs, weighted.T @ table[rows])
         out[rows] = inputs @ errors
@@ -192,8 +194,6 @@ def _cleaned(
 def _share(j: Array, white: Array, w: Array, cluster: Indices, prior: Array) -> Array:
     """Return the share of each cluster's information, prior deviations alike, that errors of the inputs leave, (N,)."""
     out = np.ones(len(j))
-    if white is j:
-        return out
     raw, kept = ((a * j * prior**2).sum(axis=1) * w for a in (j, white))
     for rows in groups_of(cluster):
         out[rows] = np.clip(kept[rows].sum() / max(raw[rows].sum(), 1e-30), 0.0, 1.0)
@@ -217,20 +217,15 @@ def loss(
     if both.sum() < 0.9 * there.sum():
         return float("inf")
     _, cluster = np.unique(old.misfit.block[both], return_inverse=True)
-    size = [_size(e.misfit, normal, both, cluster, inputs) for e in (new, old)]
+    frames, scale, u = normal.frames[both], normal.scale, (inputs or _exact(len(both))).columns[both]
+
+    def size(misfit: Misfit) -> float:
+        """Return the -log likelihood with the errors of the inputs that make it least."""
+        residual, paid = _cleaned(misfit.residual[both], u, frames, cluster, scale, misfit.loss)
+        return float((frames * misfit.loss.of(residual / scale)).sum()) + 0.5 * paid
+
     prior = 0.5 * float(new.x @ vector.precision @ new.x - old.x @ vector.precision @ old.x)
-    return normal.tempering * (size[0] - size[1]) + prior
-
-
-def _size(
-    misfit: Misfit, normal: Normal, rows: NDArray[np.bool_], cluster: Indices, inputs: InputErrors | None
-) -> float:
-    """Return the -log likelihood with the errors of the inputs that make it least."""
-    residual, counted, scale, frames = misfit.residual[rows], misfit.loss, normal.scale, normal.frames[rows]
-    paid = 0.0
-    if inputs is not None:
-        residual, paid = _cleaned(residual, inputs.columns[rows], frames, cluster, scale, counted)
-    return float((frames * counted.of(residual / scale)).sum()) + 0.5 * paid
+    return normal.tempering * (size(new.misfit) - size(old.misfit)) + prior
 
 
 def _frame_weights(misfit: Misfit, sound: NDArray[np.bool_], residual: Array, most: float) -> Array:

@@ -28,21 +28,17 @@ class FitStage:
     far: float = FAR  # times the usual residual, over which a frame counts less
     exact_end: bool = True  # whether the last step goes by a Jacobian that was made where it begins
 
-    def enough(self, unknowns: int, observations: float) -> float:
-        """Return the log likelihood of which a step that promises less is the last."""
-        return max(self.least, self.least_each * unknowns, self.least_share * observations)
-
 
 @dataclass(frozen=True)
 class Policy:
     """How a fit goes on and ends. name: for people. begin: the first steps on all rows. end: those after them; None:
-    another fit goes on. finer: the last ones, of a problem with a finer engine. hopeless: m RMS: where the
-    minimum of the linearised residuals leaves more, the fit ends. content: m RMS: where steps that gain
+    another fit goes on. finer: the last ones, of a problem with a finer engine; None: such as those before. hopeless: m
+    RMS: where the minimum of the linearised residuals leaves more, the fit ends. content: m RMS: where steps that gain
     too little leave no more, no Jacobian is made anew."""
 
     name: str
     begin: FitStage
-    finer: FitStage
+    finer: FitStage | None = None
     end: FitStage | None = None
     hopeless: float = np.inf
     content: float = 0.0
@@ -50,18 +46,10 @@ class Policy:
 
 # What a model has not got yet may show in a few frames alone, so none counts less for being far off. A step under 3 %,
 # or one that promises under 2 % of what is left, is mended by the fit that goes on.
-_ROUGH_STAGE = FitStage(slight=0.03, least=3.0, least_share=0.02, far=np.inf)
-UNSURE = replace(_ROUGH_STAGE, exact_end=False)
-# Values are told to 1 %; 0.007 of log likelihood is a tenth of a standard deviation.
-_PRECISE = FitStage(slight=0.01, least_each=0.007)
+UNSURE = FitStage(slight=0.03, least=3.0, least_share=0.02, far=np.inf, exact_end=False)
 CLOSE = FitStage(slight=0.01, least_each=0.1)  # of log likelihood: under half a standard deviation
 
-
-def to_the_end(name: str, end: FitStage) -> Policy:
-    """Return the policy of near steps and then those of a stage, with the last word on the finer engine."""
-    return Policy(name, UNSURE, replace(end, exact_end=False), end)
-
-
-ROUGH = Policy("rough", _ROUGH_STAGE, UNSURE)
-END = to_the_end("to its end", _PRECISE)
-DECLARED_ALONE = to_the_end("declared parameters", CLOSE)
+ROUGH = Policy("rough", replace(UNSURE, exact_end=True))
+DECLARED_ALONE = Policy("declared parameters", UNSURE, end=CLOSE)
+# Values are told to 1 %; 0.007 of log likelihood is a tenth of a standard deviation.
+END = Policy("to its end", UNSURE, end=replace(CLOSE, least_each=0.007))

@@ -1,6 +1,6 @@
 """Problems of a fit: the residuals of a forward model at some unknowns, and how they change with each unknown."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isqrt
@@ -11,12 +11,11 @@ from fabdesign.geometry.shape import Sheet, sheets_of
 from fabdesign.nouns.array import Array, Indices
 from fabdesign.nouns.forward import Case, ForwardModel, Term
 from fabdesign.nouns.trial import Accuracy, Trial
-from optimize.fit.clouds import Match, Motion, Sample, derivatives, match, nodes_of
+from optimize.fit.clouds import Match, Sample, derivatives, match, nodes_of
 from optimize.fit.misfit import ROWS, Misfit, frames_of
 from optimize.fit.parameters import DECLARED, FitVector
 
 _AT_ONCE = 192  # motions in memory
-_PATTERNS = 2  # of signs, of all inputs together, whose two sides say what is not proportional
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +42,11 @@ class Linearisation(Evaluation):
     """An evaluation with the residuals' Jacobian (N, p) m."""
 
     jacobian: Array
+
+    def after(self, step: Array) -> Evaluation:
+        """Return what a step (p,) leads to where the residuals are linear."""
+        misfit = replace(self.misfit, residual=self.misfit.residual + self.jacobian @ step)
+        return Evaluation(self.x + step, misfit, self.sheets)
 
 
 class Problem:
@@ -156,27 +160,42 @@ class FitProblem(Problem):
         return self.differences(evaluation, others)
 
     def differences(self, evaluation: Evaluation, others: Sequence[Sequence[Case]]) -> Array:
-        """Return the change of each residual, (N, k) m, from the evaluation's motions to k times a case a sample."""
-        parts = [columns(evaluation, moved) for moved in self.displacements(evaluation, others)]
+        """Return the change of each residual, (N, k) m, from the evaluation's motions to k times a case a sample, by
+        how the mid-surface moves."""
+        base, match = evaluation.sheets, evaluation.misfit
+        assert isinstance(match, Match)
+        face = isqrt(base[0].points.shape[1] // 2)
+        if self.slopes != self.forward:
+            cases = [self.vector.case(s.trial, evaluation.x) for s in self.samples]
+            base = sheets_of(self.slopes)(cases, self._times)
+        nodes, parts = nodes_of(match, base[0].middle.shape[1], face), []
+        at_once = max(1, _AT_ONCE // len(self.samples))
+        for first in range(0, len(others), at_once):
+            some = others[first : first + at_once]
+            moved = sheets_of(self.slopes)([case for row in some for case in row], len(some) * self._times)
+            changes = [
+                np.stack([moved[k * len(base) + s].middle - sheet.middle for k in range(len(some))])
+                for s, sheet in enumerate(base)
+            ]
+            parts.append(derivatives(match, nodes, changes))
         return np.concatenate(parts, axis=1)
 
     def input_errors(self, evaluation: Evaluation) -> InputErrors | None:
-        """Return them by a motion for each channel and each axis of the tilt, and two sides of two patterns."""
+        """Return them by a motion for each channel and each axis of the tilt, and two sides of two patterns of signs of
+        all inputs together, which say what is not proportional."""
         if self.accuracy is None:
             return None
-        channels = max(s.trial.program.pressure.shape[1] for s in self.samples)
-        single = [*np.eye(channels + 2)]
-        rng = np.random.default_rng(0)
-        patterns = [rng.choice([-1.0, 1.0], channels + 2) for _ in range(_PATTERNS)]
-        rows = [*single, *(sign * pattern for pattern in patterns for sign in (1.0, -1.0))]
+        count = max(s.trial.program.pressure.shape[1] for s in self.samples) + 2
+        one, other = np.random.default_rng(0).choice([-1.0, 1.0], (2, count))
+        rows = np.concatenate([np.eye(count), [one, -one, other, -other]])
         changed = self.differences(
             evaluation, [[self._off(s.trial, evaluation.x, row) for s in self.samples] for row in rows]
         )
-        ends = changed[:, channels + 2 :].reshape(len(changed), _PATTERNS, 2)
+        ends = changed[:, count:].reshape(len(changed), 2, 2)
         bent = np.sqrt(np.square(0.5 * ends.sum(axis=2)).mean(axis=1))
         frame, groups = frames_of(evaluation.misfit)
         by_frame = np.array([np.sqrt(np.square(bent[points]).mean()) for points in groups])
-        return InputErrors(changed[:, : channels + 2], by_frame[frame])
+        return InputErrors(changed[:, :count], by_frame[frame])
 
     def _off(self, trial: Trial, x: Array, deviations: Array) -> Case:
         """Return a case off by deviations (channels + 2,), in standard ones: of pressures, then tilt about x and z."""
@@ -191,23 +210,6 @@ class FitProblem(Problem):
         level = Term("frame_tilt", {"about_x": about_x, "about_z": about_z})
         return replace(case, program=program, effects=(*case.effects, level))
 
-    def displacements(self, evaluation: Evaluation, others: Sequence[Sequence[Case]]) -> Iterator[list[Motion]]:
-        """Yield some of the k after others: (some, F, n, n, 3) m a sample, how the mid-surface moves from the motions
-        of the evaluation to those of k times a case a sample."""
-        if self.slopes == self.forward:
-            base = evaluation.sheets
-        else:
-            cases = [self.vector.case(s.trial, evaluation.x) for s in self.samples]
-            base = sheets_of(self.slopes)(cases, self._times)
-        at_once = max(1, _AT_ONCE // len(self.samples))
-        for first in range(0, len(others), at_once):
-            some = others[first : first + at_once]
-            moved = sheets_of(self.slopes)([case for row in some for case in row], len(some) * self._times)
-            yield [
-                np.stack([moved[k * len(base) + s].middle - sheet.middle for k in range(len(some))])
-                for s, sheet in enumerate(base)
-            ]
-
     @property
     def _times(self) -> list[Array]:
         """Return the times of each sample, s."""
@@ -219,10 +221,3 @@ def widened(jacobian: Array, at: Indices | Sequence[int], count: int) -> Array:
     wide = np.full((len(jacobian), count), np.nan)
     wide[:, at] = jacobian
     return wide
-
-
-def columns(evaluation: Evaluation, changes: Sequence[Motion]) -> Array:
-    """Return the change of each residual, (N, k) m, by changes (k, F, n, n, 3) m of the mid-surface, one a sample."""
-    assert isinstance(evaluation.misfit, Match)
-    face = isqrt(evaluation.sheets[0].points.shape[1] // 2)
-    return derivatives(evaluation.misfit, nodes_of(evaluation.misfit, changes[0].shape[2], face), changes)

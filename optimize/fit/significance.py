@@ -1,6 +1,6 @@
 """Which effects a fit needs, to first order, by the joint normal distribution of its unknowns."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -23,34 +23,23 @@ def eliminated(
     """Return the parts that cost at least `least` each to drop, one after another, the cheapest first, and (p,) where
     all unknowns are then, those dropped at zero."""
     remaining = {**parts}
-    for name, price, without in cheapest_first(x, covariance, parts):
-        if price >= least:
-            break
-        del remaining[name]
-        x = without
-    return remaining, x
-
-
-def cheapest_first(x: Array, covariance: Array, parts: Mapping[str, Indices]) -> Iterator[tuple[str, float, Array]]:
-    """Yield all parts, one after another, each the one that costs least to drop beside those before it: its name, its
-    cost, and (p,) where all unknowns are without it."""
-    remaining = {**parts}
     while remaining:
         costs = {name: cost(x, covariance, part) for name, part in remaining.items()}
-        name = min(costs, key=lambda name: costs[name])
-        x, covariance = conditioned(x, covariance, remaining.pop(name))
-        yield name, costs[name], x
+        cheapest = min(costs, key=lambda name: costs[name])
+        if costs[cheapest] >= least:
+            break
+        x, covariance = conditioned(x, covariance, remaining.pop(cheapest))
+    return remaining, x
 
 
 def cost(x: Array, covariance: Array, part: Indices) -> float:
     """Return what it costs to switch unknowns off, of log likelihood."""
-    block = covariance[np.ix_(part, part)]
-    return float(0.5 * x[part] @ np.linalg.pinv(block, rcond=1e-9, hermitian=True) @ x[part])
+    return float(0.5 * x[part] @ _inverse(covariance, part) @ x[part])
 
 
 def conditioned(x: Array, covariance: Array, part: Indices) -> tuple[Array, Array]:
     """Return mean and covariance where the unknowns `part` are zero."""
-    gain = covariance[:, part] @ np.linalg.pinv(covariance[np.ix_(part, part)], rcond=1e-9, hermitian=True)
+    gain = covariance[:, part] @ _inverse(covariance, part)
     x = x - gain @ x[part]
     covariance = covariance - gain @ covariance[part]
     x[part] = 0.0
@@ -77,7 +66,7 @@ def alike(sensitivity: Array, vector: FitVector, label: str, others: Iterable[st
     what factors can take. sensitivity: (p, p) as `Normal` has it."""
     s = sensitivity
     factors = np.flatnonzero(vector.are_factors)
-    remaining = s - s[:, factors] @ np.linalg.pinv(s[np.ix_(factors, factors)], rcond=1e-9, hermitian=True) @ s[factors]
+    remaining = s - s[:, factors] @ _inverse(s, factors) @ s[factors]
     return [
         other
         for other in others
@@ -88,5 +77,9 @@ def alike(sensitivity: Array, vector: FitVector, label: str, others: Iterable[st
 def does(products: Array, columns: Indices, change: Array, size: float) -> bool:
     """Return whether unknowns `columns` can do what a change does whose products with all unknowns are `change` (p,),
     and with itself `size`. products: (p, p), products of the unknowns."""
-    inverse = np.linalg.pinv(products[np.ix_(columns, columns)], rcond=1e-9, hermitian=True)
-    return bool(change[columns] @ inverse @ change[columns] > ALIKE**2 * size > 0)
+    return bool(change[columns] @ _inverse(products, columns) @ change[columns] > ALIKE**2 * size > 0)
+
+
+def _inverse(matrix: Array, part: Indices) -> Array:
+    """Return the pseudo-inverse of a symmetric matrix's rows and columns `part`."""
+    return np.asarray(np.linalg.pinv(matrix[np.ix_(part, part)], rcond=1e-9, hermitian=True))

@@ -16,7 +16,7 @@ from optimize.fit.clouds import Density, evenly
 from optimize.fit.descent import FitStart, Interrupted, Progress, silent
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import DECLARED, FitVector
-from optimize.fit.policy import CLOSE, DECLARED_ALONE, ROUGH, Policy
+from optimize.fit.policy import CLOSE, DECLARED_ALONE, ROUGH, UNSURE, Policy
 from studies.calibration.result import Calibration, ambiguities
 from studies.calibration.trial_checks import implausible
 from studies.fitting.fits import Fits, fit_in_balance, starts_of
@@ -30,7 +30,7 @@ from studies.measured.used_frames import find_used_frames
 MOST_TRIALS = 48  # with effects, whose last fit takes 10 CPU s a trial; never more than half of those allowed over 32
 DRAWN = Density(until=1.5, frames=30, points=300)
 # last steps of many unknowns gain less than the noise of their differences promises, at minutes each
-_MANY_UNKNOWNS = replace(ROUGH, finer=replace(ROUGH.finer, least=0.0, least_share=0.0, least_each=CLOSE.least_each))
+_MANY_UNKNOWNS = replace(ROUGH, finer=replace(CLOSE, slight=UNSURE.slight, far=UNSURE.far))
 _IN_BALANCE = 0.3  # of the work, where factors alone are fitted
 _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
 
@@ -85,7 +85,8 @@ def calibrate_sets(
         tolerance = Tolerance(options.skip_bad, [*skipped])
         for line in lines.values():
             tolerance.note(InputError(line))
-        data, skipped = data.without(lines), tuple(tolerance.skipped)
+        data = data.only([k for k in range(len(data.trials)) if k not in lines])
+        skipped = tuple(tolerance.skipped)
         if not data.samples:
             raise InputError(f"{', '.join(s.name for s in sets)}: no trial to fit is left; the first: {skipped[0]}")
         fitted = _fit(data, fits, vector, options)
@@ -94,14 +95,9 @@ def calibrate_sets(
     why = [*interval_warnings(fitted.after, fitted.outlying, data.noise), *far_factors(fitted)]
     if fitted.interrupted:
         why.append(f"interrupted after {fitted.iterations} iterations, before the best values were reached")
-    model, spread_in_words = (
-        fitted_model(
-            fitted, covariance, trials=data.trials, points_per_side=options.points_per_side,
-            provenance=data.provenance(),
-        ),
-        None,
-    )  # fmt: skip
-    model = doubted(model) if why else model
+    grid, provenance = options.points_per_side, data.provenance()
+    model = fitted_model(fitted, covariance, trials=data.trials, points_per_side=grid, provenance=provenance)
+    model, spread_in_words = doubted(model) if why else model, None
     if options.intervals and not fitted.interrupted:
         model, spread_in_words = _with_spread(model, sets, data, forward, options.coarse, progress)
     correlation = covariance / np.outer(deviation, deviation)
@@ -189,10 +185,8 @@ def _fit(data: MeasuredData, fits: Fits, vector: FitVector, options: Calibration
         if plain is None:
             assert reached is not None
             return reached
-        points = sum(len(cloud) for sample in data.samples for cloud in sample.clouds)  # few trials have fewer
-        if reached is None or len(reached.state.misfit.residual) < points:
-            return replace(plain, ended="interrupted")
-        if reached.after >= _remaining(data, fits, plain, plain.x, plain.after):
+        of_all = reached is not None and len(reached.by_trial) == len(data.trials)
+        if reached is None or not of_all or reached.after >= _remaining(data, fits, plain, plain.x, plain.after):
             return replace(plain, ended="interrupted")
         fitted = reached
     before = _remaining(data, fits, plain, plain.vector.start, plain.before)

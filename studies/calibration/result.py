@@ -118,7 +118,6 @@ def _interval(parameter: Parameter) -> str:
 
 _LITTLE = 0.8  # of the prior's standard deviation left: the data say little
 _ALIKE = 0.9  # correlation from which two factors are named as a pair
-_WEAK = 1.0  # information in units of the prior's, under which a direction is the data sheet's
 _SHARE = 0.35  # of the largest component, for a factor to be named in a combination
 
 
@@ -146,7 +145,7 @@ def ambiguities(fit: Fit, covariance: np.ndarray) -> tuple[str, ...]:
     for value, vector in zip(values, vectors.T, strict=True):
         direction = vector * prior
         named = np.flatnonzero(np.abs(direction) > _SHARE * np.abs(direction).max())
-        if value < _WEAK and not little[named].all():
+        if value < 1 and not little[named].all():  # less than the prior's: that direction is the data sheet's
             lines.append(_combination(fit, direction, named))
     return tuple(lines) or (f"these data separate all {_COUNTS.get(len(names), len(names))} factors",)
 

@@ -15,7 +15,6 @@ DISAGREE = 0.003  # m RMS, under which nothing is asked
 BETTER = 0.5  # what another reading must leave of it
 FRAMES = 10  # of a trial
 LAGS = np.arange(-4, 5) * 0.05  # s
-LATE = 0.1  # s, by which a clock must differ from the other trials'
 TURNED = {"front and back": (1, 1, -1), "front and back, seen from behind": (-1, 1, -1)}
 
 
@@ -60,7 +59,7 @@ def _late(samples: Sequence[Sample], errors: Array, known: dict[int, str]) -> di
     lines = {}
     for k, lag in zip(compared, best, strict=True):
         now, then = errors[k, usual], errors[k, lag]
-        if now > DISAGREE and then < BETTER * now and abs(LAGS[lag] - LAGS[usual]) >= LATE - 1e-9:
+        if now > DISAGREE and then < BETTER * now and abs(lag - usual) > 1:  # one lag is no clock
             lines[k] = (
                 f"{samples[k].trial.file}: agrees with the fitted motion {abs(LAGS[lag] - LAGS[usual]):.2f} s "
                 f"{'later' if lag > usual else 'earlier'} than the other trials do ({in_mm(then):.1f} instead of "

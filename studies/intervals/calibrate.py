@@ -70,13 +70,11 @@ def calibrated(others: Sequence[RegionResiduals], width: Width, start: Array) ->
 
 def left_out(every: Sequence[RegionResiduals], folds: Sequence[int], width: Width, start: Array) -> list[Array]:
     """Return (n,) m of each trial, standard deviations calibrated on the trials of the other folds."""
-    residuals: list[Array] = [np.empty(0)] * len(every)
-    for fold in sorted(set(folds)):
-        others = [one for one, fold_of in zip(every, folds, strict=True) if fold_of != fold]
-        widths = calibrated(others, width, start)
-        for k in (k for k, fold_of in enumerate(folds) if fold_of == fold):
-            residuals[k] = widths.of(every[k])
-    return residuals
+    widths = {
+        fold: calibrated([one for one, other in zip(every, folds, strict=True) if other != fold], width, start)
+        for fold in sorted(set(folds))
+    }
+    return [widths[fold].of(one) for one, fold in zip(every, folds, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -132,9 +130,8 @@ def with_spread(
     if predictor.corrector is not None and not predictor.corrector.ordered:
         return bare, "intervals of motions are not calibrated: the corrector's points have no order"
     usable = [trial for trial in of_each_design(trials, MOST) if len(looked_at(trial, used))]
-    every: list[RegionResiduals] = []
-    if len(usable) >= LEAST:
-        every = residuals(usable, predictor, coarse or simulator, used=used, progress=progress)
+    enough = len(usable) >= LEAST
+    every = residuals(usable, predictor, coarse or simulator, used=used, progress=progress) if enough else []
     kept = [k for k, one in enumerate(every) if len(one.residual)]
     if len(kept) < LEAST:
         count = len(kept) if every else len(usable)

@@ -45,7 +45,7 @@ def region_terms(rest: Floats, predicted: Floats, drawn: Sequence[Floats], fabri
     sound = [other for other in drawn if np.isfinite(other).all()]
     if len(sound) < 2:
         return np.zeros_like(moved), np.asarray(moved)
-    normal = normals(predicted, fabric)
+    normal = LocalFrames.of(middle, fabric.width, fabric.height, FINE).normal  # (T, FINE, FINE, 3), off the front
     along = [np.einsum("tabi,tabi->tab", _nodes(Shape(other).middle) - nodes, normal) for other in sound]
     return np.array([by_region(one) for one in np.array(along)]).std(axis=0, ddof=1) / per_region, np.asarray(moved)
 
@@ -58,11 +58,6 @@ def region_residuals(predicted: Floats, clouds: Sequence[Array], fabric: Fabric)
     weight = by_region(counts)
     mean = by_region(heights * counts) / np.maximum(weight, 1e-9)
     return np.asarray(np.where(weight > 0, mean, np.nan))
-
-
-def normals(predicted: Floats, fabric: Fabric) -> Floats:
-    """Return (T, FINE, FINE, 3) of unit length, off the front."""
-    return LocalFrames.of(Shape(predicted).middle, fabric.width, fabric.height, FINE).normal
 
 
 def _nodes(middle: Floats) -> Floats:
@@ -80,14 +75,13 @@ def by_region(values: Floats) -> Array:
 Motion = NDArray[np.float32]
 Used = Callable[[Trial], NDArray[np.bool_]]
 DRAWS = 8
-FIRST, EVERY = 5, 6  # frames
+EVERY = 6  # frames: the sixth, and every sixth from there on
 _AT_ONCE = 16  # trials, whose drawn motions are in memory
-_SEED = 0  # the same draws wherever a model is asked: what a few of them miss is in the calibrated factor
 
 
 def drawn_models(model: Model, draws: int = DRAWS) -> list[Model]:
     """Return the drawn models; None without a covariance."""
-    return Ensemble(model).drawn(draws, _SEED)
+    return Ensemble(model).drawn(draws, seed=0)  # what a few of them miss is in the calibrated factor
 
 
 def drawn_motions(
@@ -115,7 +109,7 @@ def rests(predictor: Predictor, cases: Sequence[Case]) -> list[Motion]:
 def looked_at(trial: Trial, used: Used | None = None) -> NDArray[np.intp]:
     """Return frames of a trial by which intervals are calibrated and judged: every sixth, of those used."""
     count = len(trial.times)
-    frames = np.arange(min(FIRST, count - 1), count, EVERY)
+    frames = np.arange(min(EVERY, count) - 1, count, EVERY)
     return frames if used is None else frames[used(trial)[frames]]
 
 

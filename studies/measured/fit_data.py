@@ -3,7 +3,7 @@ provenance."""
 
 import importlib.metadata
 import platform
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -17,7 +17,7 @@ from fabdesign.nouns.model import Provenance
 from fabdesign.nouns.trial import Accuracy, MeasurementSet, Trial
 from fabdesign.runtime.fingerprint import sha256
 from fabdesign.version import SIMULATOR, __version__
-from optimize.fit.clouds import Density, Sample, evenly, sample_trial
+from optimize.fit.clouds import Density, Sample, drawn, evenly
 from studies.measured.splits import program_of
 from studies.measured.used_frames import NONE_USED, UsedFrames
 
@@ -51,10 +51,12 @@ class MeasuredData:
         rng = np.random.default_rng(seed)
         samples: list[Sample] = []
         for trial in trials:
-            measured = next(m for m in sets if any(t.file == trial.file for t in m.trials))
             data = trial.load()
-            sample = sample_trial(trial, data, used.at(measured, trial, data.time), density, rng)
-            samples += [] if sample is None else [sample]
+            until = max(int(np.searchsorted(data.time, density.until + 1e-6)), 1)
+            usable = np.flatnonzero(used.at(_owner(sets, trial), trial)[:until])
+            if len(usable):
+                frames = usable[evenly(len(usable), density.frames)]
+                samples.append(drawn(trial, data, frames, density.points, rng))
         if not samples:
             raise TooLittle(f"{', '.join(trial.name for trial in trials)}: {NONE_USED}")
         alike = [t for t in trials if t.design.fabric.thickness == trials[0].design.fabric.thickness]
@@ -73,10 +75,6 @@ class MeasuredData:
         """Return what a fit weighs errors of the inputs by; None where these are exact."""
         return None if self.accuracy.is_exact else self.accuracy
 
-    def without(self, gone: Collection[int]) -> "MeasuredData":
-        """Return less some trials, by their places."""
-        return self.only([k for k in range(len(self.trials)) if k not in gone])
-
     def only(self, kept: Sequence[int]) -> "MeasuredData":
         """Return some trials, by their places."""
         return replace(self, trials=tuple(self.trials[k] for k in kept), samples=tuple(self.samples[k] for k in kept))
@@ -87,8 +85,7 @@ class MeasuredData:
 
     def used_of(self, trial: Trial) -> NDArray[np.bool_]:
         """Return (T,) which frames of a trial are used."""
-        measured = next(one for one in self.sets if any(other.file == trial.file for other in one.trials))
-        return self.used.at(measured, trial)
+        return self.used.at(_owner(self.sets, trial), trial)
 
     @cached_property
     def folds(self) -> tuple[int, ...]:
@@ -119,6 +116,10 @@ class MeasuredData:
             hashes={f"{name}/{trial.file.name}": sha256(trial.file) for name, trial in named if trial.file in files},
             seed=self.seed,
         )
+
+
+def _owner(sets: Sequence[MeasurementSet], trial: Trial) -> MeasurementSet:
+    return next(one for one in sets if any(other.file == trial.file for other in one.trials))
 
 
 def use_before(trials: Sequence[Trial]) -> dict[Path, NDArray[np.float64]]:

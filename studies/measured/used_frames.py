@@ -67,10 +67,9 @@ class UsedFrames:
     share_left_out: Annotated[float, Key("share_unjudged")]  # of the trials' frames
     several: Annotated[bool, Key("")] = False  # sets: stretches are then named by set and trial
 
-    def at(self, measured: MeasurementSet, trial: Trial, times: Array | None = None) -> Flags:
-        """Return (T,) whether each frame of a trial of the set is used, or what is seen at `times` [s] of it."""
-        times = trial.times if times is None else times
-        return used_mask(self.stretches or (), trial.name, times, set_name=measured.name if self.several else "")
+    def at(self, measured: MeasurementSet, trial: Trial) -> Flags:
+        """Return (T,) whether each frame of a trial of the set is used."""
+        return used_mask(self.stretches or (), trial.name, trial.times, set_name=measured.name if self.several else "")
 
     @property
     def in_words(self) -> str:
