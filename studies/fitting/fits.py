@@ -19,7 +19,7 @@ from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.policy import ROUGH, Policy
 from optimize.fit.problem import FitProblem
 from optimize.fit.relevance import evidence
-from optimize.fit.significance import NEEDED, alike, needed
+from optimize.fit.significance import NEEDED, needed
 from studies.fitting.fitted_model import expected_rms
 from studies.measured.fit_data import MeasuredData
 
@@ -99,18 +99,12 @@ def starts_of(vector: FitVector, known: Fit | None) -> Array:
 
 
 def worth_fitting(vector: FitVector, balanced: Fit | None) -> set[str]:
-    """Return the terms of a vector but those that frames in balance show and have under KEPT of evidence for, unless
-    they do what one with evidence does."""
-    every = {*vector.labels}
+    """Return the terms of a vector but those that frames in balance show and have under KEPT of evidence for."""
     if balanced is None:
-        return every
+        return {*vector.labels}
     of = balanced.vector
     score = evidence(balanced, {label: of.part(label) for label in of.labels})
-    certain = [label for label in of.labels if score[label] >= KEPT]
-    others = [label for label in of.labels if label not in certain]
-    same = {other for label in certain for other in alike(balanced.normal.sensitivity, of, label, others)}
-    gone = {label for label in unneeded(balanced) if score[label] < KEPT} - same
-    return every - gone
+    return {*vector.labels} - {label for label in unneeded(balanced) if score[label] < KEPT}
 
 
 def unneeded(fit: Fit) -> frozenset[str]:

@@ -56,23 +56,20 @@ def select(task: Task) -> Selection:
 
 def _joint(task: Task, vector: FitVector, start: FitStart, balanced: Fit | None) -> Fit:
     """Return the joint fit: of what frames in balance have evidence for and of what sensors do, whose columns need no
-    motion; the rest that balance does not show to first order beside it. Where that does not explain most trials, of
-    all."""
-    policy = ROUGH if balanced is None else replace(ROUGH, content=expected_rms(task.data.noise, task.tolerance))
+    motion, with all other effects to first order beside it. Where that does not explain most trials, of all."""
     if balanced is None:
-        return task.fit("every effect", vector, start, policy)
+        return task.fit("every effect", vector, start, ROUGH)
     assert start.x is not None
-    worth = worth_fitting(vector, balanced)
+    policy = replace(ROUGH, content=expected_rms(task.data.noise, task.tolerance))
     sensed = {label for label in vector.labels if is_sensing(label_effect(label))}
-    some, places = vector.only(worth & {*balanced.vector.labels, *sensed})
+    some, places = vector.only(worth_fitting(vector, balanced) & {*balanced.vector.labels, *sensed})
     known = task.fit("what frames in balance show", some, replace(start, x=start.x[:, places]), policy)
     x, jacobian = np.zeros(len(vector.names)), widened(known.state.jacobian, places, len(vector.names))
     x[places] = known.x
+    beside = FitStart(x, jacobian, known.inputs)
     if task.judged(known).typical > task.tolerance:
-        return task.fit("every effect", vector, FitStart(x, jacobian, known.inputs), policy)
-    these, places = vector.only(worth)
-    beside = FitStart(x[places], jacobian[:, places], known.inputs)
-    return task.linearised("what they do not show beside it", these, beside)
+        return task.fit("every effect", vector, beside, policy)
+    return task.linearised("every effect beside it", vector, beside)
 
 
 def backwards(task: Task, everything: Fit, plain: Fit) -> Selection:
