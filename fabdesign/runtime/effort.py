@@ -16,8 +16,8 @@ _FACES, _NODE = 120_000, 21  # bytes of a frame: its two faces of 41 x 41 points
 _MEANS = 48  # bytes of a channel's pressure while the steps are laid out
 _SCHEME = 12 * 4  # bytes of a step's rule
 # CPU s of a fit for each second of motion and each unknown, on the grid of that work: rig_d took 60 for 8 trials of
-# 1.5 s and 7 unknowns on 41 points a side, and a trace of rig_b 461 for 3 s and 45 unknowns on 21
-CALIBRATION, TRACE = (0.62, 41, 0.85), (0.42, 21, 0.0)  # the last: share of it that has a grid of its own
+# 1.5 s and 7 unknowns on 41 points a side, and traces of rig_e to rig_h 300 to 380 for 24 s and 49 unknowns on 21
+CALIBRATION, TRACE = (0.62, 41, 0.85), (0.3, 21, 0.0)  # the last: share of it that has a grid of its own
 # CPU s of an evaluation, and for each second of motion: practice_set (5 s) took 10, two and all trials of rig_d (6 and
 # 30 s) 18 and 23
 EVALUATION = (10.0, 0.45)

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 
 from fabdesign.effects import EFFECTS
-from fabdesign.effects.acting import is_sensing
 from fabdesign.effects.registry import label_effect
 from optimize.fit.descent import FitStart
 from optimize.fit.fitted import Fit
@@ -31,7 +30,7 @@ HOPELESS = 4.0  # times the tolerance: what leaves more is not refined before th
 
 def select(task: Task) -> Selection:
     """Select effects by one joint fit: those that it has evidence for are fitted with their shapes. Then rules drop
-    what trials left out gain too little by, and of several each is tried by a fit without it."""
+    what trials left out gain too little by."""
     vector = without(fit_vector(["all"], factors=task.factors, designs=task.designs), task.known)
     factors = vector.without_effects
     balanced = fit_in_balance(task.data, task.fits, vector)
@@ -55,14 +54,13 @@ def select(task: Task) -> Selection:
 
 
 def _joint(task: Task, vector: FitVector, start: FitStart, balanced: Fit | None) -> Fit:
-    """Return the joint fit: of what frames in balance have evidence for and of what sensors do, whose columns need no
-    motion, with all other effects to first order beside it. Where that does not explain most trials, of all."""
+    """Return the joint fit: of what frames in balance have evidence for, with all other effects to first order beside
+    it. Where that does not explain most trials, of all."""
     if balanced is None:
         return task.fit("every effect", vector, start, ROUGH)
     assert start.x is not None
     policy = replace(ROUGH, content=expected_rms(task.data.noise, task.tolerance))
-    sensed = {label for label in vector.labels if is_sensing(label_effect(label))}
-    some, places = vector.only(worth_fitting(vector, balanced) & {*balanced.vector.labels, *sensed})
+    some, places = vector.only(worth_fitting(vector, balanced) & {*balanced.vector.labels})
     known = task.fit("what frames in balance show", some, replace(start, x=start.x[:, places]), policy)
     x, jacobian = np.zeros(len(vector.names)), widened(known.state.jacobian, places, len(vector.names))
     x[places] = known.x
