@@ -49,11 +49,11 @@ def select(task: Task) -> Selection:
     if excess <= GROSS * task.tolerance and plain.vector.is_plausible(plain.x):
         # the residuals are nearly linear there; where factors had to go where no specimen is, an effect hides in them
         starts = np.concatenate([starts, starts_of(vector, plain)])
-    everything = _joint(task, vector, FitStart(starts, inputs=inputs), balanced)
+    everything = with_all_effects(task, vector, FitStart(starts, inputs=inputs), balanced)
     return replace(backwards(task, everything, plain), drift=drift)
 
 
-def _joint(task: Task, vector: FitVector, start: FitStart, balanced: Fit | None) -> Fit:
+def with_all_effects(task: Task, vector: FitVector, start: FitStart, balanced: Fit | None) -> Fit:
     """Return the joint fit: of what frames in balance have evidence for, with all other effects to first order beside
     it. Where that does not explain most trials, of all."""
     if balanced is None:

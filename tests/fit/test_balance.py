@@ -20,7 +20,7 @@ from optimize.fit.free_parameters import fit_vector
 from optimize.fit.misfit import frames_of
 from optimize.fit.significance import NEEDED, needed
 from sim import Simulator
-from studies.fitting.fits import Fits, fit_in_balance, shown, starts_of, unneeded
+from studies.fitting.fits import Fits, fit_in_balance, shown, starts_of, unneeded, worth_fitting
 from studies.measured.fit_data import MeasuredData
 from studies.measured.splits import fit_trials
 from studies.measured.used_frames import UsedFrames
@@ -100,6 +100,8 @@ def test_what_balance_needs_is_said_and_what_it_does_not_begins_at_nothing(vecto
     assert found == {"orthotropy", "filling_lag", "registration_bias"}
     assert "air_drag" not in balanced.vector.labels  # a force without a tangent
     assert {*shown(balanced)} == {*balanced.vector.labels} and unneeded(balanced) == {"supply_droop"}
+    worth = worth_fitting(vector, balanced)  # and what balance does not show
+    assert found | {"air_drag"} <= worth < {*vector.labels} == worth_fitting(vector, None)
     rows = [dict(zip(vector.names, row, strict=True)) for row in starts_of(vector, balanced)]
     drag = vector.start[vector.names.index("air_drag.coefficient")]
     assert sorted(row["air_drag.coefficient"] for row in rows) == [0.0, 0.0, drag, drag, drag]

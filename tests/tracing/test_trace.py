@@ -34,7 +34,7 @@ from optimize.fit.normal import bounded_step
 from optimize.fit.policy import END, ROUGH, STEP
 from optimize.fit.problem import Evaluation, FitProblem
 from optimize.fit.significance import NEEDED, alike, conditioned, cost, needed, undecided
-from studies.fitting.fits import Fits
+from studies.fitting.fits import Fits, starts_of
 from studies.fitting.fitted_model import far_factors
 from studies.measured.fit_data import MeasuredData
 from studies.measured.splits import fit_trials
@@ -48,7 +48,7 @@ from studies.tracing.candidates import candidates_of
 from studies.tracing.report import as_text
 from studies.tracing.residual_analysis import other_layouts, remains
 from studies.tracing.run import DRAWN, trace_set
-from studies.tracing.selection import backwards, with_evidence
+from studies.tracing.selection import backwards, with_all_effects, with_evidence
 from studies.tracing.task import Task, label_in
 from tests.few_effects import few_effects
 
@@ -548,6 +548,26 @@ def test_several_effects_of_which_each_gains_enough_for_certain_are_fitted_toget
     gains = Judged(found, late[1].folds, late[1].noise.sigma).gains
     assert min(low for _, (low, _) in gains.values()) > 0.5e-3
     assert {*said} == {"filling_lag supply_droop"}
+
+
+@pytest.mark.parametrize(("tolerance", "last"), [(0.5e-3, "every effect beside it"), (-1e-6, "every effect")])
+def test_of_what_balance_has_no_evidence_for_the_joint_fit_knows_the_first_order(late, tmp_path, tolerance, last):
+    """Unless that leaves most trials beyond the tolerance, here by less than nothing. What balance would say is taken
+    from the joint fit."""
+    joint, data = late
+    balanced, said = joint, []
+    with work_folder(tmp_path / "out", made_by="trace") as work:
+        task = Task(
+            data, Predictor(Curler(), Model(), sensing=True), tolerance, {}, [], Checkpoint(work, {}),
+            say=lambda line: said.append(line.partition(",")) if "unknowns" in line else None,
+        )  # fmt: skip
+        start = FitStart(starts_of(joint.vector, balanced), inputs=joint.inputs)
+        found = with_all_effects(task, joint.vector, start, balanced)
+    counts = {name: int(rest.split()[0]) for name, _, rest in said}
+    assert [*counts] == ["what frames in balance show", last]
+    assert counts["what frames in balance show"] < counts[last] == len(joint.vector.names)
+    assert found.vector is joint.vector and {"filling_lag", "supply_droop"} <= {*with_evidence(found)}
+    assert (found.after < 1.1 * joint.after) and np.isfinite(found.state.jacobian).all()
 
 
 def test_an_effect_that_is_next_to_nothing_is_no_cause(selected, late, unhurried, tmp_path, monkeypatch):
