@@ -43,7 +43,7 @@ HALF = 2  # frames to each side, through which velocity and acceleration are see
 WIDEST = 0.28  # s that these may span, as at 15 Hz: beyond, a swing of 8 rad/s turns by more than a third
 FIRST = 0.1  # s after rest, before which little has moved
 COURSE, MOST = 1 / 80, 1000  # s between the instants that muscles remember a motion by, and how many at most
-INSTANTS = np.arange(-HALF, HALF + 1) / (2 / COURSE)  # s, from a frame, of the motion's own velocity and acceleration
+INSTANTS = np.arange(-2, 3) / 160  # s, from a frame, of the motion's own velocity and acceleration
 RADIUS = 0.05  # m, of a cloth's bends: a displacement d is off by d^2 over it where it is taken as linear
 STEP = 0.007  # of a prior's deviation, of a column
 ITERATIONS, FAR_OFF = 12, 3  # at most; and those at first, where frames far off promise little
@@ -129,10 +129,9 @@ class BalanceProblem(Problem):
         return [_column(self.vector, k) for k in range(len(self.vector.parameters))]
 
     @cached_property
-    def _sensed(self) -> list[int]:
+    def _sensed(self) -> Indices:
         """Return the unknowns of what sensors do."""
-        named = [(k, p.name.rpartition(".")[0]) for k, p in enumerate(self.vector.parameters) if not p.is_factor]
-        return [k for k, label in named if is_sensing(label_effect(label))]
+        return self.vector.parts(label for label in self.vector.labels if is_sensing(label_effect(label)))
 
     def _changes(self, motions: Sequence["_Motion"], held: Sequence[Sequence[Instant]]) -> list[Floats]:
         """Return the response and the changes by each unknown, (1 + p, F, n, n, 3) m a motion. held: its frames."""
@@ -148,7 +147,7 @@ class BalanceProblem(Problem):
                 of_motion[0, f] = balance.responses[0]
                 of_motion[1 + acting, f] = balance.changes
                 # what is seen elsewhere need not be elsewhere: its own balance is no part of what is seen
-                of_motion[1 + np.array(self._sensed, dtype=int), f] = one.moved[1:] - balance.responses[1:]
+                of_motion[1 + self._sensed, f] = one.moved[1:] - balance.responses[1:]
             changes.append(of_motion)
         return changes
 

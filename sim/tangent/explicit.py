@@ -32,9 +32,6 @@ CURVED = 20.0  # 1/m, what LARGE counts of where a curvature is zero
 OF_SOLVER = "MEAN_MASS", "WEIGHT_TENSION"
 
 
-_NOTHING: list[MuscleRecord] = []
-
-
 class LaidCase:
     """A case as the forces take it, under (channels,) Pa, or (ticks, channels) Pa of a motion, which muscles
     remember."""
@@ -81,12 +78,12 @@ class LaidCase:
         """Return whether all muscles pull alike in another case, at any tick."""
         one, another = self.specimen.design, other.specimen.design
         same = one.muscles is another.muscles and one.muscle_types is another.muscle_types
-        same = same and self._pulls == other._pulls and self._remembered is other._remembered
-        return same and np.array_equal(self.pressure, other.pressure)
+        same = same and self._pulls == other._pulls and np.array_equal(self.pressure, other.pressure)
+        return same and (self.memory is None or self._remembered is other._remembered)
 
     @cached_property
     def _remembered(self) -> list[MuscleRecord]:
-        return _NOTHING if self.memory is None else self.memory.of(self.case)
+        return [] if self.memory is None else self.memory.of(self.case)
 
 
 class Sides(NamedTuple):

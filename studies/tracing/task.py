@@ -132,11 +132,11 @@ class Task(Refits):
         whichever is nearer: what one of their false minima leaves is nothing that an effect explains. Those that are
         nearest by themselves, and leave more than twice the tolerance, stay as they are."""
         vector, starts = with_shapes(known, [])
-        by_themselves, *beside = (one.misfit.rms for one in self.problem(vector).evaluate([plain.minimum, *starts]))
-        if min(beside) > by_themselves > expected_rms(self.data.noise, GROSS * self.tolerance):
+        by_themselves, *beside = self.problem(vector).evaluate([plain.minimum, *starts])
+        nearest = min((by_themselves, *beside), key=lambda one: one.misfit.rms)
+        if nearest is by_themselves and nearest.misfit.rms > expected_rms(self.data.noise, GROSS * self.tolerance):
             return plain
-        begin = FitStart(np.array([plain.minimum, *starts]), inputs=known.inputs)
-        return self.fit("plain to its end", vector, begin, DECLARED_ALONE)
+        return self.fit("plain to its end", vector, FitStart(nearest.x, inputs=known.inputs), DECLARED_ALONE)
 
     def decoys(self, known: Fit, everything: Fit) -> Decoys:
         """Return effects by chance beside a fit."""
