@@ -8,7 +8,7 @@ import subprocess
 import time
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,11 @@ _SOFTWARE = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore
 def chromium() -> str | None:
     """The program, where one is installed."""
     names = ("chromium", "chromium-browser", "google-chrome")
-    return next((found for name in names if (found := shutil.which(name))), None)
+    return next((path for name in names if (path := shutil.which(name))), None)
+
+
+class Navigated(AssertionError):
+    """The page went elsewhere while it was asked."""
 
 
 _FIELD = """(() => {
@@ -32,10 +36,10 @@ _FIELD = """(() => {
   return [box.x + box.width / 3, box.y + box.height / 2, input.value];
 })()"""
 _BUTTON = """(() => {
-  const found = [...document.querySelectorAll('body *')].find(e => !e.children.length && e.innerText?.trim() == %s);
-  if (!found) return null;
-  found.scrollIntoView({block: 'center'});
-  const box = found.getBoundingClientRect();
+  const button = [...document.querySelectorAll('body *')].find(e => !e.children.length && e.innerText?.trim() == %s);
+  if (!button) return null;
+  button.scrollIntoView({block: 'center'});
+  const box = button.getBoundingClientRect();
   return [box.x + box.width / 2, box.y + box.height / 2];
 })()"""
 
@@ -59,22 +63,26 @@ class Page:
         while True:
             answer = json.loads(self._socket.recv(timeout=300))
             if answer.get("id") == self._number:
+                if "navigated" in answer.get("error", {}).get("message", ""):
+                    raise Navigated(method)
                 assert "error" not in answer, answer
                 return answer["result"]
 
     def run(self, script: str) -> Any:
         """The value of a JavaScript expression."""
-        found = self.call("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
-        assert "exceptionDetails" not in found, found
-        return found["result"].get("value")
+        answer = self.call("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
+        assert "exceptionDetails" not in answer, answer
+        return answer["result"].get("value")
 
     def wait(self, script: str, *, seconds: float = 15.0) -> Any:
-        """The value of an expression, once it is true."""
+        """The value of an expression, once it is true; a page on its way elsewhere is asked again there."""
         end = time.monotonic() + seconds
-        while not (value := self.run(script)):
+        while True:
+            with suppress(Navigated):
+                if value := self.run(script):
+                    return value
             assert time.monotonic() < end, f"waited {seconds} s in vain for {script}; the page says {self.text()}"
             time.sleep(0.05)
-        return value
 
     def field(self, label: str, number: int = 0) -> Any:
         """Where an input beside a label is: x, y, and what it holds."""
