@@ -50,8 +50,8 @@ THRESHOLDS = {
         Threshold("optimize/fit", "NEEDED", "an effect that there is less evidence for is dropped", "log likelihood"),
         Threshold("studies/model_selection", "CAUSE", "a weaker effect is no cause", "deviations of its prior"),
         Threshold("studies/model_selection", "CHANCE", "share of the decoys that an effect must beat", "%", 100),
-        Threshold("studies/model_selection", "SHARE_OF_A_CAUSE", "excess that effects must remove", "%", 100),
-        Threshold("studies/model_selection", "LEAST_SHARE", "the same, where the baseline removes less", "%", 100),
+        Threshold("studies/model_selection", "GROSS", "excess that effects may leave", "times the tolerance"),
+        Threshold("studies/model_selection", "LEAST_SHARE", "excess that effects must remove", "%", 100),
         Threshold(
             "studies/model_selection", "STRUCTURE", "excess from which on a kind of feature is structure", "%", 100
         ),

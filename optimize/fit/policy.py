@@ -31,12 +31,11 @@ class FitStage:
 
 @dataclass(frozen=True)
 class Policy:
-    """How a fit goes on and ends. name: for people. begin: the first steps on all rows. end: those after them; None:
-    another fit goes on. finer: the last ones, of a problem with a finer engine; None: such as those before. hopeless: m
-    RMS: where the minimum of the linearised residuals leaves more, the fit ends. content: m RMS: where steps that gain
-    too little leave no more, no Jacobian is made anew."""
+    """How a fit goes on and ends. begin: the first steps on all rows. end: those after them; None: another fit goes on.
+    finer: the last ones, of a problem with a finer engine; None: such as those before. hopeless: m RMS: where the
+    minimum of the linearised residuals leaves more, the fit ends. content: m RMS: where steps that gain too little
+    leave no more, no Jacobian is made anew."""
 
-    name: str
     begin: FitStage
     finer: FitStage | None = None
     end: FitStage | None = None
@@ -49,7 +48,7 @@ class Policy:
 UNSURE = FitStage(slight=0.03, least=3.0, least_share=0.02, far=np.inf, exact_end=False)
 CLOSE = FitStage(slight=0.01, least_each=0.1)  # of log likelihood: under half a standard deviation
 
-ROUGH = Policy("rough", replace(UNSURE, exact_end=True))
-DECLARED_ALONE = Policy("declared parameters", UNSURE, end=CLOSE)
+ROUGH = Policy(replace(UNSURE, exact_end=True))
+DECLARED_ALONE = Policy(UNSURE, end=CLOSE)
 # Values are told to 1 %; 0.007 of log likelihood is a tenth of a standard deviation.
-END = Policy("to its end", UNSURE, end=replace(CLOSE, least_each=0.007))
+END = Policy(UNSURE, end=replace(CLOSE, least_each=0.007))

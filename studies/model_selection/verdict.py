@@ -11,8 +11,7 @@ from fabdesign.effects.registry import label_effect
 from fabdesign.nouns.model import EffectTerm, Quantity
 
 Word = Literal["adequate", "effect", "unexplained"]
-SHARE_OF_A_CAUSE = 0.6  # of the gap, that effects must close to be its cause
-LEAST_SHARE = 0.5  # of it, where that is more than the baseline removes: what leaves more than half is not the cause
+LEAST_SHARE = 0.5  # of the excess, that its cause removes
 GROSS = 2.0  # times the tolerance: what leaves more is not near a right model
 STRUCTURE = 0.25  # of an excess, that the baseline, or one kind of feature, must take to count as structure
 
@@ -63,10 +62,8 @@ def decide(evidence: Evidence, tolerance: float) -> Word:
         return "unexplained"
     if evidence.explains_most_trials(tolerance):
         return "effect"
-    closed = 1 - evidence.after / evidence.before
-    by_baseline = max(1 - evidence.box_before / evidence.before, 0.0)
-    needed = min(SHARE_OF_A_CAUSE, max(LEAST_SHARE, 1.2 * by_baseline))
-    return "effect" if closed >= needed else "unexplained"
+    most = min(GROSS * tolerance, (1 - LEAST_SHARE) * evidence.before)
+    return "effect" if evidence.after <= most else "unexplained"
 
 
 def explains(evidence: Evidence) -> float | None:

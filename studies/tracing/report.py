@@ -7,6 +7,7 @@ from markupsafe import Markup
 
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.learned import formula
+from fabdesign.effects.registry import effects_of
 from fabdesign.files.motion_file import square_triangles
 from fabdesign.nouns.forward import Term
 from fabdesign.nouns.model import EffectTerm, Parameter, Quantity
@@ -47,6 +48,9 @@ def verdict_in_words(outcome: Outcome) -> str:
         )
         if evidence.typical <= outcome.tolerance:
             sentence += _of_single_trials(evidence.typical)
+        if outcome.selection.labels:
+            part = " and ".join(name.replace("_", " ") for name in effects_of(outcome.selection.labels))
+            sentence += f" A part would be taken by {part}, which leaves {excess:.2f} mm."
         return sentence
     named = " and ".join(_one_answer(effect, outcome.alike) for effect in outcome.effects)
     sentence = (

@@ -29,7 +29,7 @@ from studies.model_selection.verdict import GROSS
 
 # A step is the last that promises less, in log likelihood, than a quarter of what makes an effect needed.
 _LAST = FitStage(slight=0.01, least=LITTLE, exact_end=False)
-ASKED = Policy("fewer effects", _LAST)
+ASKED = Policy(_LAST)
 
 
 Place = tuple[FitVector, Array]  # a vector, and where in it a model is
