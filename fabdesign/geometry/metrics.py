@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from fabdesign.formats.schema import Key, Millimetre
 from fabdesign.geometry.distances import ChamferTo
-from fabdesign.geometry.regions import Weighting
 from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.geometry.shape import Face
 from fabdesign.geometry.surface import CAP, Nearest, Surface, capped_rms, half_of
-from fabdesign.geometry.wishes import Landmarks
+from fabdesign.geometry.wishes import Landmarks, Weighting
 from fabdesign.nouns.array import Floats
 from fabdesign.units import in_mm
 
