@@ -35,7 +35,7 @@ from studies.fusion.ripple import ripple_of
 from studies.fusion.stamped import StampedFrames, stamped_frames
 from studies.measured.splits import Tolerance
 from studies.rig.cameras import measure
-from studies.rig.ground_truth import Sensing
+from studies.rig.specimen import Sensing
 
 PAGE = Path(__file__).parents[1] / "docs" / "lab" / "fuse.md"
 

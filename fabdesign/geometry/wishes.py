@@ -126,11 +126,8 @@ class Wish:
     weight: float = 1.0
 
 
-_AT_OR_EDGE = f"either at = [u, v] or edge = one of {', '.join(EDGES)}"
-
-
 _PLACE = Key(
-    expected=_AT_OR_EDGE,
+    expected=f"either at = [u, v] or edge = one of {', '.join(EDGES)}",
     one_of={
         "at": Annotated[tuple[float, float], FileUnit("m"), "one place (u, v) of the cloth"],
         "edge": Annotated[Literal["top", "bottom", "left", "right"], "nine places of it"],

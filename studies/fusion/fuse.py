@@ -26,10 +26,11 @@ from fabdesign.units import in_mm
 from studies.fusion.input import AlignedFrames, plain_frames
 from studies.fusion.joint import SensorView, align
 from studies.fusion.reference import Pose, normals_of, off, point_cloud
-from studies.fusion.report import FusionReport, SensorReport, draw, page_of
+from studies.fusion.report import FusionReport, SensorReport, blocks_of, draw
 from studies.fusion.stamped import StampedFrames, stamped_frames
 from studies.fusion.targets import felt_gravity, upright, with_target_poses
 from studies.measured.splits import Tolerance
+from studies.report.page import html_of
 
 POINTS = 3362  # a frame, as many as 41 x 41 points on two faces
 JUST_BEFORE = 1e-6  # s: a frame's set point is that of the interval it ends
@@ -238,7 +239,8 @@ class Fusion:
             before[sensor.name] = cloud @ sensor.camera_to_world[:3, :3].T + sensor.position
         draw(before, after, folder / f"fusion{ending}.png", title=f"{aligned.recording.name}, {time:.3f} s")
         if isinstance(aligned, StampedFrames):
-            (folder / f"report{ending}.html").write_text(page_of(report, after, aligned), encoding="utf-8")
+            page = html_of(f"Fused: {report.recording}", blocks_of(report, after, aligned))
+            (folder / f"report{ending}.html").write_text(page, encoding="utf-8")
 
 
 def _thin(faces: Mapping[str, Sequence[Array]], points: int, area: float) -> dict[str, Array]:

@@ -1,7 +1,7 @@
 """This module makes cleaned views and anchored poses from a recording; unsound parts are refused, or left out: swapped
 sensors, clocks that differ, cameras that were moved are seen in the clouds themselves."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -51,28 +51,26 @@ class AlignedFrames:
         return self.recording.frame(self.anchored.sensors[camera], index)
 
 
-def anchor_sensors(
-    recording: Recording,
-    tolerance: Tolerance,
-    among: Sequence[Sensor] | None = None,
-    at_rest: Callable[[Sensor], tuple[Array, SensorView] | None] = lambda sensor: None,
-) -> Anchored:
+def anchor_sensors(recording: Recording, tolerance: Tolerance, cutters: Mapping[str, Cutter] | None = None) -> Anchored:
     """Register every sensor to the reference; without one, the nominal pose is the anchor. Raises InputError.
 
-    at_rest: gives a sensor's cloud at rest and its view where there is no `reference`.
+    cutters: of depth images, by the names of the sensors that are left: they see the cloth at rest where there is no
+    `reference`.
     """
     sensors: list[Sensor] = []
     anchors: list[Pose] = []
     rest: list[SensorView] = []
     fabric = recording.design.fabric
-    for sensor in recording.sensors if among is None else among:
+    for sensor in recording.sensors:
+        if cutters is not None and sensor.name not in cutters:
+            continue
         with tolerance.forgiving():
             view = None
             if recording.has_reference():
                 cloud = recording.reference(sensor)
                 anchors.append(_registered(recording, sensor, cloud))
                 view = SensorView(REST, len(sensors), clean(cloud))
-            elif (seen := at_rest(sensor)) is not None:
+            elif cutters and (seen := cutters[sensor.name].at_rest()) is not None:
                 anchors.append(register_to_rest(sensor, seen[0], fabric, seen[1].cloud))
                 view = replace(seen[1], camera=len(sensors))
             else:

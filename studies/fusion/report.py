@@ -14,7 +14,7 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.trial import RecordingTiming
 from fabdesign.units import in_mm
 from studies.fusion.stamped import StampedFrames
-from studies.report.page import Block, Picture, TableBlock, Text, Title, html_of
+from studies.report.page import Block, Picture, TableBlock, Text, Title
 
 AROUND = 60  # pixels
 SLICE = 0.008  # m, half the width of a slice in the picture
@@ -51,12 +51,8 @@ class FusionReport:
     vertical_deg: float | None = None  # from the world's -y to gravity, where cameras feel it
 
 
-def page_of(report: FusionReport, last: Mapping[str, Array], stamped: StampedFrames) -> str:
-    """Return the page. last: the last frame's clouds in the world, by sensor."""
-    return html_of(f"Fused: {report.recording}", _blocks(report, last, stamped))
-
-
-def _blocks(report: FusionReport, last: Mapping[str, Array], stamped: StampedFrames) -> Iterator[Block]:
+def blocks_of(report: FusionReport, last: Mapping[str, Array], stamped: StampedFrames) -> Iterator[Block]:
+    """Yield the blocks of the page. last: the last frame's clouds in the world, by sensor."""
     timing = stamped.timing
     yield Title(f"{report.recording}: {report.frames} frames of {len(report.sensors)} cameras", 1)
     worst = max(sensor.residual_mm for sensor in report.sensors)

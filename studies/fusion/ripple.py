@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
@@ -54,13 +53,34 @@ class Ripple:
         """Return the depths (rows, columns) m without it; 0 stays 0."""
         there = depth > 0
         w = 1.0 / np.where(there, depth, 1.0)
-        wave, least = np.array([self.frequency, self.sine, self.cosine]), w
         if self.disparity < FOLDS:
-            least = _inverse(w, w, there, wave, 0.0)
+            least = self._nearest(w, w, w, 0.0)
         else:
+            least = w
             for share, trust in TRUST:
-                least = _inverse(w, _Planes(there, share * WIDE / self.pixel).smooth(least), there, wave, trust)
+                plane, pull = _Planes(there, share * WIDE / self.pixel).smooth(least), (NOISE / trust) ** 2
+                tried = plane + REACH / self.frequency * np.linspace(-1.0, 1.0, TRIED)[:, None, None]
+                cost = (tried + self._wave(tried)[0] - w) ** 2 + pull * (tried - plane) ** 2
+                start = np.take_along_axis(tried, cost.argmin(axis=0)[None], axis=0)[0]
+                least = self._nearest(w, plane, start, pull)
         return np.where(there, 1.0 / np.where(there, least, 1.0), 0.0)
+
+    def _wave(self, w: Array) -> tuple[Array, Array]:
+        """Return what it adds to inverse depths, and that one's slope."""
+        turn = 2 * np.pi * self.frequency
+        sine, cosine = np.sin(turn * w), np.cos(turn * w)
+        return self.sine * sine + self.cosine * cosine, turn * (self.sine * cosine - self.cosine * sine)
+
+    def _nearest(self, seen: Array, plane: Array, start: Array, pull: float) -> Array:
+        """Return the inverse depths by `start` that look as they were seen; pull: how much the plane counts."""
+        least, going = start, np.ones(start.shape, dtype=bool)
+        for _ in range(4):  # Gauss-Newton
+            wave, slope = self._wave(least)
+            slope = slope + 1.0
+            step = (slope * (least + wave - seen) + pull * (least - plane)) / (slope**2 + pull)
+            least = least - going * np.clip(step, -0.03 / self.frequency, 0.03 / self.frequency)
+            going &= np.abs(step) >= EXACT / self.frequency
+        return least
 
 
 def ripple_of(depths: Sequence[Array], focal: float, pixel: float) -> Ripple | None:
@@ -161,35 +181,3 @@ def _fit(images: Sequence[_Residuals], frequency: float, focal: float, pixel: fl
         change = float(np.linalg.lstsq(np.array([*rows, column(later)[sound]]).T, residual, rcond=None)[0][2])
     share = 1.0 - float(residual @ residual) / max(float(seen @ seen), 1e-30)
     return _RippleFit(share, Ripple(frequency, float(sine), float(cosine), focal, pixel), change)
-
-
-@njit(cache=True)
-def _inverse(
-    seen: Array, plane: Array, there: NDArray[np.bool_], wave: Array, trust: float
-) -> Array:  # pragma: no cover - compiled
-    """Return inverse depths that look as they were seen; trust: pixels that the plane is off, 0: it does not count."""
-    k, a, b = wave
-    out = seen.copy()
-    for r in range(seen.shape[0]):
-        for c in range(seen.shape[1]):
-            if not there[r, c]:
-                continue
-            w, p, best = seen[r, c], plane[r, c], seen[r, c]
-            pull = (NOISE / trust) ** 2 if trust > 0 else 0.0
-            if trust > 0:
-                least = np.inf
-                for n in range(TRIED):
-                    v = p + REACH / k * (2.0 * n / (TRIED - 1) - 1.0)
-                    off = v + a * np.sin(2 * np.pi * k * v) + b * np.cos(2 * np.pi * k * v) - w
-                    cost = off**2 + pull * (v - p) ** 2
-                    if cost < least:
-                        least, best = cost, v
-            for _ in range(4):  # Gauss-Newton
-                sine, cosine = np.sin(2 * np.pi * k * best), np.cos(2 * np.pi * k * best)
-                slope = 1.0 + 2 * np.pi * k * (a * cosine - b * sine)
-                step = (slope * (best + a * sine + b * cosine - w) + pull * (best - p)) / (slope**2 + pull)
-                best -= min(max(step, -0.03 / k), 0.03 / k)
-                if abs(step) < EXACT / k:
-                    break
-            out[r, c] = best
-    return out

@@ -115,8 +115,7 @@ def _frames_of(recording: Recording, cutters: Sequence[Cutter], tolerance: Toler
             read[cutter.name] = cutter
     if not read:
         raise InputError(f"recording {recording.name}: no sensor is left")
-    among = [sensor for sensor in recording.sensors if sensor.name in read]
-    anchored = anchor_sensors(recording, tolerance, among, lambda sensor: read[sensor.name].at_rest())
+    anchored = anchor_sensors(recording, tolerance, read)
     cameras = [read[sensor.name] for sensor in anchored.sensors]
     views, interval = [camera.views for camera in cameras], cameras[0].odd.interval
     clocks, similar = coarse_clocks(views, all(camera.stream.clock == "global" for camera in cameras))

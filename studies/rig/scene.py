@@ -19,8 +19,7 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import PARAMETERS
 from fabdesign.nouns.muscle_law import law_of
 from studies.rig.cables import CONTRACTIONS, PRESSURE_STEP, Cables, lace
-from studies.rig.shell import DERIVATIVES
-from studies.rig.spline import Axis, Patch
+from studies.rig.spline import Axis, Ints, Patch
 
 IMPERFECTION = 1e-4  # 1/m, rest curvature by the seed: 2 um over 0.2 m, decides which way a symmetric cloth buckles
 PIN_STIFFNESS = 2e5  # N/m, of a hung point's spring: 0.01 mm under the cloth's weight
@@ -62,8 +61,6 @@ class Scene:
     patch: Patch
     uv: Array  # (q, 2) m, quadrature points
     weight: Array  # (q,) m^2
-    nodes: NDArray[np.int64]
-    basis: Array
     stiffness: Array  # (q, 8): membrane 11, 12, 22, shear; bending 11, 12, 22, twist
     rest_strain: Array  # (q, 6)
     viscosity: Array  # (q,) N s/m
@@ -72,8 +69,9 @@ class Scene:
     gravity: Array  # (3,)
     cables: Cables
     muscle_state: MuscleState
-    tables: list[Array]  # per muscle: tension over (pressure, CONTRACTIONS)
-    channel: NDArray[np.int64]  # (intervals,)
+    tables: Array  # (types, pressures, CONTRACTIONS) N, tension
+    law: Ints  # (intervals,) which of them
+    channel: Ints  # (intervals,)
     held: NDArray[np.bool_]  # (n, 3) control values that do not move
     ties: sp.csr_matrix  # (points, n) points of the cloth that are tied by springs of no length
     tie_stiffness: Array  # (points,) N/m
@@ -152,7 +150,6 @@ def build_scene(
     across, down = _reach(design)
     patch = Patch(axes[0], axes[1], u_slow=bool(across <= down))  # muscles stay within a block: a narrow band
     uv, weight = patch.quadrature()
-    nodes, basis = patch.local(uv, DERIVATIVES)
     n = len(uv)
     unit = patch.matrix(uv)
     area = (unit.T @ sp.diags(weight) @ unit).tocsr()
@@ -167,15 +164,14 @@ def build_scene(
     rest = np.zeros((n, 6))
     rest[:, 3:] = _imperfection(uv, cloth.width, cloth.height, seed)
     pressures = np.arange(0.0, max_pressure + 2 * PRESSURE_STEP, PRESSURE_STEP)
-    laws = {name: law_of(kind.bench) for name, kind in design.muscle_types.items()}
-    tables = {name: law.tension(pressures[:, None], CONTRACTIONS) for name, law in laws.items()}
+    laws = [law_of(kind.bench) for kind in design.muscle_types.values()]
+    tables = [law.tension(pressures[:, None], CONTRACTIONS) for law in laws]
+    places = [[*design.muscle_types].index(muscle.type) for muscle in design.muscles]
     return Scene(
         design=design,
         patch=patch,
         uv=uv,
         weight=weight,
-        nodes=nodes,
-        basis=basis,
         stiffness=np.tile(_moduli(design, f["membrane"], f["shear"], f["bending"]), (n, 1)),
         rest_strain=rest,
         viscosity=np.full(n, cloth.viscosity * f["damping"]),
@@ -191,7 +187,8 @@ def build_scene(
             creep=np.zeros(intervals),
             friction=np.zeros(intervals),
         ),
-        tables=[np.ascontiguousarray(tables[m.type]) for m in design.muscles],
+        tables=np.array(tables).reshape(len(laws), len(pressures), len(CONTRACTIONS)),
+        law=np.array([places[m] for m in cables.muscle], dtype=np.int64),
         channel=np.array([design.muscles[m].channel for m in cables.muscle], dtype=np.int64),
         held=held,
         ties=patch.matrix(hung_uv),

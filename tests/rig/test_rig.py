@@ -29,11 +29,10 @@ from fabdesign.nouns.pressure import PressureProgram
 from studies.rig import EffectSetting, GroundTruth, RigSession, Sensing, read_ground_truth, run_rig
 from studies.rig.cameras import faces
 from studies.rig.effects import EFFECTS, LISTED
-from studies.rig.ground_truth import with_effects_of
 from studies.rig.motion import RigSolver, equilibrium, run
 from studies.rig.run import linear_membrane
 from studies.rig.scene import Resolution, Scene, build_scene
-from studies.rig.specimen import TrialTask, control_points, prepare
+from studies.rig.specimen import TrialTask, control_points, prepare, with_effects_of
 
 COARSE = Resolution(element=0.04, step=1 / 240)
 G = 9.81
