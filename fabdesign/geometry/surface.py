@@ -118,17 +118,11 @@ class Surface:
 
     def sample(self, count: int, rng: np.random.Generator) -> tuple[Array, Indices]:
         """Return (count, 3) points, uniform over the area, and the triangles (count,) that they lie in."""
-        triangle = np.searchsorted(self._shares, rng.random(count), side="right")  # as rng.choice draws them
+        triangle = rng.choice(len(self.areas), count, p=self.areas / self.areas.sum())
         v, w = rng.random((2, count))
         v, w = np.where(v + w > 1, 1 - v, v), np.where(v + w > 1, 1 - w, w)
         a, ab, ac = self._corners(triangle)
         return a + v[:, None] * ab + w[:, None] * ac, triangle
-
-    @cached_property
-    def _shares(self) -> Array:
-        """Return (t,) of the area, that a triangle and those before it have."""
-        sums = np.cumsum(self.areas / self.areas.sum())
-        return np.asarray(sums / sums[-1])
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -5,8 +5,6 @@ A fixed point is a loop of finite size: its position and its normal are means ov
 A force at a mathematical point would pull infinitely far into an elastic sheet (displacement ~ F / (2 pi k) ln r).
 """
 
-from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -27,39 +25,30 @@ PRESSURE_STEP = 4e3  # Pa
 TOGETHER = 50  # intervals whose stiffness is there at once
 
 
-@dataclass(frozen=True, eq=False)
 class Cables:
-    """Geometry of every muscle: points j and the intervals between them."""
+    """The fixed points of all muscles on a patch, and the intervals between them."""
 
-    nodes: Ints  # (points, m) control points that a fixed point touches
-    basis: Array  # (points, gauss, 3, m): value, d/du, d/dv, weighted to mean values
-    offset: Array  # (points,) m along the front normal
-    first: Ints  # (intervals,) index of an interval's upper point; the next one ends it
-    rest: Array  # (intervals,) m
-    muscle: Ints  # (intervals,) which muscle
-    along: Array  # (intervals,) middle's distance from the muscle's first end over its length
-
-    @cached_property
-    def touched(self) -> Ints:
-        """Return (intervals, 2 m) control points that the ends of each interval touch."""
-        return np.concatenate([self.nodes[self.first], self.nodes[self.first + 1]], axis=1)
-
-
-def lace(design: Design, patch: Patch, offset_factor: float) -> Cables:
-    """Return the fixed points of all muscles on the patch."""
-    each = [muscle.fixed_points() for muscle in design.muscles]
-    counts, types = [len(points) for points in each], [design.muscle_types[muscle.type] for muscle in design.muscles]
-    uv = np.concatenate([np.zeros((0, 2)), *each])
-    first = np.delete(np.arange(len(uv)), np.cumsum(counts, dtype=np.int64) - 1)
-    rest = np.linalg.norm(uv[first + 1] - uv[first], axis=1)
-    muscle = np.repeat(np.arange(len(each)), np.array(counts, dtype=np.int64) - 1)
-    lengths = [rest[muscle == m] for m in range(len(each))]
-    along = [(np.cumsum(length) - length / 2) / length.sum() for length in lengths]
-    signs = [1 if each.side == "front" else -1 for each in design.muscles]
-    offsets = [kind.axis_offset * offset_factor * sign for kind, sign in zip(types, signs, strict=True)]
-    nodes, basis = _loops(uv, patch, design.fabric.width, design.fabric.height)
-    offset = np.repeat(np.array(offsets, dtype=np.float64), counts)
-    return Cables(nodes, basis, offset, first, rest, muscle, np.concatenate([np.zeros(0), *along]))
+    def __init__(self, design: Design, patch: Patch, offset_factor: float) -> None:
+        each = [muscle.fixed_points() for muscle in design.muscles]
+        counts = np.array([len(points) for points in each], dtype=np.int64)
+        uv = np.concatenate([np.zeros((0, 2)), *each])
+        # (intervals,) index of an interval's upper point; the next one ends it
+        self.first = np.delete(np.arange(len(uv)), np.cumsum(counts) - 1)
+        self.rest = np.linalg.norm(uv[self.first + 1] - uv[self.first], axis=1)  # (intervals,) m
+        self.muscle = np.repeat(np.arange(len(each)), counts - 1)  # (intervals,) which muscle
+        lengths = [self.rest[self.muscle == m] for m in range(len(each))]
+        along = [(np.cumsum(length) - length / 2) / length.sum() for length in lengths]
+        # (intervals,) middle's distance from the muscle's first end over its length
+        self.along = np.concatenate([np.zeros(0), *along])
+        kinds = [design.muscle_types[muscle.type] for muscle in design.muscles]
+        signs = [1 if muscle.side == "front" else -1 for muscle in design.muscles]
+        offsets = [kind.axis_offset * offset_factor * sign for kind, sign in zip(kinds, signs, strict=True)]
+        self.offset = np.repeat(np.array(offsets, dtype=np.float64), counts)  # (points,) m along the front normal
+        # (points, m) control points that a fixed point touches; (points, gauss, 3, m): value, d/du, d/dv, weighted to
+        # mean values
+        self.nodes, self.basis = _loops(uv, patch, design.fabric.width, design.fabric.height)
+        ends = self.nodes[self.first], self.nodes[self.first + 1]
+        self.touched = np.concatenate(ends, axis=1)  # (intervals, 2 m) control points that the ends touch
 
 
 def _loops(points: Array, patch: Patch, width: float, height: float) -> tuple[Ints, Array]:

@@ -24,7 +24,7 @@ from studies.rig.spline import GAUSS
 TOLERANCE = 1e-7  # m, largest Newton correction of a control point that ends a step
 HELD = 1e15  # N/m, on the diagonal of a held value
 MAX_ITERATIONS = 60
-TOGETHER = 250  # elements whose stiffness is there at once
+TOGETHER = 60  # elements whose stiffness is there at once
 KEEP = 0.35  # a factor that shrinks corrections at least so is kept
 
 
@@ -38,16 +38,13 @@ class RigSolver:
     def __init__(self, scene: Scene) -> None:
         self.scene = s = scene
         self._nodes, self._basis = s.patch.local(s.uv, shell.DERIVATIVES)
-        widest = int(np.ptp(self._nodes, axis=1).max())
+        widest = int(np.ptp(self._nodes, axis=1).max())  # of masses and ties too, which act at points
         if s.cables.touched.size:
             widest = max(widest, int(np.ptp(s.cables.touched, axis=1).max()))
-        for matrix in (s.mass, s.drag):
-            coo = matrix.tocoo()
-            widest = max(widest, int(np.abs(coo.row - coo.col).max(initial=0)))
         self.band_width = 3 * widest + 2  # half of it
         self.memory = np.zeros((len(s.uv), 6))
         self.factor: Array | None = None
-        self._surface = [s.patch.matrix(s.uv, *derivative) for derivative in shell.DERIVATIVES]
+        self._surface = sp.vstack([s.patch.matrix(s.uv, *each) for each in shell.DERIVATIVES]).tocsr()
         self._mass_band = _to_band(s.mass, self.band_width)
         self._drag_band = _to_band(s.drag, self.band_width)
 
@@ -55,14 +52,14 @@ class RigSolver:
     def internal(self, x: Array, pressure: Array, rate_gain: float, rate_history: Array, cable_history: Array) -> Array:
         """Return the internal force (n, 3) N at x. Rates are rate_gain * value + history."""
         s, c = self.scene, self.scene.cables
-        self._strained = shell.strained(np.stack([matrix @ x for matrix in self._surface], axis=1))
+        self._strained = shell.strained((self._surface @ x).reshape(5, -1, 3).swapaxes(0, 1))
         self.strain = self._strained.strain
         rate = rate_gain * self.strain[:, :3] + rate_history
         elastic = self.strain - s.rest_strain - s.prony * self.memory
         self._stress = np.einsum("qrs,qs->qr", shell.moduli(s.stiffness), elastic)
         self._stress[:, :3] += s.viscosity[:, None] * shell.VISCOUS * rate
-        force = s.weight[:, None, None] * np.einsum("qr,qrki->qki", self._stress, self._strained.gradient)
-        out = np.asarray(sum(matrix.T @ force[:, k] for k, matrix in enumerate(self._surface)))
+        force = s.weight[:, None, None] * shell.forces(self._strained, self._stress)
+        out = np.asarray(self._surface.T @ force.swapaxes(0, 1).reshape(-1, 3))
         self._spans = spans(c, x)
         self.contraction = 1.0 - self._spans.length / c.rest
         rate = rate_gain * self.contraction + cable_history
@@ -139,12 +136,9 @@ class RigSolver:
 
 def _to_band(matrix: sp.spmatrix, half: int) -> Array:
     """Return the lower band (half + 1, 3 n) of a scalar matrix that acts on x, y and z alike."""
-    coo = matrix.tocoo()
-    lower = coo.row >= coo.col
-    row, col, data = coo.row[lower], coo.col[lower], coo.data[lower]
-    band = np.zeros((half + 1, 3 * matrix.shape[0]), order="F")
-    for c in range(3):
-        band[3 * (row - col), 3 * col + c] = data
+    lower = sp.tril(sp.kron(matrix, sp.identity(3)), format="coo")
+    band = np.zeros((half + 1, lower.shape[0]), order="F")
+    band[lower.row - lower.col, lower.col] = lower.data
     return band
 
 
@@ -227,8 +221,7 @@ def run(scene: Scene, pressures: Array, step: float, *, start: float = 0.0) -> R
     positions, velocities = np.tile(x, (len(pressures), 1, 1)), np.zeros((len(pressures), *x.shape))
     solver.internal(x, pressure_at_intervals(s, idle), 0.0, np.zeros((len(s.uv), 3)), np.zeros(len(s.cables.rest)))
     settle(s, pressure_at_intervals(s, idle), solver.contraction)
-    if s.prony:  # the hanging cloth has relaxed long ago
-        solver.memory = solver.strain - s.rest_strain
+    solver.memory = solver.strain - s.rest_strain  # the hanging cloth has relaxed long ago
     last = StepState(x, np.zeros_like(x), solver.strain[:, :3], solver.contraction)
     before = replace(last, x=x + fall * step**2 / 2, v=-fall * step)
     for k in range(1, len(pressures)):
@@ -239,8 +232,7 @@ def run(scene: Scene, pressures: Array, step: float, *, start: float = 0.0) -> R
             raise RigDiverged(f"{failure} at {time:.4f} s") from None
         positions[k], velocities[k] = last.x, last.v
         settle(s, p, solver.contraction)
-        if s.prony:
-            solver.memory += (solver.strain - s.rest_strain - solver.memory) * -np.expm1(-step / s.prony_time)
+        solver.memory += (solver.strain - s.rest_strain - solver.memory) * -np.expm1(-step / s.prony_time)
         report = StepReport(time, step, p, solver.contraction, solver.tension, solver.strain)
         for after in s.after_step:
             after(s, report)

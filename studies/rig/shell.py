@@ -21,30 +21,51 @@ class Strained(NamedTuple):
 
     surface: Array  # (q, 5, 3) the DERIVATIVES
     strain: Array  # (q, 6)
-    gradient: Array  # (q, 6, 5, 3) of the strains by the five derivatives
-    normal: Array  # (q, 3) of unit length, towards the front
+    tangent: Array  # (q, 2, 3) of unit length
+    shear: Array  # (q, 2, 3) derivatives of e3 by a1 and a2
     dual: Array  # (q, 2, 3) dual vectors
+    normal: Array  # (q, 3) of unit length, towards the front
 
 
 def strained(surface: Array) -> Strained:
     """Return the strains of a surface with such derivatives (q, 5, 3)."""
-    a, curved = surface[:, :2], surface[:, 2:]
+    a = surface[:, :2]
     length = np.linalg.norm(a, axis=2)
-    t = a / length[..., None]
-    s = np.einsum("qi,qi->q", t[:, 0], t[:, 1])
+    tangent = a / length[..., None]
+    s = np.einsum("qi,qi->q", tangent[:, 0], tangent[:, 1])
     normal = np.cross(a[:, 1], a[:, 0])  # towards the front: a2 x a1, for v runs down
     area = np.linalg.norm(normal, axis=1)
     normal /= area[:, None]
     m12 = s * length[:, 0] * length[:, 1]
     dual = (length[:, ::-1, None] ** 2 * a - m12[:, None, None] * a[:, ::-1]) / area[:, None, None] ** 2
-    strain = np.concatenate([length - 1, np.arcsin(s)[:, None], np.einsum("qki,qi->qk", curved, normal)], axis=1)
-    gradient = np.zeros((len(surface), 6, 5, 3))
-    gradient[:, 0, 0], gradient[:, 1, 1] = t[:, 0], t[:, 1]
-    cosine = np.sqrt(1.0 - s**2)[:, None]
-    gradient[:, 2, :2] = (t[:, ::-1] - s[:, None, None] * t) / (length * cosine)[..., None]
-    gradient[:, 3:, :2] = -(curved @ dual.transpose(0, 2, 1))[..., None] * normal[:, None, None]
-    gradient[:, [3, 4, 5], [2, 3, 4]] = normal[:, None]
-    return Strained(surface, strain, gradient, normal, dual)
+    bent = np.einsum("qki,qi->qk", surface[:, 2:], normal)
+    strain = np.concatenate([length - 1, np.arcsin(s)[:, None], bent], axis=1)
+    shear = (tangent[:, ::-1] - s[:, None, None] * tangent) / (length * np.sqrt(1.0 - s**2)[:, None])[..., None]
+    return Strained(surface, strain, tangent, shear, dual, normal)
+
+
+def forces(at: Strained, stress: Array) -> Array:
+    """Return (q, 5, 3): derivatives of the strain energy density by those of the surface. stress (q, 6)."""
+    by_surface = np.empty(at.surface.shape)
+    by_surface[:, :2] = stress[:, :2, None] * at.tangent + stress[:, 2, None, None] * at.shear
+    by_surface[:, :2] -= _moment(at, stress)[..., None] * at.normal[:, None]
+    by_surface[:, 2:] = stress[:, 3:, None] * at.normal[:, None]
+    return by_surface
+
+
+def _moment(at: Strained, stress: Array) -> Array:
+    """Return (q, 2): what bends, along the dual vectors."""
+    return np.asarray(at.dual @ (stress[:, None, 3:] @ at.surface[:, 2:]).transpose(0, 2, 1))[..., 0]
+
+
+def _gradient(at: Strained) -> Array:
+    """Return (q, 6, 15) of the strains by the five derivatives of the surface."""
+    gradient = np.zeros((len(at.strain), 6, 5, 3))
+    gradient[:, [0, 1], [0, 1]] = at.tangent
+    gradient[:, 2, :2] = at.shear
+    gradient[:, 3:, :2] = -(at.surface[:, 2:] @ at.dual.transpose(0, 2, 1))[..., None] * at.normal[:, None, None]
+    gradient[:, [3, 4, 5], [2, 3, 4]] = at.normal[:, None]
+    return gradient.reshape(-1, 6, 15)
 
 
 def moduli(c: Array) -> Array:
@@ -62,17 +83,15 @@ def hessian(at: Strained, tangent: Array, stress: Array, exact: bool) -> Array:
     tangent (q, 6, 6): of the stress (q, 6) by strain. `exact` keeps the stress terms that may be negative (compression,
     second derivatives of the curvatures).
     """
-    g = at.gradient.reshape(-1, 6, 15)
+    g = _gradient(at)
     h = (g.transpose(0, 2, 1) @ (tangent @ g)).reshape(-1, 5, 3, 5, 3)
     for k in range(2):
         pull, length = stress[:, k], 1.0 + at.strain[:, k]
-        t = at.surface[:, k] / length[:, None]
-        across = np.eye(3) - t[:, :, None] * t[:, None]
+        across = np.eye(3) - at.tangent[:, k, :, None] * at.tangent[:, k, None]
         h[:, k, :, k] += ((pull if exact else np.maximum(pull, 0.0)) / length)[:, None, None] * across
     if not exact:
         return h
-    n, dual, bent = at.normal, at.dual, stress[:, 3:]
-    moment = np.einsum("qm,qmi,qpi->qp", bent, at.surface[:, 2:], dual)
+    n, dual, bent, moment = at.normal, at.dual, stress[:, 3:], _moment(at, stress)
     bending = np.einsum("qm,qm->q", bent, at.strain[:, 3:])
     turned = n[:, None, :, None, None] * moment[:, None, None, :, None] * dual[:, :, None, None]  # (q, p, i, r, k)
     metric = (dual @ dual.transpose(0, 2, 1) * bending[:, None, None])[:, :, None, :, None]
@@ -88,10 +107,11 @@ def element_stiffness(basis: Array, hessians: Array) -> Array:
     """Return (elements, 3 m, 3 m) N/m, 3 degrees of freedom a control point. basis (elements, points, 5, m) and
     hessians (elements, points, 5, 3, 5, 3), times the points' weights."""
     count, points, _, m = basis.shape
-    one = basis.transpose(0, 1, 3, 2) @ hessians.reshape(count, points, 5, 45)  # (elements, points, m, (3, 5, 3))
-    rows = one.reshape(count, points, m, 3, 5, 3).transpose(0, 2, 3, 5, 1, 4).reshape(count, 9 * m, 5 * points)
-    both = (rows @ basis.reshape(count, 5 * points, m)).reshape(count, m, 3, 3, m)
-    return both.transpose(0, 1, 2, 4, 3).reshape(count, 3 * m, 3 * m)
+    by_freedom = np.zeros((count, points, 5, 3, m, 3))
+    by_freedom[:, :, :, range(3), :, range(3)] = basis
+    surface = by_freedom.reshape(count, points, 15, 3 * m)
+    pulls = hessians.reshape(count, points, 15, 15) @ surface
+    return np.asarray(surface.reshape(count, -1, 3 * m).transpose(0, 2, 1) @ pulls.reshape(count, -1, 3 * m))
 
 
 def add_to_band(nodes: Ints, blocks: Array, band: Array) -> None:

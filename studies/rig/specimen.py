@@ -25,7 +25,7 @@ from fabdesign.runtime.store import kept, user_cache
 from studies.rig.effects import EFFECTS
 from studies.rig.effects.listed import OF_CLOUDS
 from studies.rig.motion import RigDiverged, run
-from studies.rig.scene import DEFAULT, Resolution, Scene, build_scene
+from studies.rig.scene import DEFAULT, Resolution, Scene
 
 FORMAT = "fabdesign.key/1"
 MECHANICS = ("spline", "shell", "cables", "scene", "motion", "specimen")  # what a motion depends on
@@ -153,7 +153,7 @@ class TrialTask:
 
 def prepare(task: TrialTask) -> Scene:
     """Return the scene with the ground truth's factors and effects in it."""
-    scene = build_scene(
+    scene = Scene(
         task.design,
         task.truth.parameters,
         task.resolution,
