@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
-from studies.rig.shell import add_to_band
-from studies.rig.spline import Ints, Patch
+from studies.rig.shell import Ints, Patch, add_to_band
 
 if TYPE_CHECKING:
     from studies.rig.scene import Scene

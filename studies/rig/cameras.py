@@ -24,8 +24,8 @@ from fabdesign.formats.json_file import write_json
 from fabdesign.nouns.array import Array
 from studies.rig.motion import equilibrium
 from studies.rig.scene import Scene
+from studies.rig.shell import Ints
 from studies.rig.specimen import Sensing, TrialTask, control_points, prepare
-from studies.rig.spline import Ints
 
 STRAY_REACH = 0.05  # m around the cloth's box
 

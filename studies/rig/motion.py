@@ -19,7 +19,7 @@ from fabdesign.nouns.array import Array
 from studies.rig import shell
 from studies.rig.cables import forces, pressure_at_intervals, settle, spans, stiffness, tension
 from studies.rig.scene import Scene, StepReport
-from studies.rig.spline import GAUSS
+from studies.rig.shell import GAUSS
 
 TOLERANCE = 1e-7  # m, largest Newton correction of a control point that ends a step
 HELD = 1e15  # N/m, on the diagonal of a held value

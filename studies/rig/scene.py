@@ -19,7 +19,7 @@ from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import PARAMETERS
 from fabdesign.nouns.muscle_law import law_of
 from studies.rig.cables import CONTRACTIONS, PRESSURE_STEP, Cables
-from studies.rig.spline import Axis, Patch
+from studies.rig.shell import Axis, Patch
 
 IMPERFECTION = 1e-4  # 1/m, rest curvature by the seed: 2 um over 0.2 m, decides which way a symmetric cloth buckles
 PIN_STIFFNESS = 2e5  # N/m, of a hung point's spring: 0.01 mm under the cloth's weight

@@ -28,7 +28,7 @@ from studies.rig.motion import RigDiverged, run
 from studies.rig.scene import DEFAULT, Resolution, Scene
 
 FORMAT = "fabdesign.key/1"
-MECHANICS = ("spline", "shell", "cables", "scene", "motion", "specimen")  # what a motion depends on
+MECHANICS = ("shell", "cables", "scene", "motion", "specimen")  # what a motion depends on
 
 
 @dataclass(frozen=True)
