@@ -160,7 +160,7 @@ def front_triangles(rows: int, cols: int) -> Indices:
 CAP = 0.010  # m, of a distance to a surface: strays beyond it do not decide
 
 
-def capped_rms(distance: Array, *, shares: Array | None = None) -> float:
+def capped_rms(distance: Array, shares: Array | None = None) -> float:
     """Return the root mean square [m] of capped distances. shares: of each in the mean, by default all alike."""
     return float(np.sqrt(np.average(np.square(np.minimum(np.abs(distance), CAP)), weights=shares)))
 

@@ -7,7 +7,6 @@ follows from w'. Of several w that have one w', which large ripple makes, that n
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +37,7 @@ class Ripple:
     cosine: float  # b, 1/m
     focal: float  # pixels
     pixel: float  # m on the cloth
+    share: float = 1.0  # of the square of what local planes leave
 
     @property
     def disparity(self) -> float:
@@ -90,17 +90,17 @@ def ripple_of(depths: Sequence[Array], focal: float, pixel: float) -> Ripple | N
     """
     coarser = 2.0 * pixel  # every second pixel shows it as well
     images = [_Residuals(depth[::2, ::2], WIDE / coarser) for depth in depths]
-    shares = np.array([_fit(images, focal * baseline, focal).share for baseline in BASELINES])
+    shares = np.array([_fit(images, focal * baseline, focal)[0].share for baseline in BASELINES])
     if shares.max() < LEAST_RATIO * np.median(shares):
         return None
     frequency = begin = focal * float(BASELINES[shares.argmax()])
     for _ in range(ROUNDS):
-        _, ripple, change = _fit(images, frequency, focal, coarser)
+        ripple, change = _fit(images, frequency, focal, coarser)
         frequency += change
         for image in images:
             image.phase_by(ripple)
-    share, ripple, _ = _fit(images, frequency, focal, pixel)
-    return ripple if share > LEAST_SHARE and abs(np.log(frequency / begin)) < LOCAL else None
+    ripple, _ = _fit(images, frequency, focal, pixel)
+    return ripple if ripple.share > LEAST_SHARE and abs(np.log(frequency / begin)) < LOCAL else None
 
 
 class _Planes:
@@ -154,16 +154,8 @@ class _Residuals:
         return (values - self.planes.smooth(values))[self.kept]
 
 
-class _RippleFit(NamedTuple):
-    """The share of the residuals' square that is ripple, the ripple, and how its frequency is better changed."""
-
-    share: float
-    ripple: Ripple
-    change: float
-
-
-def _fit(images: Sequence[_Residuals], frequency: float, focal: float, pixel: float = 0.0) -> _RippleFit:
-    """Return the ripple of a frequency; a better one is not sought without a pixel [m]."""
+def _fit(images: Sequence[_Residuals], frequency: float, focal: float, pixel: float = 0.0) -> tuple[Ripple, float]:
+    """Return the ripple of a frequency, and how that is better changed, which is not sought without a pixel [m]."""
     waves = [2 * np.pi * frequency * image.phase for image in images]
 
     def column(values: Sequence[Array]) -> Array:
@@ -180,4 +172,4 @@ def _fit(images: Sequence[_Residuals], frequency: float, focal: float, pixel: fl
         later = [2 * np.pi * x * (sine * np.cos(w) - cosine * np.sin(w)) for x, w in zip(places, waves, strict=True)]
         change = float(np.linalg.lstsq(np.array([*rows, column(later)[sound]]).T, residual, rcond=None)[0][2])
     share = 1.0 - float(residual @ residual) / max(float(seen @ seen), 1e-30)
-    return _RippleFit(share, Ripple(frequency, float(sine), float(cosine), focal, pixel), change)
+    return Ripple(frequency, float(sine), float(cosine), focal, pixel, share), change
