@@ -84,12 +84,6 @@ class Cells:
         nearest = np.take_along_axis(edges, _dot(off, off).argmin(axis=0)[None, None], axis=0)[0]
         return np.where(inside, foot, nearest).T
 
-    @staticmethod
-    def of_triangles(vertices: Array, triangles: Indices) -> "Cells":
-        """Return the cells of a mesh: vertices (m, 3) m, and the corners of each triangle (t, 3)."""
-        a, b, c = vertices[triangles.T]
-        return Cells(np.concatenate([a, b - a, c - a], axis=1))
-
     @cached_property
     def _grid(self) -> kernels.CellGrid:
         centres, low, size, widest = kernels.centres_of(self.items)

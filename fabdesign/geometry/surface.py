@@ -114,7 +114,7 @@ class Surface:
 
     @cached_property
     def _cells(self) -> Cells:
-        return Cells.of_triangles(self.vertices, self.triangles)
+        return Cells(np.concatenate(self._corners(), axis=1))
 
     def sample(self, count: int, rng: np.random.Generator) -> tuple[Array, Indices]:
         """Return (count, 3) points, uniform over the area, and the triangles (count,) that they lie in."""

@@ -41,7 +41,6 @@ _BOX = Key(
     expected="[left, upper, right, lower] in m, two corners (u, v)",
 )
 
-
 _CORNERS = Key(
     expected="either box = [u, v, u, v] or polygon = [[u, v], ...]",
     one_of={"box": Annotated[Corners, _BOX, "m: left, upper, right, lower"], "polygon": Corners},

@@ -90,15 +90,14 @@ def _registered(recording: Recording, sensor: Sensor, cloud: Array) -> Pose:
     except InputError:
         # seen through a flat sheet, the poses to the left in front and to the right behind look the same: whose own
         # cloud does not fit either is the other one
-        turns = {
-            other.name: (_turn(recording, other, other), _turn(recording, other, sensor)) for other in recording.sensors
-        }
-        fits = {name: (np.isfinite(of_itself), turn) for name, (of_itself, turn) in turns.items() if np.isfinite(turn)}
+        fits = {}
+        for other in recording.sensors:
+            if np.isfinite(turn := _turn(recording, other, sensor)):
+                fits[bool(np.isfinite(_turn(recording, other, other))), turn] = other.name
         if not fits:
             raise
-        nearest = min(fits, key=fits.__getitem__)
         raise InputError(
-            f"reference: the cloud of {sensor.name} fits the pose of {nearest}; are the two swapped?"
+            f"reference: the cloud of {sensor.name} fits the pose of {fits[min(fits)]}; are the two swapped?"
         ) from None
 
 

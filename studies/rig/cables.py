@@ -8,7 +8,6 @@ A force at a mathematical point would pull infinitely far into an elastic sheet 
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
@@ -141,28 +140,26 @@ def tension(scene: "Scene", p: Array, contraction: Array, rate: Array, rate_gain
     viscosity = np.where(rate > 0, state.viscosity, state.viscosity_out)
     force = idle + state.gain * (law - idle) - viscosity * rate
     slope = idle_slope + state.gain * (law_slope - idle_slope) - viscosity * rate_gain
-    limit = state.friction_at_zero + state.friction_per_pressure * p
-    if limit.any() and rate_gain:
-        friction, stick = _friction(scene, limit, contraction)
-        force = force - friction
-        slope = slope - np.where(stick, limit / state.friction_slip, 0.0)
+    if rate_gain:  # there is no friction at rest, before the first step
+        friction, stuck = _friction(scene, p, contraction)
+        force, slope = force - friction, slope - stuck
     return force, slope
 
 
 def settle(scene: "Scene", p: Array, contraction: Array) -> None:
-    """Keep the friction that a finished step ends with; there is none at rest, before the first step."""
+    """Keep the friction that a finished step ends with."""
     state = scene.muscle_state
-    limit = state.friction_at_zero + state.friction_per_pressure * p
-    if limit.any() and len(state.contraction_before):
-        state.friction, _ = _friction(scene, limit, contraction)
+    state.friction, _ = _friction(scene, p, contraction)
     state.contraction_before = contraction
 
 
-def _friction(scene: "Scene", limit: Array, contraction: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Return one Maxwell-slip element: a spring that slips at the Coulomb limit; resists contraction."""
+def _friction(scene: "Scene", p: Array, contraction: Array) -> tuple[Array, Array]:
+    """Return the friction [N] of one Maxwell-slip element, a spring that slips at the Coulomb limit and resists
+    contraction; and its slope with contraction."""
     state = scene.muscle_state
+    limit = state.friction_at_zero + state.friction_per_pressure * p
     trial = state.friction + limit / state.friction_slip * (contraction - state.contraction_before)
-    return np.clip(trial, -limit, limit), np.abs(trial) < limit
+    return np.clip(trial, -limit, limit), np.where(np.abs(trial) < limit, limit / state.friction_slip, 0.0)
 
 
 def _by_law(scene: "Scene", p: Array, contraction: Array) -> tuple[Array, Array]:

@@ -220,7 +220,7 @@ def run(scene: Scene, pressures: Array, step: float, *, start: float = 0.0) -> R
     fall = np.broadcast_to(s.gravity if free else np.zeros(3), x.shape)  # as if it fell before, and came to rest here
     positions, velocities = np.tile(x, (len(pressures), 1, 1)), np.zeros((len(pressures), *x.shape))
     solver.internal(x, pressure_at_intervals(s, idle), 0.0, np.zeros((len(s.uv), 3)), np.zeros(len(s.cables.rest)))
-    settle(s, pressure_at_intervals(s, idle), solver.contraction)
+    s.muscle_state.contraction_before = solver.contraction
     solver.memory = solver.strain - s.rest_strain  # the hanging cloth has relaxed long ago
     last = StepState(x, np.zeros_like(x), solver.strain[:, :3], solver.contraction)
     before = replace(last, x=x + fall * step**2 / 2, v=-fall * step)

@@ -34,7 +34,6 @@ GUARD = 'in a script, call this under `if __name__ == "__main__":`'
 WORKING_STRAIN = 0.02  # up to which a membrane curve's slope is the stiffness of the rig's linear cloth
 THREAD_SETTINGS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
-
 Given = Path | str | Design
 Program = Path | str | PressureProgram
 
