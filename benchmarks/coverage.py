@@ -38,8 +38,8 @@ from studies.calibration.calibrate import CalibrationOptions, calibrate_sets
 from studies.fitting.fitted_model import data_share, engine_difference
 from studies.measured.fit_data import noise_of
 from studies.rig import RigSession, run_rig
-from studies.rig.ground_truth import GroundTruth
 from studies.rig.run import end_with_parent
+from studies.rig.specimen import GroundTruth
 
 LAYOUTS = (("basic", 4), ("side", 4), ("cross", 2), ("vertical", 3))
 FIRST = {"engine": 1000, "test": 60}  # seed of the first set; a change of the fit wants tests that nobody looked at

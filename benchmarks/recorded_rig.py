@@ -14,10 +14,9 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.pressure import PressureProgram
 from studies.rig.cameras import CAMERAS, POSITION, StereoCamera, disturb, look, mesh
-from studies.rig.ground_truth import GroundTruth
 from studies.rig.motion import equilibrium
 from studies.rig.scene import Resolution, Scene
-from studies.rig.specimen import TrialTask, control_points, prepare
+from studies.rig.specimen import GroundTruth, TrialTask, control_points, prepare
 
 DURATION, REST = 2.0, 0.8  # s, of the motion and before it
 FINE = 1 / 480  # s between the shapes that are kept

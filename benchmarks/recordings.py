@@ -28,14 +28,14 @@ from fabdesign.clouds.recording import read_recording
 from fabdesign.files.measurement_set import NewTrial, TrialData, read_set, write_set
 from fabdesign.nouns.array import Array
 from studies.fusion.cleaning import ImageFilter, clean_image
-from studies.fusion.clocks import Clock
 from studies.fusion.fuse import fuse
+from studies.fusion.moving import Clock
 from studies.fusion.reference import moved, off
 from studies.fusion.ripple import ripple_of
 from studies.fusion.stamped import StampedFrames, stamped_frames
 from studies.measured.splits import Tolerance
 from studies.rig.cameras import measure
-from studies.rig.ground_truth import Sensing
+from studies.rig.specimen import Sensing
 
 PAGE = Path(__file__).parents[1] / "docs" / "lab" / "fuse.md"
 

@@ -22,9 +22,8 @@ from fabdesign.nouns.pressure import PressureProgram
 from optimize.fit.parameters import PRIOR
 from studies.rig import EffectSetting, RigSession, run_rig
 from studies.rig.effects.unlisted import OF
-from studies.rig.ground_truth import GroundTruth
 from studies.rig.scene import Resolution
-from studies.rig.specimen import TrialTask, control_points, prepare
+from studies.rig.specimen import GroundTruth, TrialTask, control_points, prepare
 
 SECONDS = 1.5
 HIGHEST = 350e3  # Pa

@@ -19,7 +19,8 @@ from fabdesign.cli import commands
 from fabdesign.effects.registry import EFFECTS, markdown_table
 from fabdesign.formats.codec import expected_of
 from fabdesign.formats.schema import FileKey, Notes, annotated, members, unit_of, walk
-from studies.check.kinds import KINDS, STUDIES
+from studies.check.design import STUDIES
+from studies.check.files import KINDS
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = tuple(sorted((ROOT / "docs").glob("*.md")))

@@ -13,10 +13,9 @@ from fabdesign.nouns.pressure import rising_program
 from optimize.search.margins import Limits
 from optimize.search.starts import layout_starts
 from studies.rig.cameras import measure
-from studies.rig.ground_truth import GroundTruth, Sensing
 from studies.rig.motion import RigDiverged
 from studies.rig.scene import Resolution
-from studies.rig.specimen import TrialTask, control_points, prepare
+from studies.rig.specimen import GroundTruth, Sensing, TrialTask, control_points, prepare
 
 RISE, HOLD = 1.0, 3.0  # s, of the motion to a target
 ELEMENT, STEP = 0.01, 1 / 960  # m, s of the rig: coarser than its own, which costs far more

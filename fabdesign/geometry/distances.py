@@ -15,9 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.geometry import cell_items
-from fabdesign.geometry.cell_items import CellGrid
-from fabdesign.geometry.cell_search import search_cells
+from fabdesign.geometry import cells as kernels
 from fabdesign.nouns.array import Array, Floats, Indices
 
 _PER_CELL = 12.0  # items in an occupied cell, were they all on one flat sheet
@@ -61,8 +59,8 @@ class Cells:
             low, edge, widest, shape, *_ = grid
             long = edge * _TOGETHER if widest > 0 else edge  # those of one cell are asked together
             wide = (shape * edge / long).astype(np.int32) + np.int32(1)
-            first, asked = cell_items.sorted_into_cells(at, pending, low, long, wide)
-            pending = search_cells(at, first, asked, grid, squared, item)
+            first, asked = kernels.sorted_into_cells(at, pending, low, long, wide)
+            pending = kernels.search_cells(at, first, asked, grid, squared, item)
             cells = cells._next
         squared[item < 0] = np.inf
         return NearestItem(squared, item)
@@ -86,15 +84,9 @@ class Cells:
         nearest = np.take_along_axis(edges, _dot(off, off).argmin(axis=0)[None, None], axis=0)[0]
         return np.where(inside, foot, nearest).T
 
-    @staticmethod
-    def of_triangles(vertices: Array, triangles: Indices) -> "Cells":
-        """Return the cells of a mesh: vertices (m, 3) m, and the corners of each triangle (t, 3)."""
-        a, b, c = vertices[triangles.T]
-        return Cells(np.concatenate([a, b - a, c - a], axis=1))
-
     @cached_property
-    def _grid(self) -> CellGrid:
-        centres, low, size, widest = cell_items.centres_of(self.items)
+    def _grid(self) -> kernels.CellGrid:
+        centres, low, size, widest = kernels.centres_of(self.items)
         long = np.sort(size)[::-1]
         suits = np.sqrt(_PER_CELL * long[0] * max(long[1], 1e-3 * long[0]) / len(centres))
         edge = max(float(suits), widest) or 1.0
@@ -102,8 +94,8 @@ class Cells:
             edge *= 1.25
         edge *= self.coarser
         shape = (np.floor(size / edge) + 1).astype(np.int32)
-        start, order = cell_items.sorted_into_cells(centres, np.arange(len(centres)), low, edge, shape)
-        bodies, boxes = cell_items.bodies_of(self.items, order), cell_items.boxes_of(self.items, order)
+        start, order = kernels.sorted_into_cells(centres, np.arange(len(centres)), low, edge, shape)
+        bodies, boxes = kernels.bodies_of(self.items, order), kernels.boxes_of(self.items, order)
         return low, edge, widest, shape, start, order, bodies, boxes
 
     @cached_property

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from fabdesign.formats.schema import Key, Millimetre
 from fabdesign.geometry.distances import ChamferTo
-from fabdesign.geometry.regions import Weighting
 from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.geometry.shape import Face
 from fabdesign.geometry.surface import CAP, Nearest, Surface, capped_rms, half_of
-from fabdesign.geometry.wishes import Landmarks
+from fabdesign.geometry.wishes import Landmarks, Weighting
 from fabdesign.nouns.array import Floats
 from fabdesign.units import in_mm
 
@@ -63,7 +62,7 @@ def surface_rms(measured: Floats, model: Floats, face: Face = "both", weighting:
 
     Each distance, to the nearest triangle, is capped at 10 mm. weighting: how much the places count that they go to.
     """
-    return _rms(Surface.of_faces(model, face=face), measured, weighting)
+    return capped_rms(*_distances(Surface.of_faces(model, face=face), measured, weighting, within=CAP))
 
 
 def distance_to_faces(markers: Floats, model: Floats, face: Face = "both", weighting: Weighting | None = None) -> float:
@@ -90,12 +89,6 @@ def _distances(
         return surface.distance(points, within=within), np.full(len(points), 1 / len(points))
     nearest = surface.nearest(points)
     return nearest.distance, shares_at(surface, nearest, weighting)
-
-
-def _rms(surface: Surface, points: Floats, weighting: Weighting | None) -> float:
-    """Return the root mean square [m] of capped distances."""
-    off, shares = _distances(surface, points, weighting, within=CAP)
-    return capped_rms(off, shares=shares)
 
 
 def _mean(surface: Surface, weighting: Weighting | None, points: Floats) -> float:
@@ -177,10 +170,10 @@ def _by_frame(
         surface, weighting = Surface.of_faces(model, face=kind.face), kind.weighting
         to_model = partial(_mean, surface, weighting) if kind.markers else chamfer_to(model, kind.face, weighting).of
         off, shares = _distances(surface, cloud, weighting, within=CAP)
-        distances.append((to_model(cloud), capped_rms(off, shares=shares), float(shares @ (off > CAP))))
+        distances.append((to_model(cloud), capped_rms(off, shares), float(shares @ (off > CAP))))
         for strays in islice(offsets, repeats):
             drawn = noise.draw(surface, len(cloud), rng, strays)
-            floors.append((to_model(drawn), _rms(surface, drawn, weighting)))
+            floors.append((to_model(drawn), capped_rms(*_distances(surface, drawn, weighting, within=CAP))))
     return distances, floors
 
 

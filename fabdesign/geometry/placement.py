@@ -5,7 +5,7 @@ stand anywhere."""
 import warnings
 from dataclasses import dataclass
 from itertools import permutations, product
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -16,6 +16,7 @@ from fabdesign.nouns.array import Array, Floats
 from fabdesign.nouns.fabric import Fabric
 
 Unit = Literal["m", "cm", "mm", "in"]
+_Laid = tuple[float, Rotation, Array]  # how far off [m], turn and shift [m]
 
 UNITS: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}  # m
 _STRIP = 0.2  # of the cloth's height, below the held edge: what is compared with the hanging cloth
@@ -89,11 +90,8 @@ def fit_placement(
     """
     given = Rotation.from_euler("xyz", rotation or np.zeros(3), degrees=True)
     metres = given.apply(factor * points)
-    fits = []
-    for turn in right_angles()[: 1 if rotation is not None else None]:
-        laid = _laid_on_edge(metres, turn, fabric, drawn)
-        gap = _strip_gap(laid.turn.apply(metres) + laid.shift, fabric) + abs(laid.width - fabric.width)
-        fits.append((gap + TIE * turn.magnitude() / (np.pi / 2), laid.turn * given, laid.shift))
+    laid = [_on_edge(metres, turn, fabric, drawn) for turn in right_angles()[: 1 if rotation is not None else None]]
+    fits = [(gap, turn * given, shift) for gap, turn, shift in laid]
     least, turn, shift = min(fits, key=lambda candidate: candidate[0])
     if fits[0][0] <= least + _GAIN:
         least, turn, shift = fits[0]
@@ -146,15 +144,9 @@ def right_angles() -> list[Rotation]:
     return sorted(turns, key=lambda turn: round(float(turn.magnitude()), 6))
 
 
-class _LaidEdge(NamedTuple):
-    """The upper edge of points, laid on the hung edge: the turn, made straight, and the shift."""
-
-    turn: Rotation
-    shift: Array
-    width: float  # m
-
-
-def _laid_on_edge(points: Array, turn: Rotation, fabric: Fabric, drawn: bool) -> _LaidEdge:
+def _on_edge(points: Array, turn: Rotation, fabric: Fabric, drawn: bool) -> _Laid:
+    """Return points with their upper edge laid on the hung edge: the turn is made straight."""
+    tie = TIE * turn.magnitude() / (np.pi / 2)
     for _ in range(_ROUNDS):
         turned = turn.apply(points)
         edge = _upper_edge(turned, fabric.height if drawn else 0.0)
@@ -165,7 +157,8 @@ def _laid_on_edge(points: Array, turn: Rotation, fabric: Fabric, drawn: bool) ->
     top, depth = np.median(edge[:, 1]), np.median(edge[:, 2])
     beside = turned[turned[:, 1] > top - _TOP * _STRIP * fabric.height, 0]
     left, right = np.quantile(beside, [0.005, 0.995]) if drawn else (beside.min(), beside.max())
-    return _LaidEdge(turn, -np.array([(left + right) / 2, top, depth]), float(right - left))
+    shift = -np.array([(left + right) / 2, top, depth])
+    return _strip_gap(turn.apply(points) + shift, fabric) + abs(float(right - left) - fabric.width) + tie, turn, shift
 
 
 def _upper_edge(points: Array, height: float) -> Array:

@@ -75,11 +75,11 @@ def estimate_noise(frames: Sequence[Floats], thickness: float) -> SensorNoise:
     if not dense:
         raise InputError(f"clouds of less than {_NEIGHBOURS} points: too few to estimate the sensor's noise")
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        around = [*threads.map(_Neighbours.of, dense)]
+        around = [*threads.map(_Neighbours, dense)]
     half = thickness / 2
     most = -(-_PATCHES // len(dense))
     spread = [n.patches(np.linspace(0, len(n.index) - 1, min(most, len(n.index))).astype(int)) for n in around]
-    sheets = _Sheets.of(np.concatenate(spread), half)
+    sheets = _Sheets(np.concatenate(spread), half)
     depth = np.ptp(sheets.fitted, axis=1)
     flat = depth <= np.median(depth)
     sigma, strays = _SIGMA0, 0.01
@@ -101,20 +101,15 @@ def estimate_noise(frames: Sequence[Floats], thickness: float) -> SensorNoise:
     return SensorNoise(sigma, len(off) / sum(map(len, dense)) / (1 - (hidden + half) / reach), reach)
 
 
-@dataclass(frozen=True, eq=False)
 class _Neighbours:
-    """The points of a frame that do not lie alone, each with its nearest ones; it comes first itself."""
+    """The points of a frame (n, 3) m that do not lie alone, each with its nearest ones; it comes first itself."""
 
-    frame: Array  # (n, 3) m
-    index: NDArray[np.intp]  # (m, neighbours)
-    alone: Array  # m, of those that do: how far the nearest of the others is
-
-    @staticmethod
-    def of(frame: Array) -> "_Neighbours":
+    def __init__(self, frame: Array) -> None:
         distance, index = cKDTree(frame).query(frame, k=_NEIGHBOURS)
         index[:, 0] = np.arange(len(frame))  # a point that another one covers exactly still comes first
         lone = distance[:, 2] > _ALONE * distance[:, -1]  # a stray may have another one near
-        return _Neighbours(frame, index[~lone], cKDTree(frame[~lone]).query(frame[lone])[0])
+        self.frame, self.index = frame, index[~lone]  # (m, neighbours)
+        self.alone = cKDTree(frame[~lone]).query(frame[lone])[0]  # m, how far the nearest of the others is
 
     def patches(self, rows: NDArray[np.intp] | slice) -> Array:
         """Return (rows, neighbours, 3) m, each in its own principal axes about its middle, the normal last."""
@@ -124,29 +119,22 @@ class _Neighbours:
         return np.asarray(patch @ axes[:, :, ::-1])
 
 
-@dataclass(eq=False)
 class _Sheets:
-    """Patches as two-faced quadrics. `expect` makes a round of expectation-maximisation."""
+    """Patches as two-faced quadrics. `expect` makes a round of expectation-maximisation.
 
-    basis: Array  # (n, neighbours, 6)
-    z: Array  # (n, neighbours) m
-    half: float  # m, half the thickness
-    weight: Array  # (n, neighbours) how likely a point is none of the strays
-    face: Array  # (n, neighbours) expectation of its side, -1 to 1
-    counted: Array  # (neighbours,) 0 where a point does not count in the fit, else 1
-    fitted: Array  # (n, neighbours) m, the quadric
+    middle: whether the point that a patch lies around counts in its fit.
+    """
 
-    @staticmethod
-    def of(patches: Array, half: float, *, middle: bool = True) -> "_Sheets":
-        """Return the sheets of patches. `middle`: whether the point that a patch lies around counts in its fit."""
+    def __init__(self, patches: Array, half: float, *, middle: bool = True) -> None:
         x, y, z = np.moveaxis(patches, 2, 0)
         x, y = x / np.abs(x).max(), y / np.abs(y).max()
-        basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=2)
-        weight = 1 / (1 + np.square(z / (2 * half + _SIGMA0)))
-        counted = np.ones(patches.shape[1])
-        counted[0] = middle
-        fitted = _fitted(basis, z, weight * counted)
-        return _Sheets(basis, z, half, weight, np.where(z > fitted, 1.0, -1.0), counted, fitted)
+        self.basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=2)  # (n, neighbours, 6)
+        self.z, self.half = z, half  # (n, neighbours) m; m, half the thickness
+        self.counted = np.ones(patches.shape[1])  # (neighbours,) 0 where a point does not count in the fit, else 1
+        self.counted[0] = middle
+        self.weight = 1 / (1 + np.square(z / (2 * half + _SIGMA0)))  # (n, neighbours) how likely none of the strays
+        self.fitted = _fitted(self.basis, z, self.weight * self.counted)  # (n, neighbours) m, the quadric
+        self.face = np.where(z > self.fitted, 1.0, -1.0)  # (n, neighbours) expectation of its side, -1 to 1
 
     def expect(self, sigma: float, strays: float) -> Array:
         """Return (n, neighbours) m^2: weighted mean squares off the points' faces. sigma [m]; strays: share."""
@@ -167,11 +155,11 @@ class _Sheets:
 def _crowded_strays(around: _Neighbours, half: float, sigma: float, strays: float) -> Array:
     """Return how far [m] off their faces the points lie that are strays and yet not alone."""
     every = around.patches(slice(None))
-    off = _Sheets.of(every, half, middle=False).off()
+    off = _Sheets(every, half, middle=False).off()
     suspicious = off > half + _HIDDEN * sigma / 2  # the first fit is rough
     if not suspicious.any():
         return np.zeros(0)
-    suspects = _Sheets.of(every[suspicious], half, middle=False)
+    suspects = _Sheets(every[suspicious], half, middle=False)
     for _ in range(_SUSPECT_ROUNDS):
         suspects.expect(sigma, strays)
     # a middle point that does not count is known less well off its face, most of all at a hem

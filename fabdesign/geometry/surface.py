@@ -114,21 +114,15 @@ class Surface:
 
     @cached_property
     def _cells(self) -> Cells:
-        return Cells.of_triangles(self.vertices, self.triangles)
+        return Cells(np.concatenate(self._corners(), axis=1))
 
     def sample(self, count: int, rng: np.random.Generator) -> tuple[Array, Indices]:
         """Return (count, 3) points, uniform over the area, and the triangles (count,) that they lie in."""
-        triangle = np.searchsorted(self._shares, rng.random(count), side="right")  # as rng.choice draws them
+        triangle = rng.choice(len(self.areas), count, p=self.areas / self.areas.sum())
         v, w = rng.random((2, count))
         v, w = np.where(v + w > 1, 1 - v, v), np.where(v + w > 1, 1 - w, w)
         a, ab, ac = self._corners(triangle)
         return a + v[:, None] * ab + w[:, None] * ac, triangle
-
-    @cached_property
-    def _shares(self) -> Array:
-        """Return (t,) of the area, that a triangle and those before it have."""
-        sums = np.cumsum(self.areas / self.areas.sum())
-        return np.asarray(sums / sums[-1])
 
 
 def _cross(a: Array, b: Array) -> Array:
@@ -166,7 +160,7 @@ def front_triangles(rows: int, cols: int) -> Indices:
 CAP = 0.010  # m, of a distance to a surface: strays beyond it do not decide
 
 
-def capped_rms(distance: Array, *, shares: Array | None = None) -> float:
+def capped_rms(distance: Array, shares: Array | None = None) -> float:
     """Return the root mean square [m] of capped distances. shares: of each in the mean, by default all alike."""
     return float(np.sqrt(np.average(np.square(np.minimum(np.abs(distance), CAP)), weights=shares)))
 

@@ -139,7 +139,7 @@ def schema(kind: str) -> dict[str, Any]:
     KIND is design, model, study, measurement-set, recording, bench, bench-law or key. An editor that knows it (taplo,
     for example) completes and checks a file while it is typed.
     """
-    from studies.check.kinds import schema_of
+    from studies.check.files import schema_of
 
     return schema_of(kind)
 

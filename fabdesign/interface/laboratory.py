@@ -12,7 +12,7 @@ from fabdesign.interface.verb import Computing, Shown, Working, verb
 
 if TYPE_CHECKING:
     from fabdesign.interface.verb import DesignLike, File, Folder, Pressures
-    from studies.fusion.frames import FusionReport
+    from studies.fusion.report import FusionReport
 
 
 def _fused(reports: Sequence[FusionReport], given: Mapping[str, Any]) -> Shown:

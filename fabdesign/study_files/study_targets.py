@@ -14,9 +14,8 @@ from fabdesign.errors import InputError, note
 from fabdesign.formats.schema import ABOVE_0, FROM_0, SHARE, FileUnit, Key, Metre, Millimetre, Within
 from fabdesign.formats.table import Table
 from fabdesign.geometry.placement import Unit
-from fabdesign.geometry.regions import Region, Weighting
 from fabdesign.geometry.shape import Face, Shape, at_places
-from fabdesign.geometry.wishes import TubeKeys, Wish, WishKeys
+from fabdesign.geometry.wishes import Region, TubeKeys, Weighting, Wish, WishKeys
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.units import in_mm
 

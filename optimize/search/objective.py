@@ -11,10 +11,9 @@ from scipy.spatial import KDTree
 
 from fabdesign.geometry.metrics import Errors, chamfer_to, distance_to_faces, shares_at, surface_rms
 from fabdesign.geometry.placement import RigidMotion, onto
-from fabdesign.geometry.regions import Weighting
 from fabdesign.geometry.shape import Face, Shape
 from fabdesign.geometry.surface import CAP, Surface, capped_rms, half_of
-from fabdesign.geometry.wishes import Landmarks
+from fabdesign.geometry.wishes import Landmarks, Weighting
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import SIDE, Case, ForwardModel

@@ -19,22 +19,30 @@ from fabdesign.nouns.bench import Bench
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.fabric import Fabric
 from fabdesign.nouns.muscle import WIDEST, BenchTable, MuscleType, diameter_slip
+from fabdesign.study_files.follow_file import FollowStudy
 from fabdesign.study_files.layouts_file import LayoutsStudy
 from fabdesign.study_files.loop_file import LoopStudy
 from fabdesign.study_files.sensitivity_file import SensitivityStudy
-from fabdesign.study_files.study_file import Kind, Study, read_head, require_searchable
+from fabdesign.study_files.study_file import Kind, Study, StudyFile, read_head, require_searchable
 from fabdesign.study_files.study_targets import TargetFile
-from fabdesign.study_files.unseen_file import FREE
+from fabdesign.study_files.unseen_file import FREE, UnseenStudy
 from fabdesign.units import in_kpa, in_mm
 from optimize.fit.free_parameters import fit_vector
 from optimize.search.margins import bend_radius, clearance
 from studies.benches import SIZES, require_columns, require_sizes
 from studies.check.findings import BLOCKED, FABRIC, FREE_CONTRACTION, GRAVITY, MUSCLE_TYPE, Findings, beyond, failures
-from studies.check.kinds import STUDIES
 from studies.follow import wanted_of
 from studies.layout_search.first_layouts import first_starts
 from studies.layout_search.target import load_target
 
+STUDIES: Mapping[Kind, type[StudyFile]] = {
+    "optimize": Study,
+    "sensitivity": SensitivityStudy,
+    "layouts": LayoutsStudy,
+    "unseen": UnseenStudy,
+    "loop": LoopStudy,
+    "follow": FollowStudy,
+}
 SPACING = 0.006  # m, that `optimize` keeps between muscles on one face where a study says nothing
 _ROUNDING = 1e-6  # m
 _ROWS = 4  # of a bench table, that a muscle's law is fitted to

@@ -1,4 +1,5 @@
-"""The kinds of files that commands read: how it is recognised, and what is asked of it."""
+"""The kinds of files that commands read: how it is recognised, and what is asked of it. Of those that dataclasses
+declare come `fabdesign schema` and the tables of keys in the docs."""
 
 import hashlib
 import warnings
@@ -7,18 +8,19 @@ from contextlib import suppress
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.clouds.cloud_file import KINDS
-from fabdesign.clouds.recording import read_recording
+from fabdesign.clouds.cloud_file import KINDS as CLOUDS
+from fabdesign.clouds.recording import RecordingKeys, read_recording
 from fabdesign.clouds.target_file import AS_GIVEN, AsTarget, keys_as_options, read_target
 from fabdesign.clouds.xyz import is_text_cloud
 from fabdesign.errors import InputError, InputNote
 from fabdesign.files import law_tables
-from fabdesign.files.bench_file import read_record
-from fabdesign.files.design_file import is_part, read_design, read_part
+from fabdesign.files.bench_file import BenchKeys, read_record
+from fabdesign.files.design_file import DesignHead, DesignScene, is_part, read_design, read_part
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.model_file import read_model
 from fabdesign.files.motion_file import read_motion
@@ -27,14 +29,37 @@ from fabdesign.files.trial_file import read_trial
 from fabdesign.formats.csv_table import read_raw_table
 from fabdesign.formats.lab_table import parse_heading, parse_units_row, unit_of
 from fabdesign.formats.npz_file import open_npz
+from fabdesign.formats.schema import json_schema
 from fabdesign.formats.table import nearest
 from fabdesign.formats.toml_file import parse_toml
+from fabdesign.nouns.design import Design
 from fabdesign.nouns.fabric import Fabric
+from fabdesign.nouns.model import Model
 from fabdesign.nouns.model_sampling import joint_root
 from fabdesign.nouns.pressure import PressureProgram
-from studies.check.design import bench_findings, bench_table_lines, design_findings, part_findings, study_findings
+from fabdesign.nouns.trial import MeasurementSet
+from fabdesign.study_files.study_file import StudyHead
+from studies.check.design import (
+    STUDIES,
+    bench_findings,
+    bench_table_lines,
+    design_findings,
+    part_findings,
+    study_findings,
+)
 from studies.check.findings import FACTOR, PRESSURE, Findings, beyond, failures
+from studies.rig import GroundTruth, read_ground_truth
 
+KINDS: Mapping[str, tuple[type, ...]] = {
+    "design": (DesignHead, DesignScene, Design),
+    "model": (Model,),
+    "study": (StudyHead,),  # with those of one of STUDIES
+    "measurement-set": (MeasurementSet,),
+    "recording": (RecordingKeys,),
+    "bench": (BenchKeys,),
+    "bench-law": (law_tables.LawKeys,),
+    "key": (GroundTruth,),
+}
 _STUDY = "fabdesign.study/1"  # whose file may leave the line out
 _DESIGN = "fabdesign.design/1"  # as may a file that designs include
 _FOLDERS = ("set.toml", "recording.toml", "bench.toml", "model.toml", "design.toml")
@@ -66,7 +91,7 @@ def _inspect(path: Path, how: AsTarget) -> Findings:
             return _npz(path, how)
         if suffix in TABLES:
             return _table(path, how)
-        if suffix in KINDS:
+        if suffix in CLOUDS:
             return _cloud(path, how)
         return _BY_FORMAT[_format(path)](path)
     except InputError as error:
@@ -163,8 +188,6 @@ def _model(path: Path) -> Findings:
 
 
 def _key(path: Path) -> Findings:
-    from studies.rig import read_ground_truth  # here: the rig needs an extra
-
     truth = read_ground_truth(path)
     lines = [line for name, factor in truth.parameters.items() for line in beyond(name, factor, FACTOR)]
     return Findings.warned(f"{path}: parameters", lines)
@@ -258,3 +281,19 @@ _BY_FORMAT: Mapping[str, Callable[[Path], Findings]] = {
     "fabdesign.measurement-set/1": _set,
     "fabdesign.key/1": _key,
 }
+
+
+def schema_of(kind: str) -> dict[str, Any]:
+    """Return the JSON Schema of one of KINDS. Raises InputError for any other."""
+    if kind not in KINDS:
+        raise InputError(f"schema {kind}: expected one of {', '.join(KINDS)}{nearest(kind, [*KINDS])}")
+    if kind == "study":
+        studies = [json_schema("study", (StudyHead, form), required=()) for form in STUDIES.values()]
+        for name, study in zip(STUDIES, studies, strict=True):
+            study["properties"]["kind"] = {"const": name}
+        return {"$schema": studies[0].pop("$schema"), "title": studies[0]["title"], "oneOf": studies}
+    schema = json_schema(kind, KINDS[kind])
+    if kind == "design":  # a file that others include has some of its keys
+        del schema["properties"]["fabric"]["required"]
+        schema["required"] = []
+    return schema

@@ -17,10 +17,8 @@ from fabdesign.errors import InputError, note
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.fabric import Fabric
 from studies.fusion.cleaning import Cleaned, clean_image
-from studies.fusion.clocks import NOTHING_LOST, Losses, begins_to_move, losses
-from studies.fusion.input import REST
-from studies.fusion.joint import SensorView
-from studies.fusion.moving import StampedView, with_speeds
+from studies.fusion.joint import REST, SensorView
+from studies.fusion.moving import Losses, StampedView, begins_to_move, losses, with_speeds
 from studies.fusion.ripple import RIPPLE_IMAGES, Ripple, ripple_of
 from studies.measured.splits import Tolerance
 
@@ -43,7 +41,7 @@ class Cutter:
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(("box", "planes", "colour", "predicted"), 0))
     kept: int = 0
     views: list[StampedView] = field(default_factory=list)  # of its images, once they are read
-    odd: Losses = NOTHING_LOST
+    odd: Losses = field(default_factory=Losses)
 
     def __post_init__(self) -> None:
         camera = self.stream.camera

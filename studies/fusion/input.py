@@ -1,11 +1,11 @@
 """This module makes cleaned views and anchored poses from a recording; unsound parts are refused, or left out: swapped
 sensors, clocks that differ, cameras that were moved are seen in the clouds themselves."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import TYPE_CHECKING
+from operator import itemgetter
 
 import numpy as np
 
@@ -15,39 +15,17 @@ from fabdesign.errors import InputError
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.trial import RecordingTiming
 from studies.fusion.cleaning import clean, clean_image, raster
-from studies.fusion.joint import DISAGREE, Arrangement, SensorView, align
+from studies.fusion.cutting import Cutter
+from studies.fusion.joint import DISAGREE, REST, Anchored, Arrangement, SensorView, align
 from studies.fusion.reference import Pose, off, register_to_rest
 from studies.fusion.ripple import RIPPLE_IMAGES, ripple_of
 from studies.measured.splits import Tolerance
 
-if TYPE_CHECKING:
-    from studies.fusion.cutting import Cutter
-
-REST = -1  # the frame number of the reference
 BETTER = 0.5  # what a swap or another frame must leave of the distances
 LAGS = (-2, -1, 0, 1, 2)  # frames
 CHANGE = 0.001  # m: what a change of the lag by one must save in distances, summed over frames
 UNKNOWN = 0.0005  # m: a frame without partners
-MOVED = 0.0025  # m: a camera so far from every other one was moved
 NOMINAL_ERROR = (np.radians(1.0), 0.005)  # rad and m that poses are taken to be off, where there is no reference
-
-
-@dataclass(frozen=True, eq=False)
-class Anchored:
-    """Sensors that can be used, with what the cloth at rest says of their poses. A camera is an index into them."""
-
-    sensors: tuple[Sensor, ...]
-    anchors: tuple[Pose, ...]
-    rest: tuple[SensorView, ...]  # of the reference
-    thickness: float  # m, of the cloth
-
-    @property
-    def sides(self) -> list[str]:
-        return [s.side for s in self.sensors]
-
-    def arranged(self, poses: Sequence[Array] = ()) -> Arrangement:
-        """Return the cameras as they stand by poses (4, 4); without them, by their anchors."""
-        return Arrangement(poses or [anchor.matrix for anchor in self.anchors], self.sides, self.thickness)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -60,7 +38,7 @@ class AlignedFrames:
     times: Array  # (T,) s after the pressure's 0
     views: Sequence[Sequence[SensorView]] = ()  # of each frame; of stamped images they are made when asked for
     timing: RecordingTiming | None = None  # of cameras that stamp their images
-    cutters: Sequence["Cutter"] = ()  # of depth images
+    cutters: Sequence[Cutter] = ()  # of depth images
 
     def frames(self) -> Iterator[tuple[int, float, Sequence[SensorView]]]:
         """Yield the number, the time [s] and the views of each frame."""
@@ -73,28 +51,26 @@ class AlignedFrames:
         return self.recording.frame(self.anchored.sensors[camera], index)
 
 
-def anchor_sensors(
-    recording: Recording,
-    tolerance: Tolerance,
-    among: Sequence[Sensor] | None = None,
-    at_rest: Callable[[Sensor], tuple[Array, SensorView] | None] = lambda sensor: None,
-) -> Anchored:
+def anchor_sensors(recording: Recording, tolerance: Tolerance, cutters: Mapping[str, Cutter] | None = None) -> Anchored:
     """Register every sensor to the reference; without one, the nominal pose is the anchor. Raises InputError.
 
-    at_rest: gives a sensor's cloud at rest and its view where there is no `reference`.
+    cutters: of depth images, by the names of the sensors that are left: they see the cloth at rest where there is no
+    `reference`.
     """
     sensors: list[Sensor] = []
     anchors: list[Pose] = []
     rest: list[SensorView] = []
     fabric = recording.design.fabric
-    for sensor in recording.sensors if among is None else among:
+    for sensor in recording.sensors:
+        if cutters is not None and sensor.name not in cutters:
+            continue
         with tolerance.forgiving():
             view = None
             if recording.has_reference():
                 cloud = recording.reference(sensor)
                 anchors.append(_registered(recording, sensor, cloud))
                 view = SensorView(REST, len(sensors), clean(cloud))
-            elif (seen := at_rest(sensor)) is not None:
+            elif cutters and (seen := cutters[sensor.name].at_rest()) is not None:
                 anchors.append(register_to_rest(sensor, seen[0], fabric, seen[1].cloud))
                 view = replace(seen[1], camera=len(sensors))
             else:
@@ -104,7 +80,8 @@ def anchor_sensors(
     if {s.side for s in sensors} != {"front", "back"}:
         names = ", ".join(s.name for s in sensors) or "no sensor"
         raise InputError(f"recording {recording.name}: {names} left; expected sensors in front and at the back")
-    return Anchored(tuple(sensors), tuple(anchors), tuple(rest), fabric.thickness)
+    start = Arrangement([anchor.matrix for anchor in anchors], [s.side for s in sensors], fabric.thickness)
+    return Anchored(tuple(sensors), tuple(anchors), tuple(rest), start)
 
 
 def _registered(recording: Recording, sensor: Sensor, cloud: Array) -> Pose:
@@ -113,15 +90,14 @@ def _registered(recording: Recording, sensor: Sensor, cloud: Array) -> Pose:
     except InputError:
         # seen through a flat sheet, the poses to the left in front and to the right behind look the same: whose own
         # cloud does not fit either is the other one
-        turns = {
-            other.name: (_turn(recording, other, other), _turn(recording, other, sensor)) for other in recording.sensors
-        }
-        fits = {name: (np.isfinite(of_itself), turn) for name, (of_itself, turn) in turns.items() if np.isfinite(turn)}
+        fits = {}
+        for other in recording.sensors:
+            if np.isfinite(turn := _turn(recording, other, sensor)):
+                fits[bool(np.isfinite(_turn(recording, other, other))), turn] = other.name
         if not fits:
             raise
-        nearest = min(fits, key=fits.__getitem__)
         raise InputError(
-            f"reference: the cloud of {sensor.name} fits the pose of {nearest}; are the two swapped?"
+            f"reference: the cloud of {sensor.name} fits the pose of {fits[min(fits)]}; are the two swapped?"
         ) from None
 
 
@@ -143,7 +119,7 @@ def plain_frames(recording: Recording, tolerance: Tolerance) -> AlignedFrames:
     sound = []
     for frame, mine in _by_frame(views).items():
         with tolerance.forgiving():
-            if {anchored.sides[v.camera] for v in mine} != {"front", "back"}:
+            if {anchored.start.sides[v.camera] for v in mine} != {"front", "back"}:
                 raise InputError(
                     f"frame {frame}: no sensor left on one side; expected one in front and one at the back"
                 )
@@ -151,7 +127,7 @@ def plain_frames(recording: Recording, tolerance: Tolerance) -> AlignedFrames:
     if not sound:
         raise InputError(f"recording {recording.name}: no sound frame is left")
     frames = _by_frame(sound)
-    poses = align([*anchored.rest, *sound], anchored.anchors, anchored.arranged())
+    poses = align([*anchored.rest, *sound], anchored.anchors, anchored.start)
     times = recording.times[[*frames]]
     return AlignedFrames(recording=recording, anchored=anchored, poses=poses, times=times, views=[*frames.values()])
 
@@ -180,7 +156,7 @@ def _by_frame(views: Iterable[SensorView]) -> dict[int, list[SensorView]]:
 
 
 def _without_swapped(anchored: Anchored, views: Sequence[SensorView], tolerance: Tolerance) -> list[SensorView]:
-    kept, arranged = [], anchored.arranged()
+    kept, arranged = [], anchored.start
     for frame, mine in _by_frame(views).items():
         with tolerance.forgiving():
             if disagreement(mine, arranged) > DISAGREE and (pair := swapped_pair(mine, arranged)) is not None:
@@ -191,7 +167,7 @@ def _without_swapped(anchored: Anchored, views: Sequence[SensorView], tolerance:
 
 
 def _without_late(anchored: Anchored, views: list[SensorView], tolerance: Tolerance) -> list[SensorView]:
-    arranged = anchored.arranged()
+    arranged = anchored.start
     worst = max((disagreement(mine, arranged) for mine in _by_frame(views).values()), default=0.0)
     shifted = shifted_sensor(views, arranged) if worst > DISAGREE / 2 else None
     if shifted is None:
@@ -234,7 +210,7 @@ def shifted_sensor(views: Sequence[SensorView], arranged: Arrangement) -> tuple[
     cameras = sorted({v.camera for v in views})
     by_place = {(v.frame, v.camera): v for v in views if v.frame >= 0}
     frames = sorted({frame for frame, _ in by_place})
-    best: tuple[float, tuple[int, dict[int, int]]] | None = None
+    shifts: list[tuple[float, int, dict[int, int]]] = []
     for camera in cameras:
         cost = np.full((len(frames), len(LAGS)), UNKNOWN)
         for i, frame in enumerate(frames):
@@ -247,9 +223,9 @@ def shifted_sensor(views: Sequence[SensorView], arranged: Arrangement) -> tuple[
         before = float(cost[:, LAGS.index(0)].mean())
         gain = float(np.mean([cost[i, j] for i, j in enumerate(path)])) / before if before > 0 else 1.0
         lags = {frame: LAGS[j] for frame, j in zip(frames, path, strict=True)}
-        if any(lags.values()) and gain < BETTER and (best is None or gain < best[0]):
-            best = gain, (camera, lags)
-    return None if best is None else best[1]
+        if any(lags.values()) and gain < BETTER:
+            shifts.append((gain, camera, lags))
+    return min(shifts, key=itemgetter(0))[1:] if shifts else None
 
 
 def _cheapest(cost: Array) -> list[int]:
@@ -264,32 +240,3 @@ def _cheapest(cost: Array) -> list[int]:
     for back in reversed(came):
         path.append(int(back[path[-1]]))
     return path[::-1]
-
-
-def moved_camera(
-    views_at: Callable[[int], Sequence[SensorView]], frames: int, arranged: Arrangement
-) -> tuple[int, int] | None:
-    """Return the camera whose views leave those of all others from a frame on, to the end, and that frame."""
-    cameras = range(len(arranged.poses))
-    last = next((k for k in range(frames - 1, max(frames - 6, -1), -1) if len(views_at(k)) == len(cameras)), None)
-    if last is None or len(cameras) < 3:
-        return None
-
-    def alone(frame: int) -> dict[int, float]:
-        """Return by camera the least of its distances to the others."""
-        least = dict.fromkeys(cameras, np.inf)
-        for a, b in combinations(views_at(frame), 2):
-            gap = arranged.gap(a, b)
-            for view in (a, b):
-                least[view.camera] = min(least[view.camera], gap)
-        return least
-
-    at_end = alone(last)
-    far = [camera for camera, gap in at_end.items() if MOVED < gap < np.inf]
-    if len(far) != 1 or max(gap for camera, gap in at_end.items() if camera != far[0]) > MOVED:
-        return None
-    sound, moved = -1, last
-    while moved - sound > 1:
-        middle = (sound + moved) // 2
-        sound, moved = (sound, middle) if alone(middle)[far[0]] > MOVED else (middle, moved)
-    return far[0], moved

@@ -12,17 +12,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fabdesign.depth.sensor import Sensor
 from fabdesign.nouns.array import Array
 from studies.fusion.cleaning import Cleaned
-from studies.fusion.clocks import Clock
-from studies.fusion.moving import StampedView, view_at
+from studies.fusion.moving import Clock, StampedView, view_at
 from studies.fusion.reference import Pose, moved
 
+REST = -1  # the frame number of the reference
 REACH = 0.006  # m, between corresponding points, and as much more as the faces lie apart
 PAIR_NOISE = 1.0e-3  # m, of one point-to-plane distance: the depth noise of a point and of a plane
 INDEPENDENT = 3.0  # distances that count as one
 ROUNDS = 3
-KNOCKED = (np.radians(0.2), 0.001)  # rad and m that a pose may change from frame to frame
 FACING = 0.7  # least cosine between corresponding normals
 SAMPLE = 900  # points of a cloud that are compared
 LEAST_OVERLAP = 60  # points
@@ -114,34 +114,32 @@ class TimedViews:
     known: Sequence[float]  # s, how well each clock is known
 
     @cached_property
-    def _times(self) -> list[Array]:
+    def times(self) -> list[Array]:
+        """Return the instants (images,) s of each camera's views."""
         each = zip(self.views, self.clocks, strict=True)
         return [clock.times(np.array([view.stamp for view in views])) for views, clock in each]
 
-    def times(self, camera: int) -> Array:
-        """Return the instants (images,) s of a camera's views."""
-        return self._times[camera]
-
-    def speeds(self, camera: int) -> Array:
-        """Return the mean speed (images,) m/s of the cloth in a camera's views; 0 where it is not known."""
-        return np.nan_to_num([view.mean_speed for view in self.views[camera]])
+    @cached_property
+    def speeds(self) -> list[Array]:
+        """Return the mean speed (images,) m/s of the cloth in each camera's views; 0 where it is not known."""
+        return [np.nan_to_num([view.mean_speed for view in views]) for views in self.views]
 
     def at(self, instants: Array, within: float = np.inf, steps: Sequence[float] = ()) -> list[SensorView]:
         """Return every camera's view at each instant [s] where it has an image so near [s]. steps: as of `view_at`."""
         taken = []
-        for camera, (views, clock) in enumerate(zip(self.views, self.clocks, strict=True)):
-            times = self.times(camera)
+        for camera, (views, times) in enumerate(zip(self.views, self.times, strict=True)):
             for frame, instant in enumerate(instants):
                 k = int(np.abs(times - instant).argmin())
                 if abs(times[k] - instant) <= within:
                     cloud, velocity = view_at(views, times, float(instant), steps)
-                    taken.append(SensorView(frame, camera, cloud, velocity, views[k].stamp - clock.middle))
+                    stamp = views[k].stamp - self.clocks[camera].middle
+                    taken.append(SensorView(frame, camera, cloud, velocity, stamp))
         return taken
 
     def until(self, camera: int, instant: float) -> "TimedViews":
         """Return it with a camera's views up to an instant [s] alone."""
         views = [*self.views]
-        views[camera] = views[camera][: int((self.times(camera) <= instant).sum())]
+        views[camera] = views[camera][: int((self.times[camera] <= instant).sum())]
         return replace(self, views=views)
 
     def moved(self, small: Array) -> "TimedViews":
@@ -150,23 +148,30 @@ class TimedViews:
         return replace(self, clocks=clocks)
 
 
+@dataclass(frozen=True, eq=False)
+class Anchored:
+    """Sensors that can be used, with what the cloth at rest says of their poses. A camera is an index into them."""
+
+    sensors: tuple[Sensor, ...]
+    anchors: tuple[Pose, ...]
+    rest: tuple[SensorView, ...]  # of the reference
+    start: Arrangement  # by the anchors
+
+
 def align(views: Sequence[SensorView], anchors: Sequence[Pose], start: Arrangement) -> list[Array]:
     """Return the poses (4, 4) that agree best with one another over all views, and with their anchors."""
     return _aligned(lambda _: views, np.full((len(anchors), 2), HELD), anchors, start).poses
 
 
-def align_timed(
-    timed: TimedViews, instants: Array, rest: Sequence[SensorView], anchors: Sequence[Pose], start: Arrangement
-) -> Alignment:
+def align_timed(timed: TimedViews, instants: Array, anchored: Anchored) -> Alignment:
     """Return the poses and clocks that agree best over views at instants [s] and at rest."""
     certain = np.array([[max(s, 1e-12) ** -2, DRIFT**-2] for s in timed.known])
     certain[0] = HELD
-    return _aligned(lambda change: [*rest, *timed.moved(change).at(instants)], certain, anchors, start)
 
+    def views_of(change: Array) -> list[SensorView]:
+        return [*anchored.rest, *timed.moved(change).at(instants)]
 
-def align_frame(views: Sequence[SensorView], shared: Arrangement) -> list[Array]:
-    """Return poses for one frame on its own, close to the shared ones: cameras that were knocked in between."""
-    return align(views, [Pose.within(pose, *KNOCKED) for pose in shared.poses], shared)
+    return _aligned(views_of, certain, anchored.anchors, anchored.start)
 
 
 def _aligned(

@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
+from fabdesign.clouds.recording import Recording
+from fabdesign.errors import note
 from fabdesign.files.pressure_file import steps_of
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.pressure import PressureProgram
-from studies.fusion.clocks import best_lag
 from studies.fusion.joint import TimedViews
-from studies.fusion.moving import StampedView, change
+from studies.fusion.moving import StampedView, best_lag, change
 
 FADES = 0.15  # s, time constant of the motion after a step, for the coarse place
 GRID = 0.004  # s
@@ -38,17 +38,22 @@ class PressureBegin(NamedTuple):
     steps: int
 
 
-def pressure_begin(program: PressureProgram, timed: TimedViews) -> PressureBegin:
-    """Return when the program begins; NaN where it has no step."""
-    steps = steps_of(program)
+def pressure_begin(recording: Recording, timed: TimedViews) -> PressureBegin:
+    """Return when a recording's program begins: as it says, else by its steps; else with the first image, with a
+    note."""
+    begins, steps = float(timed.times[0][0]), steps_of(recording.program)
+    if recording.log.shift is not None:
+        return PressureBegin(begins + recording.log.shift, 0.0, 0)
     if not steps:
-        return PressureBegin(float("nan"), float("nan"), 0)
-    cameras = range(len(timed.views))
-    times, speeds = [timed.times(camera) for camera in cameras], [timed.speeds(camera) for camera in cameras]
-    coarse = _coarse(steps, times, speeds)
+        note(
+            f"recording {recording.name}: the pressures have no step; their 0 is taken to be the first image's instant"
+        )
+        return PressureBegin(begins, 0.0, 0)
+    coarse = _coarse(steps, timed)
     onsets = []
     for step, _ in steps:
-        curves = [_curve(images, t, v, coarse + step) for images, t, v in zip(timed.views, times, speeds, strict=True)]
+        cameras = zip(timed.views, timed.times, timed.speeds, strict=True)
+        curves = [_curve(*camera, coarse + step) for camera in cameras]
         start = _start([curve for curve in curves if len(curve) > 1], coarse + step)
         if start is not None:
             onsets.append((start[0] - step, start[1]))
@@ -60,11 +65,11 @@ def pressure_begin(program: PressureProgram, timed: TimedViews) -> PressureBegin
     return PressureBegin(middle, float(weights.sum() ** -0.5), len(onsets))
 
 
-def _coarse(steps: Sequence[tuple[float, float]], times: Sequence[Array], speeds: Sequence[Array]) -> float:
+def _coarse(steps: Sequence[tuple[float, float]], timed: TimedViews) -> float:
     """Return the offset at which the motion that steps would make lies best on the motion that was seen."""
-    every = np.concatenate(times)
+    every = np.concatenate(timed.times)
     order = np.argsort(every)
-    seen = every[order], np.concatenate(speeds)[order]
+    seen = every[order], np.concatenate(timed.speeds)[order]
     grid = np.arange(-0.5, max(seen[0][-1] - seen[0][0], steps[-1][0] + 0.5), GRID)
     expected = np.zeros(len(grid))
     for at, jump in steps:

@@ -5,9 +5,9 @@ other three. Nothing aligns one face with the other.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-import open3d as o3d
 from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
@@ -25,6 +25,7 @@ HOLES, STRAYS = 0.05, 0.003  # shares of pixels without depth on the cloth, and 
 PLANE_NOISE = 8e-4  # m
 INDEPENDENT = 3.0  # depths that count as one: their errors and the cloth's unevenness go together over a few pixels
 COARSE_REACH = 0.03  # m, more than nominal poses are off
+NORMAL_RADIUS, NORMAL_NEIGHBOURS = 0.012, 30  # m
 OFF_NOMINAL = (0.04, 8.0)  # m and degrees from the nominal pose: beyond, the cloud is another sensor's
 
 
@@ -55,9 +56,20 @@ def off(a: Array, b: Array) -> tuple[float, float]:
     return float(np.linalg.norm(a[:3, 3] - b[:3, 3])), float(np.degrees(turn))
 
 
-def point_cloud(points: Array) -> o3d.geometry.PointCloud:
+def point_cloud(points: Array) -> Any:
     """Return points (n, 3) as Open3D has them."""
+    import open3d as o3d  # here: half a second, and it may be absent
+
     return o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.ascontiguousarray(points)))
+
+
+def normals_of(face: Array) -> Array:
+    """Return (n, 3) unit normals of a face's points, of either sign."""
+    import open3d as o3d
+
+    cloud = point_cloud(face)
+    cloud.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(NORMAL_RADIUS, NORMAL_NEIGHBOURS))
+    return np.asarray(cloud.normals)
 
 
 def register_to_rest(sensor: Sensor, cloud: Array, fabric: Fabric, cleaned: Cleaned | None = None) -> Pose:
@@ -93,6 +105,8 @@ def register_to_rest(sensor: Sensor, cloud: Array, fabric: Fabric, cleaned: Clea
 
 def _coarse(sensor: Sensor, cleaned: Array, fabric: Fabric, z: float) -> Array:
     """Return the pose by point-to-plane and then point-to-point ICP onto an even sample of the face."""
+    import open3d as o3d
+
     face = at_rest(fabric, 81, 81) + [0.0, 0.0, z]
     target = point_cloud(face)
     target.normals = o3d.utility.Vector3dVector(np.tile([0.0, 0.0, 1.0], (len(face), 1)))

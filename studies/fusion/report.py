@@ -1,32 +1,58 @@
-"""The picture of a fusion, one frame before and after; and the page of a recording of stamped images: views with what
-was cut, views on the fused cloth, timings, what was left out."""
+"""The report of a fusion; its picture, one frame before and after; and the page of a recording of stamped images: views
+with what was cut, views on the fused cloth, timings, what was left out."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fabdesign.nouns.array import Array
+from fabdesign.nouns.trial import RecordingTiming
 from fabdesign.units import in_mm
-from studies.report.page import Block, Picture, TableBlock, Text, Title, html_of
-
-if TYPE_CHECKING:
-    from studies.fusion.frames import FusionReport
-    from studies.fusion.stamped import StampedFrames
+from studies.fusion.stamped import StampedFrames
+from studies.report.page import Block, Picture, TableBlock, Text, Title
 
 AROUND = 60  # pixels
 SLICE = 0.008  # m, half the width of a slice in the picture
 
 
-def page_of(report: "FusionReport", last: Mapping[str, Array], stamped: "StampedFrames") -> str:
-    """Return the page. last: the last frame's clouds in the world, by sensor."""
-    return html_of(f"Fused: {report.recording}", _blocks(report, last, stamped))
+@dataclass(frozen=True)
+class SensorReport:
+    name: str
+    camera_to_world: list[list[float]]  # m
+    moved_mm: float  # from the nominal pose
+    turned_deg: float
+    residual_mm: float  # root mean square distance of its cleaned points to the fused face
+    points: int  # cleaned, over all frames
+    dropped: int  # strays, flying pixels and edge ribbons
+    cut: Mapping[str, float] | None = None  # of depth images: by rule the share of pixels that is not the cloth
+    target_mm: float | None = None  # root mean square distance of the target's places to the other cameras' ones
+    ripple_mm: float | None = None  # of depth images: amplitude that was taken off, at the cloth's middle
 
 
-def _blocks(report: "FusionReport", last: Mapping[str, Array], stamped: "StampedFrames") -> Iterator[Block]:
+@dataclass(frozen=True)
+class FusionReport:
+    """A report of what was done; in SET/fusion.json, with the picture SET/fusion.png (of several, fusion_ORDER.png)."""
+
+    recording: str
+    frames: int
+    sensors: tuple[SensorReport, ...]
+    thickness_mm: float  # between the fused faces: median over points and frames
+    declared_thickness_mm: float
+    skipped: tuple[str, ...]
+    wall_s: float
+    frame_poses: dict[str, list[list[list[float]]]] | None = None  # by sensor, where they were asked for frame by frame
+    order: int = 0  # of its trial
+    timing: RecordingTiming | None = None  # of cameras that stamp their images
+    vertical_deg: float | None = None  # from the world's -y to gravity, where cameras feel it
+
+
+def blocks_of(report: FusionReport, last: Mapping[str, Array], stamped: StampedFrames) -> Iterator[Block]:
+    """Yield the blocks of the page. last: the last frame's clouds in the world, by sensor."""
     timing = stamped.timing
     yield Title(f"{report.recording}: {report.frames} frames of {len(report.sensors)} cameras", 1)
     worst = max(sensor.residual_mm for sensor in report.sensors)
@@ -78,7 +104,7 @@ def _blocks(report: "FusionReport", last: Mapping[str, Array], stamped: "Stamped
         yield Text(line, "note")
 
 
-def _views(stamped: "StampedFrames") -> Figure:
+def _views(stamped: StampedFrames) -> Figure:
     count = len(stamped.cutters)
     figure = Figure(figsize=(3.2 * count, 3.4), layout="constrained")
     time = float(stamped.times[len(stamped.times) // 2])
@@ -109,11 +135,11 @@ def _slices(last: Mapping[str, Array]) -> Figure:
     return figure
 
 
-def _timeline(stamped: "StampedFrames") -> Figure:
+def _timeline(stamped: StampedFrames) -> Figure:
     figure = Figure(figsize=(12, 4.5), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
     for k, views in enumerate(stamped.timed.views):
-        times = stamped.timed.times(k) - stamped.offset
+        times = stamped.timed.times[k] - stamped.offset
         above.plot(times, in_mm(np.array([view.mean_speed for view in views])), label=stamped.anchored.sensors[k].name)
         below.plot(times, np.full(len(times), k), "|", color=f"C{k}")
         lost: Any = stamped.timed.clocks[k].times(np.array(stamped.cutters[k].odd.lost)) - stamped.offset

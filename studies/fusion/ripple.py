@@ -7,10 +7,8 @@ follows from w'. Of several w that have one w', which large ripple makes, that n
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
@@ -39,6 +37,7 @@ class Ripple:
     cosine: float  # b, 1/m
     focal: float  # pixels
     pixel: float  # m on the cloth
+    share: float = 1.0  # of the square of what local planes leave
 
     @property
     def disparity(self) -> float:
@@ -54,13 +53,34 @@ class Ripple:
         """Return the depths (rows, columns) m without it; 0 stays 0."""
         there = depth > 0
         w = 1.0 / np.where(there, depth, 1.0)
-        wave, least = np.array([self.frequency, self.sine, self.cosine]), w
         if self.disparity < FOLDS:
-            least = _inverse(w, w, there, wave, 0.0)
+            least = self._nearest(w, w, w, 0.0)
         else:
+            least = w
             for share, trust in TRUST:
-                least = _inverse(w, _Planes(there, share * WIDE / self.pixel).smooth(least), there, wave, trust)
+                plane, pull = _Planes(there, share * WIDE / self.pixel).smooth(least), (NOISE / trust) ** 2
+                tried = plane + REACH / self.frequency * np.linspace(-1.0, 1.0, TRIED)[:, None, None]
+                cost = (tried + self._wave(tried)[0] - w) ** 2 + pull * (tried - plane) ** 2
+                start = np.take_along_axis(tried, cost.argmin(axis=0)[None], axis=0)[0]
+                least = self._nearest(w, plane, start, pull)
         return np.where(there, 1.0 / np.where(there, least, 1.0), 0.0)
+
+    def _wave(self, w: Array) -> tuple[Array, Array]:
+        """Return what it adds to inverse depths, and that one's slope."""
+        turn = 2 * np.pi * self.frequency
+        sine, cosine = np.sin(turn * w), np.cos(turn * w)
+        return self.sine * sine + self.cosine * cosine, turn * (self.sine * cosine - self.cosine * sine)
+
+    def _nearest(self, seen: Array, plane: Array, start: Array, pull: float) -> Array:
+        """Return the inverse depths by `start` that look as they were seen; pull: how much the plane counts."""
+        least, going = start, np.ones(start.shape, dtype=bool)
+        for _ in range(4):  # Gauss-Newton
+            wave, slope = self._wave(least)
+            slope = slope + 1.0
+            step = (slope * (least + wave - seen) + pull * (least - plane)) / (slope**2 + pull)
+            least = least - going * np.clip(step, -0.03 / self.frequency, 0.03 / self.frequency)
+            going &= np.abs(step) >= EXACT / self.frequency
+        return least
 
 
 def ripple_of(depths: Sequence[Array], focal: float, pixel: float) -> Ripple | None:
@@ -70,17 +90,17 @@ def ripple_of(depths: Sequence[Array], focal: float, pixel: float) -> Ripple | N
     """
     coarser = 2.0 * pixel  # every second pixel shows it as well
     images = [_Residuals(depth[::2, ::2], WIDE / coarser) for depth in depths]
-    shares = np.array([_fit(images, focal * baseline, focal).share for baseline in BASELINES])
+    shares = np.array([_fit(images, focal * baseline, focal)[0].share for baseline in BASELINES])
     if shares.max() < LEAST_RATIO * np.median(shares):
         return None
     frequency = begin = focal * float(BASELINES[shares.argmax()])
     for _ in range(ROUNDS):
-        _, ripple, change = _fit(images, frequency, focal, coarser)
+        ripple, change = _fit(images, frequency, focal, coarser)
         frequency += change
         for image in images:
             image.phase_by(ripple)
-    share, ripple, _ = _fit(images, frequency, focal, pixel)
-    return ripple if share > LEAST_SHARE and abs(np.log(frequency / begin)) < LOCAL else None
+    ripple, _ = _fit(images, frequency, focal, pixel)
+    return ripple if ripple.share > LEAST_SHARE and abs(np.log(frequency / begin)) < LOCAL else None
 
 
 class _Planes:
@@ -134,16 +154,8 @@ class _Residuals:
         return (values - self.planes.smooth(values))[self.kept]
 
 
-class _RippleFit(NamedTuple):
-    """The share of the residuals' square that is ripple, the ripple, and how its frequency is better changed."""
-
-    share: float
-    ripple: Ripple
-    change: float
-
-
-def _fit(images: Sequence[_Residuals], frequency: float, focal: float, pixel: float = 0.0) -> _RippleFit:
-    """Return the ripple of a frequency; a better one is not sought without a pixel [m]."""
+def _fit(images: Sequence[_Residuals], frequency: float, focal: float, pixel: float = 0.0) -> tuple[Ripple, float]:
+    """Return the ripple of a frequency, and how that is better changed, which is not sought without a pixel [m]."""
     waves = [2 * np.pi * frequency * image.phase for image in images]
 
     def column(values: Sequence[Array]) -> Array:
@@ -160,36 +172,4 @@ def _fit(images: Sequence[_Residuals], frequency: float, focal: float, pixel: fl
         later = [2 * np.pi * x * (sine * np.cos(w) - cosine * np.sin(w)) for x, w in zip(places, waves, strict=True)]
         change = float(np.linalg.lstsq(np.array([*rows, column(later)[sound]]).T, residual, rcond=None)[0][2])
     share = 1.0 - float(residual @ residual) / max(float(seen @ seen), 1e-30)
-    return _RippleFit(share, Ripple(frequency, float(sine), float(cosine), focal, pixel), change)
-
-
-@njit(cache=True)
-def _inverse(
-    seen: Array, plane: Array, there: NDArray[np.bool_], wave: Array, trust: float
-) -> Array:  # pragma: no cover - compiled
-    """Return inverse depths that look as they were seen; trust: pixels that the plane is off, 0: it does not count."""
-    k, a, b = wave
-    out = seen.copy()
-    for r in range(seen.shape[0]):
-        for c in range(seen.shape[1]):
-            if not there[r, c]:
-                continue
-            w, p, best = seen[r, c], plane[r, c], seen[r, c]
-            pull = (NOISE / trust) ** 2 if trust > 0 else 0.0
-            if trust > 0:
-                least = np.inf
-                for n in range(TRIED):
-                    v = p + REACH / k * (2.0 * n / (TRIED - 1) - 1.0)
-                    off = v + a * np.sin(2 * np.pi * k * v) + b * np.cos(2 * np.pi * k * v) - w
-                    cost = off**2 + pull * (v - p) ** 2
-                    if cost < least:
-                        least, best = cost, v
-            for _ in range(4):  # Gauss-Newton
-                sine, cosine = np.sin(2 * np.pi * k * best), np.cos(2 * np.pi * k * best)
-                slope = 1.0 + 2 * np.pi * k * (a * cosine - b * sine)
-                step = (slope * (best + a * sine + b * cosine - w) + pull * (best - p)) / (slope**2 + pull)
-                best -= min(max(step, -0.03 / k), 0.03 / k)
-                if abs(step) < EXACT / k:
-                    break
-            out[r, c] = best
-    return out
+    return Ripple(frequency, float(sine), float(cosine), focal, pixel, share), change

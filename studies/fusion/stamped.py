@@ -7,27 +7,29 @@ interval.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
+from itertools import combinations
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from fabdesign.clouds.recording import Recording
-from fabdesign.errors import InputError, note
+from fabdesign.errors import InputError
 from fabdesign.files.pressure_file import steps_of
 from fabdesign.nouns.array import Array, Indices
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.trial import RecordingTiming, SensorTiming
-from studies.fusion.clocks import coarse_clocks, places
 from studies.fusion.cutting import Cutter
-from studies.fusion.input import AlignedFrames, Anchored, anchor_sensors, moved_camera
-from studies.fusion.joint import SensorView, TimedViews, align_timed
-from studies.fusion.onset import PressureBegin, pressure_begin
+from studies.fusion.input import AlignedFrames, anchor_sensors
+from studies.fusion.joint import Anchored, Arrangement, SensorView, TimedViews, align_timed
+from studies.fusion.moving import coarse_clocks, places
+from studies.fusion.onset import pressure_begin
 from studies.measured.splits import Tolerance
 
 COARSELY = 0.01  # s, how well clocks are known by the motion alone
 UNKNOWN = 0.03  # s, where it does not say it
 STEADY, SLOW = 0.35, 0.02  # of the speed, and m/s: what it may change from image to image
+MOVED = 0.0025  # m: a camera so far from every other one was moved
 JOINT = 20  # instants at which poses and clocks are fitted
 MOST_VIEWS = 20_000
 JUST_AFTER = 1e-4  # s
@@ -53,7 +55,7 @@ class StampedFrames(AlignedFrames):
 
     def number(self, camera: int, time: float) -> int:
         """Return which image of a camera is nearest to a time [s after the pressure's 0]."""
-        off = np.abs(self.timed.times(camera) - time - self.offset)
+        off = np.abs(self.timed.times[camera] - time - self.offset)
         return self.timed.views[camera][int(off.argmin())].number
 
     def measured(self, camera: int, time: float) -> Array:
@@ -113,8 +115,7 @@ def _frames_of(recording: Recording, cutters: Sequence[Cutter], tolerance: Toler
             read[cutter.name] = cutter
     if not read:
         raise InputError(f"recording {recording.name}: no sensor is left")
-    among = [sensor for sensor in recording.sensors if sensor.name in read]
-    anchored = anchor_sensors(recording, tolerance, among, lambda sensor: read[sensor.name].at_rest())
+    anchored = anchor_sensors(recording, tolerance, read)
     cameras = [read[sensor.name] for sensor in anchored.sensors]
     views, interval = [camera.views for camera in cameras], cameras[0].odd.interval
     clocks, similar = coarse_clocks(views, all(camera.stream.clock == "global" for camera in cameras))
@@ -126,12 +127,12 @@ def _frames_of(recording: Recording, cutters: Sequence[Cutter], tolerance: Toler
     shown = _steady(timed)
     if anchored.rest:
         timed = _while_unmoved(anchored, timed, instants, tolerance)
-    aligned = align_timed(timed, shown, anchored.rest, anchored.anchors, anchored.arranged())
+    aligned = align_timed(timed, shown, anchored)
     timed = timed.moved(aligned.clocks)
-    offset, uncertain, steps = _pressure(recording, timed)
+    offset, uncertain, steps = pressure_begin(recording, timed)
     kept, left_out = _paired(recording, anchored, timed, instants, offset, interval)
     timing = {c.name: _timing(c, timed, k, kept, aligned.spread[k], similar[k]) for k, c in enumerate(cameras)}
-    begins = _us(offset - timed.times(0)[0])
+    begins = _us(offset - timed.times[0][0])
     return StampedFrames(
         recording=recording,
         anchored=anchored,
@@ -155,8 +156,7 @@ def _steady(timed: TimedViews) -> Array:
 
     Where a step sets it in motion its speed jumps between two images, and no view at another instant follows from them.
     """
-    cameras = range(len(timed.views))
-    times, speeds = [timed.times(camera) for camera in cameras], [timed.speeds(camera) for camera in cameras]
+    times, speeds = timed.times, timed.speeds
     smooth = np.ones(len(times[0]), dtype=bool)
     for speed, when in zip(speeds, times, strict=True):
         change = np.abs(np.gradient(speed)) if len(speed) > 2 else np.zeros(len(speed))
@@ -170,9 +170,8 @@ def _steady(timed: TimedViews) -> Array:
 
 def _while_unmoved(anchored: Anchored, timed: TimedViews, instants: Array, tolerance: Tolerance) -> TimedViews:
     """Return the views without those of a camera from where it was moved on, or raise InputError."""
-    interval, arranged = float(np.median(np.diff(instants))), anchored.arranged()
     for _ in anchored.sensors:
-        moved = moved_camera(partial(_views_at, timed, instants, interval), len(instants), arranged)
+        moved = _moved_camera(timed, instants, anchored.start)
         if moved is None:
             break
         camera, frame = moved
@@ -190,21 +189,35 @@ def _while_unmoved(anchored: Anchored, timed: TimedViews, instants: Array, toler
     return timed
 
 
-def _views_at(timed: TimedViews, instants: Array, within: float, frame: int) -> list[SensorView]:
-    return timed.at(instants[frame : frame + 1], within)
+def _moved_camera(timed: TimedViews, instants: Array, arranged: Arrangement) -> tuple[int, int] | None:
+    """Return the camera whose views leave those of all others from a frame on, to the end, and that frame."""
+    cameras, frames, interval = range(len(arranged.poses)), len(instants), float(np.median(np.diff(instants)))
 
+    def views_at(frame: int) -> list[SensorView]:
+        return timed.at(instants[frame : frame + 1], interval)
 
-def _pressure(recording: Recording, timed: TimedViews) -> PressureBegin:
-    begins = float(timed.times(0)[0])
-    if recording.log.shift is not None:
-        return PressureBegin(begins + recording.log.shift, 0.0, 0)
-    begin = pressure_begin(recording.program, timed)
-    if not np.isfinite(begin.offset):
-        note(
-            f"recording {recording.name}: the pressures have no step; their 0 is taken to be the first image's instant"
-        )
-        return PressureBegin(begins, 0.0, 0)
-    return begin
+    last = next((k for k in range(frames - 1, max(frames - 6, -1), -1) if len(views_at(k)) == len(cameras)), None)
+    if last is None or len(cameras) < 3:
+        return None
+
+    def alone(frame: int) -> dict[int, float]:
+        """Return by camera the least of its distances to the others."""
+        least = dict.fromkeys(cameras, np.inf)
+        for a, b in combinations(views_at(frame), 2):
+            gap = arranged.gap(a, b)
+            for view in (a, b):
+                least[view.camera] = min(least[view.camera], gap)
+        return least
+
+    at_end = alone(last)
+    far = [camera for camera, gap in at_end.items() if MOVED < gap < np.inf]
+    if len(far) != 1 or max(gap for camera, gap in at_end.items() if camera != far[0]) > MOVED:
+        return None
+    sound, moved = -1, last
+    while moved - sound > 1:
+        middle = (sound + moved) // 2
+        sound, moved = (sound, middle) if alone(middle)[far[0]] > MOVED else (middle, moved)
+    return far[0], moved
 
 
 def _paired(
@@ -214,7 +227,7 @@ def _paired(
     times, duration = instants - offset, recording.program.duration
     inside = instants[(times > JUST_AFTER) & (times <= duration + interval)]
     on_side = {side: np.zeros(len(inside), dtype=bool) for side in ("front", "back")}
-    for camera, side in enumerate(anchored.sides):
+    for camera, side in enumerate(anchored.start.sides):
         on_side[side] |= _nearest(timed, camera, inside)[0] <= 0.5 * interval
     both = on_side["front"] & on_side["back"]
     if not both.any():
@@ -227,7 +240,7 @@ def _paired(
 
 def _nearest(timed: TimedViews, camera: int, instants: Array) -> tuple[Array, Indices]:
     """Return how far [s] a camera's nearest image is from each instant, and which it is."""
-    off, nearest = cKDTree(timed.times(camera)[:, None]).query(instants[:, None])
+    off, nearest = cKDTree(timed.times[camera][:, None]).query(instants[:, None])
     return off, nearest
 
 
@@ -235,8 +248,8 @@ def _timing(
     camera: Cutter, timed: TimedViews, column: int, instants: Array, spread: float, similar: float
 ) -> SensorTiming:
     """Return a camera's clock against the first's, and what became of its images."""
-    clock, first, odd, times = timed.clocks[column], timed.clocks[0], camera.odd, timed.times(column)
-    at = first.time(first.middle)
+    clock, first, odd, times = timed.clocks[column], timed.clocks[0], camera.odd, timed.times[column]
+    at = float(first.times(first.middle))
     ahead = (at - clock.offset + clock.drift * clock.middle) / (1.0 + clock.drift) - first.middle  # of its stamp then
     off, nearest = _nearest(timed, column, instants)
     paired = len(np.unique(nearest[off <= 0.5 * odd.interval]))

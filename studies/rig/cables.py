@@ -5,56 +5,48 @@ A fixed point is a loop of finite size: its position and its normal are means ov
 A force at a mathematical point would pull infinitely far into an elastic sheet (displacement ~ F / (2 pi k) ln r).
 """
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
-from studies.rig.spline import Patch
+from studies.rig.shell import Ints, Patch, add_to_band
 
 if TYPE_CHECKING:
     from studies.rig.scene import Scene
 
-Ints = NDArray[np.int64]
 LOOP_SIZE = 0.010  # m, about the width of the cloth's tape
 LOOP_GAUSS = 3
 CONTRACTIONS = np.linspace(-0.4, 0.6, 501)  # of the tabulated law; 0, the kink, is one of them
 PRESSURE_STEP = 4e3  # Pa
+TOGETHER = 50  # intervals whose stiffness is there at once
 
 
-@dataclass(frozen=True, eq=False)
 class Cables:
-    """Geometry of every muscle: points j and the intervals between them."""
+    """The fixed points of all muscles on a patch, and the intervals between them."""
 
-    nodes: Ints  # (points, m) control points that a fixed point touches
-    basis: Array  # (points, gauss, 3, m): value, d/du, d/dv, weighted to mean values
-    offset: Array  # (points,) m along the front normal
-    first: Ints  # (intervals,) index of an interval's upper point; the next one ends it
-    rest: Array  # (intervals,) m
-    muscle: Ints  # (intervals,) which muscle
-    along: Array  # (intervals,) middle's distance from the muscle's first end over its length
-    uv: Array  # (points, 2) m
-
-
-def lace(design: Design, patch: Patch, offset_factor: float) -> Cables:
-    """Return the fixed points of all muscles on the patch."""
-    each = [muscle.fixed_points() for muscle in design.muscles]
-    counts, types = [len(points) for points in each], [design.muscle_types[muscle.type] for muscle in design.muscles]
-    uv = np.concatenate([np.zeros((0, 2)), *each])
-    first = np.delete(np.arange(len(uv)), np.cumsum(counts, dtype=np.int64) - 1)
-    rest = np.linalg.norm(uv[first + 1] - uv[first], axis=1)
-    muscle = np.repeat(np.arange(len(each)), np.array(counts, dtype=np.int64) - 1)
-    lengths = [rest[muscle == m] for m in range(len(each))]
-    along = [(np.cumsum(length) - length / 2) / length.sum() for length in lengths]
-    signs = [1 if each.side == "front" else -1 for each in design.muscles]
-    offsets = [kind.axis_offset * offset_factor * sign for kind, sign in zip(types, signs, strict=True)]
-    nodes, basis = _loops(uv, patch, design.fabric.width, design.fabric.height)
-    offset = np.repeat(np.array(offsets, dtype=np.float64), counts)
-    return Cables(nodes, basis, offset, first, rest, muscle, np.concatenate([np.zeros(0), *along]), uv)
+    def __init__(self, design: Design, patch: Patch, offset_factor: float) -> None:
+        each = [muscle.fixed_points() for muscle in design.muscles]
+        counts = np.array([len(points) for points in each], dtype=np.int64)
+        uv = np.concatenate([np.zeros((0, 2)), *each])
+        # (intervals,) index of an interval's upper point; the next one ends it
+        self.first = np.delete(np.arange(len(uv)), np.cumsum(counts) - 1)
+        self.rest = np.linalg.norm(uv[self.first + 1] - uv[self.first], axis=1)  # (intervals,) m
+        self.muscle = np.repeat(np.arange(len(each)), counts - 1)  # (intervals,) which muscle
+        lengths = [self.rest[self.muscle == m] for m in range(len(each))]
+        along = [(np.cumsum(length) - length / 2) / length.sum() for length in lengths]
+        # (intervals,) middle's distance from the muscle's first end over its length
+        self.along = np.concatenate([np.zeros(0), *along])
+        kinds = [design.muscle_types[muscle.type] for muscle in design.muscles]
+        signs = [1 if muscle.side == "front" else -1 for muscle in design.muscles]
+        offsets = [kind.axis_offset * offset_factor * sign for kind, sign in zip(kinds, signs, strict=True)]
+        self.offset = np.repeat(np.array(offsets, dtype=np.float64), counts)  # (points,) m along the front normal
+        # (points, m) control points that a fixed point touches; (points, gauss, 3, m): value, d/du, d/dv, weighted to
+        # mean values
+        self.nodes, self.basis = _loops(uv, patch, design.fabric.width, design.fabric.height)
+        ends = self.nodes[self.first], self.nodes[self.first + 1]
+        self.touched = np.concatenate(ends, axis=1)  # (intervals, 2 m) control points that the ends touch
 
 
 def _loops(points: Array, patch: Patch, width: float, height: float) -> tuple[Ints, Array]:
@@ -67,115 +59,64 @@ def _loops(points: Array, patch: Patch, width: float, height: float) -> tuple[In
         half_u = min(LOOP_SIZE / 2, max(u, 1e-6), max(width - u, 1e-6))  # a loop at the hem is narrower
         half_v = min(LOOP_SIZE / 2, max(v, 1e-6), max(height - v, 1e-6))
         uv = np.stack([u + half_u * gu.ravel(), v + half_v * gv.ravel()], axis=1)
-        local, values = patch.local(uv, ((0, 0), (1, 0), (0, 1)))
-        nodes, place = np.unique(local, return_inverse=True)
-        basis = np.zeros((len(uv), 3, len(nodes)))
-        for q, row in enumerate(place.reshape(local.shape)):
-            basis[q][:, row] += values[q] * weight[q]
-        nodes_of.append(nodes)
-        basis_of.append(basis)
-    m = max((len(n) for n in nodes_of), default=0)
-    nodes_out = np.zeros((len(points), m), np.int64)
-    basis_out = np.zeros((len(points), LOOP_GAUSS**2, 3, m))
-    for j, (n, b) in enumerate(zip(nodes_of, basis_of, strict=True)):
-        nodes_out[j, : len(n)] = n
-        nodes_out[j, len(n) :] = n[0]  # padding has zero weight
-        basis_out[j, :, :, : len(n)] = b
-    return nodes_out, basis_out
+        every = np.stack([patch.matrix(uv, *d).toarray() for d in ((0, 0), (1, 0), (0, 1))], axis=1)
+        nodes_of.append(np.flatnonzero(every.any(axis=(0, 1))))
+        basis_of.append(every[:, :, nodes_of[-1]] * weight[:, None, None])
+    m = max((len(nodes) for nodes in nodes_of), default=0)
+    nodes = [np.pad(nodes, (0, m - len(nodes)), mode="edge") for nodes in nodes_of]  # padding has zero weight
+    basis = [np.pad(each, ((0, 0), (0, 0), (0, m - each.shape[2]))) for each in basis_of]
+    shape = len(points), LOOP_GAUSS**2, 3, m
+    return np.array(nodes, dtype=np.int64).reshape(len(points), m), np.array(basis).reshape(shape)
 
 
-@njit(cache=True, fastmath=True)
-def positions(x: Array, nodes: Ints, basis: Array, offset: Array, y: Array, jac: Array) -> None:
-    """Fixed points y (points, 3) m and their Jacobians jac (points, m, 3, 3), dy_a / dx_b."""
-    m = nodes.shape[1]
-    a0, a1, a2, n, d1, d2 = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    weight = np.empty(basis.shape[1])
-    for j in range(nodes.shape[0]):
-        y[j] = 0.0
-        jac[j] = 0.0
-        for q in range(basis.shape[1]):
-            a0[:] = 0.0
-            a1[:] = 0.0
-            a2[:] = 0.0
-            weight[q] = 0.0
-            for i in range(m):
-                weight[q] += basis[j, q, 0, i]
-                for c in range(3):
-                    xi = x[nodes[j, i], c]
-                    a0[c] += basis[j, q, 0, i] * xi
-                    a1[c] += basis[j, q, 1, i] * xi
-                    a2[c] += basis[j, q, 2, i] * xi
-            n[0] = a2[1] * a1[2] - a2[2] * a1[1]
-            n[1] = a2[2] * a1[0] - a2[0] * a1[2]
-            n[2] = a2[0] * a1[1] - a2[1] * a1[0]
-            jj = n[0] ** 2 + n[1] ** 2 + n[2] ** 2
-            n /= np.sqrt(jj)
-            m11 = a1[0] ** 2 + a1[1] ** 2 + a1[2] ** 2
-            m22 = a2[0] ** 2 + a2[1] ** 2 + a2[2] ** 2
-            m12 = a1[0] * a2[0] + a1[1] * a2[1] + a1[2] * a2[2]
-            d = offset[j] * weight[q]
-            for c in range(3):
-                d1[c] = (m22 * a1[c] - m12 * a2[c]) / jj * d
-                d2[c] = (m11 * a2[c] - m12 * a1[c]) / jj * d
-                y[j, c] += a0[c] + d * n[c]
-            for i in range(m):
-                for c in range(3):
-                    jac[j, i, c, c] += basis[j, q, 0, i]
-                    t = d1[c] * basis[j, q, 1, i] + d2[c] * basis[j, q, 2, i]
-                    for b in range(3):
-                        jac[j, i, c, b] -= t * n[b]
+class Spans(NamedTuple):
+    """The intervals on a cloth: unit vectors down them (intervals, 3), lengths (intervals,) m, and the Jacobians
+    (intervals, 3, 6 m) of the ways from end to end by the control points that `Cables.touched` says."""
+
+    direction: Array
+    length: Array
+    jacobian: Array
 
 
-@njit(cache=True, fastmath=True)
-def forces(y: Array, jac: Array, nodes: Ints, first: Ints, tension: Array, out: Array) -> None:
-    """Adds the cables' internal force (minus what they pull) to out (n, 3)."""
-    for k in range(first.shape[0]):
-        j = first[k]
-        t = y[j + 1] - y[j]
-        t *= tension[k] / np.sqrt(t[0] ** 2 + t[1] ** 2 + t[2] ** 2)
-        for side in range(2):
-            sign = -1.0 if side == 0 else 1.0
-            for i in range(nodes.shape[1]):
-                for b in range(3):
-                    out[nodes[j + side, i], b] += sign * (
-                        jac[j + side, i, 0, b] * t[0] + jac[j + side, i, 1, b] * t[1] + jac[j + side, i, 2, b] * t[2]
-                    )
+def spans(cables: Cables, x: Array) -> Spans:
+    """Return the intervals on a cloth with control points x (n, 3) m."""
+    a = cables.basis @ x[cables.nodes][:, None]  # (points, gauss, 3, 3): places, and tangents
+    along = a[:, :, 1:]
+    normal = np.cross(a[:, :, 2], a[:, :, 1])
+    area = np.linalg.norm(normal, axis=2)[..., None]
+    normal /= area
+    off = cables.offset[:, None, None] * cables.basis[:, :, 0].sum(axis=2)[..., None]
+    place = (a[:, :, 0] + off * normal).sum(axis=1)
+    metric = along @ along.swapaxes(2, 3)
+    dual = np.stack([metric[..., 1, 1, None], metric[..., 0, 0, None]], axis=2) * along
+    dual = (dual - metric[..., 0, 1, None, None] * along[:, :, ::-1]) * (off / area**2)[..., None]
+    points, gauss, _, m = cables.basis.shape
+    tilts = (dual[..., None] * normal[:, :, None, None]).reshape(points, 2 * gauss, 9)
+    tilted = (cables.basis[:, :, 1:].reshape(points, 2 * gauss, m).swapaxes(1, 2) @ tilts).reshape(points, m, 3, 3)
+    each = cables.basis[:, :, 0].sum(axis=1)[..., None, None] * np.eye(3) - tilted
+    each = each.swapaxes(1, 2).reshape(points, 3, 3 * m)
+    way = place[cables.first + 1] - place[cables.first]
+    length = np.linalg.norm(way, axis=1)
+    return Spans(way / length[:, None], length, np.concatenate([-each[cables.first], each[cables.first + 1]], axis=2))
 
 
-@njit(cache=True, fastmath=True)
-def stiffness(
-    y: Array, jac: Array, nodes: Ints, first: Ints, tension: Array, axial: Array, exact: bool, band: Array
-) -> None:
-    """Adds J^T (axial t t^T + T / l (1 - t t^T)) J of every interval; axial [N/m] is dT / dl.
+def forces(cables: Cables, at: Spans, tension: Array, out: Array) -> None:
+    """Add the cables' internal force (minus what they pull) to out (n, 3)."""
+    pulls = np.einsum("ka,kar->kr", tension[:, None] * at.direction, at.jacobian)
+    np.add.at(out, cables.touched, pulls.reshape(*cables.touched.shape, 3))
+
+
+def stiffness(cables: Cables, at: Spans, tension: Array, axial: Array, exact: bool, band: Array) -> None:
+    """Add J^T (axial t t^T + T / l (1 - t t^T)) J of every interval; axial [N/m] is dT / dl.
 
     Without `exact`, compression (T < 0) is left out.
     """
-    m = nodes.shape[1]
-    dofs, rows = np.empty(6 * m, np.int64), np.empty((3, 6 * m))
-    h = np.empty((3, 3))
-    for k in range(first.shape[0]):
-        j = first[k]
-        t = y[j + 1] - y[j]
-        length = np.sqrt(t[0] ** 2 + t[1] ** 2 + t[2] ** 2)
-        t /= length
-        geo = (tension[k] if exact else max(tension[k], 0.0)) / length
-        for a in range(3):
-            for b in range(3):
-                h[a, b] = (axial[k] - geo) * t[a] * t[b] + (geo if a == b else 0.0)
-        for side in range(2):
-            sign = -1.0 if side == 0 else 1.0
-            for i in range(m):
-                for b in range(3):
-                    p = 3 * (side * m + i) + b
-                    dofs[p] = 3 * nodes[j + side, i] + b
-                    for a in range(3):
-                        rows[a, p] = sign * jac[j + side, i, a, b]
-        hr = h @ rows
-        for p in range(6 * m):
-            for r in range(6 * m):
-                if dofs[r] <= dofs[p]:
-                    v = rows[0, p] * hr[0, r] + rows[1, p] * hr[1, r] + rows[2, p] * hr[2, r]
-                    band[dofs[p] - dofs[r], dofs[r]] += v
+    geometric = (tension if exact else np.maximum(tension, 0.0)) / at.length
+    h = (axial - geometric)[:, None, None] * at.direction[:, :, None] * at.direction[:, None]
+    h += geometric[:, None, None] * np.eye(3)
+    for some in np.array_split(np.arange(len(h)), 1 + len(h) // TOGETHER):
+        rows = at.jacobian[some]
+        add_to_band(cables.touched[some], rows.swapaxes(1, 2) @ (h[some] @ rows), band)
 
 
 _FIRST, _SPACING = float(CONTRACTIONS[0]), float(CONTRACTIONS[1] - CONTRACTIONS[0])
@@ -194,52 +135,38 @@ def pressure_at_intervals(scene: "Scene", pressure: Array) -> Array:
 def tension(scene: "Scene", p: Array, contraction: Array, rate: Array, rate_gain: float) -> tuple[Array, Array]:
     """Return the tension (intervals,) N and its slope with contraction, at pressures p Pa and contraction rates 1/s."""
     state = scene.muscle_state
-    law, law_slope = np.empty_like(p), np.empty_like(p)
-    idle, idle_slope = np.empty_like(p), np.empty_like(p)
-    seen = contraction - state.creep
-    for m, table in enumerate(scene.tables):
-        mine = scene.cables.muscle == m
-        law[mine], law_slope[mine] = _interpolate(table, p[mine], seen[mine])
-        idle[mine], idle_slope[mine] = _interpolate(table, np.zeros(mine.sum()), seen[mine])
+    law, law_slope = _by_law(scene, p, contraction - state.creep)
+    idle, idle_slope = _by_law(scene, np.zeros_like(p), contraction - state.creep)
     viscosity = np.where(rate > 0, state.viscosity, state.viscosity_out)
     force = idle + state.gain * (law - idle) - viscosity * rate
     slope = idle_slope + state.gain * (law_slope - idle_slope) - viscosity * rate_gain
-    limit = state.friction_at_zero + state.friction_per_pressure * p
-    if limit.any() and rate_gain:
-        friction, stick = _friction(scene, limit, contraction)
-        force = force - friction
-        slope = slope - np.where(stick, limit / state.friction_slip, 0.0)
+    if rate_gain:  # there is no friction at rest, before the first step
+        friction, stuck = _friction(scene, p, contraction)
+        force, slope = force - friction, slope - stuck
     return force, slope
 
 
 def settle(scene: "Scene", p: Array, contraction: Array) -> None:
-    """Keep the friction that a finished step ends with; there is none at rest, before the first step."""
+    """Keep the friction that a finished step ends with."""
     state = scene.muscle_state
-    limit = state.friction_at_zero + state.friction_per_pressure * p
-    if limit.any() and len(state.contraction_before):
-        state.friction, _ = _friction(scene, limit, contraction)
+    state.friction, _ = _friction(scene, p, contraction)
     state.contraction_before = contraction
 
 
-def _friction(scene: "Scene", limit: Array, contraction: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Return one Maxwell-slip element: a spring that slips at the Coulomb limit; resists contraction."""
+def _friction(scene: "Scene", p: Array, contraction: Array) -> tuple[Array, Array]:
+    """Return the friction [N] of one Maxwell-slip element, a spring that slips at the Coulomb limit and resists
+    contraction; and its slope with contraction."""
     state = scene.muscle_state
+    limit = state.friction_at_zero + state.friction_per_pressure * p
     trial = state.friction + limit / state.friction_slip * (contraction - state.contraction_before)
-    return np.clip(trial, -limit, limit), np.abs(trial) < limit
+    return np.clip(trial, -limit, limit), np.where(np.abs(trial) < limit, limit / state.friction_slip, 0.0)
 
 
-@njit(cache=True)
-def _interpolate(table: Array, p: Array, contraction: Array) -> tuple[Array, Array]:
+def _by_law(scene: "Scene", p: Array, contraction: Array) -> tuple[Array, Array]:
     """Return bilinear, beyond the table in contraction linear, tension and its slope with contraction."""
-    value, slope = np.empty(p.shape[0]), np.empty(p.shape[0])
-    for i in range(p.shape[0]):
-        a = min(max(p[i], 0.0) / PRESSURE_STEP, table.shape[0] - 1.000001)
-        ia = int(a)
-        b = (contraction[i] - _FIRST) / _SPACING
-        ib = min(max(int(b), 0), table.shape[1] - 2)
-        a -= ia
-        lo = (1 - a) * table[ia, ib] + a * table[ia + 1, ib]
-        hi = (1 - a) * table[ia, ib + 1] + a * table[ia + 1, ib + 1]
-        value[i] = lo + (b - ib) * (hi - lo)
-        slope[i] = (hi - lo) / _SPACING
-    return value, slope
+    tables, law = scene.tables, scene.law
+    a = np.minimum(np.maximum(p, 0.0) / PRESSURE_STEP, tables.shape[1] - 1.000001)
+    b = (contraction - _FIRST) / _SPACING
+    ia, ib = a.astype(int), np.clip(b.astype(int), 0, tables.shape[2] - 2)
+    lo, hi = ((1 - (a - ia)) * tables[law, ia, k] + (a - ia) * tables[law, ia + 1, k] for k in (ib, ib + 1))
+    return lo + (b - ib) * (hi - lo), (hi - lo) / _SPACING

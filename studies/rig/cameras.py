@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, generate_binary_structure, maximum_filter
 from scipy.spatial.transform import Rotation
 
 from fabdesign.clouds.recording import write_recording
@@ -22,10 +22,10 @@ from fabdesign.depth.sensor import Sensor
 from fabdesign.depth.stream import cloud_of
 from fabdesign.formats.json_file import write_json
 from fabdesign.nouns.array import Array
-from studies.rig.ground_truth import Sensing
 from studies.rig.motion import equilibrium
 from studies.rig.scene import Scene
-from studies.rig.specimen import TrialTask, control_points, prepare
+from studies.rig.shell import Ints
+from studies.rig.specimen import Sensing, TrialTask, control_points, prepare
 
 STRAY_REACH = 0.05  # m around the cloth's box
 
@@ -54,8 +54,6 @@ def measure(scene: Scene, x: Array, sensing: Sensing, rng: np.random.Generator) 
         points = distort(points)
     return points
 
-
-Ints = NDArray[np.int64]
 
 CAMERAS = {"front_left": (-1, 1), "front_right": (1, 1), "back_left": (-1, -1), "back_right": (1, -1)}
 POSITION = (0.42, 0.02, 0.46)  # m: |x|, y, |z|
@@ -136,13 +134,9 @@ def draw(points: Array, triangles: Ints, shape: tuple[int, int], pinhole: Array)
 def at_edge(depth: Array, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return pixels beside the background, or beside something more than FLYING_REACH behind."""
     far = np.where(seen, depth, np.inf)
-    padded = np.pad(far, 1, constant_values=np.inf)
-    around = [padded[1 + i : padded.shape[0] - 1 + i, 1 + j : padded.shape[1] - 1 + j] for i, j in _NEIGHBOURS]
+    around = maximum_filter(far, footprint=generate_binary_structure(2, 1), mode="constant", cval=np.inf)
     with np.errstate(invalid="ignore"):
-        return np.asarray(seen & np.any([n - far > FLYING_REACH for n in around], axis=0))
-
-
-_NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
+        return np.asarray(seen & (around - far > FLYING_REACH))
 
 
 def look(x: float, z: float) -> Array:

@@ -8,6 +8,7 @@ and the first step ends at t = 0. Force memory (friction, creep, relaxation) is 
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
@@ -15,15 +16,15 @@ from scipy.linalg.lapack import dpbtrf, dpbtrs
 
 from fabdesign.errors import SimulationError
 from fabdesign.nouns.array import Array
-from studies.rig import cables as cable_kernels
 from studies.rig import shell
-from studies.rig.cables import pressure_at_intervals, settle, tension
+from studies.rig.cables import forces, pressure_at_intervals, settle, spans, stiffness, tension
 from studies.rig.scene import Scene, StepReport
-from studies.rig.spline import GAUSS
+from studies.rig.shell import GAUSS
 
 TOLERANCE = 1e-7  # m, largest Newton correction of a control point that ends a step
 HELD = 1e15  # N/m, on the diagonal of a held value
 MAX_ITERATIONS = 60
+TOGETHER = 60  # elements whose stiffness is there at once
 KEEP = 0.35  # a factor that shrinks corrections at least so is kept
 
 
@@ -36,79 +37,72 @@ class RigSolver:
 
     def __init__(self, scene: Scene) -> None:
         self.scene = s = scene
-        widest = int((s.nodes.max(axis=1) - s.nodes.min(axis=1)).max())
-        for j in s.cables.first:
-            pair = s.cables.nodes[j : j + 2]
-            widest = max(widest, int(pair.max() - pair.min()))
-        for matrix in (s.mass, s.drag):
-            coo = matrix.tocoo()
-            widest = max(widest, int(np.abs(coo.row - coo.col).max(initial=0)))
+        self._nodes, self._basis = s.patch.local(s.uv, shell.DERIVATIVES)
+        widest = int(np.ptp(self._nodes, axis=1).max())  # of masses and ties too, which act at points
+        if s.cables.touched.size:
+            widest = max(widest, int(np.ptp(s.cables.touched, axis=1).max()))
         self.band_width = 3 * widest + 2  # half of it
-        self.strain = np.zeros((len(s.uv), 6))
         self.memory = np.zeros((len(s.uv), 6))
-        self.y = np.zeros((len(s.cables.uv), 3))
-        m = s.cables.nodes.shape[1]
-        self.jac = np.zeros((len(s.cables.uv), m, 3, 3))
         self.factor: Array | None = None
-        self.weight_force = np.zeros(0)
+        self._surface = sp.vstack([s.patch.matrix(s.uv, *each) for each in shell.DERIVATIVES]).tocsr()
         self._mass_band = _to_band(s.mass, self.band_width)
         self._drag_band = _to_band(s.drag, self.band_width)
 
-    @property
-    def _cloth(self) -> shell.Cloth:
-        s = self.scene
-        return s.nodes, s.basis, s.weight, s.stiffness, s.rest_strain, s.viscosity, s.prony, self.memory
-
+    @np.errstate(all="ignore")  # of a motion that diverges
     def internal(self, x: Array, pressure: Array, rate_gain: float, rate_history: Array, cable_history: Array) -> Array:
         """Return the internal force (n, 3) N at x. Rates are rate_gain * value + history."""
-        s = self.scene
-        out = np.zeros_like(x)
-        shell.forces(x, self._cloth, rate_gain, rate_history, self.strain, out)
-        c = s.cables
-        if len(c.rest):
-            cable_kernels.positions(x, c.nodes, c.basis, c.offset, self.y, self.jac)
-            length = np.linalg.norm(self.y[c.first + 1] - self.y[c.first], axis=1)
-            self.contraction = 1.0 - length / c.rest
-            rate = rate_gain * self.contraction + cable_history
-            self.tension, slope = tension(s, pressure, self.contraction, rate, rate_gain)
-            self.axial = -slope / c.rest  # N/m, tension gained per length
-            cable_kernels.forces(self.y, self.jac, c.nodes, c.first, self.tension, out)
-        else:
-            self.contraction = self.tension = self.axial = np.zeros(0)
+        s, c = self.scene, self.scene.cables
+        self._strained = shell.strained((self._surface @ x).reshape(5, -1, 3).swapaxes(0, 1))
+        self.strain = self._strained.strain
+        rate = rate_gain * self.strain[:, :3] + rate_history
+        elastic = self.strain - s.rest_strain - s.prony * self.memory
+        self._stress = np.einsum("qrs,qs->qr", shell.moduli(s.stiffness), elastic)
+        self._stress[:, :3] += s.viscosity[:, None] * shell.VISCOUS * rate
+        force = s.weight[:, None, None] * shell.forces(self._strained, self._stress)
+        out = np.asarray(self._surface.T @ force.swapaxes(0, 1).reshape(-1, 3))
+        self._spans = spans(c, x)
+        self.contraction = 1.0 - self._spans.length / c.rest
+        rate = rate_gain * self.contraction + cable_history
+        self.tension, slope = tension(s, pressure, self.contraction, rate, rate_gain)
+        self._axial = -slope / c.rest  # N/m, tension gained per length
+        forces(c, self._spans, self.tension, out)
         if len(s.tied_to):
             out += s.ties.T @ (s.tie_stiffness[:, None] * (s.ties @ x - s.tied_to))
         return out
 
-    def refactor(
-        self, x: Array, rate_gain: float, rate_history: Array, mass_gain: float, drag_gain: float, exact: bool = True
-    ) -> None:
+    @np.errstate(all="ignore")
+    def refactor(self, rate_gain: float, mass_gain: float, drag_gain: float, exact: bool = True) -> None:
         """Factor mass_gain M + drag_gain D + K at the state of the last residual.
 
         Where the exact stiffness is indefinite (about to buckle), its definite part serves.
         """
-        s, c = self.scene, self.scene.cables
+        s = self.scene
         band = mass_gain * self._mass_band + drag_gain * self._drag_band
-        shell.stiffness(x, self._cloth, rate_gain, rate_history, GAUSS**2, exact, band)
-        if len(c.rest):
-            cable_kernels.stiffness(
-                self.y, self.jac, c.nodes, c.first, self.tension, np.maximum(self.axial, 0.0), exact, band
-            )
+        tangent = shell.moduli(s.stiffness)
+        tangent[:, range(3), range(3)] += rate_gain * s.viscosity[:, None] * shell.VISCOUS
+        points = np.arange(len(s.uv)).reshape(-1, GAUSS**2)  # of each element
+        for some in np.array_split(points, 1 + len(points) // TOGETHER):
+            at = shell.Strained(*(array[some.ravel()] for array in self._strained))
+            h = shell.hessian(at, tangent[some.ravel()], self._stress[some.ravel()], exact)
+            weighted = (h.T * s.weight[some.ravel()]).T.reshape(*some.shape, *h.shape[1:])
+            shell.add_to_band(self._nodes[some[:, 0]], shell.element_stiffness(self._basis[some], weighted), band)
+        stiffness(s.cables, self._spans, self.tension, np.maximum(self._axial, 0.0), exact, band)
         if len(s.tied_to):
             band += _to_band(s.ties.T @ sp.diags(s.tie_stiffness) @ s.ties, self.band_width)
         band[0, np.flatnonzero(s.held.ravel())] += HELD
         self.factor, info = dpbtrf(band, lower=1, overwrite_ab=1)
         if info and exact:
-            self.refactor(x, rate_gain, rate_history, mass_gain, drag_gain, exact=False)
+            self.refactor(rate_gain, mass_gain, drag_gain, exact=False)
         elif info:
             raise RigDiverged("the stiffness matrix is singular: is the cloth held, and does it have mass?")
 
-    def newton(self, x: Array, residual: Callable[[Array], Array], refactor: Callable[[Array], None]) -> Array:
+    def newton(self, x: Array, residual: Callable[[Array], Array], refactor: Callable[[], None]) -> Array:
         """Return the root of `residual` near x. The factor is kept while corrections shrink by 1 / KEEP, and damped
         where they would grow (natural monotonicity: Deuflhard 2011, "Newton Methods for Nonlinear Problems", 3.3)."""
         r = residual(x)
         fresh = self.factor is None
         if fresh:
-            refactor(x)
+            refactor()
         dx, damping = self.correction(r), 1.0
         for _ in range(MAX_ITERATIONS):
             size = float(np.abs(dx).max())
@@ -130,7 +124,7 @@ class RigSolver:
                 x = trial
             else:
                 r = residual(x)
-            refactor(x)
+            refactor()
             dx, damping, fresh = self.correction(r), min(1.0, 2 * damping) if fresh else 1.0, True
         raise RigDiverged(f"no solution: the last correction was {size:.1e} m")
 
@@ -142,12 +136,9 @@ class RigSolver:
 
 def _to_band(matrix: sp.spmatrix, half: int) -> Array:
     """Return the lower band (half + 1, 3 n) of a scalar matrix that acts on x, y and z alike."""
-    coo = matrix.tocoo()
-    lower = coo.row >= coo.col
-    row, col, data = coo.row[lower], coo.col[lower], coo.data[lower]
-    band = np.zeros((half + 1, 3 * matrix.shape[0]), order="F")
-    for c in range(3):
-        band[3 * (row - col), 3 * col + c] = data
+    lower = sp.tril(sp.kron(matrix, sp.identity(3)), format="coo")
+    band = np.zeros((half + 1, lower.shape[0]), order="F")
+    band[lower.row - lower.col, lower.col] = lower.data
     return band
 
 
@@ -203,7 +194,7 @@ def equilibrium(scene: Scene, x: Array, pressure: Array) -> Array:
             r = solver.internal(x, p, 0.0, no_rate, no_cable_rate) - weight + pseudo * (scene.mass @ (x - start))
             for load in scene.loads:
                 r -= load(0.0, x, at_rest)
-            solver.refactor(x, 0.0, no_rate, max(pseudo, 1e-6), 0.0)
+            solver.refactor(0.0, max(pseudo, 1e-6), 0.0)
             dx = solver.correction(r)
             size = float(np.abs(dx).max())
             x = x + dx * min(1.0, 0.01 / max(size, 1e-12))
@@ -229,10 +220,9 @@ def run(scene: Scene, pressures: Array, step: float, *, start: float = 0.0) -> R
     fall = np.broadcast_to(s.gravity if free else np.zeros(3), x.shape)  # as if it fell before, and came to rest here
     positions, velocities = np.tile(x, (len(pressures), 1, 1)), np.zeros((len(pressures), *x.shape))
     solver.internal(x, pressure_at_intervals(s, idle), 0.0, np.zeros((len(s.uv), 3)), np.zeros(len(s.cables.rest)))
-    settle(s, pressure_at_intervals(s, idle), solver.contraction)
-    if s.prony:  # the hanging cloth has relaxed long ago
-        solver.memory[:] = solver.strain - s.rest_strain
-    last = StepState(x, np.zeros_like(x), solver.strain[:, :3].copy(), solver.contraction)
+    s.muscle_state.contraction_before = solver.contraction
+    solver.memory = solver.strain - s.rest_strain  # the hanging cloth has relaxed long ago
+    last = StepState(x, np.zeros_like(x), solver.strain[:, :3], solver.contraction)
     before = replace(last, x=x + fall * step**2 / 2, v=-fall * step)
     for k in range(1, len(pressures)):
         p, time = pressure_at_intervals(s, pressures[k]), start + k * step
@@ -242,8 +232,7 @@ def run(scene: Scene, pressures: Array, step: float, *, start: float = 0.0) -> R
             raise RigDiverged(f"{failure} at {time:.4f} s") from None
         positions[k], velocities[k] = last.x, last.v
         settle(s, p, solver.contraction)
-        if s.prony:
-            solver.memory += (solver.strain - s.rest_strain - solver.memory) * -np.expm1(-step / s.prony_time)
+        solver.memory += (solver.strain - s.rest_strain - solver.memory) * -np.expm1(-step / s.prony_time)
         report = StepReport(time, step, p, solver.contraction, solver.tension, solver.strain)
         for after in s.after_step:
             after(s, report)
@@ -269,8 +258,6 @@ def _step(solver: RigSolver, time: float, h: float, p: Array, last: StepState, b
             r -= load(time, x, v)
         return r
 
-    def refactor(x: Array) -> None:
-        solver.refactor(x, gain, rate_history, gain * gain, gain)
-
-    x = solver.newton(x1 + h * v1 + 0.5 * h * (v1 - before.v), residual, refactor)
-    return StepState(x, velocity(x), solver.strain[:, :3].copy(), solver.contraction)
+    start = x1 + h * v1 + 0.5 * h * (v1 - before.v)
+    x = solver.newton(start, residual, partial(solver.refactor, gain, gain * gain, gain))
+    return StepState(x, velocity(x), solver.strain[:, :3], solver.contraction)

@@ -27,14 +27,12 @@ from fabdesign.runtime.cluster import current
 from fabdesign.runtime.effort import LONGEST, MEMORY, in_words, on_cores, rig_seconds
 from fabdesign.runtime.supervisor import uninterrupted
 from studies.rig.cameras import measure, record
-from studies.rig.ground_truth import GroundTruth, read_ground_truth, with_effects_of
 from studies.rig.scene import DEFAULT, Resolution, control_counts
-from studies.rig.specimen import TrialTask, control_points, prepare
+from studies.rig.specimen import GroundTruth, TrialTask, control_points, prepare, read_ground_truth, with_effects_of
 
 GUARD = 'in a script, call this under `if __name__ == "__main__":`'
 WORKING_STRAIN = 0.02  # up to which a membrane curve's slope is the stiffness of the rig's linear cloth
 THREAD_SETTINGS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-
 
 Given = Path | str | Design
 Program = Path | str | PressureProgram

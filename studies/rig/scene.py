@@ -5,7 +5,7 @@ is the declared design times the parameter factors.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import wraps
 from itertools import pairwise
 
@@ -18,9 +18,8 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import PARAMETERS
 from fabdesign.nouns.muscle_law import law_of
-from studies.rig.cables import CONTRACTIONS, PRESSURE_STEP, Cables, lace
-from studies.rig.shell import DERIVATIVES
-from studies.rig.spline import Axis, Patch
+from studies.rig.cables import CONTRACTIONS, PRESSURE_STEP, Cables
+from studies.rig.shell import Axis, Patch
 
 IMPERFECTION = 1e-4  # 1/m, rest curvature by the seed: 2 um over 0.2 m, decides which way a symmetric cloth buckles
 PIN_STIFFNESS = 2e5  # N/m, of a hung point's spring: 0.01 mm under the cloth's weight
@@ -38,53 +37,82 @@ class Resolution:
 DEFAULT = Resolution()
 
 
-@dataclass
 class MuscleState:
     """Per interval of the cables (n,) or per channel; scalars where marked. The values here switch effects off."""
 
-    gain: Array  # factor on the active tension
-    pressure_factor: Array  # of the channel's pressure that reaches the interval
-    threshold: float = 0.0  # Pa
-    threshold_width: float = 0.0  # Pa
-    viscosity: Array = field(default_factory=lambda: np.zeros(0))  # N s, while contracting
-    viscosity_out: Array = field(default_factory=lambda: np.zeros(0))  # N s, while lengthening
-    creep: Array = field(default_factory=lambda: np.zeros(0))  # contraction that the law does not see
-    friction_per_pressure: float = 0.0  # N/Pa, Coulomb limit of the braid
-    friction_at_zero: float = 0.0  # N
-    friction_slip: float = 0.01  # contraction over which the friction builds up
-    friction: Array = field(default_factory=lambda: np.zeros(0))  # N, its present value
-    contraction_before: Array = field(default_factory=lambda: np.zeros(0))  # at the last step
+    def __init__(self, gain: float, viscosity: Array) -> None:
+        count = len(viscosity)
+        self.gain = np.full(count, gain)  # factor on the active tension
+        self.pressure_factor = np.ones(count)  # of the channel's pressure that reaches the interval
+        self.threshold = self.threshold_width = 0.0  # Pa
+        self.viscosity = viscosity  # N s, while contracting
+        self.viscosity_out = viscosity.copy()  # N s, while lengthening
+        self.creep = np.zeros(count)  # contraction that the law does not see
+        self.friction_per_pressure = 0.0  # N/Pa, Coulomb limit of the braid
+        self.friction_at_zero = 0.0  # N
+        self.friction_slip = 0.01  # contraction over which the friction builds up
+        self.friction = np.zeros(count)  # N, its present value
+        self.contraction_before = np.zeros(0)  # at the last step
 
 
-@dataclass
 class Scene:
-    design: Design
-    patch: Patch
-    uv: Array  # (q, 2) m, quadrature points
-    weight: Array  # (q,) m^2
-    nodes: NDArray[np.int64]
-    basis: Array
-    stiffness: Array  # (q, 8): membrane 11, 12, 22, shear; bending 11, 12, 22, twist
-    rest_strain: Array  # (q, 6)
-    viscosity: Array  # (q,) N s/m
-    mass: sp.csr_matrix  # (n, n) kg
-    drag: sp.csr_matrix  # (n, n) N s/m
-    gravity: Array  # (3,)
-    cables: Cables
-    muscle_state: MuscleState
-    tables: list[Array]  # per muscle: tension over (pressure, CONTRACTIONS)
-    channel: NDArray[np.int64]  # (intervals,)
-    held: NDArray[np.bool_]  # (n, 3) control values that do not move
-    ties: sp.csr_matrix  # (points, n) points of the cloth that are tied by springs of no length
-    tie_stiffness: Array  # (points,) N/m
-    tied_to: Array  # (points, 3) m
-    prony: float = 0.0  # share of the cloth's stress that relaxes
-    prony_time: float = 1.0  # s
-    pressure_hooks: list[Callable[[Array, float], Array]] = field(default_factory=list)  # (steps, channels), h -> same
-    loads: list[Callable[[float, Array, Array], Array]] = field(default_factory=list)  # t, x, v -> force (n, 3)
-    sensed: list[Callable[[Array], Array]] = field(default_factory=list)  # (n, 3) m -> what the sensor says
-    time_shift: float = 0.0  # s that the sensor's clock is late
-    after_step: list[Callable[["Scene", "StepReport"], None]] = field(default_factory=list)
+    """A declared design as arrays, with n control points and q quadrature points of the cloth."""
+
+    def __init__(
+        self,
+        design: Design,
+        factors: Mapping[str, float],
+        resolution: Resolution,
+        *,
+        max_pressure: float,
+        seed: int = 0,
+    ) -> None:
+        """Take a design's values times `factors`, by the names of nouns.forward.PARAMETERS; max_pressure [Pa] sizes
+        tables."""
+        f = {name: factors.get(name, 1.0) for name in PARAMETERS}
+        cloth, muscles, kinds = design.fabric, design.muscles, design.muscle_types
+        across, down = _reach(design)
+        axes = [
+            Axis(np.linspace(0.0, length, _elements(length, resolution) + 1), resolution.degree)
+            for length in (cloth.width, cloth.height)
+        ]
+        self.design = design
+        self.patch = Patch(axes[0], axes[1], u_slow=bool(across <= down))  # muscles stay within a block: a narrow band
+        self.uv, self.weight = self.patch.quadrature()  # (q, 2) m, quadrature points; (q,) m^2
+        moduli = _moduli(design, f["membrane"], f["shear"], f["bending"])
+        # (q, 8): membrane 11, 12, 22, shear; bending 11, 12, 22, twist
+        self.stiffness = np.tile(moduli, (len(self.uv), 1))
+        curvature = _imperfection(self.uv, cloth.width, cloth.height, seed)
+        self.rest_strain = np.concatenate([np.zeros_like(curvature), curvature], axis=1)  # (q, 6)
+        self.viscosity = np.full(len(self.uv), cloth.viscosity * f["damping"])  # (q,) N s/m
+        unit = self.patch.matrix(self.uv)
+        area = (unit.T @ sp.diags(self.weight) @ unit).tocsr()
+        threads = sp.csr_matrix((self.patch.count, self.patch.count))
+        for each in muscles:
+            threads = threads + line_mass(self.patch, np.array(each.path), kinds[each.type].mass_per_length)
+        self.mass = (cloth.areal_density * f["areal_density"] * area + threads).tocsr()  # (n, n) kg
+        self.drag = (cloth.air_damping * f["damping"] * area).tocsr()  # (n, n) N s/m
+        self.gravity = np.array(cloth.gravity, dtype=float)  # (3,)
+        self.cables = Cables(design, self.patch, f["axis_offset"])
+        each_interval = [muscles[m] for m in self.cables.muscle]
+        viscosity = np.array([kinds[muscle.type].viscosity * f["damping"] for muscle in each_interval])
+        self.muscle_state = MuscleState(f["muscle_gain"], viscosity)
+        pressures = np.arange(0.0, max_pressure + 2 * PRESSURE_STEP, PRESSURE_STEP)
+        tables = [law_of(kind.bench).tension(pressures[:, None], CONTRACTIONS) for kind in kinds.values()]
+        # (types, pressures, CONTRACTIONS) N, tension; (intervals,) which of them
+        self.tables = np.array(tables).reshape(len(kinds), len(pressures), len(CONTRACTIONS))
+        self.law = np.array([[*kinds].index(muscle.type) for muscle in each_interval], dtype=np.int64)
+        self.channel = np.array([muscle.channel for muscle in each_interval], dtype=np.int64)  # (intervals,)
+        self.held, hung_uv = _support(design, self.patch)  # (n, 3) control values that do not move
+        self.ties = self.patch.matrix(hung_uv)  # (points, n) that are tied by springs of no length
+        self.tie_stiffness = np.full(len(hung_uv), PIN_STIFFNESS)  # (points,) N/m
+        self.tied_to = on_flat_cloth(hung_uv, cloth)  # (points, 3) m
+        self.prony, self.prony_time = 0.0, 1.0  # share of the cloth's stress that relaxes; s
+        self.pressure_hooks: list[Callable[[Array, float], Array]] = []  # (steps, channels), h -> same
+        self.loads: list[Callable[[float, Array, Array], Array]] = []  # t, x, v -> force (n, 3)
+        self.sensed: list[Callable[[Array], Array]] = []  # (n, 3) m -> what the sensor says
+        self.time_shift = 0.0  # s that the sensor's clock is late
+        self.after_step: list[Callable[[Scene, StepReport], None]] = []
 
 
 @dataclass(frozen=True)
@@ -136,68 +164,6 @@ def pressure_effect(**parameters: tuple[float, str]) -> Callable[[Change], Apply
         return effect("pneumatics", **parameters)(apply)
 
     return declared
-
-
-def build_scene(
-    design: Design, factors: Mapping[str, float], resolution: Resolution, *, max_pressure: float, seed: int = 0
-) -> Scene:
-    """Return the declared design. `factors` by the names of nouns.forward.PARAMETERS; max_pressure [Pa] sizes
-    tables."""
-    f = {name: factors.get(name, 1.0) for name in PARAMETERS}
-    cloth = design.fabric
-    axes = [
-        Axis(np.linspace(0.0, length, _elements(length, resolution) + 1), resolution.degree)
-        for length in (cloth.width, cloth.height)
-    ]
-    across, down = _reach(design)
-    patch = Patch(axes[0], axes[1], u_slow=bool(across <= down))  # muscles stay within a block: a narrow band
-    uv, weight = patch.quadrature()
-    nodes, basis = patch.local(uv, DERIVATIVES)
-    n = len(uv)
-    unit = patch.matrix(uv)
-    area = (unit.T @ sp.diags(weight) @ unit).tocsr()
-    cables = lace(design, patch, f["axis_offset"])
-    intervals = len(cables.rest)
-    types = [design.muscle_types[m.type] for m in design.muscles]
-    viscosity = np.array([types[m].viscosity * f["damping"] for m in cables.muscle])
-    threads = sp.csr_matrix((patch.count, patch.count))
-    for muscle, kind in zip(design.muscles, types, strict=True):
-        threads = threads + line_mass(patch, np.array(muscle.path), kind.mass_per_length)
-    held, hung_uv = _support(design, patch)
-    rest = np.zeros((n, 6))
-    rest[:, 3:] = _imperfection(uv, cloth.width, cloth.height, seed)
-    pressures = np.arange(0.0, max_pressure + 2 * PRESSURE_STEP, PRESSURE_STEP)
-    laws = {name: law_of(kind.bench) for name, kind in design.muscle_types.items()}
-    tables = {name: law.tension(pressures[:, None], CONTRACTIONS) for name, law in laws.items()}
-    return Scene(
-        design=design,
-        patch=patch,
-        uv=uv,
-        weight=weight,
-        nodes=nodes,
-        basis=basis,
-        stiffness=np.tile(_moduli(design, f["membrane"], f["shear"], f["bending"]), (n, 1)),
-        rest_strain=rest,
-        viscosity=np.full(n, cloth.viscosity * f["damping"]),
-        mass=(cloth.areal_density * f["areal_density"] * area + threads).tocsr(),
-        drag=(cloth.air_damping * f["damping"] * area).tocsr(),
-        gravity=np.array(cloth.gravity, dtype=float),
-        cables=cables,
-        muscle_state=MuscleState(
-            gain=np.full(intervals, f["muscle_gain"]),
-            pressure_factor=np.ones(intervals),
-            viscosity=viscosity,
-            viscosity_out=viscosity.copy(),
-            creep=np.zeros(intervals),
-            friction=np.zeros(intervals),
-        ),
-        tables=[np.ascontiguousarray(tables[m.type]) for m in design.muscles],
-        channel=np.array([design.muscles[m].channel for m in cables.muscle], dtype=np.int64),
-        held=held,
-        ties=patch.matrix(hung_uv),
-        tie_stiffness=np.full(len(hung_uv), PIN_STIFFNESS),
-        tied_to=on_flat_cloth(hung_uv, cloth),
-    )
 
 
 def control_counts(design: Design, resolution: Resolution) -> tuple[int, int]:

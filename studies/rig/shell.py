@@ -3,222 +3,234 @@
 Kiendl, Bletzinger, Linhard, Wuechner 2009, "Isogeometric shell analysis with Kirchhoff-Love elements", with the
 membrane in engineering strain: e1 = |a1| - 1, e2 = |a2| - 1, e3 the shear angle, and k = x,ab . n for the curvatures.
 Stress follows docs/files.md: orthotropic with Poisson, bending B / (1 - nu12 nu21), Kelvin-Voigt viscosity.
+
+The displacement space: B-splines on a rectangle, C1 (degree 2) or C2 (degree 3). Hughes, Cottrell, Bazilevs 2005,
+"Isogeometric analysis: CAD, finite elements, NURBS, exact geometry and mesh refinement". Control points are numbered
+with the slower index first: index = slow * n_fast + fast.
 """
 
-import math
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.interpolate import BSpline
 
 from fabdesign.nouns.array import Array
 
 Ints = NDArray[np.int64]
-DERIVATIVES = ((1, 0), (0, 1), (2, 0), (0, 2), (1, 1))  # of a basis function, in the kernels' order
-# the quadrature points of a cloth, as the kernels take them: control points (points, m) that count there, the
-# DERIVATIVES (points, 5, m) of their functions, weight [m^2], stiffness (points, 8), rest strain (points, 6), viscosity
-# [N s/m], the share of the stress that relaxes, and the strain (points, 6) that has. A plain tuple: numba's cache could
-# not be read once a class of its own was renamed
-Cloth = tuple[Ints, Array, Array, Array, Array, Array, float, Array]
+GAUSS = 2  # points of an element in each direction: enough for C1 quadratics and C2 cubics
+DERIVATIVES = ((1, 0), (0, 1), (2, 0), (0, 2), (1, 1))  # of the surface: a1, a2, x,uu, x,vv, x,uv
+VISCOUS = np.array([1.0, 1.0, 0.5])  # of the viscosity, against the rates of e1, e2, e3
 
 
-@njit(cache=True, fastmath=True)
-def _kinematics(x: Array, nodes: Ints, basis: Array, a: Array) -> None:
-    """Fills a (5, 3): a1, a2, x,uu, x,vv, x,uv."""
-    for k in range(5):
-        a[k, 0] = a[k, 1] = a[k, 2] = 0.0
-    for i in range(nodes.shape[0]):
-        for c in range(3):
-            xi = x[nodes[i], c]
-            for k in range(5):
-                a[k, c] += basis[k, i] * xi
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """An open knot vector over [0, length] m."""
+
+    breaks: Array  # (elements + 1,) m
+    degree: int
+
+    @property
+    def count(self) -> int:
+        """Return the number of basis functions."""
+        return len(self.breaks) - 1 + self.degree
+
+    @property
+    def knots(self) -> Array:
+        p = self.degree
+        return np.r_[[self.breaks[0]] * p, self.breaks, [self.breaks[-1]] * p]
+
+    def greville(self) -> Array:
+        """Return (count,) m: control values that reproduce the identity."""
+        k, p = self.knots, self.degree
+        return np.array([k[i + 1 : i + p + 1].mean() for i in range(self.count)])
+
+    def first(self, s: Array) -> Ints:
+        """Return the index of the first of the degree + 1 functions that live at `s` [m]."""
+        e = np.searchsorted(self.breaks, s, side="right") - 1
+        return np.clip(e, 0, len(self.breaks) - 2).astype(np.int64)
+
+    def basis(self, s: Array, derivative: int) -> Array:
+        """Return (len(s), count) values of every basis function's derivative at `s` [m], dense."""
+        s = np.clip(np.asarray(s, dtype=float), self.breaks[0], self.breaks[-1])
+        eye = np.eye(self.count)
+        spline = BSpline(self.knots, eye, self.degree)
+        return np.asarray(spline(s, nu=derivative) if derivative else spline(s))
 
 
-@njit(cache=True, fastmath=True)
-def _strain(a: Array, e: Array, g: Array) -> tuple[Array, float, float]:
-    """Return strains e (6,) and their gradients g (6, 5, 3) with respect to the five derivatives of the surface."""
-    l1 = math.sqrt(a[0, 0] ** 2 + a[0, 1] ** 2 + a[0, 2] ** 2)
-    l2 = math.sqrt(a[1, 0] ** 2 + a[1, 1] ** 2 + a[1, 2] ** 2)
-    t1, t2 = a[0] / l1, a[1] / l2
-    s = t1[0] * t2[0] + t1[1] * t2[1] + t1[2] * t2[2]
-    g[:] = 0.0
-    e[0], e[1], e[2] = l1 - 1.0, l2 - 1.0, math.asin(s)
-    c = math.sqrt(1.0 - s * s)
-    n = np.empty(3)  # towards the front: a2 x a1, for v runs down
-    n[0] = a[1, 1] * a[0, 2] - a[1, 2] * a[0, 1]
-    n[1] = a[1, 2] * a[0, 0] - a[1, 0] * a[0, 2]
-    n[2] = a[1, 0] * a[0, 1] - a[1, 1] * a[0, 0]
-    j = math.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
-    n /= j
-    m12 = s * l1 * l2
-    d1, d2 = np.empty(3), np.empty(3)  # dual vectors
-    for i in range(3):
-        g[0, 0, i] = t1[i]
-        g[1, 1, i] = t2[i]
-        g[2, 0, i] = (t2[i] - s * t1[i]) / (l1 * c)
-        g[2, 1, i] = (t1[i] - s * t2[i]) / (l2 * c)
-        d1[i] = (l2 * l2 * a[0, i] - m12 * a[1, i]) / (j * j)
-        d2[i] = (l1 * l1 * a[1, i] - m12 * a[0, i]) / (j * j)
-    for k in range(3):
-        b = a[2 + k]
-        e[3 + k] = b[0] * n[0] + b[1] * n[1] + b[2] * n[2]
-        bd1 = b[0] * d1[0] + b[1] * d1[1] + b[2] * d1[2]
-        bd2 = b[0] * d2[0] + b[1] * d2[1] + b[2] * d2[2]
-        for i in range(3):
-            g[3 + k, 0, i] = -bd1 * n[i]
-            g[3 + k, 1, i] = -bd2 * n[i]
-            g[3 + k, 2 + k, i] = n[i]
-    return n, l1, l2
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A tensor-product spline over the cloth; `u_slow` says which direction numbers the blocks of the matrix."""
+
+    u: Axis
+    v: Axis
+    u_slow: bool
+
+    @property
+    def count(self) -> int:
+        return self.u.count * self.v.count
+
+    def index(self, iu: Ints, iv: Ints) -> Ints:
+        return iu * self.v.count + iv if self.u_slow else iv * self.u.count + iu
+
+    def flat(self) -> Array:
+        """Return (count, 3) control points [m] of the cloth at rest in the plane z = 0."""
+        gu, gv = np.meshgrid(np.arange(self.u.count), np.arange(self.v.count), indexing="ij")
+        x = np.zeros((self.count, 3))
+        k = self.index(gu, gv)
+        x[k, 0] = self.u.greville()[gu] - self.u.breaks[-1] / 2
+        x[k, 1] = -self.v.greville()[gv]
+        return x
+
+    def matrix(self, uv: Array, du: int = 0, dv: int = 0) -> sp.csr_matrix:
+        """Return (len(uv), count) sparse matrix that takes control points to the derivative (du, dv) at `uv` [m]."""
+        uv = np.asarray(uv, dtype=float)
+        if not len(uv):
+            return sp.csr_matrix((0, self.count))
+        nodes, values = self.local(uv, ((du, dv),))
+        rows = np.repeat(np.arange(len(uv)), nodes.shape[1])
+        return sp.csr_matrix((values[:, 0].ravel(), (rows, nodes.ravel())), shape=(len(uv), self.count))
+
+    def local(self, uv: Array, derivatives: tuple[tuple[int, int], ...]) -> tuple[Ints, Array]:
+        """Return nodes (n, (p+1)^2) that live at `uv` (n, 2) m, and their derivatives (n, len(derivatives),
+        (p+1)^2)."""
+        p = self.u.degree
+        a = np.arange(p + 1)
+        iu = self.u.first(uv[:, 0])[:, None] + a
+        iv = self.v.first(uv[:, 1])[:, None] + a
+        nodes = self.index(iu[:, :, None], iv[:, None, :]).reshape(len(uv), -1)
+        values = np.empty((len(uv), len(derivatives), (p + 1) ** 2))
+        for k, (du, dv) in enumerate(derivatives):
+            bu = np.take_along_axis(self.u.basis(uv[:, 0], du), iu, axis=1)
+            bv = np.take_along_axis(self.v.basis(uv[:, 1], dv), iv, axis=1)
+            values[:, k] = (bu[:, :, None] * bv[:, None, :]).reshape(len(uv), -1)
+        return nodes, values
+
+    def quadrature(self) -> tuple[Array, Array]:
+        """Return Gauss points (n, 2) m and weights (n,) m^2, GAUSS a direction, element by element.
+
+        Splines as smooth as these need no degree + 1 points (Schillinger, Hossain and Hughes 2014, "Reduced Bezier
+        element quadrature rules for quadratic and cubic splines in isogeometric analysis").
+        """
+        g, w = np.polynomial.legendre.leggauss(GAUSS)
+        points, weights = [], []
+        for axis in (self.u, self.v):
+            half = np.diff(axis.breaks) / 2
+            points.append((axis.breaks[:-1] + half)[:, None] + half[:, None] * g)  # (elements, gauss)
+            weights.append(half[:, None] * w)
+        pu, pv = points
+        uv = np.stack(
+            np.broadcast_arrays(pu[:, None, :, None], pv[None, :, None, :]), axis=-1
+        )  # element u, element v, gauss u, gauss v
+        ww = weights[0][:, None, :, None] * weights[1][None, :, None, :]
+        return uv.reshape(-1, 2), ww.reshape(-1)
 
 
-@njit(cache=True, fastmath=True)
-def _stress(
-    c: Array, e: Array, e_rest: Array, rate: Array, eta: Array, prony: float, memory: Array, out: Array
-) -> None:
-    """out (6,): N1, N2, S, M11, M22, 2 M12. c: membrane 11, 12, 22, shear; bending 11, 12, 22, twist."""
-    d0 = e[0] - e_rest[0] - prony * memory[0]
-    d1 = e[1] - e_rest[1] - prony * memory[1]
-    d2 = e[2] - e_rest[2] - prony * memory[2]
-    d3 = e[3] - e_rest[3] - prony * memory[3]
-    d4 = e[4] - e_rest[4] - prony * memory[4]
-    d5 = e[5] - e_rest[5] - prony * memory[5]
-    out[0] = c[0] * d0 + c[1] * d1 + eta * rate[0]
-    out[1] = c[1] * d0 + c[2] * d1 + eta * rate[1]
-    out[2] = c[3] * d2 + 0.5 * eta * rate[2]
-    out[3] = c[4] * d3 + c[5] * d4
-    out[4] = c[5] * d3 + c[6] * d4
-    out[5] = 2.0 * c[7] * d5
+class Strained(NamedTuple):
+    """The cloth's strains at quadrature points, and what their derivatives need."""
+
+    surface: Array  # (q, 5, 3) the DERIVATIVES
+    strain: Array  # (q, 6)
+    tangent: Array  # (q, 2, 3) of unit length
+    shear: Array  # (q, 2, 3) derivatives of e3 by a1 and a2
+    dual: Array  # (q, 2, 3) dual vectors
+    normal: Array  # (q, 3) of unit length, towards the front
 
 
-@njit(cache=True, fastmath=True)
-def forces(x: Array, cloth: Cloth, rate_gain: float, rate_history: Array, strain: Array, out: Array) -> None:
-    """Adds the internal force [N] of the cloth to out (n, 3) and stores the strains (points, 6).
+def strained(surface: Array) -> Strained:
+    """Return the strains of a surface with such derivatives (q, 5, 3)."""
+    a = surface[:, :2]
+    length = np.linalg.norm(a, axis=2)
+    tangent = a / length[..., None]
+    s = np.einsum("qi,qi->q", tangent[:, 0], tangent[:, 1])
+    normal = np.cross(a[:, 1], a[:, 0])  # towards the front: a2 x a1, for v runs down
+    area = np.linalg.norm(normal, axis=1)
+    normal /= area[:, None]
+    m12 = s * length[:, 0] * length[:, 1]
+    dual = (length[:, ::-1, None] ** 2 * a - m12[:, None, None] * a[:, ::-1]) / area[:, None, None] ** 2
+    bent = np.einsum("qki,qi->qk", surface[:, 2:], normal)
+    strain = np.concatenate([length - 1, np.arcsin(s)[:, None], bent], axis=1)
+    shear = (tangent[:, ::-1] - s[:, None, None] * tangent) / (length * np.sqrt(1.0 - s**2)[:, None])[..., None]
+    return Strained(surface, strain, tangent, shear, dual, normal)
 
-    The strain rate is rate_gain * strain + rate_history (points, 3): the time scheme's difference formula.
+
+def forces(at: Strained, stress: Array) -> Array:
+    """Return (q, 5, 3): derivatives of the strain energy density by those of the surface. stress (q, 6)."""
+    by_surface = np.empty(at.surface.shape)
+    by_surface[:, :2] = stress[:, :2, None] * at.tangent + stress[:, 2, None, None] * at.shear
+    by_surface[:, :2] -= _moment(at, stress)[..., None] * at.normal[:, None]
+    by_surface[:, 2:] = stress[:, 3:, None] * at.normal[:, None]
+    return by_surface
+
+
+def _moment(at: Strained, stress: Array) -> Array:
+    """Return (q, 2): what bends, along the dual vectors."""
+    return np.asarray(at.dual @ (stress[:, None, 3:] @ at.surface[:, 2:]).transpose(0, 2, 1))[..., 0]
+
+
+def _gradient(at: Strained) -> Array:
+    """Return (q, 6, 15) of the strains by the five derivatives of the surface."""
+    gradient = np.zeros((len(at.strain), 6, 5, 3))
+    gradient[:, [0, 1], [0, 1]] = at.tangent
+    gradient[:, 2, :2] = at.shear
+    gradient[:, 3:, :2] = -(at.surface[:, 2:] @ at.dual.transpose(0, 2, 1))[..., None] * at.normal[:, None, None]
+    gradient[:, [3, 4, 5], [2, 3, 4]] = at.normal[:, None]
+    return gradient.reshape(-1, 6, 15)
+
+
+def moduli(c: Array) -> Array:
+    """Return (q, 6, 6): N1, N2, S, M11, M22, 2 M12 by strain. c (q, 8): membrane 11, 12, 22, shear; bending 11, 12, 22,
+    twist."""
+    by_strain = np.zeros((len(c), 6, 6))
+    for k, row, column in ((0, 0, 0), (1, 0, 1), (2, 1, 1), (3, 2, 2), (4, 3, 3), (5, 3, 4), (6, 4, 4), (7, 5, 5)):
+        by_strain[:, row, column] = by_strain[:, column, row] = c[:, k] * (1.0 if k < 7 else 2.0)
+    return by_strain
+
+
+def hessian(at: Strained, tangent: Array, stress: Array, exact: bool) -> Array:
+    """Return (q, 5, 3, 5, 3): second derivatives of the strain energy density by the derivatives of the surface.
+
+    tangent (q, 6, 6): of the stress (q, 6) by strain. `exact` keeps the stress terms that may be negative (compression,
+    second derivatives of the curvatures).
     """
-    nodes, basis, weight, c, e_rest, eta, prony, memory = cloth
-    a, e, g = np.empty((5, 3)), np.empty(6), np.empty((6, 5, 3))
-    stress, rate, f = np.empty(6), np.empty(3), np.empty((5, 3))
-    for q in range(basis.shape[0]):
-        _kinematics(x, nodes[q], basis[q], a)
-        _strain(a, e, g)
-        strain[q] = e
-        for k in range(3):
-            rate[k] = rate_gain * e[k] + rate_history[q, k]
-        _stress(c[q], e, e_rest[q], rate, eta[q], prony, memory[q], stress)
-        for k in range(5):
-            for i in range(3):
-                f[k, i] = 0.0
-                for r in range(6):
-                    f[k, i] += stress[r] * g[r, k, i]
-                f[k, i] *= weight[q]
-        for i in range(nodes.shape[1]):
-            for d in range(3):
-                out[nodes[q, i], d] += (
-                    basis[q, 0, i] * f[0, d]
-                    + basis[q, 1, i] * f[1, d]
-                    + basis[q, 2, i] * f[2, d]
-                    + basis[q, 3, i] * f[3, d]
-                    + basis[q, 4, i] * f[4, d]
-                )
-
-
-@njit(cache=True, fastmath=True)
-def _hessian(
-    a: Array, g: Array, n: Array, l1: float, l2: float, c: Array, stress: Array, visc: float, exact: bool, h: Array
-) -> None:
-    """h (15, 15): second derivatives of the strain energy density with respect to a1, a2, x,uu, x,vv, x,uv.
-
-    `exact` keeps the stress terms that may be negative (compression, second derivatives of the curvatures).
-    """
-    gf = g.reshape(6, 15)
-    t1, t2 = a[0] / l1, a[1] / l2
-    for i in range(15):
-        m0 = (c[0] + visc) * gf[0, i] + c[1] * gf[1, i]
-        m1 = c[1] * gf[0, i] + (c[2] + visc) * gf[1, i]
-        m2 = (c[3] + 0.5 * visc) * gf[2, i]
-        b0 = c[4] * gf[3, i] + c[5] * gf[4, i]
-        b1 = c[5] * gf[3, i] + c[6] * gf[4, i]
-        b2 = 2.0 * c[7] * gf[5, i]
-        for k in range(15):
-            h[i, k] = m0 * gf[0, k] + m1 * gf[1, k] + m2 * gf[2, k] + b0 * gf[3, k] + b1 * gf[4, k] + b2 * gf[5, k]
-    n1, n2 = stress[0] / l1, stress[1] / l2
+    g = _gradient(at)
+    h = (g.transpose(0, 2, 1) @ (tangent @ g)).reshape(-1, 5, 3, 5, 3)
+    for k in range(2):
+        pull, length = stress[:, k], 1.0 + at.strain[:, k]
+        across = np.eye(3) - at.tangent[:, k, :, None] * at.tangent[:, k, None]
+        h[:, k, :, k] += ((pull if exact else np.maximum(pull, 0.0)) / length)[:, None, None] * across
     if not exact:
-        n1, n2 = max(n1, 0.0), max(n2, 0.0)
-    for i in range(3):
-        for k in range(3):
-            unit = 1.0 if i == k else 0.0
-            h[i, k] += n1 * (unit - t1[i] * t1[k])
-            h[3 + i, 3 + k] += n2 * (unit - t2[i] * t2[k])
-    if not exact:
-        return
-    m12 = a[0, 0] * a[1, 0] + a[0, 1] * a[1, 1] + a[0, 2] * a[1, 2]
-    jj = l1 * l1 * l2 * l2 - m12 * m12
-    dual = np.empty((2, 3))
-    dual[0] = (l2 * l2 * a[0] - m12 * a[1]) / jj
-    dual[1] = (l1 * l1 * a[1] - m12 * a[0]) / jj
-    moment, bending = np.zeros(2), 0.0
-    for k in range(3):
-        for i in range(3):
-            moment[0] += stress[3 + k] * a[2 + k, i] * dual[0, i]
-            moment[1] += stress[3 + k] * a[2 + k, i] * dual[1, i]
-            bending += stress[3 + k] * a[2 + k, i] * n[i]
-    for p in range(2):
-        for q in range(2):
-            metric = dual[p, 0] * dual[q, 0] + dual[p, 1] * dual[q, 1] + dual[p, 2] * dual[q, 2]
-            for i in range(3):
-                for k in range(3):
-                    h[3 * p + i, 3 * q + k] += (
-                        moment[q] * n[i] * dual[p, k] + moment[p] * dual[q, i] * n[k] - metric * bending * n[i] * n[k]
-                    )
-        for m in range(3):
-            for i in range(3):
-                for k in range(3):
-                    v = -stress[3 + m] * n[i] * dual[p, k]
-                    h[3 * p + i, 6 + 3 * m + k] += v
-                    h[6 + 3 * m + k, 3 * p + i] += v
+        return h
+    n, dual, bent, moment = at.normal, at.dual, stress[:, 3:], _moment(at, stress)
+    bending = np.einsum("qm,qm->q", bent, at.strain[:, 3:])
+    turned = n[:, None, :, None, None] * moment[:, None, None, :, None] * dual[:, :, None, None]  # (q, p, i, r, k)
+    metric = (dual @ dual.transpose(0, 2, 1) * bending[:, None, None])[:, :, None, :, None]
+    normals = n[:, None, :, None, None] * n[:, None, None, None]
+    h[:, :2, :, :2] += turned + turned.transpose(0, 3, 4, 1, 2) - metric * normals
+    mixed = -bent[:, None, None, :, None] * n[:, None, :, None, None] * dual[:, :, None, None]
+    h[:, :2, :, 2:] += mixed
+    h[:, 2:, :, :2] += mixed.transpose(0, 3, 4, 1, 2)
+    return h
 
 
-@njit(cache=True, fastmath=True)
-def stiffness(
-    x: Array, cloth: Cloth, rate_gain: float, rate_history: Array, points_per_element: int, exact: bool, band: Array
-) -> None:
-    """Adds the cloth's stiffness to `band` (lower banded, 3 degrees of freedom a control point)."""
-    nodes, basis, weight, c, e_rest, eta, prony, memory = cloth
-    nb = nodes.shape[1]
-    a, e, g, stress, rate = np.empty((5, 3)), np.empty(6), np.empty((6, 5, 3)), np.empty(6), np.empty(3)
-    h, product = np.empty((15, 15)), np.empty((3, 15))
-    ke = np.zeros((3 * nb, 3 * nb))
-    for q in range(basis.shape[0]):
-        if q % points_per_element == 0:
-            ke[:] = 0.0
-        _kinematics(x, nodes[q], basis[q], a)
-        n, l1, l2 = _strain(a, e, g)
-        for k in range(3):
-            rate[k] = rate_gain * e[k] + rate_history[q, k]
-        _stress(c[q], e, e_rest[q], rate, eta[q], prony, memory[q], stress)
-        _hessian(a, g, n, l1, l2, c[q], stress, eta[q] * rate_gain, exact, h)
-        for i in range(nb):
-            for d in range(3):
-                for k in range(15):
-                    s = 0.0
-                    for alpha in range(5):
-                        s += basis[q, alpha, i] * h[3 * alpha + d, k]
-                    product[d, k] = weight[q] * s
-            for k in range(i + 1):
-                for d in range(3):
-                    for b in range(3):
-                        ke[3 * i + d, 3 * k + b] += (
-                            product[d, b] * basis[q, 0, k]
-                            + product[d, 3 + b] * basis[q, 1, k]
-                            + product[d, 6 + b] * basis[q, 2, k]
-                            + product[d, 9 + b] * basis[q, 3, k]
-                            + product[d, 12 + b] * basis[q, 4, k]
-                        )
-        if q % points_per_element == points_per_element - 1:
-            for i in range(3 * nb):
-                gi = 3 * nodes[q, i // 3] + i % 3
-                for k in range(i + 1):
-                    gk = 3 * nodes[q, k // 3] + k % 3
-                    hi, lo = max(gi, gk), min(gi, gk)
-                    band[hi - lo, lo] += ke[i, k]
+def element_stiffness(basis: Array, hessians: Array) -> Array:
+    """Return (elements, 3 m, 3 m) N/m, 3 degrees of freedom a control point. basis (elements, points, 5, m) and
+    hessians (elements, points, 5, 3, 5, 3), times the points' weights."""
+    count, points, _, m = basis.shape
+    by_freedom = np.zeros((count, points, 5, 3, m, 3))
+    by_freedom[:, :, :, range(3), :, range(3)] = basis
+    surface = by_freedom.reshape(count, points, 15, 3 * m)
+    pulls = hessians.reshape(count, points, 15, 15) @ surface
+    return np.asarray(surface.reshape(count, -1, 3 * m).transpose(0, 2, 1) @ pulls.reshape(count, -1, 3 * m))
+
+
+def add_to_band(nodes: Ints, blocks: Array, band: Array) -> None:
+    """Add stiffnesses (k, 3 m, 3 m) between control points `nodes` (k, m) to a lower band (half + 1, 3 n), laid out by
+    columns."""
+    freedoms = (3 * nodes[..., None] + np.arange(3)).reshape(len(nodes), 3 * nodes.shape[1])
+    below = freedoms[:, :, None] - freedoms[:, None]
+    lower = below >= 0
+    places = (below + freedoms[:, None] * len(band))[lower]
+    np.add.at(band.reshape(-1, order="F"), places, blocks[lower])

@@ -17,7 +17,8 @@ from fabdesign.errors import InputError
 from fabdesign.formats.codec import Encoder, decode
 from fabdesign.formats.schema import FileUnit, Key, Kilopascal, Millimetre, Within, json_schema
 from fabdesign.formats.table import Table, load_toml
-from studies.check.kinds import KINDS, STUDIES, schema_of
+from studies.check.design import STUDIES
+from studies.check.files import KINDS, schema_of
 from tests.command_line import Run, one_line
 from tests.conftest import ROOT
 

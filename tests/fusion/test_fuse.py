@@ -18,9 +18,9 @@ from fabdesign.errors import InputError
 from fabdesign.files.measurement_set import TrialData, read_set
 from fabdesign.files.pressure_file import constant_program
 from fabdesign.nouns.catalogue import build
-from studies.fusion.frames import FusionReport
 from studies.fusion.fuse import FusionOptions, fuse, fuse_all
 from studies.fusion.reference import off
+from studies.fusion.report import FusionReport
 from studies.rig import GroundTruth, RigSession, run_rig
 from studies.rig.scene import Resolution
 

@@ -22,12 +22,11 @@ from fabdesign.files.measurement_set import read_set
 from fabdesign.geometry.surface import Surface
 from studies.check.files import inspect
 from studies.fusion.cleaning import Cleaned, clean, clean_image
-from studies.fusion.clocks import losses
 from studies.fusion.cutting import Cutter
 from studies.fusion.fuse import fuse
 from studies.fusion.input import shifted_sensor
 from studies.fusion.joint import Arrangement, SensorView
-from studies.fusion.moving import view_at, with_speeds
+from studies.fusion.moving import losses, view_at, with_speeds
 from studies.fusion.reference import off
 from studies.fusion.ripple import ripple_of
 from studies.fusion.stamped import StampedFrames, stamped_frames
@@ -116,7 +115,7 @@ def test_a_camera_that_was_moved_is_named_with_its_frame(tmp_path: Path) -> None
     (line,) = tolerance.skipped
     assert re.match(r"sensor back_right: its view leaves the others' from frame 2[345] on, .*; was it moved\?", line)
     assert len(seen.timed.views[3]) <= since + 1
-    assert seen.timed.times(3) is seen.timed.times(3) and len(seen.timed.times(3)) == len(seen.timed.views[3])
+    assert seen.timed.times is seen.timed.times and len(seen.timed.times[3]) == len(seen.timed.views[3])
     assert len(seen.cutters[3].views) == len(camera.true)
 
 

@@ -12,8 +12,8 @@ from fabdesign.errors import InputError
 from fabdesign.files.design_file import write_design
 from fabdesign.files.pressure_file import constant_program
 from fabdesign.geometry.metrics import CloudKind, distance_to_faces, trial_errors
-from fabdesign.geometry.regions import Region, Weighting
 from fabdesign.geometry.sensor_noise import NOISE_FREE
+from fabdesign.geometry.wishes import Region, Weighting
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.study_files.study_file import Study, StudyLimits, read_study

@@ -51,7 +51,7 @@ EXCEPTIONS = {
     "fabdesign/drawings/sewing.py: left": SIDES,
     "fabdesign/drawings/template.py: left": SIDES,
     "fabdesign/geometry/placement.py: left": "left edge of a target; left singular vectors",
-    "fabdesign/geometry/regions.py: left": SIDES,
+    "fabdesign/geometry/wishes.py: left": SIDES,
     "fabdesign/nouns/catalogue.py: left": SIDES,
     "sim/grid.py: LEFT": SIDES,
     "studies/loop/record.py: said": "a key of the loop's kept turns",

@@ -23,7 +23,8 @@ from studies.benches.evaluate import errors_of
 from studies.benches.muscle import BenchMuscle
 from studies.benches.records import LAWS
 from studies.benches.tracing import examine
-from studies.check.kinds import STUDIES, schema_of
+from studies.check.design import STUDIES
+from studies.check.files import schema_of
 from studies.report.page import html_of
 from tests.analytic_cloth import AnalyticCloth
 from tests.conftest import ROOT

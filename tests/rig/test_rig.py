@@ -29,11 +29,10 @@ from fabdesign.nouns.pressure import PressureProgram
 from studies.rig import EffectSetting, GroundTruth, RigSession, Sensing, read_ground_truth, run_rig
 from studies.rig.cameras import faces
 from studies.rig.effects import EFFECTS, LISTED
-from studies.rig.ground_truth import with_effects_of
 from studies.rig.motion import RigSolver, equilibrium, run
 from studies.rig.run import linear_membrane
-from studies.rig.scene import Resolution, Scene, build_scene
-from studies.rig.specimen import TrialTask, control_points, prepare
+from studies.rig.scene import Resolution, Scene
+from studies.rig.specimen import TrialTask, control_points, prepare, with_effects_of
 
 COARSE = Resolution(element=0.04, step=1 / 240)
 G = 9.81
@@ -46,7 +45,7 @@ def bare(**fabric: object) -> Design:
 
 
 def at_rest(design: Design, pressure: Array, resolution: Resolution = COARSE) -> tuple[Scene, Array]:
-    scene = build_scene(design, {}, resolution, max_pressure=float(pressure.max(initial=0.0)))
+    scene = Scene(design, {}, resolution, max_pressure=float(pressure.max(initial=0.0)))
     return scene, equilibrium(scene, scene.patch.flat(), pressure)
 
 
@@ -60,7 +59,7 @@ def test_hanging_sheet_sags_by_rho_g_L2_over_2k() -> None:
 
 def test_a_free_sheet_has_six_motions_without_energy() -> None:
     """Translations and turns, and no other: two Gauss points a direction see every shape of the cubic patch."""
-    scene = build_scene(bare(hung="none"), {}, COARSE, max_pressure=0.0)
+    scene = Scene(bare(hung="none"), {}, COARSE, max_pressure=0.0)
     scene.rest_strain[:] = 0.0
     solver, x = RigSolver(scene), scene.patch.flat()
 
@@ -77,7 +76,7 @@ def test_a_free_sheet_has_six_motions_without_energy() -> None:
 
 
 def test_a_free_sheet_falls_from_where_it_lies() -> None:
-    scene = build_scene(bare(hung="none", air_damping=0.0), {}, COARSE, max_pressure=0.0)
+    scene = Scene(bare(hung="none", air_damping=0.0), {}, COARSE, max_pressure=0.0)
     scene.rest_strain[:] = 0.0
     motion = run(scene, np.zeros((61, 0)), 1 / 240)
     fallen = motion.position - scene.patch.flat()
@@ -127,7 +126,7 @@ def test_a_hanging_sheet_swings_like_a_hanging_chain() -> None:
     length = design.fabric.height
 
     def swing(step: float) -> tuple[Array, Array]:
-        scene = build_scene(design, {}, replace(COARSE, step=step), max_pressure=0.0)
+        scene = Scene(design, {}, replace(COARSE, step=step), max_pressure=0.0)
         mode = j0(2.4048 * np.sqrt(np.clip(1 + scene.patch.flat()[:, 1] / length, 0, None)))
         push = np.zeros_like(scene.patch.flat())
         push[:, 2] = 0.05 * (scene.mass @ mode)
@@ -227,7 +226,7 @@ def test_a_membrane_curve_is_a_stiffness_on_the_rig() -> None:
 
 
 def hooked(name: str, pressure: Array, step: float, order: int = 0, **values: float) -> Array:
-    scene = build_scene(DUO, {}, COARSE, max_pressure=0.0)
+    scene = Scene(DUO, {}, COARSE, max_pressure=0.0)
     defaults = {k: v for k, (v, _) in EFFECTS[name].parameters.items()}
     EFFECTS[name].apply(scene, order, defaults | values)
     return scene.pressure_hooks[0](pressure, step)

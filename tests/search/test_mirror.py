@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fabdesign.geometry.regions import Region, Weighting
-from fabdesign.geometry.wishes import Landmarks, Wish
+from fabdesign.geometry.wishes import Landmarks, Region, Weighting, Wish
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.design import Design
 from optimize.search.best import Best, Stage

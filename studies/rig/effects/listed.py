@@ -1,9 +1,8 @@
 """Effects of the simulator's list by laws of the rig's own: in muscles, pneumatics, cloth, surroundings, sensors."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
-import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
 from fabdesign.errors import InputError
@@ -150,24 +149,28 @@ def loop_slip(scene: Scene, order: int, values: Mapping[str, float]) -> None:
     scene.after_step.append(slip)
 
 
-def normals(scene: Scene, x: Array, along_u: sp.csr_matrix, along_v: sp.csr_matrix) -> Array:
-    """Return (q, 3) unit normals towards the front at the quadrature points."""
-    n = np.cross(along_v @ x, along_u @ x)
-    return np.asarray(n / np.linalg.norm(n, axis=1, keepdims=True))
+def load_along_normals(scene: Scene, pressure: Callable[[float, Array, Array], Array]) -> None:
+    """Add what acts along the cloth's normals: pressure (q,) Pa of the time [s], and of unit normals towards the front
+    and velocities m/s (q, 3) at the quadrature points."""
+    value, along_u, along_v = (scene.patch.matrix(scene.uv, *d) for d in ((0, 0), (1, 0), (0, 1)))
+
+    def load(time: float, x: Array, v: Array) -> Array:
+        n = np.cross(along_v @ x, along_u @ x)
+        n /= np.linalg.norm(n, axis=1, keepdims=True)
+        return np.asarray(value.T @ ((pressure(time, n, value @ v) * scene.weight)[:, None] * n))
+
+    scene.loads.append(load)
 
 
 @effect("environment", coefficient=(3.0, "N s^2/m^4"))
 def air_drag(scene: Scene, order: int, values: Mapping[str, float]) -> None:
     """Quadratic drag against the normal velocity: coefficient abs(v_n) v_n per area."""
-    value, along_u, along_v = (scene.patch.matrix(scene.uv, *d) for d in ((0, 0), (1, 0), (0, 1)))
 
-    def drag(time: float, x: Array, v: Array) -> Array:
-        n = normals(scene, x, along_u, along_v)
-        speed = np.einsum("qi,qi->q", value @ v, n)
-        force = -values["coefficient"] * np.abs(speed) * speed * scene.weight
-        return np.asarray(value.T @ (force[:, None] * n))
+    def drag(time: float, n: Array, v: Array) -> Array:
+        speed = np.einsum("qi,qi->q", v, n)
+        return np.asarray(-values["coefficient"] * np.abs(speed) * speed)
 
-    scene.loads.append(drag)
+    load_along_normals(scene, drag)
 
 
 @effect("environment", about_x=(3.0, "deg"), about_z=(0.0, "deg"))

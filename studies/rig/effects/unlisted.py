@@ -9,7 +9,7 @@ import scipy.sparse as sp
 
 from fabdesign.nouns.array import Array
 from fabdesign.units import from_kpa
-from studies.rig.effects.listed import normals
+from studies.rig.effects.listed import load_along_normals
 from studies.rig.scene import Scene, StepReport, effect, pressure_effect
 
 FULL_PRESSURE = 4e5  # Pa, at which a muscle warms at its full rate, and a channel draws its whole share
@@ -25,16 +25,13 @@ OF = {
 @effect("environment", x=(0.0, "Pa"), y=(0.0, "Pa"), z=(0.4, "Pa"), gust=(0.5, "1"), frequency=(0.7, "Hz"))
 def wind(scene: Scene, order: int, values: Mapping[str, float]) -> None:
     """A draught's pressure along (x, y, z) on the cloth's normal, with a sinusoidal gust."""
-    value, along_u, along_v = (scene.patch.matrix(scene.uv, *d) for d in ((0, 0), (1, 0), (0, 1)))
     direction = np.array([values[a] for a in "xyz"])
 
-    def blow(time: float, x: Array, v: Array) -> Array:
+    def blow(time: float, n: Array, v: Array) -> Array:
         gust = 1.0 + values["gust"] * np.sin(2 * np.pi * values["frequency"] * time)
-        n = normals(scene, x, along_u, along_v)
-        pressure = gust * (n @ direction) * scene.weight
-        return np.asarray(value.T @ (pressure[:, None] * n))
+        return np.asarray(gust * (n @ direction))
 
-    scene.loads.append(blow)
+    load_along_normals(scene, blow)
 
 
 @effect("environment", u=(0.1, "m"), v=(0.2, "m"), x=(0.0, "m"), y=(-0.2, "m"), z=(0.05, "m"), stiffness=(0.3, "N/m"))
