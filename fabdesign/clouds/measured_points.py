@@ -6,7 +6,8 @@ frame is left out for that, counted and said; where more would go, the frame is 
 
 import re
 from collections.abc import Mapping
-from typing import Any
+from pathlib import Path
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +29,12 @@ _ORDERED = 0.8  # of a depth image's variance along some direction, which its ro
 _LARGEST = 1e5  # of a coordinate in any unit: 100 m in millimetres
 _REPEATED, _REPEATED_SHARE = 8, 0.01  # points at exactly one place, which a measured surface never has
 
-
 _REMOVED = ("not finite", "without depth", "far off")  # at the sensor's origin: without depth
+
+
+def refuse(path: Path, why: str) -> NoReturn:
+    """Raise InputError for a file that is not as its kind has it."""
+    raise InputError(f"{path}: {why}; expected a sound {path.suffix[1:].upper()}")
 
 
 def note_removed(removed: NDArray[np.intp], of: int, where: str) -> None:

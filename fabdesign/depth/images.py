@@ -15,7 +15,7 @@ from fabdesign.depth.intrinsics import MOST_PIXELS, Intrinsics, intrinsics_of, i
 from fabdesign.depth.stream import MOST_FRAMES, DepthStream
 from fabdesign.errors import InputError
 from fabdesign.formats.npz_file import open_npz
-from fabdesign.formats.toml_file import read_bytes, read_text
+from fabdesign.formats.toml_file import parsing, read_bytes, read_text
 
 _DEPTH_MODES = ("I;16", "I;16B", "I;16L", "I;16N", "I")
 _COLOUR_MODES = ("RGB", "L", "RGBA", "P")
@@ -42,7 +42,7 @@ def _pixels(content: bytes, where: str, modes: tuple[str, ...], expected: str, m
     """Return an image's pixels, converted to a mode of PIL. Raises InputError."""
     from PIL import Image
 
-    try:
+    with parsing(where, "cannot be read as an image ({})", "a whole PNG or TIFF"):
         opened: Any = Image.open(io.BytesIO(content), formats=("PNG", "TIFF", "JPEG"))
         with opened as image:
             width, height = image.size
@@ -54,11 +54,6 @@ def _pixels(content: bytes, where: str, modes: tuple[str, ...], expected: str, m
             if image.mode not in modes:
                 raise InputError(f"{where}: an image of kind {image.mode}; expected {expected}")
             return np.asarray(image if mode is None else image.convert(mode))
-    except InputError:
-        raise
-    except Exception as error:  # PIL raises whatever its parsers meet
-        line = f"{where}: cannot be read as an image ({type(error).__name__}); expected a whole PNG or TIFF"
-        raise InputError(line) from None
 
 
 def of_colour(image: NDArray[np.uint8], colour: tuple[Triple, Triple]) -> NDArray[np.bool_]:
@@ -107,10 +102,8 @@ def read_image_folder(
 def read_intrinsics(path: Path, size: tuple[int, ...]) -> Intrinsics:
     """Return the intrinsics of a JSON for images of a size (width, height). Raises InputError."""
     text = read_text(path, "a JSON of intrinsics", largest=1_000_000)
-    try:
+    with parsing(path, "is no JSON", "intrinsics"):
         content = json.loads(text)
-    except (ValueError, RecursionError):
-        raise InputError(f"{path}: is no JSON; expected intrinsics") from None
     return intrinsics_of_json(content, size, str(path))
 
 
@@ -155,10 +148,8 @@ def _stamps(path: Path, count: int) -> NDArray[np.float64]:
     """Return the first number of each line. Raises InputError."""
     lines = read_text(path, "a text of stamps", largest=10_000_000).splitlines()
     words = [re.split(r"[,;\s]+", line.strip()) for line in lines if line.strip() and not line.startswith("#")]
-    try:
+    with parsing(path, "a line does not begin with a number", "a stamp [s] a line"):
         values = np.array([float(row[0]) for row in words])
-    except ValueError:
-        raise InputError(f"{path}: a line does not begin with a number; expected a stamp [s] a line") from None
     if len(values) != count:
         raise InputError(f"{path}: {len(values)} stamps; expected {count}, one an image")
     return values

@@ -15,6 +15,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from fabdesign.errors import InputError
+from fabdesign.formats.toml_file import parsing
 from fabdesign.nouns.array import Array
 
 Model = Literal["none", "brown_conrady", "inverse_brown_conrady", "modified_brown_conrady", "ftheta", "kannala_brandt4"]
@@ -103,7 +104,8 @@ def intrinsics_of_json(content: Any, size: tuple[int, ...] | None, where: str) -
     It is Open3D's pinhole camera or its Azure Kinect's `intrinsic_matrix`, the Azure Kinect SDK's raw calibration, or
     has keys as the RealSense SDK names them.
     """
-    try:
+    expected = "width, height and intrinsic_matrix, or fx, fy, ppx and ppy"
+    with parsing(where, "holds no intrinsics", expected):  # a JSON of another form may hold anything
         if "CalibrationInformation" in content:
             return _azure_kinect(content["CalibrationInformation"]["Cameras"], size, where)
         if "intrinsic_matrix" in content:  # column by column
@@ -115,12 +117,6 @@ def intrinsics_of_json(content: Any, size: tuple[int, ...] | None, where: str) -
         coefficients = content.get("coeffs", content.get("distortion", ()))
         shape, model = (content["width"], content["height"]), str(content.get("model", "none"))
         return intrinsics_of(shape, matrix, model, coefficients, where)
-    except InputError:
-        raise
-    except Exception:  # a JSON of another form may hold anything
-        raise InputError(
-            f"{where}: holds no intrinsics; expected width, height and intrinsic_matrix, or fx, fy, ppx and ppy"
-        ) from None
 
 
 # modes of Azure Kinect by their image's size: the binned sensor's size, and where the image begins in it

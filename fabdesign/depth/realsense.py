@@ -22,12 +22,14 @@ from fabdesign.depth.realsense_info import BagStream, depth_to_colour, depth_uni
 from fabdesign.depth.ros_image import COLOUR, cdr_stamp, depth_of, plain_image, ros1_image
 from fabdesign.depth.stream import MOST_FRAMES, DepthStream
 from fabdesign.errors import InputError
+from fabdesign.formats.toml_file import parsing
 
 LARGEST = 64_000_000_000  # bytes of a file, of which one chunk at a time is read
 LARGEST_CHUNK = 256_000_000  # bytes of a chunk, unpacked
 _TOPIC = re.compile(r"/device_(\d+)/sensor_(\d+)/(Depth|Color)_(\d+)/(.*)")
 _IMAGES = ("image/data", "image/data/compressedDepth", "image/data/compressed")
 _GLOBAL = {"global time", "system time"}
+_UNREADABLE = "cannot be read as a RealSense recording ({})"
 
 
 def read_realsense(path: Path | str, *, serial: str = "") -> DepthStream:
@@ -38,7 +40,7 @@ def read_realsense(path: Path | str, *, serial: str = "") -> DepthStream:
     """
     path = Path(path)
     reader = _opened(path)
-    try:
+    with parsing(path, _UNREADABLE):
         streams = _streams(reader)
         depths = [stream for (_, kind, _), stream in streams.items() if kind == "Depth"]
         serials = [serial_of(stream) for stream in depths]
@@ -52,10 +54,6 @@ def read_realsense(path: Path | str, *, serial: str = "") -> DepthStream:
         (depth,) = chosen
         beside = (each for key, each in streams.items() if key[:2] == (depth.device, "Color"))
         return _stream(depth, next(beside, None), path, serials[depths.index(depth)])
-    except InputError:
-        raise
-    except Exception as error:  # rosbags raises whatever its parsers meet
-        raise _unreadable(path, error) from None
 
 
 def _opened(path: Path) -> Any:
@@ -66,21 +64,20 @@ def _opened(path: Path) -> Any:
         raise InputError(
             f"{path}: a RealSense recording needs {error.name}; pip install fabdesign[realsense]"
         ) from None
-    try:
+    with parsing(path, _UNREADABLE):
         if not path.is_file():
             raise InputError(f"{path}: no such file" if not path.exists() else f"{path}: is no plain file")
         if (size := path.stat().st_size) > LARGEST:
             raise InputError(f"{path}: has {size / 1e9:.0f} GB; expected at most {LARGEST / 1e9:.0f} GB")
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
-        reader.open()
-    except InputError:
-        raise
-    except Exception as error:
-        if "index" in str(error):
+        try:
+            reader.open()
+        except Exception as error:
+            if "index" not in str(error):
+                raise
             raise InputError(
                 f"{path}: has no index, its recorder did not end; expected a whole one (`rosbag reindex` mends it)"
             ) from None
-        raise _unreadable(path, error) from None
     if path.suffix.lower() == ".bag":
         _bound_chunks(reader.readers[0], path, min(size, LARGEST_CHUNK))
     return reader
@@ -168,14 +165,10 @@ def _stream(depth: BagStream, colour: BagStream | None, path: Path, serial: str)
 
 def _message(reader: Any, images: Any, time: int, repeat: int, where: str) -> Any:
     """Return the image at a log time, the `repeat`-th of several. Raises InputError."""
-    try:
+    with parsing(where, _UNREADABLE):
         for k, (_, _, raw) in enumerate(reader.messages(connections=[images], start=time, stop=time + 1)):
             if k == repeat:
                 return reader.deserialize(raw, images.msgtype) if reader.is2 else ros1_image(bytes(raw), where)
-    except InputError:
-        raise
-    except Exception as error:
-        raise _unreadable(where, error) from None
     raise InputError(f"{where}: an image is gone; has the file changed?")
 
 
@@ -201,7 +194,3 @@ def _colours(colour: BagStream, times: Sequence[int], where: str) -> Callable[[i
         return colour_image(bytes(message.data), what) if reader.is2 else plain_image(message, COLOUR, what)
 
     return read
-
-
-def _unreadable(path: Path | str, error: Exception) -> InputError:
-    return InputError(f"{path}: cannot be read as a RealSense recording ({type(error).__name__})")

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from fabdesign.depth.intrinsics import Intrinsics, intrinsics_of
 from fabdesign.depth.ros_image import camera_of_info
 from fabdesign.errors import InputError
+from fabdesign.formats.toml_file import parsing
 
 _SAMPLES = 100  # of an accelerometer: 0.4 to 1.6 s
 
@@ -36,12 +37,10 @@ class BagStream:
                 if hasattr(message, "height"):
                     return camera_of_info(message, where)
                 pairs = _pairs(message)
-                try:
+                with parsing(where, "its intrinsics lack width, height, fx, fy, ppx or ppy"):
                     size = int(pairs["width"]), int(pairs["height"])
                     matrix = [float(pairs[key]) for key in ("fx", "fy", "ppx", "ppy")]
                     coefficients = [float(c) for c in pairs.get("coeffs", "").split(",") if c]
-                except (KeyError, ValueError):
-                    raise InputError(f"{where}: its intrinsics lack width, height, fx, fy, ppx or ppy") from None
                 return intrinsics_of(size, matrix, pairs.get("model", "none"), coefficients, where)
         raise InputError(f"{where}: no intrinsics; expected camera_info beside the images")
 

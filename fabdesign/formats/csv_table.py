@@ -80,12 +80,24 @@ def require_decimals(path: Path, rows: Iterable[tuple[int, Sequence[str]]], mark
     """Raise InputError where the commas, or else the points, in numbers may part thousands: where all have three digits
     behind them, and numbers without one stand in the same column, or commas stand where blanks or commas part the
     columns. Elsewhere semicolons or tabs say that they are decimal, and a note says how they are read."""
-    if not commas and mark not in (";", "\t"):
+    parted = mark in (";", "\t")
+    if not commas and not parted:
         return
-    if (first := _first_thousands(path, rows, _WITH_COMMA if commas else _WITH_POINT)) is None:
+    kind, first = _WITH_COMMA if commas else _WITH_POINT, None
+    plain, columns = set(), set()
+    for line, row in rows:
+        for i, cell in enumerate(row):
+            if kind.fullmatch(cell):
+                if not _THOUSANDS.fullmatch(cell):
+                    return  # it shows that the sign is decimal
+                first = first or (f"{path} line {line}: {cell!r}", cell)
+                columns.add(i)
+            elif is_number(cell):
+                plain.add(i)
+    if first is None:
         return
-    where, number = first.where, first.number
-    if first.beside_others or (commas and mark not in (";", "\t")):
+    where, number = first
+    if columns & plain or not parted:
         thousands, decimal = (number.replace("," if commas else ".", sign) for sign in ("", "."))
         raise InputError(
             f"{where} may be {thousands} or {decimal}; expected numbers that part no thousands, and semicolons between "
@@ -95,30 +107,6 @@ def require_decimals(path: Path, rows: Iterable[tuple[int, Sequence[str]]], mark
         note(f"{where} is read as {number.replace(',', '.')}, and so are all commas")
     else:
         note(f"{where} is read with a decimal point, and so are all numbers")
-
-
-class _Thousands(NamedTuple):
-    """A number that may part thousands, and whether numbers without a sign stand in such a column too."""
-
-    where: str
-    number: str
-    beside_others: bool
-
-
-def _first_thousands(path: Path, rows: Iterable[tuple[int, Sequence[str]]], kind: re.Pattern[str]) -> _Thousands | None:
-    """Return the first number with such a sign; None where a number shows that the sign is decimal, or none has it."""
-    first: tuple[str, str] | None = None
-    plain, columns = set(), set()
-    for line, row in rows:
-        for i, cell in enumerate(row):
-            if kind.fullmatch(cell):
-                if not _THOUSANDS.fullmatch(cell):
-                    return None
-                first = first or (f"{path} line {line}: {cell!r}", cell)
-                columns.add(i)
-            elif is_number(cell):
-                plain.add(i)
-    return None if first is None else _Thousands(*first, bool(columns & plain))
 
 
 def separator(header: str) -> str:
@@ -139,13 +127,13 @@ def _cells(text: str, mark: str) -> Iterable[tuple[int, list[str]]]:
 def _with_points(table: RawTable, path: Path) -> RawTable:
     """Return the same with decimal points. Raises InputError where numbers have points in some cells and commas in
     others, and where commas may part thousands."""
-    with_comma = [(line, cell) for line, row in table.rows for cell in row if _WITH_COMMA.fullmatch(cell)]
-    if not with_comma:
-        require_decimals(path, table.rows, table.mark, commas=False)
+    commas, points = (
+        next(((line, cell) for line, row in table.rows for cell in row if kind.fullmatch(cell)), None)
+        for kind in (_WITH_COMMA, _WITH_POINT)
+    )
+    require_decimals(path, table.rows, table.mark, commas=commas is not None)
+    if commas is None:
         return table
-    commas = with_comma[0]
-    require_decimals(path, table.rows, table.mark, commas=True)
-    points = next(((line, cell) for line, row in table.rows for cell in row if _WITH_POINT.fullmatch(cell)), None)
     if points is not None:
         raise InputError(
             f"{path}: {commas[1]!r} in line {commas[0]} and {points[1]!r} in line {points[0]}; expected decimal points "

@@ -6,9 +6,11 @@ refused, and so is what was surely measured in another unit.
 """
 
 import re
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
+from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 
@@ -33,46 +35,15 @@ class Unit:
     factor: Decimal  # to Pa, N, m, s, 1, N/m, V
 
 
-def _units(dimension: Dimension, **factors: str) -> dict[str, Unit]:
-    return {symbol: Unit(dimension, Decimal(factor)) for symbol, factor in factors.items()}
-
-
-# as written; where the case does not matter, in lower case
+_HEADINGS = tomllib.loads(files("fabdesign").joinpath("data", "headings.toml").read_text(encoding="utf-8"))
 UNITS: Mapping[str, Unit] = {
-    **_units("pressure", kPa="1e3", kpa="1e3", Pa="1", pa="1", hPa="100", hpa="100", MPa="1e6", mpa="1e6", bar="1e5"),
-    **_units("pressure", mbar="100", barg="1e5", psi="6894.757293168", psig="6894.757293168"),
-    **_units("force", N="1", n="1", kN="1e3", kn="1e3", mN="1e-3", lbf="4.4482216152605", kgf="9.80665"),
-    **_units("length", m="1", mm="1e-3", cm="1e-2", um="1e-6", **{"µm": "1e-6", "in": "0.0254", "inch": "0.0254"}),
-    **_units("time", s="1", sec="1", ms="1e-3", us="1e-6", min="60", µs="1e-6"),
-    **_units("ratio", percent="1e-2", pct="1e-2", **{"%": "1e-2", "-": "1", "1": "1", "m/m": "1", "mm/mm": "1"}),
-    **_units("voltage", V="1", v="1", mV="1e-3", mv="1e-3", volt="1", volts="1"),
-    **_units("tension", **{"n_per_m": "1", "N/m": "1", "n/m": "1", "N/mm": "1e3", "n/mm": "1e3", "kN/m": "1e3"}),
+    symbol: Unit(dimension, Decimal(factor))
+    for dimension, factors in _HEADINGS["units"].items()
+    for symbol, factor in factors.items()
 }
 _AS_WRITTEN = {"MN", "mPa"}  # another thing than their lower case
-WORDS: Mapping[str, tuple[str, ...]] = {
-    "time": ("time", "t", "zeit", "temps", "tiempo"),
-    "pressure": ("pressure", "p", "druck", "gauge_pressure", "pression", "presion", "pressure_measured", "istdruck"),
-    "pressure_command": ("pressure_command", "pressure_set", "set_point", "setpoint", "set_pressure", "solldruck"),
-    "contraction": ("contraction", "kontraktion", "contraction_ratio", "verkürzung", "contraccion"),
-    "force": ("force", "f", "kraft", "tension", "zugkraft", "fuerza"),
-    "load": ("load", "last"),
-    "displacement": ("displacement", "extension", "weg", "verschiebung", "hub", "déplacement"),
-    "stretch": ("stretch", "streckung"),
-    "strain": ("strain", "dehnung"),
-    "length": ("length", "länge", "longitud", "longueur"),
-    "tension": ("tension",),
-}
-DIMENSIONS: Mapping[str, Dimension] = {
-    **dict.fromkeys(("pressure", "pressure_command", "pressure_amplitude", "channel"), "pressure"),
-    "force": "force",
-    "load": "force",
-    "displacement": "length",
-    "length": "length",
-    "time": "time",
-    "tension": "tension",
-    "voltage": "voltage",
-    **dict.fromkeys(("contraction", "stretch", "strain"), "ratio"),
-}
+WORDS: Mapping[str, Sequence[str]] = {name: each["words"] for name, each in _HEADINGS["quantities"].items()}
+DIMENSIONS: Mapping[str, Dimension] = {name: each["dimension"] for name, each in _HEADINGS["quantities"].items()}
 _CHANNEL = re.compile(r"(?:channel|kanal|canal|ch|valve|ventil)_?(\d+)")
 # of a pressure, which files have as gauge pressure; a vacuum's sign is the other one
 _ABSOLUTE = re.compile(r"(?:^|[\W_])p?abs(?:ol\w*)?(?:[\W_]|\d|$)")
