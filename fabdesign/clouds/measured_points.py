@@ -173,10 +173,8 @@ def _require_points(points: Points, where: str) -> None:
 
 def _have_depth(points: Points) -> NDArray[np.bool_]:
     """Return (n,) False where a pixel has none: two and more points at the file's origin, or many at another place."""
-    origin = ~points.any(axis=1)
-    without = np.zeros(len(points), dtype=np.bool_)
-    if origin.sum() >= 2:
-        without[origin] = True
+    origin: NDArray[np.bool_] = np.logical_not(points.any(axis=1))
+    without = origin if origin.sum() >= 2 else np.zeros(len(points), dtype=np.bool_)
     many = max(_REPEATED, round(_REPEATED_SHARE * len(points)))
     x = np.sort(points[:, 0])
     if (x[many - 1 :] == x[: max(len(x) - many + 1, 0)]).any():

@@ -14,9 +14,10 @@ from numpy.typing import ArrayLike
 from fabdesign.errors import InputError, note
 from fabdesign.files.trial_file import program_of, read_trial_pressures
 from fabdesign.formats.csv_table import write_rows
-from fabdesign.formats.lab_table import UNITS, LabTable, TableColumn, Unit, require_measured_pressures, unit_of
+from fabdesign.formats.lab_table import UNITS, LabTable, TableColumn, require_measured_pressures, unit_of
 from fabdesign.formats.schema import FileUnit, Kilopascal, Within
 from fabdesign.formats.table import Table
+from fabdesign.formats.toml_file import parsing
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import PressureProgram, require_pressures
@@ -98,24 +99,17 @@ def write_pressures(program: PressureProgram, path: Path) -> None:
 def _read_constant(spec: str) -> PressureProgram:
     """Return the program of one row; its cells are in kPa, or each in the unit that it names."""
     cells = [_CELL.fullmatch(cell.strip()) for cell in spec.strip().rstrip(",").split(",")]
-    units = [None if cell is None else unit_of(cell[2]) if cell[2] else _KPA for cell in cells]
-    try:
-        row = [_in_pascals(cell, unit) for cell, unit in zip(cells, units, strict=True)]
-    except ArithmeticError:
-        raise InputError(
-            f"{spec}: no such file, and no row of pressures such as 400,0,200 (kPa) or 4bar,0,29psi"
-        ) from None
+    row = []
+    with parsing(spec, "no such file, and no row of pressures such as 400,0,200 (kPa) or 4bar,0,29psi"):
+        for cell in cells:
+            unit = unit_of(cell[2]) if cell and cell[2] else _KPA
+            if cell is None or unit is None or unit.dimension != "pressure":
+                raise ValueError(cell)
+            row.append(float(Decimal(cell[1]) * unit.factor))
     named = {bool(cell[2]) for cell in cells if cell is not None and float(cell[1]) != 0}
     if len(named) > 1:
         raise InputError(f"{spec}: some pressures have a unit, others have none; expected one at each, or kPa at none")
     return constant_program(row)
-
-
-def _in_pascals(cell: "re.Match[str] | None", unit: Unit | None) -> float:
-    """Return a cell's pressure. Raises ArithmeticError for what is none."""
-    if cell is None or unit is None or unit.dimension != "pressure":
-        raise ArithmeticError
-    return float(Decimal(cell[1]) * unit.factor)
 
 
 def read_csv(path: Path) -> PressureProgram:

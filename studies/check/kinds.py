@@ -7,7 +7,7 @@ from fabdesign.clouds.recording import RecordingKeys
 from fabdesign.errors import InputError
 from fabdesign.files.bench_file import BenchKeys
 from fabdesign.files.design_file import DesignHead, DesignScene
-from fabdesign.files.law_tables import LawKeys
+from fabdesign.files.law_tables import BenchLaw
 from fabdesign.formats.schema import json_schema
 from fabdesign.formats.table import nearest
 from fabdesign.nouns.design import Design
@@ -36,7 +36,7 @@ KINDS: Mapping[str, tuple[type, ...]] = {
     "measurement-set": (MeasurementSet,),
     "recording": (RecordingKeys,),
     "bench": (BenchKeys,),
-    "bench-law": (LawKeys,),
+    "bench-law": (BenchLaw,),
     "key": (GroundTruth,),
 }
 
