@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fabdesign.clouds.measured_points import LONGEST_HEADER, refuse, require_one_instant
 from fabdesign.errors import InputError
+from fabdesign.formats.csv_table import is_number
 from fabdesign.formats.toml_file import LARGEST, parsing, read_bytes, require_count
 
 _KINDS = {"F4", "F8", *(f"{letter}{size}" for letter in "IU" for size in (1, 2, 4, 8))}
@@ -69,11 +70,7 @@ def _fields(values: dict[str, list[str]], path: Path) -> tuple[list[_Field], int
     if any(counts[names.index(axis)] != "1" for axis in "xyz"):
         refuse(path, "its fields x, y, z are not one number each")
     viewpoint = values.get("VIEWPOINT", _NO_VIEWPOINT)
-    try:
-        moved = len(viewpoint) != 7 or [*map(float, viewpoint)] != [*map(float, _NO_VIEWPOINT)]
-    except ValueError:
-        moved = True
-    if moved:
+    if [float(word) if is_number(word) else np.nan for word in viewpoint] != [*map(float, _NO_VIEWPOINT)]:
         raise InputError(
             f"{path}: VIEWPOINT is {' '.join(viewpoint)[:60]}, by which the points may or may not be moved; expected "
             f"{' '.join(_NO_VIEWPOINT)}, with points that lie where they are"

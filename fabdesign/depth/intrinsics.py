@@ -52,16 +52,16 @@ class Intrinsics:
 
     def slopes_of(self, pixels: Array) -> Array:
         """Return (..., 2) slopes of pixels (..., 2), column and row."""
-        distorted = (pixels - np.array(self.centre)) / np.array(self.focal)
-        if self.model == "none" or not any(self.coefficients):
-            return np.asarray(distorted)
-        return _LENSES[self.model][1](distorted, np.array(self.coefficients))
+        return self._bent((pixels - np.array(self.centre)) / np.array(self.focal), 1)
 
     def pixels_of(self, slopes: Array) -> Array:
         """Return (..., 2) pixels of slopes (..., 2)."""
-        if self.model != "none" and any(self.coefficients):
-            slopes = _LENSES[self.model][0](slopes, np.array(self.coefficients))
-        return np.asarray(slopes * np.array(self.focal) + np.array(self.centre))
+        return np.asarray(self._bent(slopes, 0) * np.array(self.focal) + np.array(self.centre))
+
+    def _bent(self, slopes: Array, way: int) -> Array:
+        """Return slopes (..., 2) as the lens bends them (0), or as it has not bent them (1)."""
+        bends = self.model != "none" and any(self.coefficients)
+        return _LENSES[self.model][way](slopes, np.array(self.coefficients)) if bends else slopes
 
     def __post_init__(self) -> None:
         """Raise InputError for what is no camera."""

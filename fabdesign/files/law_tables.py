@@ -107,7 +107,9 @@ def read_bench_table(path: Path) -> BenchTable:
     table.refuse(contraction >= 1, lambda row: f"{table.text(columns[1], row)}; {share}")
     for column, values in zip(columns, (pressure, contraction), strict=False):
         if len(np.unique(values)) < 2:
-            raise InputError(f"{path}: {column.heading.text} has one value only; a muscle's law needs at least two")
+            raise InputError(
+                f"{path}: {table.headings[column].text} has one value only; a muscle's law needs at least two"
+            )
     require_measured_pressures(pressure, str(path))
     return BenchTable(tuple(pressure.tolist()), tuple(contraction.tolist()), tuple(force.tolist()))
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from fabdesign.errors import InputError, note
 from fabdesign.files.trial_file import program_of, read_trial_pressures
 from fabdesign.formats.csv_table import write_rows
-from fabdesign.formats.lab_table import UNITS, LabTable, TableColumn, require_measured_pressures, unit_of
+from fabdesign.formats.lab_table import UNITS, LabTable, require_measured_pressures, unit_of
 from fabdesign.formats.schema import FileUnit, Kilopascal, Within
 from fabdesign.formats.table import Table
 from fabdesign.formats.toml_file import parsing
@@ -132,11 +132,11 @@ def _until(time: Array) -> float:
     return round(float(2 * time[-1] - time[-2]), 9) if len(time) > 1 else SINGLE_ROW_DURATION
 
 
-def _channels(table: LabTable, time: TableColumn) -> list[TableColumn]:
-    """Return every other column, in the order of their numbers; of columns under other names that have units of
-    pressure, as they stand. Raises InputError where the numbers are not 0, 1, ..., where those of other names do not
-    rise one by one, or a column is neither."""
-    others = [i for i in range(len(table.headings)) if i != time.index]
+def _channels(table: LabTable, time: int) -> list[int]:
+    """Return the places of all other columns, in the order of their numbers; of columns under other names that have
+    units of pressure, as they stand. Raises InputError where the numbers are not 0, 1, ..., where those of other names
+    do not rise one by one, or a column is neither."""
+    others = [i for i in range(len(table.headings)) if i != time]
     headings = [table.headings[i] for i in others]
     names = [heading.quantity for heading in headings]
     if all(name in (None, "pressure") for name in names):

@@ -43,7 +43,7 @@ class RawTable(NamedTuple):
 
 def read_raw_table(path: Path) -> RawTable:
     """Return the cells as they stand, however the columns are separated. Raises InputError where a row has another
-    width."""
+    width, where numbers have points in some cells and commas in others, and where commas may part thousands."""
     text = without_separator_line(decode_any(read_bytes(path, "a text file", largest=LARGEST_TEXT), path))
     mark = separator(next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), ""))
     try:
@@ -52,13 +52,25 @@ def read_raw_table(path: Path) -> RawTable:
         raise InputError(f"{path}: is no sound table ({error})") from None
     if not rows:
         raise InputError(f"{path}: is empty; expected a header line and rows of numbers")
-    header = rows[0][1]
-    if len(rows) == 1:
+    (_, header), *rows = rows
+    if not rows:
         raise InputError(f"{path}: has a header but no rows")
-    for line, row in rows[1:]:
+    for line, row in rows:
         if len(row) != len(header):
             raise InputError(f"{path} line {line}: {len(row)} values; the header names {len(header)} columns")
-    return _with_points(RawTable(header, rows[1:], mark, False), path)
+    commas, points = (
+        next(((line, cell) for line, row in rows for cell in row if kind.fullmatch(cell)), None)
+        for kind in (_WITH_COMMA, _WITH_POINT)
+    )
+    require_decimals(path, rows, mark, commas=commas is not None)
+    if commas is not None:
+        if points is not None:
+            raise InputError(
+                f"{path}: {commas[1]!r} in line {commas[0]} and {points[1]!r} in line {points[0]}; expected decimal "
+                "points or decimal commas, not both"
+            )
+        rows = [(i, [c.replace(",", ".") if _WITH_COMMA.fullmatch(c) else c for c in row]) for i, row in rows]
+    return RawTable(header, rows, mark, commas is not None)
 
 
 def without_separator_line(text: str) -> str:
@@ -122,25 +134,6 @@ def _cells(text: str, mark: str) -> Iterable[tuple[int, list[str]]]:
         return ((i, line.split() or [""]) for i, line in enumerate(text.splitlines(), start=1))
     lines = csv.reader(io.StringIO(text), delimiter=mark)
     return ((lines.line_num, [cell.strip() for cell in row] or [""]) for row in lines)
-
-
-def _with_points(table: RawTable, path: Path) -> RawTable:
-    """Return the same with decimal points. Raises InputError where numbers have points in some cells and commas in
-    others, and where commas may part thousands."""
-    commas, points = (
-        next(((line, cell) for line, row in table.rows for cell in row if kind.fullmatch(cell)), None)
-        for kind in (_WITH_COMMA, _WITH_POINT)
-    )
-    require_decimals(path, table.rows, table.mark, commas=commas is not None)
-    if commas is None:
-        return table
-    if points is not None:
-        raise InputError(
-            f"{path}: {commas[1]!r} in line {commas[0]} and {points[1]!r} in line {points[0]}; expected decimal points "
-            "or decimal commas, not both"
-        )
-    read = [(i, [c.replace(",", ".") if _WITH_COMMA.fullmatch(c) else c for c in row]) for i, row in table.rows]
-    return table._replace(rows=read, decimal_comma=True)
 
 
 def decimal(text: str, path: Path, line: int, column: str) -> Decimal:

@@ -124,15 +124,9 @@ def _plain(name: str) -> str:
     return re.sub(r"[\s_\-]+", "_", name.strip().lower()).strip("_")
 
 
-@dataclass(frozen=True)
-class TableColumn:
-    index: int
-    heading: Heading
-    factor: Decimal  # to SI
-
-
 class LabTable:
-    """A table with its headings understood. `expected` goes into the messages: the format's own columns."""
+    """A table with its headings understood; a column is known by its place. `expected` goes into the messages: the
+    format's own columns."""
 
     def __init__(self, path: Path, expected: str) -> None:
         raw = read_raw_table(path)
@@ -140,6 +134,7 @@ class LabTable:
         self.headings = [parse_heading(text) for text in raw.header]
         self._written = raw.written
         self.taken: dict[int, str] = {}  # place of a column -> quantity
+        self.factors: dict[int, Decimal] = {}  # place of a column -> to SI
         self._units_row = parse_units_row(self.rows[0][1])
         if self._units_row is not None:
             self.headings = [self._with(*each) for each in zip(self.headings, self._units_row, strict=True)]
@@ -152,9 +147,9 @@ class LabTable:
             raise InputError(f"{self.path}: {heading.text} has the unit {symbol} in the row below; expected one unit")
         return replace(heading, symbol=heading.symbol or symbol or None)
 
-    def find(self, quantity: str, *, default: Decimal | None = None) -> TableColumn:
-        """Return the column of a quantity, by its name, or as the only one with such a unit. default: the factor of one
-        without a unit. Raises InputError for none, two, or one without a unit or with another quantity's."""
+    def find(self, quantity: str, *, default: Decimal | None = None) -> int:
+        """Return the place of a quantity's column, by its name, or as the only one with such a unit. default: the
+        factor of one without a unit. Raises InputError for none, two, or one without a unit or with another's."""
         words, named, unnamed = WORDS.get(quantity, ()), [], []
         for i, heading in enumerate(self.headings):
             is_of = heading.unit is not None and heading.unit.dimension == dimension_of(quantity)
@@ -166,8 +161,8 @@ class LabTable:
             raise self.bad(f"{len(named) or 'no'} column{'s hold' if named else ' holds'} the {quantity}")
         return self.take(named[0], quantity, default=default)
 
-    def take(self, index: int, quantity: str, *, default: Decimal | None = None) -> TableColumn:
-        """Return the column at a place as that quantity. Raises InputError like `find`."""
+    def take(self, index: int, quantity: str, *, default: Decimal | None = None) -> int:
+        """Take the column at a place as that quantity; return the place. Raises InputError like `find`."""
         heading, dimension = self.headings[index], dimension_of(quantity)
         unit = heading.unit
         if unit is None and heading.symbol is not None:
@@ -181,20 +176,21 @@ class LabTable:
         if dimension == "pressure" and _VACUUM.search(heading.name):
             raise self.bad(f"{heading.text} is a vacuum; all pressures are gauge pressures from 0")
         self.taken[index] = quantity
-        return TableColumn(index, heading, unit.factor if unit is not None else default or Decimal(1))
+        self.factors[index] = unit.factor if unit is not None else default or Decimal(1)
+        return index
 
     def bad(self, what: str) -> InputError:
         expected = f"expected {self._expected}, or headings with units, as pressure [bar]"
         return InputError(f"{self.path}: columns are {','.join(self.header)}; {expected} ({what})")
 
-    def numbers(self, column: TableColumn) -> NDArray[np.float64]:
+    def numbers(self, index: int) -> NDArray[np.float64]:
         """Return the column (n,), SI. Raises InputError for what is no number."""
-        index, text = column.index, column.heading.text
-        return np.array([float(decimal(row[index], self.path, i, text) * column.factor) for i, row in self.rows])
+        text, factor = self.headings[index].text, self.factors[index]
+        return np.array([float(decimal(row[index], self.path, i, text) * factor) for i, row in self.rows])
 
-    def text(self, column: TableColumn, row: int) -> str:
+    def text(self, index: int, row: int) -> str:
         """Return a number as it is written, with its heading."""
-        return f"{column.heading.text} = {self.rows[row][1][column.index]}"
+        return f"{self.headings[index].text} = {self.rows[row][1][index]}"
 
     def refuse(self, bad: NDArray[np.bool_], say: Callable[[int], str]) -> None:
         """Raise InputError for the first row that is bad, with its line."""
