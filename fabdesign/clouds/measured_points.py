@@ -145,11 +145,13 @@ def _require_image(image: NDArray[Any], where: str) -> None:
     """Raise InputError unless (rows, columns, 3) can be a depth image, whose rows lie beside each other, as do its
     columns. Frames of a cloud, (frames, points, 3), lie on each other: they would be read as one cloud."""
     points = image.astype(np.float64)
-    sound = np.isfinite(points).all(axis=2) & points.any(axis=2)
+    sound = (np.abs(points) <= _LARGEST).all(axis=2) & points.any(axis=2)
     if min(image.shape[:2]) < 2 or sound.sum() < _REPEATED:
         return
     kept = points[sound] - points[sound].mean(axis=0)
     total = kept.T @ kept
+    if not total.any():  # all at one place, which are no points
+        return
     axes = np.linalg.eigh(total)
     wide = axes.eigenvalues > 1e-6 * axes.eigenvalues[-1]
     scaled = kept @ (axes.eigenvectors[:, wide] / np.sqrt(axes.eigenvalues[wide]))
