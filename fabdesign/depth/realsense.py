@@ -10,16 +10,15 @@ import bz2
 import re
 import struct
 from collections.abc import Callable, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.depth.images import colour_image
+from fabdesign.depth.images import COLOUR, cdr_stamp, colour_image, depth_of, plain_image, ros1_image
 from fabdesign.depth.realsense_info import BagStream, depth_to_colour, depth_unit, gravity_of, serial_of
-from fabdesign.depth.ros_image import COLOUR, cdr_stamp, depth_of, plain_image, ros1_image
 from fabdesign.depth.stream import MOST_FRAMES, DepthStream
 from fabdesign.errors import InputError
 from fabdesign.formats.toml_file import parsing
@@ -88,25 +87,21 @@ def _bound_chunks(reader: Any, path: Path, most: int) -> None:
     from lz4.frame import LZ4FrameDecompressor
     from rosbags.rosbag1 import reader as rosbag1
 
-    def bounded(make: Callable[[], Any]) -> Callable[[bytes], bytes]:
-        def unpack(content: bytes) -> bytes:
-            machine = make()
-            unpacked = machine.decompress(content, max_length=LARGEST_CHUNK)
-            if not machine.eof:
-                raise InputError(f"{path}: a chunk unpacks to over {LARGEST_CHUNK / 1e6:.0f} MB, or is cut short")
-            return bytes(unpacked)
+    def unpack(make: Callable[[], Any], content: bytes) -> bytes:
+        machine = make()
+        unpacked = machine.decompress(content, max_length=LARGEST_CHUNK)
+        if not machine.eof:
+            raise InputError(f"{path}: a chunk unpacks to over {LARGEST_CHUNK / 1e6:.0f} MB, or is cut short")
+        return bytes(unpacked)
 
-        return unpack
-
-    kinds = {"bz2": bounded(bz2.BZ2Decompressor), "lz4": bounded(LZ4FrameDecompressor)}
-    names = {function: name for name, function in rosbag1.decompressors.items()}
+    machines = {"bz2": bz2.BZ2Decompressor, "lz4": LZ4FrameDecompressor}
+    bounded = {rosbag1.decompressors[name]: partial(unpack, make) for name, make in machines.items()}
     for place, chunk in reader.chunks.items():
         if chunk.datasize > most:
             raise InputError(
                 f"{path}: a chunk of {chunk.datasize / 1e6:.0f} MB; expected at most {LARGEST_CHUNK / 1e6:.0f}"
             )
-        name = names.get(chunk.decompressor, "none")
-        reader.chunks[place] = chunk._replace(decompressor=kinds.get(name, chunk.decompressor))
+        reader.chunks[place] = chunk._replace(decompressor=bounded.get(chunk.decompressor, chunk.decompressor))
 
 
 def _streams(reader: Any) -> dict[tuple[int, str, int], BagStream]:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from fabdesign.depth.images import camera_of_info
 from fabdesign.depth.intrinsics import Intrinsics, intrinsics_of
-from fabdesign.depth.ros_image import camera_of_info
 from fabdesign.errors import InputError
 from fabdesign.formats.toml_file import parsing
 

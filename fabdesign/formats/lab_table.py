@@ -5,8 +5,8 @@ the units. What is written otherwise than this program writes it is said in one 
 refused, and so is what was surely measured in another unit.
 """
 
+import json
 import re
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
@@ -35,7 +35,7 @@ class Unit:
     factor: Decimal  # to Pa, N, m, s, 1, N/m, V
 
 
-_HEADINGS = tomllib.loads(files("fabdesign").joinpath("data", "headings.toml").read_text(encoding="utf-8"))
+_HEADINGS = json.loads(files("fabdesign").joinpath("data", "headings.json").read_text(encoding="utf-8"))
 UNITS: Mapping[str, Unit] = {
     symbol: Unit(dimension, Decimal(factor))
     for dimension, factors in _HEADINGS["units"].items()
