@@ -128,8 +128,8 @@ def _value(notes: Notes, value: Any, table: Table, key: str, usual: Any = None) 
         tables = [table.inner(key, i) for i in range(len(value))]
         return tuple(v if isinstance(v, item) else decode(item, t) for v, t in zip(value, tables, strict=True))
     if origin is tuple and _is_list(value) and (arguments[-1] is ... or len(value) == len(arguments)):
-        whole = replace(notes.key, expected=expected_of(notes, value))  # errors of an item name the whole list
-        item = annotated(arguments[0], replace(notes, key=whole))
+        list_key = replace(notes.key, expected=expected_of(notes, value))  # errors of an item name the whole list
+        item = annotated(arguments[0], replace(notes, key=list_key))
         return tuple(_value(item, one, table, key) for one in value)
     if (read := _scalar(notes, value, table)) is not None:
         if notes.key.there is not None and not notes.key.there(read):
