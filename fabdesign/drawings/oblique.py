@@ -2,7 +2,6 @@
 between pictures and a picture is as large as what it shows."""
 
 from collections.abc import Sequence
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -60,10 +59,11 @@ def draw_lines(axes: Any, ends: Array, colour: Any) -> None:
 
 def draw_room(axes: Any, box: Box) -> None:
     """Draw a grid on the floor below a box and fit the axes to both, with the grid's size in words."""
-    y, (first, last) = box[0][1], _floor(box)
-    across, back = (np.arange(first[k], last[k] + _GRID / 2, _GRID) for k in (0, 2))
-    lines = [[[x, y, first[2]], [x, y, last[2]]] for x in across]
-    lines += [[[first[0], y, z], [last[0], y, z]] for z in back]
+    low, high = np.array(box, float)
+    first, last = np.floor(low / _GRID) * _GRID, np.ceil(high / _GRID) * _GRID
+    lines = [[[x, low[1], first[2]], [x, low[1], last[2]]] for x in np.arange(first[0], last[0] + _GRID / 2, _GRID)] + [
+        [[first[0], low[1], z], [last[0], low[1], z]] for z in np.arange(first[2], last[2] + _GRID / 2, _GRID)
+    ]
     axes.add_collection(LineCollection(list(flat(lines)), colors=_LINES, linewidths=0.7, zorder=0))
     least, most = extent(box)
     axes.set(xlim=(least[0], most[0]), ylim=(least[1], most[1]), aspect="equal")
@@ -71,16 +71,13 @@ def draw_room(axes: Any, box: Box) -> None:
     axes.text(0.0, 0.0, f"grid {in_mm(_GRID):g} mm", transform=axes.transAxes, fontsize=7, color="#5a6675")
 
 
-def _floor(box: Box) -> Array:
-    """Return (2, 3) m, the lowest and highest coordinates of a box that ends at lines of the grid."""
-    low, high = np.array(box, float)
-    return np.array([np.floor(low / _GRID), np.ceil(high / _GRID)]) * _GRID
-
-
 def extent(box: Box) -> tuple[Array, Array]:
     """Return the lower left and the upper right corner (2,) m of the picture of a box with its floor."""
-    (x, _, z), y = _floor(box).T, box[0][1]
-    every = flat([*product(x, [y], z), *product(*np.array(box, float).T)])
+    low, high = np.array(box, float)
+    first, last = np.floor(low / _GRID) * _GRID, np.ceil(high / _GRID) * _GRID
+    floor = flat([[x, low[1], z] for x in (first[0], last[0]) for z in (first[2], last[2])])
+    body = flat([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    every = np.concatenate([floor, body])
     room = 0.02 * np.ptp(every, axis=0).max()
     return every.min(axis=0) - room, every.max(axis=0) + room
 
