@@ -195,12 +195,12 @@ def _rows(forms: tuple[type, ...], above: tuple[str, ...], usual: Any = None) ->
     plain = [each for each in keys if _form_of(each)[0] is None]
     for each in sorted(plain, key=lambda each: each.tables):
         key = "any other" if each.notes.key.rest else f"`{each.name}`"
-        yield (_place((*above, *each.tables)), key, _what(each), _absent(each), each.sentence)
+        yield (_place((*above, *each.tables)), key, _what(each), _absent(each), each.notes.sentence)
     for each in keys:
         form, brackets = _form_of(each)
         if form is not None:
             place = (*above, *each.tables, "NAME" if each.notes.key.rest else brackets.replace("KEY", each.name))
-            yield (_place(place), "", "", _absent(each), each.sentence)
+            yield (_place(place), "", "", _absent(each), each.notes.sentence)
             if each.name != "targets":  # whose keys are those of [target]
                 yield from _rows((form,), place, each.default)
 
@@ -214,39 +214,38 @@ def _place(names: tuple[str, ...]) -> str:
 
 def _form_of(each: FileKey) -> tuple[Any, str]:
     """Return the dataclass that a key's table is decoded to, None for a value; and how its header is written."""
-    kind = _in_file(each.type, each.notes)[0]
-    if get_origin(kind) is Mapping and is_dataclass(form := annotated(get_args(kind)[1])[0]):
-        inner = annotated(get_args(kind)[1])[1]
-        return (None, "") if inner.key.file else (form, "KEY.NAME")
+    kind = _in_file(each.notes).type
+    if get_origin(kind) is Mapping and is_dataclass((inner := annotated(get_args(kind)[1])).type):
+        return (None, "") if inner.key.file else (inner.type, "KEY.NAME")
     if get_origin(kind) is tuple and is_dataclass(form := get_args(kind)[0]):
         return form, "[KEY]"
     return (kind, "KEY") if is_dataclass(kind) and each.notes.key.file is None else (None, "")
 
 
-def _in_file(hint: Any, outer: Notes) -> tuple[Any, Notes]:
+def _in_file(notes: Notes) -> Notes:
     """Return the type that stands in the file, and what is said of it."""
-    kind, notes, _ = annotated(hint, outer)
-    return _in_file(notes.key.form, Notes()) if notes.key.form is not None else (kind, notes)
+    return _in_file(annotated(notes.key.form)) if notes.key.form is not None else notes
 
 
 def _what(each: FileKey) -> str:
     """Return what a value is: choices, or a sort of value with its unit and limits."""
-    kind, notes = _in_file(each.type, each.notes)
+    notes = _in_file(each.notes)
+    kind = notes.type
     if notes.key.file or kind is Path:
         return "a file"
     first = members(kind)[0]
     if get_origin(first) is Literal:
         return ", ".join(f"`{choice}`" for choice in get_args(first)) + (" or points" if len(members(kind)) > 1 else "")
     if get_origin(first) is Mapping:
-        return "NAME = a file" if annotated(get_args(first)[1])[1].key.file else "NAME = value"
+        return "NAME = a file" if annotated(get_args(first)[1]).key.file else "NAME = value"
     if get_origin(first) is np.ndarray:
         return "rows of numbers"
-    words = [] if first is Any else [expected_of(*annotated(first, Notes(within=notes.within))[:2])]
+    words = [] if first is Any else [expected_of(annotated(first, Notes(within=notes.within)))]
     if get_origin(first) is tuple and get_origin(get_args(first)[0]) is Literal:
         return "some of " + ", ".join(f"`{choice}`" for choice in get_args(get_args(first)[0]))
     if len(members(kind)) > 1:
-        words = [expected_of(*annotated(one)[:2]) for one in members(kind)]
-    unit = unit_of(each.type, each.notes)
+        words = [expected_of(annotated(one)) for one in members(kind)]
+    unit = unit_of(each.notes)
     text = ", ".join(filter(None, (" or ".join(words).replace(" in m", ""), unit.symbol if unit else "")))
     return text.replace("a number above 0, or two of them [across, down]", "a number above 0, or [across, down]")
 
@@ -262,7 +261,7 @@ def _absent(each: FileKey) -> str:
         unit = each.notes.unit
         return f"`{float(unit.write(default)):g}`" if unit and isinstance(default, float) else f"`{default:g}`"
     if isinstance(default, tuple) and default and all(isinstance(one, float) for one in default):
-        unit = unit_of(each.type, each.notes)
+        unit = unit_of(each.notes)
         return f"`[{', '.join(f'{float(unit.write(one)) if unit else one:g}' for one in default)}]`"
     return f"`{default}`" if isinstance(default, str) and default else ""
 

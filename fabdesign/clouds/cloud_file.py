@@ -20,7 +20,7 @@ from fabdesign.clouds.xyz import read_pts, read_xyz
 from fabdesign.errors import InputError
 from fabdesign.files.trial_file import read_trial
 from fabdesign.formats.npz_file import open_npz, read_npy
-from fabdesign.formats.toml_file import read_bytes, require_count
+from fabdesign.formats.toml_file import parsing, read_bytes, require_count
 from fabdesign.geometry.placement import Unit
 from fabdesign.geometry.surface import Surface
 
@@ -130,16 +130,13 @@ def _c3d(path: Path, frame: int) -> Geometry:
     except ImportError:
         raise InputError(f"{path}: a C3D needs the package c3d; pip install fabdesign[mocap]") from None
     content = read_bytes(path, "a C3D")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            reader = c3d.Reader(io.BytesIO(content))
-            frames = [points[:, :4] for _, points, _ in reader.read_frames(copy=True, check_nan=False)]
-            declared = reader.last_frame - reader.first_frame + 1
-            units = reader.get("POINT:UNITS")
-            name = units.string_value.strip().lower() if units is not None else ""
-    except Exception as error:  # c3d raises whatever its parser meets
-        raise InputError(f"{path}: cannot be read as a C3D ({type(error).__name__})") from None
+    with parsing(path, "cannot be read as a C3D ({})"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        reader = c3d.Reader(io.BytesIO(content))
+        frames = [points[:, :4] for _, points, _ in reader.read_frames(copy=True, check_nan=False)]
+        declared = reader.last_frame - reader.first_frame + 1
+        units = reader.get("POINT:UNITS")
+        name = units.string_value.strip().lower() if units is not None else ""
     if not frames or not frames[0].size:
         raise InputError(f"{path}: has no markers; expected a C3D with some")
     if len(frames) != declared:

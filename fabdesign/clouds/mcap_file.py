@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
-from fabdesign.formats.toml_file import read_bytes
+from fabdesign.formats.toml_file import parsing, read_bytes
 from fabdesign.nouns.array import Array
 
 LARGEST = 600_000_000  # bytes of the file, and of its points: some hundred clouds of four sensors
@@ -25,6 +25,7 @@ _SCHEMAS = ("sensor_msgs/msg/PointCloud2", "sensor_msgs/PointCloud2")
 _CHUNK_SIZE = 25  # bytes into a chunk's record, where its unpacked size stands: as its index may not say
 _ENCAPSULATION = 4  # bytes before a message in CDR; a cloud's stamp follows: seconds and nanoseconds
 _TYPES = {7: "f4", 8: "f8"}  # of a field, that coordinates may have
+_UNREADABLE = "cannot be read as an MCAP of ROS 2 ({})"
 
 
 class McapTopic(NamedTuple):
@@ -82,7 +83,7 @@ def messages_of(
         raise InputError(f"{path}: an MCAP needs the package {error.name}; pip install fabdesign[ros]") from None
     content = read_bytes(path, "an MCAP", largest=LARGEST)
     count, held = 0, "nothing"
-    try:
+    with parsing(path, _UNREADABLE):
         reader = make_reader(io.BytesIO(content), validate_crcs=True)
         summary = reader.get_summary()
         if summary is None:
@@ -101,16 +102,10 @@ def messages_of(
             count += 1
 
             def message(decode: Callable[[bytes], Any] = decode, data: bytes = record.data) -> Any:
-                try:
+                with parsing(path, _UNREADABLE):
                     return decode(data)
-                except Exception as error:  # the decoder raises whatever it meets
-                    raise _unreadable(path, error) from None
 
             yield channel.topic, record, message, kinds[channel.schema_id]
-    except (InputError, GeneratorExit):
-        raise
-    except Exception as error:  # mcap raises whatever its parsers meet
-        raise _unreadable(path, error) from None
     if not count and what is not None:
         raise InputError(f"{path}: holds {held}; expected {what}, {schemas[0]}")
 
@@ -125,10 +120,6 @@ def _require_bounded(content: bytes, summary: Any, topics: list[str], path: Path
     )
     if size > LARGEST:
         raise InputError(f"{path}: its clouds unpack to {size / 1e6:.0f} MB; expected at most {LARGEST / 1e6:.0f} MB")
-
-
-def _unreadable(path: Path, error: Exception) -> InputError:
-    return InputError(f"{path}: cannot be read as an MCAP of ROS 2 ({type(error).__name__})")
 
 
 def points_of(message: Any, what: str) -> Array:

@@ -6,7 +6,8 @@ frame is left out for that, counted and said; where more would go, the frame is 
 
 import re
 from collections.abc import Mapping
-from typing import Any
+from pathlib import Path
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +29,12 @@ _ORDERED = 0.8  # of a depth image's variance along some direction, which its ro
 _LARGEST = 1e5  # of a coordinate in any unit: 100 m in millimetres
 _REPEATED, _REPEATED_SHARE = 8, 0.01  # points at exactly one place, which a measured surface never has
 
-
 _REMOVED = ("not finite", "without depth", "far off")  # at the sensor's origin: without depth
+
+
+def refuse(path: Path, why: str) -> NoReturn:
+    """Raise InputError for a file that is not as its kind has it."""
+    raise InputError(f"{path}: {why}; expected a sound {path.suffix[1:].upper()}")
 
 
 def note_removed(removed: NDArray[np.intp], of: int, where: str) -> None:
@@ -140,11 +145,13 @@ def _require_image(image: NDArray[Any], where: str) -> None:
     """Raise InputError unless (rows, columns, 3) can be a depth image, whose rows lie beside each other, as do its
     columns. Frames of a cloud, (frames, points, 3), lie on each other: they would be read as one cloud."""
     points = image.astype(np.float64)
-    sound = np.isfinite(points).all(axis=2) & points.any(axis=2)
+    sound = (np.abs(points) <= _LARGEST).all(axis=2) & points.any(axis=2)
     if min(image.shape[:2]) < 2 or sound.sum() < _REPEATED:
         return
     kept = points[sound] - points[sound].mean(axis=0)
     total = kept.T @ kept
+    if not total.any():  # all at one place, which are no points
+        return
     axes = np.linalg.eigh(total)
     wide = axes.eigenvalues > 1e-6 * axes.eigenvalues[-1]
     scaled = kept @ (axes.eigenvectors[:, wide] / np.sqrt(axes.eigenvalues[wide]))
@@ -168,10 +175,8 @@ def _require_points(points: Points, where: str) -> None:
 
 def _have_depth(points: Points) -> NDArray[np.bool_]:
     """Return (n,) False where a pixel has none: two and more points at the file's origin, or many at another place."""
-    origin = ~points.any(axis=1)
-    without = np.zeros(len(points), dtype=np.bool_)
-    if origin.sum() >= 2:
-        without[origin] = True
+    origin: NDArray[np.bool_] = np.logical_not(points.any(axis=1))
+    without = origin if origin.sum() >= 2 else np.zeros(len(points), dtype=np.bool_)
     many = max(_REPEATED, round(_REPEATED_SHARE * len(points)))
     x = np.sort(points[:, 0])
     if (x[many - 1 :] == x[: max(len(x) - many + 1, 0)]).any():

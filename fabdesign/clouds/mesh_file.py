@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.clouds.measured_points import refuse
 from fabdesign.errors import InputError, note
-from fabdesign.formats.toml_file import LARGEST, MOST_POINTS, decode_any, read_bytes, require_count
+from fabdesign.formats.toml_file import LARGEST, MOST_POINTS, decode_any, parsing, read_bytes, require_count
 from fabdesign.geometry.surface import fans_of
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else it prints the stacks of what it tries
@@ -39,7 +40,7 @@ _VERTEX = re.compile(rb"\svertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
 _FLOAT32, _TRIANGLES = 5126, 4  # of a glTF
 _MODES = range(6)  # points, lines, triangles and their strips; trimesh leaves out fans in silence
 _COMPRESSED, _INSTANCES = "KHR_draco_mesh_compression", "EXT_mesh_gpu_instancing"
-_PLAIN = "expected a sound glTF of plain triangles"
+_PLAIN = "a sound glTF of plain triangles"
 
 
 def read_mesh(path: Path) -> Mesh:
@@ -57,10 +58,6 @@ def read_mesh(path: Path) -> Mesh:
     if not len(triangles):
         raise InputError(f"{path}: has no triangles; expected a mesh")
     return vertices, triangles
-
-
-def _bad(path: Path, why: str) -> InputError:
-    return InputError(f"{path}: {why}; expected a sound {path.suffix[1:].upper()}")
 
 
 def _obj(content: bytes, path: Path) -> Mesh:
@@ -92,7 +89,7 @@ def _obj(content: bytes, path: Path) -> Mesh:
     if weighted:
         raise InputError(f"{path}: has vertices whose weight is not 1: x, y, z may be meant divided by it; expected 1")
     if not vertices:
-        raise _bad(path, "has no vertices")
+        refuse(path, "has no vertices")
     if lines and not lengths:
         note(f"{path}: has lines and no faces; its {len(vertices)} vertices are taken")
     points = np.array(vertices)
@@ -119,16 +116,16 @@ def _stl(content: bytes, path: Path) -> Mesh:
         vertices = np.frombuffer(content, _BINARY_FACET, count, _START)["corners"].astype(np.float64)
     elif content[:5].lower() != b"solid":
         needed = "a header has 84" if len(content) < _START else f"its {count} facets need {size}"
-        raise _bad(path, f"has {len(content)} bytes; {needed}")
+        refuse(path, f"has {len(content)} bytes; {needed}")
     else:
         names = [bool(match[1]) for match in _NAME_LINES.finditer(content)]
         if names[::2] != [False] * (len(names) // 2) or names[1::2] != [True] * (len(names) // 2):
             cut = names[-1:] == [False]
-            raise _bad(path, "is cut short: a solid has no end" if cut else "its solids do not pair")
+            refuse(path, "is cut short: a solid has no end" if cut else "its solids do not pair")
         bare = _NAME_LINES.sub(b" ", content)  # names may look like facets
         odd = next((i for i, between in enumerate(_FACET.split(bare)) if between.strip()), None)
         if odd is not None:
-            raise _bad(path, f"facet {odd} is not whole")
+            refuse(path, f"facet {odd} is not whole")
         words = [word for corner in _VERTEX.findall(bare) for word in corner]
         vertices = _numbers(words, path, "a facet has a word where a number should be")
     vertices = vertices.reshape(-1, 3)
@@ -137,10 +134,8 @@ def _stl(content: bytes, path: Path) -> Mesh:
 
 def _numbers(words: list[bytes], path: Path, why: str) -> NDArray[np.float64]:
     """Return the numbers that words say. Raises InputError where one is none."""
-    try:
+    with parsing(path, f"{why} ({{}})", f"a sound {path.suffix[1:].upper()}"):
         return np.array([float(word.replace(b"_", b"?")) for word in words])  # Python takes 1_000 for a number
-    except ValueError as error:
-        raise _bad(path, f"{why} ({type(error).__name__})") from None
 
 
 def _off(content: bytes, path: Path) -> Mesh:
@@ -149,18 +144,18 @@ def _off(content: bytes, path: Path) -> Mesh:
     if not head and len(lines) > 1:
         head, lines = lines[1].split(), lines[1:]
     if len(head) < 2 or not all(number.isdigit() and len(number) < 10 for number in head[:2]):
-        raise _bad(path, "cannot be read as a mesh (no counts in its first lines)")
+        refuse(path, "cannot be read as a mesh (no counts in its first lines)")
     count, faces = int(head[0]), int(head[1])
     if len(lines) - 1 != count + faces:
-        raise _bad(path, f"has {len(lines) - 1} rows; its header says {count} vertices and {faces} faces")
+        refuse(path, f"has {len(lines) - 1} rows; its header says {count} vertices and {faces} faces")
     rows = [line.split() for line in lines[1:]]
     if any(not row[0].isdigit() or not 3 <= int(row[0][:9]) < len(row) for row in rows[count:]):
-        raise _bad(path, "a face is not whole")
+        refuse(path, "a face is not whole")
     corners = [word for row in rows[count:] for word in row[1 : 1 + int(row[0])]]
     if not all(word.isdigit() and len(word) < 10 for word in corners):
-        raise _bad(path, "a face names no vertex")
+        refuse(path, "a face names no vertex")
     if any(len(row) < 3 for row in rows[:count]) or max(map(int, corners), default=0) >= count:
-        raise _bad(path, "cannot be read as a mesh (a vertex is not whole, or a face names another one)")
+        refuse(path, "cannot be read as a mesh (a vertex is not whole, or a face names another one)")
     coordinates = [word for row in rows[:count] for word in row[:3]]
     vertices = _numbers(coordinates, path, "cannot be read as a mesh").reshape(-1, 3)
     lengths = np.array([int(row[0]) for row in rows[count:]], dtype=np.intp)
@@ -170,7 +165,7 @@ def _off(content: bytes, path: Path) -> Mesh:
 def _gltf(content: bytes, path: Path) -> Mesh:
     """Read by trimesh, which skips in silence what it does not know, such as morph targets and skins, and copies a mesh
     for each node that shows it. So its JSON is checked before."""
-    try:
+    with parsing(path, "cannot be read as a mesh ({})", _PLAIN):
         if content[:4] == b"glTF":  # of a GLB the first chunk
             size = int.from_bytes(content[12:16], "little")
             if content[16:20] != b"JSON" or size > len(content) - 20:
@@ -180,25 +175,18 @@ def _gltf(content: bytes, path: Path) -> Mesh:
         if any(type(count) is not int or count < 0 for count in counts):
             raise ValueError
         require_count(max(counts, default=0), path, "values in an accessor")
-        if (why := next(_missed(tree), None)) is None:
-            _require_bounded(tree, counts, path)
-    except InputError:
-        raise
-    except (ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError, OSError) as error:
-        why = f"cannot be read as a mesh ({type(error).__name__})"
-    if why is not None:
-        raise InputError(f"{path}: {why}; {_PLAIN}")
+        if (why := next(_missed(tree), None)) is not None:
+            raise InputError(f"{path}: {why}; expected {_PLAIN}")
+        _require_bounded(tree, counts, path)
     import trimesh
 
     how: dict[str, Any] = {"force": "mesh", "process": False, "skip_materials": True}  # whose pictures may be any files
     how |= {"resolver": trimesh.resolvers.FilePathResolver(str(path))}
-    try:
+    with parsing(path, "cannot be read as a mesh ({})", f"a sound {path.suffix[1:].upper()}"):
         mesh = trimesh.load(io.BytesIO(content), path.suffix.lower()[1:], **how)
         vertices, triangles = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.intp)
-    except Exception as error:  # trimesh raises whatever its parsers meet
-        raise _bad(path, f"cannot be read as a mesh ({type(error).__name__})") from None
     if len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(vertices):
-        raise _bad(path, f"a face names vertex {triangles.max()} of {len(vertices)}")
+        refuse(path, f"a face names vertex {triangles.max()} of {len(vertices)}")
     return vertices, triangles
 
 
@@ -247,7 +235,7 @@ def _require_bounded(tree: dict[str, Any], counts: list[int], path: Path) -> Non
     beside = [(folder / uri.strip()).resolve() for uri in uris if "base64," not in uri]
     odd = next((file for file in beside if not file.is_relative_to(folder) or not file.is_file()), None)
     if odd is not None:
-        raise InputError(f"{path}: its buffer {str(odd)[:200]!r} is no plain file in its folder; {_PLAIN}")
+        raise InputError(f"{path}: its buffer {str(odd)[:200]!r} is no plain file in its folder; expected {_PLAIN}")
     size = sum(file.stat().st_size for file in beside)
     if size > LARGEST:
         raise InputError(f"{path}: its buffers have {size / 1e6:.0f} MB; expected at most {LARGEST / 1e6:.0f} MB")

@@ -8,13 +8,12 @@ import re
 from collections.abc import Mapping, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.clouds.measured_points import LONGEST_HEADER, require_one_instant
-from fabdesign.errors import InputError
+from fabdesign.clouds.measured_points import LONGEST_HEADER, refuse, require_one_instant
 from fabdesign.formats.csv_table import is_number
 from fabdesign.formats.toml_file import read_bytes, require_count
 from fabdesign.geometry.surface import fans_of
@@ -53,13 +52,13 @@ def read_ply(path: Path | str) -> Ply:
     content = read_bytes(path, "a PLY")
     end = _END.search(content, 0, LONGEST_HEADER)
     if not content.startswith(b"ply") or end is None:
-        _refuse(path, "has no PLY header")
+        refuse(path, "has no PLY header")
     order, elements = _header(content[: end.start()].decode("latin-1"), path)
     for name, count, _ in elements:
         require_count(count, path, f"{name} rows")
     body, ends = content[end.end() :], None
     if not order:
-        body, ends, unread = _packed(body, elements, path)
+        body, ends = _packed(body, elements, path)
         elements = [
             (n, count, [Property(p.name, "f8", p.count_kind and "f8") for p in ps]) for n, count, ps in elements
         ]
@@ -70,21 +69,19 @@ def read_ply(path: Path | str) -> Ply:
         if ends is not None:
             _require_widths(starts, ends[row : row + count + 1], name, path)
         if len(starts) <= count:
-            _refuse(path, f"ends after {len(starts) - 1} of {count} {name} rows")
+            refuse(path, f"ends after {len(starts) - 1} of {count} {name} rows")
         columns = _columns(properties, body, order or "<", starts[:-1])
         if name == "vertex":
             points = _points(columns, properties, path)
         elif name == "face" and count:
             corners, lengths = next(columns[corner] for corner in _CORNERS if corner in columns)
         at, row = int(starts[-1]), row + count
-    if order:
-        unread = len(body) - at
-    if unread:
-        _refuse(path, f"has {unread} {'bytes' if order else 'rows'} more than its header says")
+    if unread := len(body) - at if ends is None else len(ends) - 1 - row:
+        refuse(path, f"has {unread} {'bytes' if order else 'rows'} more than its header says")
     if points is None:
-        _refuse(path, "it has no vertices")
+        refuse(path, "it has no vertices")
     if not np.all((np.abs(corners) < 2**31) & (corners == np.rint(corners))):
-        _refuse(path, "its faces are no lists of whole numbers")
+        refuse(path, "its faces are no lists of whole numbers")
     return Ply(points, fans_of(points, corners, lengths, path))
 
 
@@ -108,10 +105,6 @@ def ply_bytes(points: NDArray[np.floating], triangles: NDArray[np.integer] | Non
     return "\n".join([*header, "end_header\n"]).encode("ascii") + body
 
 
-def _refuse(path: Path, why: str) -> NoReturn:
-    raise InputError(f"{path}: {why}; expected a sound PLY")
-
-
 def _header(text: str, path: Path) -> tuple[str, list[Element]]:
     """Return the byte order ('' for ascii) and the elements."""
     order: str | None = None
@@ -131,58 +124,48 @@ def _header(text: str, path: Path) -> tuple[str, list[Element]]:
             ):
                 elements[-1][2].append(Property(name, _TYPES[kind], _TYPES[n]))
             case _:
-                _refuse(path, f'its header has the line "{" ".join(words)[:60]}"')
+                refuse(path, f'its header has the line "{" ".join(words)[:60]}"')
     if order is None:
-        _refuse(path, "its header names no format")
+        refuse(path, "its header names no format")
     if len({name for name, *_ in elements}) < len(elements):
-        _refuse(path, "its header has two elements of one name")
+        refuse(path, "its header has two elements of one name")
     for element, rows, properties in elements:
         names = {p.name for p in properties}
         if not names or len(names) < len(properties):
-            _refuse(path, f"its {element} has no properties, or two of one name")
+            refuse(path, f"its {element} has no properties, or two of one name")
         lists = [p.name for p in properties if p.count_kind is not None and p.name in _CORNERS]
         if (element == "face") != bool(lists) and rows:  # else a mesh is taken for a cloud
             unread = f"{element} rows with {lists[0]}" if lists else "face rows without vertex_indices"
-            _refuse(path, f"has {unread}, which are not read")
+            refuse(path, f"has {unread}, which are not read")
     return order, elements
 
 
 def _points(columns: Mapping[str, Column], properties: Sequence[Property], path: Path) -> NDArray[np.float64]:
-    if not {"x", "y", "z"} <= columns.keys():
-        _refuse(path, "its vertices have no x, y, z")
     scalars = {p.name: columns[p.name][0] for p in properties if p.count_kind is None}
     if not {"x", "y", "z"} <= scalars.keys():
-        _refuse(path, "its vertices have lists for x, y, z")
+        refuse(path, f"its vertices have {'lists for' if {'x', 'y', 'z'} <= columns.keys() else 'no'} x, y, z")
     require_one_instant(scalars, str(path))
     return np.stack([scalars[axis].astype(np.float64) for axis in "xyz"], axis=1)
 
 
-class _Packed(NamedTuple):
-    """The rows of an ascii body as float64, where each begins, with the end of the last, and how many lines follow."""
-
-    body: bytes
-    ends: NDArray[np.intp]
-    unread: int
-
-
-def _packed(body: bytes, elements: Sequence[Element], path: Path) -> _Packed:
+def _packed(body: bytes, elements: Sequence[Element], path: Path) -> tuple[bytes, NDArray[np.intp]]:
+    """Return the rows of an ascii body as float64, and where each line begins, with the end of the last."""
     require_count(body.count(b"\n"), path, "lines")
     text = body.decode("latin-1").replace("_", "?")  # Python takes 1_000 for a number
     lines = [line for line in text.splitlines() if line.strip()]
     names = [(name, count) for name, count, _ in elements]
     total = min(sum(count for _, count in names), len(lines))
-    packed, widths = bytearray(), [0]
+    packed = bytearray()
     for first in range(0, total, _TOGETHER):
         rows = [line.split() for line in lines[first : min(first + _TOGETHER, total)]]
-        widths += map(len, rows)
         try:
             packed += np.array([*map(float, chain.from_iterable(rows))], dtype="<f8").tobytes()
         except ValueError:
             row = first + next(i for i, row in enumerate(rows) if not all(map(is_number, row)))
             while row >= names[0][1]:
                 row -= names.pop(0)[1]
-            _refuse(path, f"{names[0][0]} row {row} is no row of numbers")
-    return _Packed(bytes(packed), 8 * np.cumsum(widths), len(lines) - total)
+            refuse(path, f"{names[0][0]} row {row} is no row of numbers")
+    return bytes(packed), 8 * np.cumsum([0, *(len(line.split()) for line in lines)])
 
 
 def _require_widths(starts: NDArray[np.intp], lines: NDArray[np.intp], name: str, path: Path) -> None:
@@ -190,7 +173,7 @@ def _require_widths(starts: NDArray[np.intp], lines: NDArray[np.intp], name: str
     n = min(len(starts), len(lines))
     row = int(np.append(np.flatnonzero(starts[:n] != lines[:n]), n)[0]) - 1
     if row + 1 < len(lines):
-        _refuse(path, f"{name} row {row} has {(lines[row + 1] - lines[row]) // 8} values; the header says others")
+        refuse(path, f"{name} row {row} has {(lines[row + 1] - lines[row]) // 8} values; the header says others")
 
 
 def _at_every_byte(body: bytes, kind: str) -> NDArray[Any]:

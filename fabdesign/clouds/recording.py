@@ -4,7 +4,7 @@ import filecmp
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tomlkit
@@ -171,8 +171,7 @@ def read_recording(path: Path | str, *, convention: Convention = "forward") -> R
         stamps = content["depth"][0].stamps
         times = stamps[content["chosen"][:, 0]] - stamps.min()
     elif mcap is not None:
-        content["mcap"] = mcap
-        times, content["clouds"], content["left_out"] = _of_mcap(keys, mcap)
+        times, content = _of_mcap(keys, mcap)
     else:
         times = _times(keys, folder)
     require_seconds(times, where if streams or mcap is None else str(mcap))
@@ -209,17 +208,9 @@ def write_recording(
     file.write_text(tomlkit.dumps(document), encoding="utf-8", newline="\n")
 
 
-class _Frames(NamedTuple):
-    """The times of frames, each sensor's clouds, and a line on frames that are left out."""
-
-    times: Array
-    clouds: dict[str, list[Array]]
-    left_out: str
-
-
-def _of_mcap(keys: RecordingKeys, mcap: Path) -> _Frames:
-    """Return an MCAP's frames: by the stamps, where these say something, else in the order of the first sensor's
-    clouds, from one interval after rest on. Raises InputError."""
+def _of_mcap(keys: RecordingKeys, mcap: Path) -> tuple[Array, dict[str, Any]]:
+    """Return the times of an MCAP's frames, and what a recording says of them: by the stamps, where these say
+    something, else in the order of the first sensor's clouds, from one interval after rest on. Raises InputError."""
     given, by_topic = None if keys.times is None else np.array(keys.times), read_mcap(mcap)
     rate = keys.frame_rate if given is None else None
     topics = [str(sensor.topic) for sensor in keys.sensors]
@@ -246,7 +237,7 @@ def _of_mcap(keys: RecordingKeys, mcap: Path) -> _Frames:
         times, kept = times[pairs.complete], pairs.clouds[pairs.complete]
     columns = zip(keys.sensors, topics, kept.T, strict=True)
     clouds = {s.name: [by_topic[topic].clouds[k] for k in numbers] for s, topic, numbers in columns}
-    return _Frames(times, clouds, left_out)
+    return times, {"mcap": mcap, "clouds": clouds, "left_out": left_out}
 
 
 def _times(keys: RecordingKeys, folder: Path) -> Array:

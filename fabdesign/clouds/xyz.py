@@ -142,7 +142,7 @@ def _mark(line: str) -> str | None:
 
 
 def _split(line: str, mark: str | None) -> list[str]:
-    return [cell.strip().strip('"') for cell in line.split(mark)]
+    return [cell.strip().strip('"') for cell in line.split(mark)] or [""]
 
 
 class _Named(NamedTuple):

@@ -15,6 +15,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from fabdesign.errors import InputError
+from fabdesign.formats.toml_file import parsing
 from fabdesign.nouns.array import Array
 
 Model = Literal["none", "brown_conrady", "inverse_brown_conrady", "modified_brown_conrady", "ftheta", "kannala_brandt4"]
@@ -51,16 +52,16 @@ class Intrinsics:
 
     def slopes_of(self, pixels: Array) -> Array:
         """Return (..., 2) slopes of pixels (..., 2), column and row."""
-        distorted = (pixels - np.array(self.centre)) / np.array(self.focal)
-        if self.model == "none" or not any(self.coefficients):
-            return np.asarray(distorted)
-        return _LENSES[self.model][1](distorted, np.array(self.coefficients))
+        return self._bent((pixels - np.array(self.centre)) / np.array(self.focal), 1)
 
     def pixels_of(self, slopes: Array) -> Array:
         """Return (..., 2) pixels of slopes (..., 2)."""
-        if self.model != "none" and any(self.coefficients):
-            slopes = _LENSES[self.model][0](slopes, np.array(self.coefficients))
-        return np.asarray(slopes * np.array(self.focal) + np.array(self.centre))
+        return np.asarray(self._bent(slopes, 0) * np.array(self.focal) + np.array(self.centre))
+
+    def _bent(self, slopes: Array, way: int) -> Array:
+        """Return slopes (..., 2) as the lens bends them (0), or as it has not bent them (1)."""
+        bends = self.model != "none" and any(self.coefficients)
+        return _LENSES[self.model][way](slopes, np.array(self.coefficients)) if bends else slopes
 
     def __post_init__(self) -> None:
         """Raise InputError for what is no camera."""
@@ -103,7 +104,8 @@ def intrinsics_of_json(content: Any, size: tuple[int, ...] | None, where: str) -
     It is Open3D's pinhole camera or its Azure Kinect's `intrinsic_matrix`, the Azure Kinect SDK's raw calibration, or
     has keys as the RealSense SDK names them.
     """
-    try:
+    expected = "width, height and intrinsic_matrix, or fx, fy, ppx and ppy"
+    with parsing(where, "holds no intrinsics", expected):  # a JSON of another form may hold anything
         if "CalibrationInformation" in content:
             return _azure_kinect(content["CalibrationInformation"]["Cameras"], size, where)
         if "intrinsic_matrix" in content:  # column by column
@@ -115,12 +117,6 @@ def intrinsics_of_json(content: Any, size: tuple[int, ...] | None, where: str) -
         coefficients = content.get("coeffs", content.get("distortion", ()))
         shape, model = (content["width"], content["height"]), str(content.get("model", "none"))
         return intrinsics_of(shape, matrix, model, coefficients, where)
-    except InputError:
-        raise
-    except Exception:  # a JSON of another form may hold anything
-        raise InputError(
-            f"{where}: holds no intrinsics; expected width, height and intrinsic_matrix, or fx, fy, ppx and ppy"
-        ) from None
 
 
 # modes of Azure Kinect by their image's size: the binned sensor's size, and where the image begins in it

@@ -10,24 +10,25 @@ import bz2
 import re
 import struct
 from collections.abc import Callable, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.depth.images import colour_image
+from fabdesign.depth.images import COLOUR, cdr_stamp, colour_image, depth_of, plain_image, ros1_image
 from fabdesign.depth.realsense_info import BagStream, depth_to_colour, depth_unit, gravity_of, serial_of
-from fabdesign.depth.ros_image import COLOUR, cdr_stamp, depth_of, plain_image, ros1_image
 from fabdesign.depth.stream import MOST_FRAMES, DepthStream
 from fabdesign.errors import InputError
+from fabdesign.formats.toml_file import parsing
 
 LARGEST = 64_000_000_000  # bytes of a file, of which one chunk at a time is read
 LARGEST_CHUNK = 256_000_000  # bytes of a chunk, unpacked
 _TOPIC = re.compile(r"/device_(\d+)/sensor_(\d+)/(Depth|Color)_(\d+)/(.*)")
 _IMAGES = ("image/data", "image/data/compressedDepth", "image/data/compressed")
 _GLOBAL = {"global time", "system time"}
+_UNREADABLE = "cannot be read as a RealSense recording ({})"
 
 
 def read_realsense(path: Path | str, *, serial: str = "") -> DepthStream:
@@ -38,7 +39,7 @@ def read_realsense(path: Path | str, *, serial: str = "") -> DepthStream:
     """
     path = Path(path)
     reader = _opened(path)
-    try:
+    with parsing(path, _UNREADABLE):
         streams = _streams(reader)
         depths = [stream for (_, kind, _), stream in streams.items() if kind == "Depth"]
         serials = [serial_of(stream) for stream in depths]
@@ -52,10 +53,6 @@ def read_realsense(path: Path | str, *, serial: str = "") -> DepthStream:
         (depth,) = chosen
         beside = (each for key, each in streams.items() if key[:2] == (depth.device, "Color"))
         return _stream(depth, next(beside, None), path, serials[depths.index(depth)])
-    except InputError:
-        raise
-    except Exception as error:  # rosbags raises whatever its parsers meet
-        raise _unreadable(path, error) from None
 
 
 def _opened(path: Path) -> Any:
@@ -66,21 +63,20 @@ def _opened(path: Path) -> Any:
         raise InputError(
             f"{path}: a RealSense recording needs {error.name}; pip install fabdesign[realsense]"
         ) from None
-    try:
+    with parsing(path, _UNREADABLE):
         if not path.is_file():
             raise InputError(f"{path}: no such file" if not path.exists() else f"{path}: is no plain file")
         if (size := path.stat().st_size) > LARGEST:
             raise InputError(f"{path}: has {size / 1e9:.0f} GB; expected at most {LARGEST / 1e9:.0f} GB")
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
-        reader.open()
-    except InputError:
-        raise
-    except Exception as error:
-        if "index" in str(error):
+        try:
+            reader.open()
+        except Exception as error:
+            if "index" not in str(error):
+                raise
             raise InputError(
                 f"{path}: has no index, its recorder did not end; expected a whole one (`rosbag reindex` mends it)"
             ) from None
-        raise _unreadable(path, error) from None
     if path.suffix.lower() == ".bag":
         _bound_chunks(reader.readers[0], path, min(size, LARGEST_CHUNK))
     return reader
@@ -91,25 +87,21 @@ def _bound_chunks(reader: Any, path: Path, most: int) -> None:
     from lz4.frame import LZ4FrameDecompressor
     from rosbags.rosbag1 import reader as rosbag1
 
-    def bounded(make: Callable[[], Any]) -> Callable[[bytes], bytes]:
-        def unpack(content: bytes) -> bytes:
-            machine = make()
-            unpacked = machine.decompress(content, max_length=LARGEST_CHUNK)
-            if not machine.eof:
-                raise InputError(f"{path}: a chunk unpacks to over {LARGEST_CHUNK / 1e6:.0f} MB, or is cut short")
-            return bytes(unpacked)
+    def unpack(make: Callable[[], Any], content: bytes) -> bytes:
+        machine = make()
+        unpacked = machine.decompress(content, max_length=LARGEST_CHUNK)
+        if not machine.eof:
+            raise InputError(f"{path}: a chunk unpacks to over {LARGEST_CHUNK / 1e6:.0f} MB, or is cut short")
+        return bytes(unpacked)
 
-        return unpack
-
-    kinds = {"bz2": bounded(bz2.BZ2Decompressor), "lz4": bounded(LZ4FrameDecompressor)}
-    names = {function: name for name, function in rosbag1.decompressors.items()}
+    machines = {"bz2": bz2.BZ2Decompressor, "lz4": LZ4FrameDecompressor}
+    bounded = {rosbag1.decompressors[name]: partial(unpack, make) for name, make in machines.items()}
     for place, chunk in reader.chunks.items():
         if chunk.datasize > most:
             raise InputError(
                 f"{path}: a chunk of {chunk.datasize / 1e6:.0f} MB; expected at most {LARGEST_CHUNK / 1e6:.0f}"
             )
-        name = names.get(chunk.decompressor, "none")
-        reader.chunks[place] = chunk._replace(decompressor=kinds.get(name, chunk.decompressor))
+        reader.chunks[place] = chunk._replace(decompressor=bounded.get(chunk.decompressor, chunk.decompressor))
 
 
 def _streams(reader: Any) -> dict[tuple[int, str, int], BagStream]:
@@ -168,14 +160,10 @@ def _stream(depth: BagStream, colour: BagStream | None, path: Path, serial: str)
 
 def _message(reader: Any, images: Any, time: int, repeat: int, where: str) -> Any:
     """Return the image at a log time, the `repeat`-th of several. Raises InputError."""
-    try:
+    with parsing(where, _UNREADABLE):
         for k, (_, _, raw) in enumerate(reader.messages(connections=[images], start=time, stop=time + 1)):
             if k == repeat:
                 return reader.deserialize(raw, images.msgtype) if reader.is2 else ros1_image(bytes(raw), where)
-    except InputError:
-        raise
-    except Exception as error:
-        raise _unreadable(where, error) from None
     raise InputError(f"{where}: an image is gone; has the file changed?")
 
 
@@ -201,7 +189,3 @@ def _colours(colour: BagStream, times: Sequence[int], where: str) -> Callable[[i
         return colour_image(bytes(message.data), what) if reader.is2 else plain_image(message, COLOUR, what)
 
     return read
-
-
-def _unreadable(path: Path | str, error: Exception) -> InputError:
-    return InputError(f"{path}: cannot be read as a RealSense recording ({type(error).__name__})")

@@ -1,7 +1,7 @@
 """The content of a RealSense recording beside images: intrinsics, poses, serial numbers, units, metadata."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from fabdesign.depth.images import camera_of_info
 from fabdesign.depth.intrinsics import Intrinsics, intrinsics_of
-from fabdesign.depth.ros_image import camera_of_info
 from fabdesign.errors import InputError
+from fabdesign.formats.toml_file import parsing
 
 _SAMPLES = 100  # of an accelerometer: 0.4 to 1.6 s
 
@@ -27,7 +28,7 @@ class BagStream:
 
     def messages(self, part: str) -> Iterator[tuple[int, Any]]:
         """Yield log times [ns] and messages of a connection, where it is there."""
-        return _messages(self.reader, [self.parts[part]] if part in self.parts else [])
+        return _messages(self, [self.parts[part]] if part in self.parts else [])
 
     def camera(self, where: str) -> Intrinsics:
         """Return the intrinsics: the SDK's own text of a `.db3`, which names its model, or a CameraInfo."""
@@ -36,12 +37,10 @@ class BagStream:
                 if hasattr(message, "height"):
                     return camera_of_info(message, where)
                 pairs = _pairs(message)
-                try:
+                with parsing(where, "its intrinsics lack width, height, fx, fy, ppx or ppy"):
                     size = int(pairs["width"]), int(pairs["height"])
                     matrix = [float(pairs[key]) for key in ("fx", "fy", "ppx", "ppy")]
                     coefficients = [float(c) for c in pairs.get("coeffs", "").split(",") if c]
-                except (KeyError, ValueError):
-                    raise InputError(f"{where}: its intrinsics lack width, height, fx, fy, ppx or ppy") from None
                 return intrinsics_of(size, matrix, pairs.get("model", "none"), coefficients, where)
         raise InputError(f"{where}: no intrinsics; expected camera_info beside the images")
 
@@ -68,10 +67,10 @@ class BagStream:
         return beside
 
 
-def _messages(reader: Any, connections: list[Any]) -> Iterator[tuple[int, Any]]:
+def _messages(stream: BagStream, connections: Iterable[Any]) -> Iterator[tuple[int, Any]]:
     for each in connections:
-        for _, time, raw in reader.messages(connections=[each]):
-            yield time, reader.deserialize(raw, each.msgtype)
+        for _, time, raw in stream.reader.messages(connections=[each]):
+            yield time, stream.reader.deserialize(raw, each.msgtype)
 
 
 def _of_device(stream: BagStream, topic: str) -> dict[str, Any]:
@@ -91,14 +90,14 @@ def _pairs(message: Any) -> dict[str, str]:
 
 def serial_of(stream: BagStream) -> str:
     """Return the serial number of a stream's device."""
-    pairs = (_pairs(message) for _, message in _messages(stream.reader, [*_of_device(stream, "(info)").values()]))
+    pairs = (_pairs(message) for _, message in _messages(stream, _of_device(stream, "(info)").values()))
     return next((each["Serial Number"] for each in pairs if "Serial Number" in each), "")
 
 
 def depth_unit(stream: BagStream) -> float:
     """Return the option of the sensor that has the unit; 1 mm where there is none."""
     options = _of_device(stream, r"(sensor_\d+)/option/Depth_Units/value").values()
-    return next((float(message.data) for _, message in _messages(stream.reader, [*options])), 1e-3)
+    return next((float(message.data) for _, message in _messages(stream, options)), 1e-3)
 
 
 def depth_to_colour(depth: BagStream, colour: BagStream) -> NDArray[np.float64] | None:

@@ -7,9 +7,8 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from fabdesign.depth.images import Triple, read_depth_npz, read_image_folder
+from fabdesign.depth.images import Triple, has_depth, read_depth_npz, read_image_folder, read_mcap_depth
 from fabdesign.depth.realsense import read_realsense
-from fabdesign.depth.ros_image import has_depth, read_mcap_depth
 from fabdesign.depth.stream import DepthStream
 from fabdesign.errors import InputError
 from fabdesign.formats.schema import ABOVE_0, FileUnit, Key, Metre, Within

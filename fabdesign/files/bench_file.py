@@ -109,10 +109,10 @@ def read_record(file: Path, needed: tuple[str, ...] = (), rest_length: float | N
     table = lab_table.LabTable(file, "columns such as time_s,pressure_kpa,force_n")
     columns: dict[str, Array] = {}
     for i, heading in enumerate(table.headings):
-        bare, column = _column(table, i, heading)
+        bare = _taken(table, i, heading)
         if bare in columns:
             raise InputError(f"{file}: two columns hold {bare}")
-        columns[bare] = table.numbers(column)
+        columns[bare] = table.numbers(i)
     for name, values in _ratios(columns, rest_length).items():
         columns.setdefault(name, values)
     for name in needed:
@@ -141,15 +141,16 @@ def _ratios(columns: dict[str, Array], rest_length: float | None) -> dict[str, A
     return {"stretch": 1 + columns["displacement"] / rest_length} if "displacement" in columns else {}
 
 
-def _column(table: lab_table.LabTable, index: int, heading: lab_table.Heading) -> tuple[str, lab_table.TableColumn]:
-    """Return a column and its name: as the format writes it, or as a laboratory does where that names a quantity."""
-    text = table.header[index]
+def _taken(table: lab_table.LabTable, index: int, heading: lab_table.Heading) -> str:
+    """Take a column and return its name: as the format writes it, or as a laboratory does where that names a
+    quantity."""
+    text, quantity = table.header[index], heading.quantity
     bare, power = _bare(text)
-    renamed = power or bare != text or heading.symbol is None
-    quantity = heading.quantity
-    if renamed or quantity is None or heading.unit is None:
-        return bare, lab_table.TableColumn(index, heading, Decimal(1).scaleb(power))
-    return quantity, table.take(index, quantity)
+    if bare != text or quantity is None or heading.unit is None:
+        table.factors[index] = Decimal(1).scaleb(power)
+        return bare
+    table.take(index, quantity)
+    return quantity
 
 
 def _require_units(records: tuple[BenchRecord, ...], path: Path, specimen: Specimen) -> None:

@@ -5,7 +5,7 @@ table, `pressure_kpa,contraction,force_n`, and the law of a specimen that no des
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tomlkit
@@ -107,7 +107,9 @@ def read_bench_table(path: Path) -> BenchTable:
     table.refuse(contraction >= 1, lambda row: f"{table.text(columns[1], row)}; {share}")
     for column, values in zip(columns, (pressure, contraction), strict=False):
         if len(np.unique(values)) < 2:
-            raise InputError(f"{path}: {column.heading.text} has one value only; a muscle's law needs at least two")
+            raise InputError(
+                f"{path}: {table.headings[column].text} has one value only; a muscle's law needs at least two"
+            )
     require_measured_pressures(pressure, str(path))
     return BenchTable(tuple(pressure.tolist()), tuple(contraction.tolist()), tuple(force.tolist()))
 
@@ -118,47 +120,39 @@ def write_bench_table(bench: BenchTable, path: Path) -> None:
     write_rows(path, BENCH_COLUMNS, [(f"{kilopascals(p):f}", repr(c), repr(f)) for p, c, f in rows])
 
 
+def _law_columns(path: Path, law: Table) -> dict[str, NDArray[Any]]:
+    """Return the table of a law. Raises InputError for another one, and keys of another specimen."""
+    specimen = law.find("specimen")
+    for key in ("form", "presliding"):
+        if law.has(key) != (specimen == "cylinder"):
+            raise law.error(f"unknown key {key}") if law.has(key) else law.missing(key)
+    return read_law_table(path, specimen)
+
+
 @dataclass(frozen=True, eq=False)
 class BenchLaw:
-    """A quasi-static law, sampled.
+    """A quasi-static law, sampled. columns: (n,) each, in the file's units, by the names in TABLES.
 
     strip: force [N] over strain, with the 90 % band of another record. actuator: displacement [m] held at a pressure.
     cylinder: force [N] as a sum of terms in p (pressure / 100 kPa), x (displacement / 10 mm) and s (state of friction,
     from -1 to 1), which follows the motion over the `presliding` distance; a term is the product of its factors.
     """
 
-    specimen: LawSpecimen
-    output: str  # force or displacement
-    columns: Mapping[str, NDArray[np.float64]]  # (n,) each, in the file's units, by the names in TABLES without `term`
-    terms: tuple[str, ...] = ()  # of a cylinder, such as "s p"
-    form: str | None = None  # of a cylinder: which terms were chosen
-    presliding: float | None = None  # m, of a cylinder
-
-
-@dataclass(frozen=True)
-class LawKeys:
-    """[law] as a file has it."""
-
     specimen: Annotated[LawSpecimen, Key("law.specimen"), "that was on the bench"]
     output: Annotated[str, Key("law.output"), "force or displacement"]
-    table: Annotated[Path, Key("law.table"), "a CSV beside it"]
+    columns: Annotated[Mapping[str, NDArray[Any]], Key("law.table", form=Path, read=_law_columns), "a CSV beside it"]
     form: Annotated[str | None, Key("law.form"), "of a cylinder: the choice of terms"] = None
     presliding: Annotated[Metre | None, Key("law.presliding"), ABOVE_0, "of a cylinder: of its friction"] = None
 
-    def resolved(self, table: Table) -> BenchLaw:
-        """Return the law with its table. Raises InputError for keys of another specimen, and another table."""
-        law = table.within(["law"])
-        for key in ("form", "presliding"):
-            if (getattr(self, key) is None) == (self.specimen == "cylinder"):
-                raise law.missing(key) if getattr(self, key) is None else law.error(f"unknown key {key}")
-        terms, columns = read_law_table(self.table, self.specimen)
-        return BenchLaw(self.specimen, self.output, columns, terms, self.form, self.presliding)
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """Return the terms of a cylinder, such as "s p"; none of others."""
+        return tuple(map(str, self.columns.get("term", ())))
 
 
 def read_bench_law(path: Path | str) -> BenchLaw:
     """Read a law with its table. Raises InputError for an unknown specimen, another table, values not rising."""
-    law: Any = decode(LawKeys, load_toml(Path(path), FORMAT))
-    return cast(BenchLaw, law)
+    return decode(BenchLaw, load_toml(Path(path), FORMAT))
 
 
 def write_bench_law(law: BenchLaw, path: Path, table: Path, *, comment: str = "") -> None:
@@ -167,32 +161,29 @@ def write_bench_law(law: BenchLaw, path: Path, table: Path, *, comment: str = ""
     if comment:
         document.add(tomlkit.comment(comment))
     document["format"] = FORMAT
-    keys = LawKeys(law.specimen, law.output, table, law.form, law.presliding)
-    document.update(Encoder(table).encode(keys))
+    document.update(Encoder(table, {dict: lambda columns: table.name}).encode(law))
     header = TABLES[law.specimen]
-    numbers = [law.columns[name].tolist() for name in header if name != "term"]
-    write_rows(table, header, list(zip(*([law.terms] if law.terms else []), *numbers, strict=True)))
+    write_rows(table, header, list(zip(*(law.columns[name].tolist() for name in header), strict=True)))
     write_text(path, tomlkit.dumps(document))
 
 
-def read_law_table(file: Path, specimen: LawSpecimen) -> tuple[tuple[str, ...], dict[str, NDArray[np.float64]]]:
-    """Return a cylinder's terms (none of others) and the columns of numbers. Raises InputError."""
+def read_law_table(file: Path, specimen: LawSpecimen) -> dict[str, NDArray[Any]]:
+    """Return the columns, (n,) each: numbers, and a cylinder's terms. Raises InputError."""
     header, rows, *_ = read_raw_table(file)
     if tuple(header) != TABLES[specimen]:
         raise InputError(f"{file}: columns are {','.join(header)}; expected {','.join(TABLES[specimen])}")
-    columns: dict[str, NDArray[np.float64]] = {}
-    terms: tuple[str, ...] = ()
+    columns: dict[str, NDArray[Any]] = {}
     for i, name in enumerate(header):
         if name == "term":
-            terms = tuple(row[i] for _, row in rows)
-            for (line, _), term in zip(rows, terms, strict=True):
-                if not term or not set(term.split()) <= {"1", "p", "x", "s"}:
-                    raise InputError(f"{file} line {line}: term = {term!r}; expected a product of p, x and s, or 1")
+            for line, row in rows:
+                if not row[i] or not set(row[i].split()) <= {"1", "p", "x", "s"}:
+                    raise InputError(f"{file} line {line}: term = {row[i]!r}; expected a product of p, x and s, or 1")
+            columns[name] = np.array([row[i] for _, row in rows])
             continue
         columns[name] = np.array([float(decimal(row[i], file, line, name)) for line, row in rows])
         if name in _RISING[specimen] and (len(rows) < 2 or (np.diff(columns[name]) <= 0).any()):
             raise InputError(f"{file}: {name} does not rise from row to row; expected two rows or more that do")
-    return terms, columns
+    return columns
 
 
 def why_not_included(path: Path) -> str:

@@ -14,9 +14,10 @@ from numpy.typing import ArrayLike
 from fabdesign.errors import InputError, note
 from fabdesign.files.trial_file import program_of, read_trial_pressures
 from fabdesign.formats.csv_table import write_rows
-from fabdesign.formats.lab_table import UNITS, LabTable, TableColumn, Unit, require_measured_pressures, unit_of
+from fabdesign.formats.lab_table import UNITS, LabTable, require_measured_pressures, unit_of
 from fabdesign.formats.schema import FileUnit, Kilopascal, Within
 from fabdesign.formats.table import Table
+from fabdesign.formats.toml_file import parsing
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import PressureProgram, require_pressures
@@ -98,24 +99,17 @@ def write_pressures(program: PressureProgram, path: Path) -> None:
 def _read_constant(spec: str) -> PressureProgram:
     """Return the program of one row; its cells are in kPa, or each in the unit that it names."""
     cells = [_CELL.fullmatch(cell.strip()) for cell in spec.strip().rstrip(",").split(",")]
-    units = [None if cell is None else unit_of(cell[2]) if cell[2] else _KPA for cell in cells]
-    try:
-        row = [_in_pascals(cell, unit) for cell, unit in zip(cells, units, strict=True)]
-    except ArithmeticError:
-        raise InputError(
-            f"{spec}: no such file, and no row of pressures such as 400,0,200 (kPa) or 4bar,0,29psi"
-        ) from None
+    row = []
+    with parsing(spec, "no such file, and no row of pressures such as 400,0,200 (kPa) or 4bar,0,29psi"):
+        for cell in cells:
+            unit = unit_of(cell[2]) if cell and cell[2] else _KPA
+            if cell is None or unit is None or unit.dimension != "pressure":
+                raise ValueError(cell)
+            row.append(float(Decimal(cell[1]) * unit.factor))
     named = {bool(cell[2]) for cell in cells if cell is not None and float(cell[1]) != 0}
     if len(named) > 1:
         raise InputError(f"{spec}: some pressures have a unit, others have none; expected one at each, or kPa at none")
     return constant_program(row)
-
-
-def _in_pascals(cell: "re.Match[str] | None", unit: Unit | None) -> float:
-    """Return a cell's pressure. Raises ArithmeticError for what is none."""
-    if cell is None or unit is None or unit.dimension != "pressure":
-        raise ArithmeticError
-    return float(Decimal(cell[1]) * unit.factor)
 
 
 def read_csv(path: Path) -> PressureProgram:
@@ -138,11 +132,11 @@ def _until(time: Array) -> float:
     return round(float(2 * time[-1] - time[-2]), 9) if len(time) > 1 else SINGLE_ROW_DURATION
 
 
-def _channels(table: LabTable, time: TableColumn) -> list[TableColumn]:
-    """Return every other column, in the order of their numbers; of columns under other names that have units of
-    pressure, as they stand. Raises InputError where the numbers are not 0, 1, ..., where those of other names do not
-    rise one by one, or a column is neither."""
-    others = [i for i in range(len(table.headings)) if i != time.index]
+def _channels(table: LabTable, time: int) -> list[int]:
+    """Return the places of all other columns, in the order of their numbers; of columns under other names that have
+    units of pressure, as they stand. Raises InputError where the numbers are not 0, 1, ..., where those of other names
+    do not rise one by one, or a column is neither."""
+    others = [i for i in range(len(table.headings)) if i != time]
     headings = [table.headings[i] for i in others]
     names = [heading.quantity for heading in headings]
     if all(name in (None, "pressure") for name in names):

@@ -19,7 +19,6 @@ from fabdesign.output import atomic_file
 from fabdesign.runtime.effort import LONGEST
 from fabdesign.units import from_kpa, in_kpa
 
-Floats = Array
 SCALE = 1e-4  # m, of a unit in which points are written
 
 

@@ -14,7 +14,6 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 import tomlkit
 from tomlkit.items import Float, Trivia
 
-from fabdesign.errors import InputError
 from fabdesign.formats.schema import FileKey, FileUnit, Notes, annotated, file_keys, members, unit_of
 from fabdesign.formats.table import Table, nearest
 from fabdesign.formats.toml_file import file_name
@@ -44,7 +43,7 @@ def decode_part(form: type[Form], table: Table, usual: Form | None = None) -> Fo
 
 def decode_key(hint: Any, table: Table, key: str, default: Any = None) -> Any:
     """Return the value of one key by its type; `default` where it is not there. Raises InputError."""
-    return _value(hint, table[key], Notes(), table, key) if table.has(key) else default
+    return _value(annotated(hint), table[key], table, key) if table.has(key) else default
 
 
 def resolved(made: Any, table: Table) -> Any:
@@ -64,7 +63,7 @@ def _read_key(each: FileKey, table: Table, there: list[str]) -> bool:
     key = each.notes.key
     holder = table.within(each.tables)
     if key.inside:
-        form = members(each.type)[0]
+        form = members(each.notes.type)[0]
         if each.default is None and file_keys(form)[0].name not in table:
             return False
         same = table.same()
@@ -79,9 +78,10 @@ def _read_key(each: FileKey, table: Table, there: list[str]) -> bool:
     usual = each.default if is_dataclass(each.default) else None
     values = []
     for name in there:
-        kind, notes, _ = annotated(key.one_of[name]) if key.one_of else (each.type, each.notes, "")
-        values.append(_value(kind, holder[name], notes, holder, name, usual))
-    if key.one_of and get_origin(each.type) is tuple and is_dataclass(get_args(each.type)[0]):
+        notes = annotated(key.one_of[name]) if key.one_of else each.notes
+        values.append(_value(notes, holder[name], holder, name, usual))
+    kind = each.notes.type
+    if key.one_of and get_origin(kind) is tuple and is_dataclass(get_args(kind)[0]):
         values = [tuple(one for value in values for one in (value if isinstance(value, tuple) else (value,)))]
     table.decoded[each.field] = values[0]
     return True
@@ -94,23 +94,22 @@ def _absent(each: FileKey, table: Table) -> Any:
     if key.absent is not None:
         return key.absent(table)
     if is_dataclass(each.default) and each.name:  # as an empty table, whose defaults may depend on others
-        return decode(members(each.type)[0], holder.within((each.name,)), each.default)
+        return decode(members(each.notes.type)[0], holder.within((each.name,)), each.default)
     return each.default
 
 
-def _value(hint: Any, value: Any, outer: Notes, table: Table, key: str, usual: Any = None) -> Any:
+def _value(notes: Notes, value: Any, table: Table, key: str, usual: Any = None) -> Any:
     """Return a value of a file as its type has it. Raises InputError."""
-    hint, notes, _ = annotated(hint, outer)
     if notes.key.form is not None:
-        value = _value(notes.key.form, value, Notes(), table, key, usual)
+        value = _value(annotated(notes.key.form), value, table, key, usual)
     if notes.key.read is not None and (value := notes.key.read(value, table)) is None:
         raise table.bad(key, notes.key.expected)
     if notes.key.read is not None or notes.key.form is not None:
         return value
-    if (kinds := members(hint)) != (hint,):
-        alike = next((each for each in kinds if _alike(annotated(each)[0], value)), kinds[-1])
-        return _value(alike, value, notes, table, key, usual)
-    kind, origin, arguments = hint, get_origin(hint), get_args(hint)
+    kind, origin, arguments = notes.type, get_origin(notes.type), get_args(notes.type)
+    if (kinds := members(kind)) != (kind,):
+        each = [annotated(one, notes) for one in kinds]
+        return _value(next((one for one in each if _alike(one.type, value)), each[-1]), value, table, key, usual)
     if kind is Any or (is_dataclass(kind) and isinstance(kind, type) and isinstance(value, kind)):
         return value
     if notes.key.file is not None:
@@ -122,31 +121,21 @@ def _value(hint: Any, value: Any, outer: Notes, table: Table, key: str, usual: A
         return decode(kind, table.inner(key), usual)
     if origin is Mapping and isinstance(value, Mapping):
         inner = table.inner(key)
-        return {name: _value(arguments[1], inner[name], notes, inner, name) for name in inner.names()}
+        return {name: _value(annotated(arguments[1], notes), inner[name], inner, name) for name in inner.names()}
     if origin is tuple and isinstance(item := arguments[0], type) and is_dataclass(item):
         if not _is_list(value) or not all(isinstance(each, Mapping | item) for each in value):
             raise table.bad(key, f"[[{key}]] tables")
         tables = [table.inner(key, i) for i in range(len(value))]
         return tuple(v if isinstance(v, item) else decode(item, t) for v, t in zip(value, tables, strict=True))
     if origin is tuple and _is_list(value) and (arguments[-1] is ... or len(value) == len(arguments)):
-        items = _Item(table, table.bad(key, expected_of(kind, notes, value)))
-        return tuple(_value(arguments[0], each, notes, items, key) for each in value)
-    if (read := _scalar(kind, value, notes, table)) is not None:
+        list_key = replace(notes.key, expected=expected_of(notes, value))  # errors of an item name the whole list
+        item = annotated(arguments[0], replace(notes, key=list_key))
+        return tuple(_value(item, one, table, key) for one in value)
+    if (read := _scalar(notes, value, table)) is not None:
         if notes.key.there is not None and not notes.key.there(read):
             raise table.error(f"{key} {read} is not there")
         return read
-    raise table.bad(key, expected_of(kind, notes, value))
-
-
-class _Item(Table):
-    """The table of a list's items, whose errors name the whole list."""
-
-    def __init__(self, table: Table, error: InputError) -> None:
-        super().__init__({}, table.where, table.file)
-        self._error = error
-
-    def bad(self, key: str, expected: str) -> InputError:
-        return self._error
+    raise table.bad(key, expected_of(notes, value))
 
 
 def _beside(table: Table, name: str) -> Path:
@@ -168,8 +157,9 @@ def _alike(kind: Any, value: Any) -> bool:
     return (origin is tuple) if _is_list(value) else kind in (float, int, bool)
 
 
-def _scalar(kind: Any, value: Any, notes: Notes, table: Table) -> Any:
+def _scalar(notes: Notes, value: Any, table: Table) -> Any:
     """Return a number, text, flag or file; None where the value is not of that kind."""
+    kind = notes.type
     if kind is float and (number := as_number(value)) is not None:
         fits = isfinite(number) and notes.within.holds(number)
         return (notes.unit.read(value) if notes.unit else number) if fits else None
@@ -197,18 +187,18 @@ def as_number(value: Any) -> float | None:
         return float("inf")
 
 
-def expected_of(kind: Any, notes: Notes, value: Any = None) -> str:
+def expected_of(notes: Notes, value: Any = None) -> str:
     """Return what a key of that type may be, in words."""
     if notes.key.expected:
         return notes.key.expected
-    origin, arguments = get_origin(kind), get_args(kind)
+    kind, origin, arguments = notes.type, get_origin(notes.type), get_args(notes.type)
     if origin is Literal:
         return "one of " + ", ".join(arguments) + (nearest(value, arguments) if isinstance(value, str) else "")
     if origin is tuple:
         if get_origin(arguments[0]) is tuple:
             count = len(get_args(arguments[0]))
             return "a list of [u, v] points in m" if count == 2 else f"rows of {count} numbers"
-        many = {str: "texts", int: "whole numbers"}.get(members(annotated(arguments[0])[0])[0], "numbers")
+        many = {str: "texts", int: "whole numbers"}.get(members(annotated(arguments[0]).type)[0], "numbers")
         return f"a list of {many}" if arguments[-1] is ... else f"a list of {len(arguments)} {many}"
     words = {float: "a number", int: "a whole number", bool: "true or false", str: "a text", Path: "a text"}
     return words.get(kind, "a table") + str(notes.within)
@@ -233,8 +223,8 @@ class Encoder:
                 continue
             for outer in each.tables:
                 table = table.setdefault(outer, {})
-            table[name] = self._item(value, unit_of(each.type, each.notes))
-            comment = ", ".join(filter(None, (each.notes.unit.symbol if each.notes.unit else "", each.sentence)))
+            table[name] = self._item(value, unit_of(each.notes))
+            comment = ", ".join(filter(None, (each.notes.unit.symbol if each.notes.unit else "", each.notes.sentence)))
             if self._comments and comment:
                 table[name].comment(comment)
         return root

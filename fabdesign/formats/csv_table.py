@@ -43,7 +43,7 @@ class RawTable(NamedTuple):
 
 def read_raw_table(path: Path) -> RawTable:
     """Return the cells as they stand, however the columns are separated. Raises InputError where a row has another
-    width."""
+    width, where numbers have points in some cells and commas in others, and where commas may part thousands."""
     text = without_separator_line(decode_any(read_bytes(path, "a text file", largest=LARGEST_TEXT), path))
     mark = separator(next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), ""))
     try:
@@ -52,13 +52,25 @@ def read_raw_table(path: Path) -> RawTable:
         raise InputError(f"{path}: is no sound table ({error})") from None
     if not rows:
         raise InputError(f"{path}: is empty; expected a header line and rows of numbers")
-    header = rows[0][1]
-    if len(rows) == 1:
+    (_, header), *rows = rows
+    if not rows:
         raise InputError(f"{path}: has a header but no rows")
-    for line, row in rows[1:]:
+    for line, row in rows:
         if len(row) != len(header):
             raise InputError(f"{path} line {line}: {len(row)} values; the header names {len(header)} columns")
-    return _with_points(RawTable(header, rows[1:], mark, False), path)
+    commas, points = (
+        next(((line, cell) for line, row in rows for cell in row if kind.fullmatch(cell)), None)
+        for kind in (_WITH_COMMA, _WITH_POINT)
+    )
+    require_decimals(path, rows, mark, commas=commas is not None)
+    if commas is not None:
+        if points is not None:
+            raise InputError(
+                f"{path}: {commas[1]!r} in line {commas[0]} and {points[1]!r} in line {points[0]}; expected decimal "
+                "points or decimal commas, not both"
+            )
+        rows = [(i, [c.replace(",", ".") if _WITH_COMMA.fullmatch(c) else c for c in row]) for i, row in rows]
+    return RawTable(header, rows, mark, commas is not None)
 
 
 def without_separator_line(text: str) -> str:
@@ -80,12 +92,24 @@ def require_decimals(path: Path, rows: Iterable[tuple[int, Sequence[str]]], mark
     """Raise InputError where the commas, or else the points, in numbers may part thousands: where all have three digits
     behind them, and numbers without one stand in the same column, or commas stand where blanks or commas part the
     columns. Elsewhere semicolons or tabs say that they are decimal, and a note says how they are read."""
-    if not commas and mark not in (";", "\t"):
+    parted = mark in (";", "\t")
+    if not commas and not parted:
         return
-    if (first := _first_thousands(path, rows, _WITH_COMMA if commas else _WITH_POINT)) is None:
+    kind, first = _WITH_COMMA if commas else _WITH_POINT, None
+    plain, columns = set(), set()
+    for line, row in rows:
+        for i, cell in enumerate(row):
+            if kind.fullmatch(cell):
+                if not _THOUSANDS.fullmatch(cell):
+                    return  # it shows that the sign is decimal
+                first = first or (f"{path} line {line}: {cell!r}", cell)
+                columns.add(i)
+            elif is_number(cell):
+                plain.add(i)
+    if first is None:
         return
-    where, number = first.where, first.number
-    if first.beside_others or (commas and mark not in (";", "\t")):
+    where, number = first
+    if columns & plain or not parted:
         thousands, decimal = (number.replace("," if commas else ".", sign) for sign in ("", "."))
         raise InputError(
             f"{where} may be {thousands} or {decimal}; expected numbers that part no thousands, and semicolons between "
@@ -95,30 +119,6 @@ def require_decimals(path: Path, rows: Iterable[tuple[int, Sequence[str]]], mark
         note(f"{where} is read as {number.replace(',', '.')}, and so are all commas")
     else:
         note(f"{where} is read with a decimal point, and so are all numbers")
-
-
-class _Thousands(NamedTuple):
-    """A number that may part thousands, and whether numbers without a sign stand in such a column too."""
-
-    where: str
-    number: str
-    beside_others: bool
-
-
-def _first_thousands(path: Path, rows: Iterable[tuple[int, Sequence[str]]], kind: re.Pattern[str]) -> _Thousands | None:
-    """Return the first number with such a sign; None where a number shows that the sign is decimal, or none has it."""
-    first: tuple[str, str] | None = None
-    plain, columns = set(), set()
-    for line, row in rows:
-        for i, cell in enumerate(row):
-            if kind.fullmatch(cell):
-                if not _THOUSANDS.fullmatch(cell):
-                    return None
-                first = first or (f"{path} line {line}: {cell!r}", cell)
-                columns.add(i)
-            elif is_number(cell):
-                plain.add(i)
-    return None if first is None else _Thousands(*first, bool(columns & plain))
 
 
 def separator(header: str) -> str:
@@ -134,25 +134,6 @@ def _cells(text: str, mark: str) -> Iterable[tuple[int, list[str]]]:
         return ((i, line.split() or [""]) for i, line in enumerate(text.splitlines(), start=1))
     lines = csv.reader(io.StringIO(text), delimiter=mark)
     return ((lines.line_num, [cell.strip() for cell in row] or [""]) for row in lines)
-
-
-def _with_points(table: RawTable, path: Path) -> RawTable:
-    """Return the same with decimal points. Raises InputError where numbers have points in some cells and commas in
-    others, and where commas may part thousands."""
-    with_comma = [(line, cell) for line, row in table.rows for cell in row if _WITH_COMMA.fullmatch(cell)]
-    if not with_comma:
-        require_decimals(path, table.rows, table.mark, commas=False)
-        return table
-    commas = with_comma[0]
-    require_decimals(path, table.rows, table.mark, commas=True)
-    points = next(((line, cell) for line, row in table.rows for cell in row if _WITH_POINT.fullmatch(cell)), None)
-    if points is not None:
-        raise InputError(
-            f"{path}: {commas[1]!r} in line {commas[0]} and {points[1]!r} in line {points[0]}; expected decimal points "
-            "or decimal commas, not both"
-        )
-    read = [(i, [c.replace(",", ".") if _WITH_COMMA.fullmatch(c) else c for c in row]) for i, row in table.rows]
-    return table._replace(rows=read, decimal_comma=True)
 
 
 def decimal(text: str, path: Path, line: int, column: str) -> Decimal:

@@ -79,7 +79,7 @@ def _table(value: Any, unit: FileUnit | None) -> dict[str, Any]:
         inner = table
         for name in each.tables:
             inner = inner.setdefault(name, {})
-        content = plain(item, unit_of(each.type, each.notes) or unit)
+        content = plain(item, unit_of(each.notes) or unit)
         inner |= (content or {}) if key.inside else {each.name: content}
     return table
 
@@ -99,7 +99,7 @@ def _keys(form: type) -> tuple[tuple[FileKey, Callable[[Any], Any]], ...]:
         else:
             *tables, name = name.split(".")
             unit = next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), None)
-            key = FileKey(name, tuple(tables), name, Any, Notes(Key(inside=name == "**"), unit), "")
+            key = FileKey(name, tuple(tables), name, Notes(Any, Key(inside=name == "**"), unit))
         keys.append((key, source if callable(source) else partial(_at, source.split("."))))
     return tuple(keys)
 
@@ -143,7 +143,7 @@ def of_exact(kind: type[T], value: Any) -> T:
 def _of(kind: Any, value: Any) -> Any:
     import numpy as np
 
-    kind = annotated(kind)[0]
+    kind = annotated(kind).type
     origin, inner, alternatives = get_origin(kind), get_args(kind), members(kind)
     if alternatives != (kind,):
         if value is None and NoneType in inner:

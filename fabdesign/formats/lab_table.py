@@ -5,10 +5,12 @@ the units. What is written otherwise than this program writes it is said in one 
 refused, and so is what was surely measured in another unit.
 """
 
+import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
+from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 
@@ -33,46 +35,15 @@ class Unit:
     factor: Decimal  # to Pa, N, m, s, 1, N/m, V
 
 
-def _units(dimension: Dimension, **factors: str) -> dict[str, Unit]:
-    return {symbol: Unit(dimension, Decimal(factor)) for symbol, factor in factors.items()}
-
-
-# as written; where the case does not matter, in lower case
+_HEADINGS = json.loads(files("fabdesign").joinpath("data", "headings.json").read_text(encoding="utf-8"))
 UNITS: Mapping[str, Unit] = {
-    **_units("pressure", kPa="1e3", kpa="1e3", Pa="1", pa="1", hPa="100", hpa="100", MPa="1e6", mpa="1e6", bar="1e5"),
-    **_units("pressure", mbar="100", barg="1e5", psi="6894.757293168", psig="6894.757293168"),
-    **_units("force", N="1", n="1", kN="1e3", kn="1e3", mN="1e-3", lbf="4.4482216152605", kgf="9.80665"),
-    **_units("length", m="1", mm="1e-3", cm="1e-2", um="1e-6", **{"µm": "1e-6", "in": "0.0254", "inch": "0.0254"}),
-    **_units("time", s="1", sec="1", ms="1e-3", us="1e-6", min="60", µs="1e-6"),
-    **_units("ratio", percent="1e-2", pct="1e-2", **{"%": "1e-2", "-": "1", "1": "1", "m/m": "1", "mm/mm": "1"}),
-    **_units("voltage", V="1", v="1", mV="1e-3", mv="1e-3", volt="1", volts="1"),
-    **_units("tension", **{"n_per_m": "1", "N/m": "1", "n/m": "1", "N/mm": "1e3", "n/mm": "1e3", "kN/m": "1e3"}),
+    symbol: Unit(dimension, Decimal(factor))
+    for dimension, factors in _HEADINGS["units"].items()
+    for symbol, factor in factors.items()
 }
 _AS_WRITTEN = {"MN", "mPa"}  # another thing than their lower case
-WORDS: Mapping[str, tuple[str, ...]] = {
-    "time": ("time", "t", "zeit", "temps", "tiempo"),
-    "pressure": ("pressure", "p", "druck", "gauge_pressure", "pression", "presion", "pressure_measured", "istdruck"),
-    "pressure_command": ("pressure_command", "pressure_set", "set_point", "setpoint", "set_pressure", "solldruck"),
-    "contraction": ("contraction", "kontraktion", "contraction_ratio", "verkürzung", "contraccion"),
-    "force": ("force", "f", "kraft", "tension", "zugkraft", "fuerza"),
-    "load": ("load", "last"),
-    "displacement": ("displacement", "extension", "weg", "verschiebung", "hub", "déplacement"),
-    "stretch": ("stretch", "streckung"),
-    "strain": ("strain", "dehnung"),
-    "length": ("length", "länge", "longitud", "longueur"),
-    "tension": ("tension",),
-}
-DIMENSIONS: Mapping[str, Dimension] = {
-    **dict.fromkeys(("pressure", "pressure_command", "pressure_amplitude", "channel"), "pressure"),
-    "force": "force",
-    "load": "force",
-    "displacement": "length",
-    "length": "length",
-    "time": "time",
-    "tension": "tension",
-    "voltage": "voltage",
-    **dict.fromkeys(("contraction", "stretch", "strain"), "ratio"),
-}
+WORDS: Mapping[str, Sequence[str]] = {name: each["words"] for name, each in _HEADINGS["quantities"].items()}
+DIMENSIONS: Mapping[str, Dimension] = {name: each["dimension"] for name, each in _HEADINGS["quantities"].items()}
 _CHANNEL = re.compile(r"(?:channel|kanal|canal|ch|valve|ventil)_?(\d+)")
 # of a pressure, which files have as gauge pressure; a vacuum's sign is the other one
 _ABSOLUTE = re.compile(r"(?:^|[\W_])p?abs(?:ol\w*)?(?:[\W_]|\d|$)")
@@ -153,15 +124,9 @@ def _plain(name: str) -> str:
     return re.sub(r"[\s_\-]+", "_", name.strip().lower()).strip("_")
 
 
-@dataclass(frozen=True)
-class TableColumn:
-    index: int
-    heading: Heading
-    factor: Decimal  # to SI
-
-
 class LabTable:
-    """A table with its headings understood. `expected` goes into the messages: the format's own columns."""
+    """A table with its headings understood; a column is known by its place. `expected` goes into the messages: the
+    format's own columns."""
 
     def __init__(self, path: Path, expected: str) -> None:
         raw = read_raw_table(path)
@@ -169,6 +134,7 @@ class LabTable:
         self.headings = [parse_heading(text) for text in raw.header]
         self._written = raw.written
         self.taken: dict[int, str] = {}  # place of a column -> quantity
+        self.factors: dict[int, Decimal] = {}  # place of a column -> to SI
         self._units_row = parse_units_row(self.rows[0][1])
         if self._units_row is not None:
             self.headings = [self._with(*each) for each in zip(self.headings, self._units_row, strict=True)]
@@ -181,9 +147,9 @@ class LabTable:
             raise InputError(f"{self.path}: {heading.text} has the unit {symbol} in the row below; expected one unit")
         return replace(heading, symbol=heading.symbol or symbol or None)
 
-    def find(self, quantity: str, *, default: Decimal | None = None) -> TableColumn:
-        """Return the column of a quantity, by its name, or as the only one with such a unit. default: the factor of one
-        without a unit. Raises InputError for none, two, or one without a unit or with another quantity's."""
+    def find(self, quantity: str, *, default: Decimal | None = None) -> int:
+        """Return the place of a quantity's column, by its name, or as the only one with such a unit. default: the
+        factor of one without a unit. Raises InputError for none, two, or one without a unit or with another's."""
         words, named, unnamed = WORDS.get(quantity, ()), [], []
         for i, heading in enumerate(self.headings):
             is_of = heading.unit is not None and heading.unit.dimension == dimension_of(quantity)
@@ -195,8 +161,8 @@ class LabTable:
             raise self.bad(f"{len(named) or 'no'} column{'s hold' if named else ' holds'} the {quantity}")
         return self.take(named[0], quantity, default=default)
 
-    def take(self, index: int, quantity: str, *, default: Decimal | None = None) -> TableColumn:
-        """Return the column at a place as that quantity. Raises InputError like `find`."""
+    def take(self, index: int, quantity: str, *, default: Decimal | None = None) -> int:
+        """Take the column at a place as that quantity; return the place. Raises InputError like `find`."""
         heading, dimension = self.headings[index], dimension_of(quantity)
         unit = heading.unit
         if unit is None and heading.symbol is not None:
@@ -210,20 +176,21 @@ class LabTable:
         if dimension == "pressure" and _VACUUM.search(heading.name):
             raise self.bad(f"{heading.text} is a vacuum; all pressures are gauge pressures from 0")
         self.taken[index] = quantity
-        return TableColumn(index, heading, unit.factor if unit is not None else default or Decimal(1))
+        self.factors[index] = unit.factor if unit is not None else default or Decimal(1)
+        return index
 
     def bad(self, what: str) -> InputError:
         expected = f"expected {self._expected}, or headings with units, as pressure [bar]"
         return InputError(f"{self.path}: columns are {','.join(self.header)}; {expected} ({what})")
 
-    def numbers(self, column: TableColumn) -> NDArray[np.float64]:
+    def numbers(self, index: int) -> NDArray[np.float64]:
         """Return the column (n,), SI. Raises InputError for what is no number."""
-        index, text = column.index, column.heading.text
-        return np.array([float(decimal(row[index], self.path, i, text) * column.factor) for i, row in self.rows])
+        text, factor = self.headings[index].text, self.factors[index]
+        return np.array([float(decimal(row[index], self.path, i, text) * factor) for i, row in self.rows])
 
-    def text(self, column: TableColumn, row: int) -> str:
+    def text(self, index: int, row: int) -> str:
         """Return a number as it is written, with its heading."""
-        return f"{column.heading.text} = {self.rows[row][1][column.index]}"
+        return f"{self.headings[index].text} = {self.rows[row][1][index]}"
 
     def refuse(self, bad: NDArray[np.bool_], say: Callable[[int], str]) -> None:
         """Raise InputError for the first row that is bad, with its line."""

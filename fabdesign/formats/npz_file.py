@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from fabdesign.errors import InputError
-from fabdesign.formats.toml_file import read_bytes, require_count
+from fabdesign.formats.toml_file import open_plain, parsing, read_bytes, require_count
 
 _NPY = b"\x93NUMPY"
 LARGEST = 600_000_000  # bytes of all arrays as they lie in the file, unpacked
@@ -24,8 +24,8 @@ IN_MEMORY = 1_200_000_000  # bytes of one array as it lies in the file and as th
 class NpzArrays:
     """The arrays of an open npz, read as they are asked for."""
 
-    def __init__(self, archive: np.lib.npyio.NpzFile, path: Path, expected: str) -> None:
-        self._archive, self._path, self._expected = archive, path, expected
+    def __init__(self, archive: np.lib.npyio.NpzFile, path: Path, damaged: tuple[str, str]) -> None:
+        self._archive, self._path, self._damaged = archive, path, damaged
 
     def __contains__(self, name: str) -> bool:
         return name in self._archive.files
@@ -49,10 +49,8 @@ class NpzArrays:
                 f"{self._path}: {name}, {shape} {dtype}, takes {size / 1e6:.0f} MB in memory; expected at most "
                 f"{IN_MEMORY / 1e6:.0f} MB"
             )
-        try:
+        with parsing(self._path, *self._damaged):
             return np.asarray(self._archive[name])
-        except Exception:  # numpy and zipfile raise whatever they meet
-            raise _damaged(self._path, self._expected) from None
 
     def sound(
         self, name: str, expected: str, fits: Callable[[NDArray[Any]], object], kinds: str = "fiu", **how: Any
@@ -69,14 +67,11 @@ class NpzArrays:
             raise InputError(f"{self._path}: no array {name}; it has {', '.join(self._archive.files) or 'none'}")
         assert self._archive.zip is not None
         member = next(n for n in self._archive.zip.namelist() if n in (name, f"{name}.npy"))
-        try:
-            with self._archive.zip.open(member) as stream:
-                shape, dtype = _header(stream)
-                size = stream.tell() + math.prod(shape) * dtype.itemsize
-        except Exception:
-            raise _damaged(self._path, self._expected) from None
-        if dtype.hasobject or size != self._archive.zip.getinfo(member).file_size:
-            raise _damaged(self._path, self._expected)
+        with parsing(self._path, *self._damaged), self._archive.zip.open(member) as stream:
+            shape, dtype = _header(stream)
+            size = stream.tell() + math.prod(shape) * dtype.itemsize
+            if dtype.hasobject or size != self._archive.zip.getinfo(member).file_size:
+                raise ValueError(size)
         return shape, dtype
 
 
@@ -84,22 +79,13 @@ class NpzArrays:
 def open_npz(path: Path, expected: str) -> Iterator[NpzArrays]:
     """Open an npz. Raises InputError, which names what was `expected`, for no file, another one, and damage met inside
     the block."""
-    try:
-        if path.exists() and not path.is_file():
-            raise InputError(f"{path}: is no plain file; expected an npz with {expected}")
-        stream = path.open("rb")
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    with stream:
+    damaged = "is damaged or cut short", f"an npz with {expected}"
+    with open_plain(path, damaged[1]) as stream:
         if stream.read(len(_NPY)) == _NPY:
             raise InputError(f"{path}: holds one array; expected an npz with {expected}")
         stream.seek(0)
-        try:
+        with parsing(path, *damaged):
             archive = np.load(stream, allow_pickle=False)
-        except Exception:  # numpy and zipfile raise whatever they meet
-            raise _damaged(path, expected) from None
         if repeated := next((name for name in archive.files if archive.files.count(name) > 1), None):
             raise InputError(f"{path}: has the array {repeated} twice; expected each once")
         assert archive.zip is not None
@@ -109,7 +95,7 @@ def open_npz(path: Path, expected: str) -> Iterator[NpzArrays]:
             raise InputError(
                 f"{path}: unpacks to {size / 1e6:.0f} MB; expected an npz with {expected} of at most {most}"
             )
-        yield NpzArrays(archive, path, expected)
+        yield NpzArrays(archive, path, damaged)
 
 
 def read_npy(path: Path) -> NDArray[Any]:
@@ -118,10 +104,8 @@ def read_npy(path: Path) -> NDArray[Any]:
     expected = "an npy with points (n, 3)"
     content = read_bytes(path, expected)
     stream = io.BytesIO(content)
-    try:
+    with parsing(path, "is damaged or no npy", expected):
         shape, dtype = _header(stream)
-    except Exception:
-        raise InputError(f"{path}: is damaged or no npy; expected {expected}") from None
     if dtype.kind not in "fiu" or len(shape) not in (2, 3) or shape[-1] != 3:
         raise InputError(f"{path}: is {shape} {dtype}; expected {expected}")
     size = math.prod(shape) * dtype.itemsize  # before an array is made that has only its header's word
@@ -142,7 +126,3 @@ def _header(stream: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:
     if not all(isinstance(n, int) and n >= 0 for n in shape):
         raise ValueError(shape)
     return shape, dtype
-
-
-def _damaged(path: Path, expected: str) -> InputError:
-    return InputError(f"{path}: is damaged or cut short; expected an npz with {expected}")

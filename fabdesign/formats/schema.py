@@ -7,13 +7,13 @@ A dataclass may have `resolved(table)`: what is checked across keys once all are
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from decimal import Decimal
 from functools import cache
 from math import isfinite
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from fabdesign.runtime.effort import COARSEST, FINEST
 from fabdesign.units import from_mm, in_mm, kilopascals, pascals
@@ -94,11 +94,13 @@ class Key:
 
 @dataclass(frozen=True)
 class Notes:
-    """The limits, unit and sentence that annotations say of a value."""
+    """A type without its annotations, and what they say of a value."""
 
+    type: Any = Any
     key: Key = Key()
     unit: FileUnit | None = None
     within: Within = Within()
+    sentence: str = ""
 
 
 @dataclass(frozen=True)
@@ -108,9 +110,7 @@ class FileKey:
     field: str
     tables: tuple[str, ...]  # that the key stands in, within the table of the dataclass
     name: str
-    type: Any  # without annotations
     notes: Notes
-    sentence: str
     default: Any = None  # MISSING where there is none
 
 
@@ -124,28 +124,20 @@ def file_key(name: str, hint: Any, field: Any) -> FileKey:
     """Return the key of a dataclass's field by its type."""
     factory = getattr(field, "default_factory", MISSING)
     default = getattr(field, "default", MISSING) if factory is MISSING else factory()
-    plain, notes, sentence = annotated(hint)
-    if len(kinds := members(plain)) == 1:  # None stands for a key that is not there
-        plain, notes, _ = annotated(kinds[0], notes)
+    notes = annotated(hint)
+    if len(kinds := members(notes.type)) == 1:  # None stands for a key that is not there
+        notes = replace(annotated(kinds[0], notes), sentence=notes.sentence)
     *tables, key = (notes.key.name if notes.key.name is not None else name).split(".")
-    return FileKey(name, tuple(tables), key, plain, notes, sentence, default)
+    return FileKey(name, tuple(tables), key, notes, default)
 
 
 file_keys: Callable[[Any], tuple[FileKey, ...]] = cache(_file_keys)
 
 
-class Unannotated(NamedTuple):
-    """A type without its annotations, and what they say."""
-
-    type: Any
-    notes: Notes
-    sentence: str
-
-
-def annotated(hint: Any, outer: Notes = Notes()) -> Unannotated:
-    """Return a type and what its annotations say; what the outer ones say is kept."""
+def annotated(hint: Any, outer: Notes = Notes()) -> Notes:
+    """Return a type and what its annotations say; what the outer ones say is kept, but for the sentence."""
     if get_origin(hint) is not Annotated:
-        return Unannotated(hint, outer, "")
+        return replace(outer, type=hint, sentence="")
     plain, *marks = get_args(hint)
     key, unit, within = outer.key, outer.unit, outer.within
     for mark in marks:
@@ -153,7 +145,7 @@ def annotated(hint: Any, outer: Notes = Notes()) -> Unannotated:
         unit = mark if isinstance(mark, FileUnit) else unit
         within = mark if isinstance(mark, Within) else within
     sentence = next((mark for mark in marks if isinstance(mark, str)), "")
-    return Unannotated(plain, Notes(key, unit, within), sentence)
+    return Notes(plain, key, unit, within, sentence)
 
 
 def members(hint: Any) -> tuple[Any, ...]:
@@ -163,23 +155,23 @@ def members(hint: Any) -> tuple[Any, ...]:
     return tuple(member for member in get_args(hint) if member is not NoneType)
 
 
-def unit_of(hint: Any, outer: Notes) -> FileUnit | None:
+def unit_of(notes: Notes) -> FileUnit | None:
     """Return the unit that a value of a file has, or each of a list."""
-    kind, notes, _ = annotated(hint, outer)
     if notes.unit is not None or notes.key.form is not None:
-        return notes.unit or unit_of(notes.key.form, Notes())
+        return notes.unit or unit_of(annotated(notes.key.form))
+    kind = notes.type
     inner = get_args(kind)[:1] if get_origin(kind) is tuple else members(kind) if members(kind) != (kind,) else ()
-    return next(filter(None, (unit_of(each, notes) for each in inner)), None)
+    return next(filter(None, (unit_of(annotated(each, notes)) for each in inner)), None)
 
 
 def walk(form: type) -> Iterator[FileKey]:
     """Yield the keys of a table, with those of dataclasses whose fields stand in the same one."""
     for each in file_keys(form):
         if each.notes.key.inside:
-            yield from walk(members(each.type)[0])
+            yield from walk(members(each.notes.type)[0])
         elif each.notes.key.one_of:
             for name, kind in each.notes.key.one_of.items():
-                yield FileKey(each.field, each.tables, name, *annotated(kind))
+                yield FileKey(each.field, each.tables, name, annotated(kind))
         elif each.name:
             yield each
 
@@ -208,9 +200,9 @@ def _table(forms: tuple[type, ...]) -> dict[str, Any]:
             if each.notes.key.rest:
                 table["additionalProperties"] = {"type": ["number", "string", "object"]}
                 continue
-            value = _value(each.type, each.notes)
-            if each.sentence or each.notes.unit:
-                value["description"] = described(each)
+            value = _value(each.notes)
+            if each.notes.sentence or each.notes.unit:
+                value["description"] = described(each.notes)
             default, unit = each.default, each.notes.unit
             if isinstance(default, bool | int | str) or (isinstance(default, float) and isfinite(default)):
                 value["default"] = float(unit.write(default)) if unit and isinstance(default, float) else default
@@ -222,30 +214,30 @@ def _table(forms: tuple[type, ...]) -> dict[str, Any]:
     return root
 
 
-def described(each: FileKey) -> str:
+def described(notes: Notes) -> str:
     """Return the unit and the sentence of a key."""
-    unit = unit_of(each.type, each.notes)
-    return ", ".join(filter(None, (unit.symbol if unit else "", each.sentence)))
+    unit = unit_of(notes)
+    return ", ".join(filter(None, (unit.symbol if unit else "", notes.sentence)))
 
 
-def _value(hint: Any, outer: Notes) -> dict[str, Any]:
-    kind, notes, _ = annotated(hint, outer)
+def _value(notes: Notes) -> dict[str, Any]:
+    kind = notes.type
     if notes.key.form is not None:
-        return _value(notes.key.form, Notes())
+        return _value(annotated(notes.key.form))
     if notes.key.file is not None:
         return {"type": "string"}
     if len(kinds := members(kind)) > 1 or kinds != (kind,):
-        each = [_value(one, notes) for one in kinds]
+        each = [_value(annotated(one, notes)) for one in kinds]
         return each[0] if len(each) == 1 else {"anyOf": each}
     origin, arguments = get_origin(kind), get_args(kind)
     if origin is Literal:
         return {"enum": list(arguments)}
     if origin is tuple:
-        return {"type": "array", "items": _value(arguments[0], notes)} | (
+        return {"type": "array", "items": _value(annotated(arguments[0], notes))} | (
             {} if arguments[-1] is ... else {"minItems": len(arguments), "maxItems": len(arguments)}
         )
     if origin is Mapping:
-        return {"type": "object", "additionalProperties": _value(arguments[1], notes)}
+        return {"type": "object", "additionalProperties": _value(annotated(arguments[1], notes))}
     if isinstance(kind, type) and is_dataclass(kind):
         return _table((kind,))
     limits = {_LIMITS[name]: limit for name, limit in vars(notes.within).items() if limit is not None}

@@ -1,12 +1,15 @@
 """Files' bytes, texts and TOML: few enough bytes to be what was asked for, and nothing that would cost a parser
 minutes."""
 
+import os
 import re
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from decimal import Decimal
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from fabdesign.errors import CONTROL, InputError, note
 
@@ -24,21 +27,40 @@ _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
 _DEEP_KEY = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{_DEEPEST},}}+[ \t]*+([=\]]?)")
 
 
-def read_bytes(path: Path, what: str, *, largest: int = LARGEST) -> bytes:
-    """Return the whole content; `what` it should be goes into the messages. Raises InputError for a file that is not
-    there, not plain (a device, a pipe), larger than `largest` bytes, or cannot be read."""
+@contextmanager
+def open_plain(path: Path, what: str) -> Iterator[BinaryIO]:
+    """Open a file; `what` it should be goes into the messages. Raises InputError for one that is not there, not plain
+    (a device, a pipe), or cannot be read."""
     try:
         if path.exists() and not path.is_file():
             raise InputError(f"{path}: is no plain file; expected {what}")
-        size = path.stat().st_size
-        if size <= largest:
-            with path.open("rb") as stream:
-                content = stream.read(largest + 1)
-            size = len(content)
+        with path.open("rb") as stream:
+            yield stream
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+
+
+@contextmanager
+def parsing(where: Path | str, why: str, expected: str = "") -> Iterator[None]:
+    """Raise InputError for whatever a parser raises within the block. why: has {} where the kind of error is said."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        line = f"{where}: {why.format(type(error).__name__)}"
+        raise InputError(f"{line}; expected {expected}" if expected else line) from None
+
+
+def read_bytes(path: Path, what: str, *, largest: int = LARGEST) -> bytes:
+    """Return the whole content. Raises InputError like `open_plain`, and for more than `largest` bytes."""
+    with open_plain(path, what) as stream:
+        size = os.fstat(stream.fileno()).st_size
+        if size <= largest:
+            content = stream.read(largest + 1)
+            size = len(content)
     if size > largest:
         raise InputError(f"{path}: has {size / 1e6:.0f} MB; expected {what} of at most {largest / 1e6:.0f} MB")
     return content

@@ -96,8 +96,8 @@ class CylinderLaw(Law):
     def file(self, output: str) -> BenchLaw:
         """Return coefficients with their bands."""
         low, high = self.interval90.T
-        columns = {"coefficient_n": self.coefficients, "low90_n": low, "high90_n": high}
-        return BenchLaw("cylinder", output, columns, self.terms, self.form, self.presliding)
+        numbers = {"coefficient_n": self.coefficients, "low90_n": low, "high90_n": high}
+        return BenchLaw("cylinder", output, {"term": np.array(self.terms)} | numbers, self.form, self.presliding)
 
     @staticmethod
     def read(law: BenchLaw) -> Predict:

@@ -57,7 +57,7 @@ KINDS: Mapping[str, tuple[type, ...]] = {
     "measurement-set": (MeasurementSet,),
     "recording": (RecordingKeys,),
     "bench": (BenchKeys,),
-    "bench-law": (law_tables.LawKeys,),
+    "bench-law": (law_tables.BenchLaw,),
     "key": (GroundTruth,),
 }
 _STUDY = "fabdesign.study/1"  # whose file may leave the line out

@@ -287,8 +287,8 @@ def test_real_knit_and_cylinder_beat_the_plain_laws():
 )
 def test_a_written_law_reads_the_same(rows, specimen, presliding, tmp_path_factory):
     folder = tmp_path_factory.mktemp("law")
-    columns = {name: np.sort(rows) for name in TABLES[specimen] if name != "term"}
-    cylinder = {"terms": ("s p",) * len(rows), "form": "friction", "presliding": presliding}
+    columns = {name: np.full(len(rows), "s p") if name == "term" else np.sort(rows) for name in TABLES[specimen]}
+    cylinder = {"form": "friction", "presliding": presliding}
     law = BenchLaw(specimen, "force", columns, **(cylinder if specimen == "cylinder" else {}))
     write_bench_law(law, folder / "l.toml", folder / "l.csv", comment="a test")
     read = read_bench_law(folder / "l.toml")

@@ -15,10 +15,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fabdesign.depth.images import depth_image, of_colour, read_depth_npz, read_image_folder
+from fabdesign.depth.images import depth_image, of_colour, read_depth_npz, read_image_folder, read_mcap_depth
 from fabdesign.depth.intrinsics import Intrinsics, intrinsics_of, intrinsics_of_json
 from fabdesign.depth.realsense import read_realsense
-from fabdesign.depth.ros_image import read_mcap_depth
 from fabdesign.errors import InputError
 from tests.conftest import ROOT
 

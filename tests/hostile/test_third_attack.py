@@ -308,6 +308,18 @@ def test_a_depth_image_is_read(tmp_path: Path) -> None:
         assert len(read_geometry(tmp_path / f"{name}.npy").points) > 0.7 * each.size / 3
 
 
+@pytest.mark.parametrize("odd", [np.full((24, 32, 3), 0.3), np.where(np.arange(3) == 1, 1e200, depth_image())])
+def test_an_image_whose_points_are_none_is_refused(odd: np.ndarray, tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", odd)
+    with pytest.raises(InputError, match=r"a\.npy: "):
+        read_geometry(tmp_path / "a.npy")
+
+
+def test_a_comment_without_a_word_stands_above_points(tmp_path: Path) -> None:
+    (tmp_path / "a.xyz").write_text("#\n0 0 0\n0.1 0 0\n0 -0.1 0\n")
+    assert len(read_geometry(tmp_path / "a.xyz").points) == 3
+
+
 def write_numbered(folder: Path, kind: str, name: str, frames: np.ndarray) -> Path:
     """A cloud whose points have a number each, under `name`."""
     path, rows = folder / f"a.{kind}", np.column_stack([POINTS, frames])
