@@ -121,20 +121,15 @@ def _check(p: Array, eps: Array, force: Array) -> None:
         )
 
 
-def _penalties(m: int, n: int) -> list[Array]:
-    """Return the roughness of S along pressure and along contraction and of K, and a slight pull that makes the fit
-    unique."""
+def _cross_validated_penalty(a: Array, b: Array, m: int, n: int) -> Array:
+    """Return the penalty rows whose two weights minimise the generalised cross-validation score of the unconstrained
+    fit: on the roughness of S along pressure and along contraction; that of K, and a slight pull that makes the fit
+    unique, have none."""
     second_p, second_e = np.diff(np.eye(m), 2, axis=0), np.diff(np.eye(n), 2, axis=0)
     along_p = np.hstack([np.kron(second_p, np.eye(n)), np.zeros((len(second_p) * n, m))])
     along_e = np.hstack([np.kron(np.eye(m), second_e), np.zeros((m * len(second_e), m))])
     flat_kink = np.hstack([np.zeros((m - 1, m * n)), np.diff(np.eye(m), axis=0)])
-    return [along_p, along_e, np.vstack([flat_kink, 1e-3 * np.eye(m * n + m)])]
-
-
-def _cross_validated_penalty(a: Array, b: Array, m: int, n: int) -> Array:
-    """Return the penalty rows whose two weights minimise the generalised cross-validation score of the unconstrained
-    fit."""
-    along_p, along_e, rest = _penalties(m, n)
+    rest = np.vstack([flat_kink, 1e-3 * np.eye(m * n + m)])
     gram, rhs = a.T @ a, a.T @ b
     gram_p, gram_e, gram_rest = (x.T @ x for x in (along_p, along_e, rest))
 

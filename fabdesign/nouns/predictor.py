@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fabdesign.effects.acting import is_sensing, observed, seen_at
 from fabdesign.geometry.shape import Shape, Sheet, sheets_of
 from fabdesign.nouns.array import Array, Floats
-from fabdesign.nouns.column import Balances, Column, FacesJacobian, Jacobians, with_on_top
+from fabdesign.nouns.column import Balances, Column, FacesJacobian, Jacobians, move
 from fabdesign.nouns.forward import Case, Corrector, ForwardModel, with_history
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.pressure import PressureProgram
@@ -85,9 +85,23 @@ class Predictor:
             simulated = bare(modelled, columns)
             if self.corrector is None and not self.sensing:
                 return simulated
-            return with_on_top(modelled, columns, simulated, self._on_top)
+            return [self._changes(case, columns, one) for case, one in zip(modelled, simulated, strict=True)]
 
         return jacobians
+
+    def _changes(self, case: Case, columns: Sequence[Column], simulated: FacesJacobian) -> FacesJacobian:
+        """Return the Jacobian of what is made on top of a shape, which depends on the case too: central differences of
+        it alone, between shapes that move as `simulated` says, as far as a column's `far`."""
+        moves = [move(case, column, column.far) for column in columns]
+        shifts = np.array([steps.by for steps in moves]).reshape(-1, 2)  # (p, 2) units, down and up
+        changes = zip(shifts, simulated.changes, strict=True)
+        sides = [simulated.points + by * change for steps, change in changes for by in steps]
+        cases = [case, *(side for steps in moves for side in steps.sides)]
+        points, *moved = self._on_top(cases, [simulated.points, *sides])
+        pairs = np.array(moved, dtype=float).reshape(len(columns), 2, *points.shape)
+        with np.errstate(invalid="ignore"):  # of columns that are NaN
+            slopes = (pairs[:, 1] - pairs[:, 0]) / np.ptp(shifts, axis=1)[:, None, None]
+        return FacesJacobian(points, slopes, simulated.exact)
 
     @property
     def balances(self) -> Balances | None:
