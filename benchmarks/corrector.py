@@ -30,8 +30,7 @@ from fabdesign.files.model_file import read_model
 from fabdesign.geometry.metrics import Errors, closed, mean_errors, trial_errors
 from fabdesign.geometry.sensor_noise import SensorNoise
 from fabdesign.geometry.shape import Shape
-from fabdesign.nouns.corrector import central_hash, with_history
-from fabdesign.nouns.forward import Case
+from fabdesign.nouns.forward import Case, with_history
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import MeasurementSet, Trial
@@ -69,7 +68,7 @@ class Simulated:
         return {t.name: np.load(self._file(model, t)) for t in trials}
 
     def _file(self, model: Model, trial: Trial) -> Path:
-        return self.folder / f"{central_hash(model)[:16]}-{model.points_per_side}-{trial.name}.npy"
+        return self.folder / f"{model.central_hash[:16]}-{model.points_per_side}-{trial.name}.npy"
 
 
 @dataclass(frozen=True)

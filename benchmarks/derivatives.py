@@ -20,7 +20,7 @@ from fabdesign.nouns.column import Column
 from fabdesign.nouns.forward import PARAMETERS, Case, Term
 from fabdesign.nouns.pressure import PressureProgram
 from sim import Simulator
-from tests.sim.derivatives_reference import kinds, kinds_of_effects, lacking
+from tests.sim.derivatives_reference import kinds, kinds_of_effects, lacking, of_effect
 
 ROUNDS = 5
 SIZES = 21, 41
@@ -46,7 +46,7 @@ def columns() -> list[Column]:
         *(column.factor(name) for name in PARAMETERS if name != "damping"),
         *(column.corner(k, end, (1.0, 0.0)) for k in range(4) for end in range(2)),
         *(column.corner(k, 1, (0.0, -1.0)) for k in range(3)),
-        *(column.of_effect("rest_curvature", name, 0.1) for name in ("across", "down", "twist")),
+        *(of_effect("rest_curvature", name, 0.1) for name in ("across", "down", "twist")),
     ]
 
 

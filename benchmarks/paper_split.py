@@ -20,7 +20,7 @@ from corrector.paper_training import PaperTraining
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.model_file import read_model
 from fabdesign.geometry.metrics import Errors, mean_errors, trial_errors
-from fabdesign.nouns.corrector import central_hash, with_history
+from fabdesign.nouns.forward import with_history
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.output import work_folder, write_text
 from fabdesign.runtime.store import Checkpoint
@@ -99,7 +99,7 @@ def main() -> None:
     forward = Predictor(Simulator(base.points_per_side), sensing=True)
     with work_folder(options.work, made_by="paper_split") as work:
         plan = PaperTraining.here(SEED)
-        checkpoint = Checkpoint(work, {"set": str(options.set), "model": central_hash(base), "plan": repr(plan)})
+        checkpoint = Checkpoint(work, {"set": str(options.set), "model": base.central_hash, "plan": repr(plan)})
         weights, about = paper.train(shown, forward, plan, checkpoint, progress=say)
         found = errors_of(trials, away, PaperCorrector.of(weights, about), forward, checkpoint)
     text = table(found)

@@ -20,9 +20,8 @@ from corrector.shape import FINE, LocalFrames, displaced
 from fabdesign.errors import InputError
 from fabdesign.geometry.shape import Shape
 from fabdesign.nouns.array import Floats
-from fabdesign.nouns.corrector import Corrector, Trust, central_hash, with_history
 from fabdesign.nouns.design import Design
-from fabdesign.nouns.forward import Case
+from fabdesign.nouns.forward import Case, Corrector, Trust, with_history
 from fabdesign.nouns.model import Model
 from fabdesign.output import atomic_file
 
@@ -31,7 +30,7 @@ FAMILIAR = 0.2  # distance over which a design stops being one of those learned 
 
 @dataclass(frozen=True, eq=False)
 class FieldCorrector:
-    """Implements fabdesign.nouns.corrector.Corrector. `known`: the designs it learned from (`designs.described`)."""
+    """Implements fabdesign.nouns.forward.Corrector. `known`: the designs it learned from (`designs.described`)."""
 
     seen: NDArray[np.float64]  # (K,) coefficients of the basis functions, for layouts learned from
     unseen: NDArray[np.float64]  # (K,) for others
@@ -52,7 +51,7 @@ class FieldCorrector:
     def correct(
         self, cases: Sequence[Case], times: Sequence[NDArray[np.float64]], motions: Sequence[Floats]
     ) -> list[NDArray[np.float32]]:
-        """See fabdesign.nouns.corrector.Corrector."""
+        """See fabdesign.nouns.forward.Corrector."""
         return [self._correct(*one) for one in zip(cases, times, motions, strict=True)]
 
     def _correct(self, case: Case, times: NDArray[np.float64], motion: Floats) -> NDArray[np.float32]:
@@ -127,7 +126,7 @@ def load_corrector(model: Model) -> Corrector:
     if path is None:
         raise ValueError("the model names no corrector")
     weights, about = read_weights(path)
-    if about.get("trained_on") != central_hash(model):
+    if about.get("trained_on") != model.central_hash:
         raise InputError(
             f"{path}: trained on other parameters or effects than the model has; expected those it was trained on "
             "(train again, or take [corrector] out of the model)"

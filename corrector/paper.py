@@ -17,9 +17,8 @@ from torch import Tensor, nn
 
 from corrector.layout import described, distance
 from fabdesign.nouns.array import Floats
-from fabdesign.nouns.corrector import Trust, with_history
 from fabdesign.nouns.design import Design
-from fabdesign.nouns.forward import SIDE, Case
+from fabdesign.nouns.forward import SIDE, Case, Trust, with_history
 
 FRAMES = 5  # whose codes the LSTM takes
 OUTPUT_POINTS = 2 * SIDE * SIDE
@@ -103,7 +102,7 @@ def _taken(points: Tensor, index: Tensor) -> Tensor:
 
 @dataclass(frozen=True, eq=False)
 class PaperCorrector:
-    """Implements fabdesign.nouns.corrector.Corrector; the answer is an unordered cloud from the sixth frame on, the
+    """Implements fabdesign.nouns.forward.Corrector; the answer is an unordered cloud from the sixth frame on, the
     simulator's points before. It has no limit of trust, as the paper has none."""
 
     simulated: Autoencoder
@@ -143,7 +142,7 @@ class PaperCorrector:
     def correct(
         self, cases: Sequence[Case], times: Sequence[NDArray[np.float64]], motions: Sequence[Floats]
     ) -> list[NDArray[np.float32]]:
-        """See fabdesign.nouns.corrector.Corrector."""
+        """See fabdesign.nouns.forward.Corrector."""
         return [self._correct(t, motion) for t, motion in zip(times, motions, strict=True)]
 
     def _correct(self, times: NDArray[np.float64], motion: Floats) -> NDArray[np.float32]:

@@ -16,8 +16,7 @@ from corrector.shape import FINE, LocalFrames
 from fabdesign.geometry.shape import Shape
 from fabdesign.geometry.surface import Surface, front_triangles
 from fabdesign.nouns.array import Array, Floats
-from fabdesign.nouns.corrector import with_history
-from fabdesign.nouns.forward import Case
+from fabdesign.nouns.forward import Case, with_history
 from fabdesign.units import in_mm
 
 _WIDTHS = (5, 5, 5, 3, 3, 3)  # nodes, of the squares over which a round takes its means: wide as long as faces mix

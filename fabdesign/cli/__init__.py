@@ -23,11 +23,8 @@ add_commands()
 
 
 class Terminated(BaseException):
-    """A signal asked the program to end. Like KeyboardInterrupt no Exception, so that all is cleaned up on its way."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__(ended_by(number))
-        self.number = number
+    """A signal, whose number it has, asked the program to end. Like KeyboardInterrupt no Exception, so that all is
+    cleaned up on its way."""
 
 
 def main() -> None:
@@ -55,7 +52,7 @@ def main() -> None:
             raise
         _fail(needs(error), 1)
     except Terminated as stop:
-        _end(stop, stop.number)
+        _end(stop, stop.args[0])
     except (click.exceptions.Abort, KeyboardInterrupt) as stop:
         _end(stop, signal.SIGINT)
     except (OSError, MemoryError, ImportError, RuntimeError, SystemError) as error:  # after Abort, a RuntimeError

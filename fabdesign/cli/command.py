@@ -94,13 +94,9 @@ class _Turn(click.ParamType[tuple[float, ...]]):
         return angles
 
 
-class _Texts(click.ParamType[list[str]]):
-    """Texts, separated by commas."""
-
-    name = "text"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        return value.split(",") if value else []
+def text(value: str) -> list[str]:
+    """Return texts, separated by commas: click's type of this name."""
+    return value.split(",") if value else []
 
 
 # click's types, by how a parameter is annotated
@@ -170,7 +166,7 @@ def _parameter(verb: Verb, name: str, annotation: str, default: Any, sentence: s
     required = default is _NONE or (name == "out" and default is None and not verb.optional)
     more: dict[str, Any] = {"is_flag": True} if kind == "bool" else {"type": type_}
     if several:
-        more |= {"multiple": True} if word.repeated else {"type": _Texts()}
+        more |= {"multiple": True} if word.repeated else {"type": text}
     elif not any(default is none for none in (_NONE, None, False)):
         more |= {"default": default, "show_default": True}
     if name == "cluster":

@@ -9,7 +9,6 @@ import tomlkit
 from fabdesign.errors import InputError
 from fabdesign.formats.codec import Encoder, decode
 from fabdesign.formats.table import load_toml, nearest
-from fabdesign.nouns.corrector import central_hash
 from fabdesign.nouns.model import PARTS, Model
 from fabdesign.nouns.model_sampling import spread_of
 from fabdesign.output import write_text
@@ -23,7 +22,7 @@ def read_model(path: Path | str) -> Model:
     if path.is_dir():
         path = path / "model.toml"
     model = decode(Model, load_toml(path, FORMAT))
-    if model.corrector_hash not in (None, central_hash(model)):
+    if model.corrector_hash not in (None, model.central_hash):
         raise InputError(
             f"{path}: corrector: trained on other parameters or effects than the file has now; expected those it was "
             "trained on (train again, or take [corrector] out)"

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any, Unpack
 from fabdesign.errors import InputError
 from fabdesign.interface.run import Run, all_sets
 from fabdesign.interface.searches import study_verb
-from fabdesign.interface.verb import VERBS, Computing, Verb, verb
+from fabdesign.interface.verb import VERBS, Computing, DesignLike, File, Folder, ModelLike, SetLike, Verb, verb
 
 if TYPE_CHECKING:
     from fabdesign.files.motion_file import Motion
-    from fabdesign.interface.verb import DesignLike, File, Folder, ModelLike, SetLike
     from studies.loop.record import LoopOutcome
     from studies.sensitivity.result import SensitivityResult
     from studies.unseen.result import UnseenResult

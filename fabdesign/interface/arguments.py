@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,12 +12,10 @@ from fabdesign.errors import InputError
 from fabdesign.files.design_file import read_design
 from fabdesign.files.pressure_file import constant_program, read_pressures
 from fabdesign.interface.run import as_given, many_of, require_kind, several
+from fabdesign.interface.verb import DesignLike, Pressures
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.pressure import PressureProgram, require_pressures
 from fabdesign.units import from_kpa
-
-if TYPE_CHECKING:
-    from fabdesign.interface.verb import DesignLike, Pressures
 
 
 def one_design(design: DesignLike) -> Design:
@@ -48,7 +46,13 @@ def one_program(pressures: Pressures, design: Design) -> PressureProgram:
     if isinstance(pressures, Path | str):
         return read_pressures(pressures, design)
     if not isinstance(pressures, PressureProgram):
-        pressures = constant_program(from_kpa(_numbers(f"pressures of {design.name}", pressures)))
+        try:
+            row = np.asarray(pressures, dtype=float)
+        except (TypeError, ValueError):
+            row = np.empty((0, 0))
+        if row.ndim != 1:
+            raise InputError(f"pressures of {design.name}: {as_given(pressures)}; expected kPa of every channel")
+        pressures = constant_program(from_kpa(row))
     require_pressures(pressures, design, f"pressures of {design.name}")
     return pressures
 
@@ -58,16 +62,16 @@ def pairs(
 ) -> tuple[list[tuple[Design, PressureProgram]], bool]:
     """Return designs with their pressures, and whether it is one pair alone. One design goes with all pressures, one
     row of pressures with all designs; else they are as many. Raises InputError."""
-    one = isinstance(designs, Design | Path | str)
     read = [one_design(each) for each in several("designs", designs, Design)]
-    rows = [*pressures] if _are_many(pressures) else [pressures]
-    lone = one and not _are_many(pressures)
+    are_many = _are_many(pressures)
+    rows = [*pressures] if are_many else [pressures]
     if len(read) == 1:
         read *= len(rows)
     if len(rows) == 1:
         rows *= len(read)
     if not read or len(read) != len(rows):
         raise InputError(f"{len(read)} designs with {len(rows)} pressures; expected as many, or one of either")
+    lone = isinstance(designs, Design | Path | str) and not are_many
     return [(design, one_program(row, design)) for design, row in zip(read, rows, strict=True)], lone
 
 
@@ -94,14 +98,3 @@ def ends_of(what: str, given: Any) -> tuple[Any, Any]:
     if len(ends) != 2:
         raise InputError(f"{what}: {as_given(given)}; expected two, the least and the most")
     return ends[0], ends[1]
-
-
-def _numbers(what: str, given: Any) -> np.ndarray:
-    """Return a row of kPa. Raises InputError."""
-    try:
-        row = np.asarray(given, dtype=float)
-    except (TypeError, ValueError):
-        row = np.empty((0, 0))
-    if row.ndim != 1:
-        raise InputError(f"{what}: {as_given(given)}; expected kPa of every channel")
-    return row

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 from fabdesign.errors import InputError
 from fabdesign.interface.run import Run, many_of, paths_of, simulator
-from fabdesign.interface.verb import Looking, Placing, Shown, Writing, verb
+from fabdesign.interface.verb import DesignLike, File, Folder, Looking, ModelLike, Placing, Shown, Toml, Writing, verb
 
 if TYPE_CHECKING:
     from fabdesign.clouds.target_file import AsTarget
     from fabdesign.drawings.sewing import Exported
-    from fabdesign.interface.verb import DesignLike, File, Folder, ModelLike, Toml
     from fabdesign.nouns.design import Design
     from studies.check.findings import Findings
 

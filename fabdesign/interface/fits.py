@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 from fabdesign.errors import InputError
 from fabdesign.interface.run import Run, all_sets, benches_of, paths_of, simulator
-from fabdesign.interface.verb import Computing, Shown, verb
+from fabdesign.interface.verb import Computing, ModelLike, SetLike, Shown, Toml, verb
 from fabdesign.units import in_mm
 
 if TYPE_CHECKING:
-    from fabdesign.interface.verb import ModelLike, SetLike, Toml
     from fabdesign.nouns.model import Model
     from fabdesign.nouns.trial import MeasurementSet
     from optimize.fit.parameters import FitVector
@@ -24,7 +23,15 @@ if TYPE_CHECKING:
 def _calibrated(result: Any, given: Mapping[str, Any]) -> Shown:
     out, sources = given["out"], given["measured"]
     if isinstance(result, list):
-        return _calibrated_benches(result, Path(out))
+        from studies.benches.calibrate import effects_in_words, errors_in_words, next_step, noise_in_words
+
+        contents = [one.to_json() for one in result]
+        files, lines = [str(Path(out).with_name(name)) for name in result[0].files], []
+        for one in result:
+            lines.append(f"{files[0]}: {one.bench.name}, {errors_in_words(one)}")
+            lines += [*noise_in_words(one), *effects_in_words(one)]
+        content = contents[0] if len(contents) == 1 else {"benches": contents}
+        return Shown(content | {"files": files}, "\n".join([*lines, f"next: {next_step(result[0], Path(out))}"]))
     from fabdesign.nouns.trial import LEAST_TRIALS
     from studies.calibration.result import as_text
 
@@ -34,18 +41,6 @@ def _calibrated(result: Any, given: Mapping[str, Any]) -> Shown:
         then, why = f"fabdesign trace {named} --model {out} -o traced", "which effect the model lacks, if any"
     text = f"{out}: {as_text(result)}\nnext: {then} ({why})"
     return Shown(result.to_json() | {"model": str(out), "next": then}, text)
-
-
-def _calibrated_benches(fitted: Sequence[BenchCalibration], out: Path) -> Shown:
-    from studies.benches.calibrate import effects_in_words, errors_in_words, next_step, noise_in_words
-
-    results = [one.to_json() for one in fitted]
-    files = [str(out.with_name(name)) for name in fitted[0].files]
-    lines = []
-    for one in fitted:
-        lines += [f"{files[0]}: {one.bench.name}, {errors_in_words(one)}", *noise_in_words(one), *effects_in_words(one)]
-    content = results[0] if len(results) == 1 else {"benches": results}
-    return Shown(content | {"files": files}, "\n".join([*lines, f"next: {next_step(fitted[0], out)}"]))
 
 
 @verb(_calibrated, "SET...", title="calibrating")
@@ -90,11 +85,10 @@ def calibrate(
     from fabdesign.nouns.model import Model
     from fabdesign.runtime.effort import CALIBRATION, fit_in_words, fit_seconds
     from studies.calibration.calibrate import DRAWN, CalibrationOptions, calibrate_sets, orders_of
-    from studies.measured.splits import Tolerance
     from studies.measured.used_frames import GRID as COARSE
 
     orders = None if fit is None else orders_of(",".join(map(str, fit)))
-    sets, skipped = run.sound(all_sets(measured), Tolerance(skip_bad))
+    sets, skipped = run.sound(all_sets(measured), skip_bad=skip_bad)
     base = run.model(model) or Model()
     vector = unknowns_of(free, fix, base, sets)
     taken = [t for one in sets for t in one.trials if (t.role == "fit" if orders is None else t.order in orders)]
@@ -146,16 +140,11 @@ def unknowns_of(free: Sequence[str], fix: Sequence[str], base: Model, sets: Sequ
 
 
 def _trained(result: TrainingResult, given: Mapping[str, Any]) -> Shown:
+    """Return what was learned from what, and what it is worth on trials that took no part."""
     out = Path(given["out"])
     content = {"model": str(out), "weights": str(out.with_suffix(".safetensors")), "skipped": [*result.skipped]}
-    text = [f"{out}: {_in_words(result)}", *(f"skipped: {line}" for line in result.skipped)]
-    return Shown(result.to_json() | content, "\n".join(text))
-
-
-def _in_words(result: TrainingResult) -> str:
-    """Return lines for a person: what was learned from what, and what it is worth on trials that took no part."""
     lines = [
-        f"{result.about['network']} corrector on {result.base}, {result.learned_from} trials learned from"
+        f"{out}: {result.about['network']} corrector on {result.base}, {result.learned_from} trials learned from"
         + ("" if result.held_out else "; no trial was held out, so nothing says what it is worth")
     ]
     lines += [_line(name, of, ordered=result.about["network"] == "field") for name, of in result.held_out.items()]
@@ -171,7 +160,8 @@ def _in_words(result: TrainingResult) -> str:
     lines.append(result.intervals)
     if result.used.stretches is not None:
         lines.append(result.used.in_words)
-    return "\n".join(lines)
+    lines += [f"skipped: {line}" for line in result.skipped]
+    return Shown(result.to_json() | content, "\n".join(lines))
 
 
 def _line(name: str, of: HeldOutErrors, *, ordered: bool) -> str:
@@ -224,18 +214,15 @@ def train(
     from fabdesign.nouns.model import Model
     from fabdesign.output import new_files
     from fabdesign.runtime.effort import CALIBRATION, TRAINING, fit_seconds, in_words, on_cores, trials_seconds
-    from studies.measured.splits import Tolerance
     from studies.measured.used_frames import GRID as COARSE
     from studies.training.data import TrainingOptions
     from studies.training.train import train_on
 
     run, out = Run(**given), Path(out)
     base = run.model(model) or Model()
-    sets, skipped = run.sound(all_sets(measured), Tolerance(skip_bad))
+    sets, skipped = run.sound(all_sets(measured), skip_bad=skip_bad)
     base = replace(base, points_per_side=grid or base.points_per_side)
     vector = unknowns_of(free, (), base, sets) if free else None
-    beside = out.with_suffix(".safetensors").name
-    places = new_files(out, companions=[beside], force=run.force, inputs=paths_of(measured, model))
     motion = [float(t.times[-1]) for one in sets for t in one.trials if t.role == "fit"]
     seconds = trials_seconds(TRAINING, motion)
     if vector is not None:
@@ -243,6 +230,8 @@ def train(
     # how long the paper's takes is its plan's
     estimate = in_words(seconds, f"{len(motion)} trials", on_cores()) if motion and network == "field" else None
     show = run.opened(lambda: estimate)
+    beside = out.with_suffix(".safetensors").name
+    places = new_files(out, companions=[beside], force=run.force, inputs=paths_of(measured, model))
     with places as unfinished, run.computing():
         options = TrainingOptions(
             base=base,

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from fabdesign.errors import InputError
 from fabdesign.formats.json_file import json_text
 from fabdesign.interface.run import Run, paths_of
-from fabdesign.interface.verb import Extending, Shown, Working, Writing, verb
+from fabdesign.interface.verb import Extending, File, Shown, Working, Writing, verb
 
 if TYPE_CHECKING:
     from fabdesign.effects import Effect
-    from fabdesign.interface.verb import File
     from studies.report.result_folders import EvaluationsTable, Figure, ResultFolder
 
 
@@ -93,13 +93,11 @@ def table(folder: File, out: File, **given: Unpack[Writing]) -> EvaluationsTable
 
     out, folder, force = Path(out), Path(folder), Run(**given).force
     kind = out.suffix.lower()
-    if kind not in (".csv", ".parquet", ".db"):
+    needed = {".csv": (), ".parquet": ("pandas", "pyarrow"), ".db": ("optuna",)}
+    if kind not in needed:
         raise InputError(f"{out}: expected a name that ends in .csv, .parquet or .db")
-    if kind == ".parquet":
-        import pandas  # noqa: F401 missing: said before anything is done
-        import pyarrow  # noqa: F401
-    if kind == ".db":
-        import optuna  # noqa: F401 the same
+    for module in needed[kind]:
+        import_module(module)  # missing: said before anything is done
     with new_file(out, force=force) as unfinished:
         evaluations = read_evaluations(folder)
         if kind == ".db":

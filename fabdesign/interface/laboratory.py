@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 from fabdesign.errors import InputError
 from fabdesign.interface.run import Run, many_of
-from fabdesign.interface.verb import Computing, Shown, Working, verb
+from fabdesign.interface.verb import Computing, DesignLike, File, Folder, Pressures, Shown, Working, verb
 
 if TYPE_CHECKING:
-    from fabdesign.interface.verb import DesignLike, File, Folder, Pressures
     from studies.fusion.report import FusionReport
 
 
@@ -101,7 +100,15 @@ def rig(
 
     if out is None:
         raise InputError("rig: no output; expected the measurement set to write")
-    run, session = Run(**given), _session(design, many_of("pressures", pressures), more)
+    run, session = Run(**given), [(design, [*many_of("pressures", pressures)])]
+    for file in map(str, more):
+        if file.lower().endswith(".toml"):
+            session.append((Path(file), []))
+        else:
+            session[-1][1].append(file)
+    for one, programs in session:
+        if not programs:
+            raise InputError(f"{one}: no pressures; expected a program after it, or --pressures for the first design")
     with run.computing():
         run_rig(
             RigSession(session, key, test_trials),
@@ -112,19 +119,3 @@ def rig(
             say=run.say,
         )
     return sum(len(programs) for _, programs in session)
-
-
-def _session(first: Any, pressures: Sequence[Any], more: Sequence[File]) -> list[tuple[Any, list[Any]]]:
-    """Return each design with its pressures, those that follow it. Raises InputError."""
-    session: list[tuple[Any, list[Any]]] = [(first, [*pressures])]
-    for given in map(str, more):
-        if given.lower().endswith(".toml"):
-            session.append((Path(given), []))
-        else:
-            session[-1][1].append(given)
-    for design, programs in session:
-        if not programs:
-            raise InputError(
-                f"{design}: no pressures; expected a program after it, or --pressures for the first design"
-            )
-    return session

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any, Unpack
 from fabdesign.errors import InputError
 from fabdesign.interface.fits import unknowns_of
 from fabdesign.interface.run import Run, all_sets, benches_of, paths_of, several, simulator, work_folder
-from fabdesign.interface.verb import Computing, Shown, verb
+from fabdesign.interface.verb import Computing, DesignLike, Folder, ModelLike, SetLike, Shown, verb
 
 if TYPE_CHECKING:
     from fabdesign.files.motion_file import Motion
-    from fabdesign.interface.verb import DesignLike, Folder, ModelLike, SetLike
     from fabdesign.nouns.trial import Role
     from studies.benches.evaluate import BenchEvaluation
 
@@ -60,21 +59,13 @@ def evaluate(
             raise InputError(f"{benches[0]}: a bench among {len(benches)} sources; expected a bench alone, or sets")
         return _evaluate_bench(run, benches[0], model, out, roles)
     from fabdesign.runtime.effort import EVALUATION, in_words, on_cores, trials_seconds
-    from studies.measured.splits import Tolerance
     from studies.measured.used_frames import GRID as COARSE
     from studies.prediction.evaluate import evaluate_sets
     from studies.prediction.evaluation_report import write_evaluation
     from studies.prediction.forward_model import enough_points, forward_model
 
     fitted = run.known_model(model, without)
-    sets, skipped = run.sound(all_sets(measured), Tolerance(skip_bad), roles)
-    done, of = 0, 0
-
-    def count(now: int, of_all: int) -> None:
-        nonlocal done, of
-        done, of = now, of_all
-        run.progress(f"evaluated {done} of {of} trials", done / of)
-
+    sets, skipped = run.sound(all_sets(measured), skip_bad=skip_bad, roles=roles)
     with run.folder(out, "evaluate", paths_of(measured, model)) as unfinished, run.computing():
         trials = [trial for one in sets for trial in one.trials]
         asked = [trial for trial in trials if trial.role in roles]
@@ -89,10 +80,10 @@ def evaluate(
             coarse=simulator(COARSE),
             roles=roles,
             on_interrupt="end",
-            progress=count,
+            progress=lambda done, of: run.progress(f"evaluated {done} of {of} trials", done / of),
         )
-        if done < of:
-            run.say(f"interrupted, with the first {done} of {of} trials")
+        if (done := len(evaluation.rows)) < len(asked):
+            run.say(f"interrupted, with the first {done} of {len(asked)} trials")
         if unfinished is not None:
             write_evaluation(evaluation, unfinished)
     return replace(evaluation, skipped=tuple(skipped))
@@ -242,7 +233,7 @@ def trace(
     from fabdesign.nouns.model import Model
     from fabdesign.runtime.effort import TRACE, Pace, fit_in_words, fit_seconds
     from studies.fitting.fitted_model import EXCESS
-    from studies.measured.splits import TRIALS, Tolerance
+    from studies.measured.splits import TRIALS
     from studies.measured.used_frames import GRID
     from studies.model_selection.verdict import SO_FAR
     from studies.tracing.run import DRAWN, Options, trace_set
@@ -250,7 +241,7 @@ def trace(
     fitted, sets = run.model(model), all_sets(measured)
     if len(sets) != 1:
         raise InputError(f"{len(sets)} measurement sets; expected one")
-    (sound,), _ = run.sound(sets, Tolerance(skip_bad=False))
+    (sound,), _ = run.sound(sets, skip_bad=False)
     motion = [min(t.times[-1], DRAWN.until) for t in sound.trials if t.role == "fit"][:TRIALS]
     unknowns = len(unknowns_of(["all"], (), fitted or Model(), [sound]).parameters)
     seconds = fit_seconds(TRACE, motion, unknowns, grid or GRID)

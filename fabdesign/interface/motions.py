@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Unpack
@@ -12,14 +11,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 from fabdesign.errors import InputError
 from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.interface.run import Run, paths_of, simulator
-from fabdesign.interface.verb import Computing, Shown, verb
+from fabdesign.interface.verb import Computing, DesignLike, File, ModelLike, Npz, Pressures, Shown, verb
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from fabdesign.files.motion_file import Motion
-    from fabdesign.interface.verb import DesignLike, File, ModelLike, Npz, Pressures
     from fabdesign.nouns.design import Design
     from fabdesign.nouns.pressure import PressureProgram
 
@@ -77,7 +75,7 @@ def simulate(
     >>> motion.time.shape, motion.faces.shape
     ((7,), (7, 2, 41, 41, 3))
     """
-    from fabdesign.files.motion_file import mesh_paths
+    from fabdesign.files.motion_file import mesh_paths, square_triangles, write_mesh, write_motion
     from fabdesign.files.pressure_file import note_slight
     from fabdesign.interface.arguments import pairs
     from fabdesign.nouns.forward import HOLD, RISE, Case
@@ -100,7 +98,9 @@ def simulate(
     meshes = [] if mesh is None else mesh_paths(Path(mesh), 1 if equilibrium else len(times[0]))
     rise, hold = RISE if rise is None else rise, HOLD if hold is None else hold
     acting = [rising_program(p.pressure[-1], rise, rise) if equilibrium else p for _, p in asked]
-    with _written(run, out, meshes, paths_of(design, model, pressures)) as write, run.computing():
+    inputs, names = paths_of(design, model, pressures), [each.name for each in meshes]
+    first = meshes[0] if meshes else None
+    with run.file(out, inputs) as file, run.file(first, inputs, names[1:]) as mesh_file, run.computing():
         if out is not None:
             os.environ.setdefault("FABDESIGN_LANES", LANES)  # read where the simulator is loaded for the first time
         run.warn_beyond(fitted, acting)
@@ -118,34 +118,14 @@ def simulate(
             if not motions:
                 raise
             run.say(f"interrupted, with the first {len(motions)} of {len(asked)} motions")
-        write(motions[0])
+        if file is not None:
+            write_motion(file, motions[0].time, motions[0].points, size=motions[0].size, muscles=motions[0].muscles)
+        if mesh_file is not None:
+            for name, frame in zip(names, motions[0].points, strict=True):
+                write_mesh(mesh_file.with_name(name), frame, square_triangles(len(frame)))
     if lone and isinstance(pressures, Path | str):
         note_slight(float(asked[0][1].pressure.max(initial=0.0)), asked[0][0], str(pressures))
     return motions[0] if lone else motions
-
-
-@contextmanager
-def _written(
-    run: Run, out: Npz | None, meshes: Sequence[Path], inputs: Sequence[Path]
-) -> Iterator[Callable[[Motion], None]]:
-    """Return a context with what writes a motion, and a mesh a frame, where that is asked for."""
-    from fabdesign.files.motion_file import square_triangles, write_mesh, write_motion
-    from fabdesign.output import new_files
-
-    with ExitStack() as stack:
-        file = stack.enter_context(run.file(out, inputs))
-        names = [mesh.name for mesh in meshes]
-        if names:
-            first = new_files(meshes[0], companions=names[1:], force=run.force, inputs=inputs)
-            folder = stack.enter_context(first).parent
-
-        def write(motion: Motion) -> None:
-            if file is not None:
-                write_motion(file, motion.time, motion.points, size=motion.size, muscles=motion.muscles)
-            for name, frame in zip(names, motion.points, strict=bool(names)):
-                write_mesh(folder / name, frame, square_triangles(len(frame)))
-
-        yield write
 
 
 def equilibrium(

@@ -6,42 +6,39 @@ import os
 import tempfile
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from fabdesign.errors import InputError
-from fabdesign.interface.verb import unheard, warn
+from fabdesign.interface.verb import File, ModelLike, Progress, Say, SetLike, unheard, warn
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
-    from fabdesign.interface.verb import File, ModelLike, Progress, Say, SetLike
     from fabdesign.nouns.forward import ForwardModel
     from fabdesign.nouns.model import Model
     from fabdesign.nouns.pressure import PressureProgram
     from fabdesign.nouns.trial import MeasurementSet, Role, Trial
-    from studies.measured.splits import Tolerance
 
 
 Result = TypeVar("Result")
 
 
+@dataclass(frozen=True)
 class Run:
     """One call of a verb. force: replace output that exists. progress: is called with a line and the share of the work
     that is done (None where that is not known). say: hears what a person should know. effects: files of own effects.
     cluster: the address of a Dask scheduler whose workers compute."""
 
-    def __init__(
-        self,
-        *,
-        force: bool = False,
-        progress: Progress = unheard,
-        say: Say = warn,
-        effects: Sequence[File] = (),
-        cluster: str | None = None,
-    ) -> None:
-        self.force, self.progress, self.say, self._cluster = force, progress, say, cluster
-        for file in map(Path, effects):
+    force: bool = False
+    progress: Progress = unheard
+    say: Say = warn
+    effects: Sequence[File] = ()
+    cluster: str | None = None
+
+    def __post_init__(self) -> None:
+        for file in map(Path, self.effects):
             from fabdesign.effects import register_file
             from fabdesign.output import always_input
 
@@ -51,9 +48,7 @@ class Run:
     @classmethod
     def of(cls, keys: dict[str, Any]) -> Run:
         """Take its own of other keywords."""
-        return cls(
-            **{name: keys.pop(name) for name in ("force", "progress", "say", "effects", "cluster") if name in keys}
-        )
+        return cls(**{field.name: keys.pop(field.name) for field in fields(cls) if field.name in keys})
 
     def model(self, model: ModelLike | None, without: Sequence[str] = ()) -> Model | None:
         """Return a model, or that of a file, less the parts `without`. Raises InputError for anything else."""
@@ -80,15 +75,16 @@ class Run:
             raise InputError("model: None; expected a model or its file")
         return read
 
+    @staticmethod
     def sound(
-        self, sets: Iterable[MeasurementSet], tolerance: Tolerance, roles: Collection[Role] = ("fit", "test")
+        sets: Iterable[MeasurementSet], *, skip_bad: bool, roles: Collection[Role] = ("fit", "test")
     ) -> tuple[list[MeasurementSet], list[str]]:
         """Return the sets with their sound trials of these roles, and a line on each other one. Raises InputError for
-        the first unless it is tolerated."""
-        from studies.measured.splits import sound_trials
+        the first unless `skip_bad`."""
+        from studies.measured.splits import Tolerance, sound_trials
 
-        checked = [sound_trials(one, tolerance, roles) for one in sets]
-        return [one for one, _ in checked], [line for _, lines in checked for line in lines]
+        tolerance = Tolerance(skip_bad)
+        return [sound_trials(one, tolerance, roles)[0] for one in sets], tolerance.skipped
 
     def warn_beyond(
         self, model: Model | None, programs: Sequence[PressureProgram], trials: Sequence[Trial] = ()
@@ -119,7 +115,7 @@ class Run:
         file, or here."""
         from fabdesign.runtime.cluster import VARIABLE, current, on_cluster
 
-        address = self._cluster
+        address = self.cluster
         if address is None and current() is None:
             address = os.environ.get(VARIABLE)
             if address is None and isinstance(study, Path):
@@ -136,11 +132,14 @@ class Run:
         with work_folder(out) as folder, self.computing(study):
             return run(study, folder, seconds=seconds, force=self.force, **how)
 
-    def file(self, out: File | None, inputs: Iterable[Path]) -> AbstractContextManager[Path | None]:
-        """Return a context with the unfinished file `out`; with None where none is asked for."""
-        from fabdesign.output import new_file
+    def file(
+        self, out: File | None, inputs: Iterable[Path], companions: Iterable[str] = ()
+    ) -> AbstractContextManager[Path | None]:
+        """Return a context with the unfinished file `out`; with None where none is asked for. companions: names of what
+        is written beside it."""
+        from fabdesign.output import new_files
 
-        return nullcontext() if out is None else new_file(out, force=self.force, inputs=inputs)
+        return nullcontext() if out is None else new_files(out, companions=companions, force=self.force, inputs=inputs)
 
     def folder(self, out: File | None, made_by: str, inputs: Iterable[Path]) -> AbstractContextManager[Path | None]:
         """Return the same with a folder. made_by: the command's name."""

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from fabdesign.errors import InputError
 from fabdesign.interface.run import Run
-from fabdesign.interface.verb import Function, Shown, Working, verb
+from fabdesign.interface.verb import DesignLike, File, Folder, Function, ModelLike, Pressures, Shown, Working, verb
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from fabdesign.interface.verb import DesignLike, File, Folder, ModelLike, Pressures
     from optimize.search.evaluations import Evaluations
     from studies.demo.run import Demo
     from studies.follow.result import FollowResult
@@ -27,19 +26,15 @@ _INTERVAL = 10.0  # s between the lines of a search, which has a step a second
 _OF_TARGET = ("frame", "unit", "scale", "rotation", "translation", "place", "description")
 
 
-def reported(text: str, given: Mapping[str, Any]) -> str:
-    """Return what is printed of a study, with the place of its page."""
-    return f"{text}\nreport: {Path(given['out']) / 'report.html'}"
-
-
-def study_verb(module: str, interval: float = _INTERVAL) -> Callable[[Function], Function]:
-    """Declare a verb that takes a study. module: whose `as_text` says in words what the study came to. interval: s
-    between the lines of progress."""
+def study_verb(module: str, interval: float = _INTERVAL, **how: Any) -> Callable[[Function], Function]:
+    """Declare a verb that takes a study and writes a page. module: whose `as_text` says in words what the study came
+    to. interval: s between the lines of progress. how: as `verb` takes it."""
 
     def shown(result: Any, given: Mapping[str, Any]) -> Shown:
-        return Shown(result, reported(import_module(module).as_text(result), given))
+        text = import_module(module).as_text(result)
+        return Shown(result, f"{text}\nreport: {Path(given['out']) / 'report.html'}")
 
-    return verb(shown, "STUDY", interval=interval)
+    return verb(shown, "STUDY", interval=interval, **how)
 
 
 def followed(run: Run) -> Callable[..., None]:
@@ -237,13 +232,7 @@ def follow(
     return run.study(run_follow, study, out, seconds, measured=measured, progress=run.progress)
 
 
-def _shown(outcome: Demo, given: Mapping[str, Any]) -> Shown:
-    from studies.demo.run import as_text
-
-    return Shown(outcome, reported(as_text(outcome), given))
-
-
-@verb(_shown, interval=_INTERVAL, search=True, title="demo")
+@study_verb("studies.demo.run", search=True, title="demo")
 def demo(out: Folder = "demo", **given: Unpack[Working]) -> Demo:
     """Find a layout for an embedded measured cloud.
 

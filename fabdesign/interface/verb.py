@@ -22,17 +22,16 @@ if TYPE_CHECKING:
     from fabdesign.nouns.model import Model
     from fabdesign.nouns.trial import MeasurementSet
 
-    File: TypeAlias = Path | str
-    Folder: TypeAlias = Path | str  # to write
-    Toml: TypeAlias = Path | str  # to write
-    Npz: TypeAlias = Path | str  # to write
-    DesignLike: TypeAlias = Design | Path | str
-    ModelLike: TypeAlias = Model | Path | str
-    SetLike: TypeAlias = MeasurementSet | Path | str
-    Pressures: TypeAlias = Any  # a program, a file of one, "400,0" or kPa of every channel; a sequence of these
-    Progress = Callable[[str, float | None], None]
-    Say = Callable[[str], None]
-
+File: TypeAlias = "Path | str"
+Folder: TypeAlias = "Path | str"  # to write
+Toml: TypeAlias = "Path | str"  # to write
+Npz: TypeAlias = "Path | str"  # to write
+DesignLike: TypeAlias = "Design | Path | str"
+ModelLike: TypeAlias = "Model | Path | str"
+SetLike: TypeAlias = "MeasurementSet | Path | str"
+Pressures: TypeAlias = Any  # a program, a file of one, "400,0" or kPa of every channel; a sequence of these
+Progress = Callable[[str, float | None], None]
+Say = Callable[[str], None]
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 

@@ -9,7 +9,7 @@ from functools import cache
 from importlib.resources import as_file, files
 from math import inf
 from pathlib import Path
-from typing import TypedDict, Unpack
+from typing import Any, Literal, TypedDict, Unpack
 
 from fabdesign.errors import InputError, note
 from fabdesign.files.design_file import read_design, read_part
@@ -22,6 +22,7 @@ from fabdesign.runtime.effort import CLOSEST, MUSCLES
 from fabdesign.units import in_kpa, in_mm
 
 Polyline = tuple[tuple[float, float], ...]
+Laid = list[tuple[Literal["front", "back"], Polyline]]  # faces and paths of muscles
 
 _END = 0.04  # share of the length that a straight muscle leaves free at each end, for its tubes
 _CROSS = 0.075  # the same for the ends of crossed muscles
@@ -34,23 +35,22 @@ def _spread(n: int) -> list[float]:
     return [(i + 0.5) / n for i in range(n)]
 
 
-def _down(shares: list[float]) -> list[Polyline]:
-    return [((u, _END), (u, 1 - _END)) for u in shares]
+def _down(side: Literal["front", "back"], shares: list[float]) -> Laid:
+    return [(side, ((u, _END), (u, 1 - _END))) for u in shares]
 
 
-def _basic(n: int) -> list[tuple[str, Polyline]]:
-    front, back = _down(_spread((n + 1) // 2)), _down(_spread(n // 2)) if n > 1 else []
-    return [("front", path) for path in front] + [("back", path) for path in back]
+def _basic(n: int) -> Laid:
+    return _down("front", _spread((n + 1) // 2)) + _down("back", _spread(n // 2))
 
 
-def _side(n: int) -> list[tuple[str, Polyline]]:
+def _side(n: int) -> Laid:
     return [(side, tuple((v, u) for u, v in path)) for side, path in _basic(n)]
 
 
-def _cross(n: int) -> list[tuple[str, Polyline]]:
+def _cross(n: int) -> Laid:
     if n % 2:
         raise InputError(f"layout cross: muscles = {n}; expected an even number, two to a cross")
-    paths: list[tuple[str, Polyline]] = []
+    paths: Laid = []
     for i in range(n // 2):
         left, right = (i + _CROSS) / (n // 2), (i + 1 - _CROSS) / (n // 2)
         paths.append(("front", ((left, _CROSS), (right, 1 - _CROSS))))
@@ -58,14 +58,13 @@ def _cross(n: int) -> list[tuple[str, Polyline]]:
     return paths
 
 
-def _vertical(n: int) -> list[tuple[str, Polyline]]:
+def _vertical(n: int) -> Laid:
     first, last = _STOCK
-    shares = [first + (last - first) * i / (n - 1) for i in range(n)] if n > 1 else [0.5]
-    return [("front", path) for path in _down(shares)]
+    return _down("front", [first + (last - first) * i / (n - 1) for i in range(n)] if n > 1 else [0.5])
 
 
 # name -> the faces and paths of n muscles on the unit square, and n by default
-_LAYOUTS: dict[str, tuple[Callable[[int], list[tuple[str, Polyline]]], int]] = {
+_LAYOUTS: dict[str, tuple[Callable[[int], Laid], int]] = {
     "basic": (_basic, 8),
     "side": (_side, 8),
     "cross": (_cross, 2),
@@ -116,18 +115,15 @@ def build(
         raise InputError(
             f"layout {layout}: fixed points {fixed_point_pitch:g} m apart; expected at least {CLOSEST:g} m"
         )
-    cloth = fabric or standard().fabric
-    if (width := size.get("width")) is not None:
-        cloth = replace(cloth, width=width)
-    if (height := size.get("height")) is not None:
-        cloth = replace(cloth, height=height)
+    given: dict[str, Any] = {side: length for side, length in size.items() if length is not None}
+    cloth = replace(fabric or standard().fabric, **given)
     if not (0 < cloth.width <= 10 and 0 < cloth.height <= 10):
         raise InputError(f"layout {layout}: a cloth of {cloth.width:g} by {cloth.height:g} m; expected 0 to 10 m")
     kind = muscle_type or standard().muscle_types["EM20"]
     laid = tuple(
         Muscle(
             kind.name,
-            "front" if side == "front" else "back",
+            side,
             channel,
             # a micrometre is finer than any hand sews
             tuple((round(u * cloth.width, 6), round(v * cloth.height, 6)) for u, v in path),

@@ -1,19 +1,15 @@
 """A column of a Jacobian: a direction in the parameters of a case, as the case moved along it; and how the points of a
-shape at rest change with columns, and with what a model puts on top of it."""
+shape at rest, and frames of a motion, change with columns."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.acting import terms_of
-from fabdesign.effects.registry import effect_named
-from fabdesign.errors import InputError
 from fabdesign.nouns.array import Array, Floats
-from fabdesign.nouns.forward import Case, Instant, Term
+from fabdesign.nouns.forward import Case, Instant
 from fabdesign.nouns.muscle import Muscle
 from fabdesign.nouns.pressure import PressureProgram
 
@@ -88,81 +84,33 @@ def factor(name: str) -> Column:
     return Column(name, "1", 1e-3, 0.02, moved)
 
 
-def of_effect(effect: str, parameter: str, step: float) -> Column:
-    """Return an effect's parameter, in its declared unit; from its value `off` where the case is without the effect."""
-    parameters = effect_named(effect, "column").parameters
-    declared = parameters[parameter]
-    off = {name: one.off for name, one in parameters.items() if one.off is not None}
-
-    def acting(case: Case) -> tuple[Term, float]:
-        terms = [term for term in terms_of(case) if term.name == effect]
-        term = terms[0] if terms else Term(effect, {**off, parameter: declared.centre})
-        return term, term.values.get(parameter, declared.typical)
-
-    def moved(case: Case, by: float) -> Case:
-        term, value = acting(case)
-        others = tuple(t for t in case.effects if (t.name, t.scope) != (effect, term.scope))
-        return replace(case, effects=(*others, Term(effect, {**term.values, parameter: value + by}, term.scope)))
-
-    def room(case: Case) -> tuple[float, float]:
-        low, high = declared.bounds
-        _, value = acting(case)
-        return low - value, high - value
-
-    return Column(f"{effect} {parameter}", declared.unit, step, step, moved, room)
-
-
 def corner(muscle: int, index: int, along: tuple[float, float]) -> Column:
     """Return the column [m] of a corner (or an end) of a muscle's path along a direction (u, v); the intervals stay as
-    many as they are."""
+    many as they are. A case without that corner, and a path that no pitch leaves its intervals, stay: the derivative is
+    zero."""
 
     def moved(case: Case, by: float) -> Case:
         muscles = list(case.design.muscles)
-        laced = muscles[muscle]
-        path = list(laced.path)
+        if muscle >= len(muscles) or index >= len(muscles[muscle].path):
+            return case
+        path = list(muscles[muscle].path)
         u, v = path[index]
         path[index] = u + by * along[0], v + by * along[1]
-        muscles[muscle] = _with_path(laced, tuple(path))
+        muscles[muscle] = _with_path(muscles[muscle], tuple(path))
         return replace(case, design=replace(case.design, muscles=tuple(muscles)))
 
     return Column(f"muscle {muscle} corner {index}", "m", 1e-5, 1e-3, moved)
 
 
-def corner_or_still(muscle: int, index: int, along: tuple[float, float]) -> Column:
-    """Return the same; a case without that corner, and a path that no pitch leaves its intervals, stay: the derivative
-    is zero."""
-    moving = corner(muscle, index, along)
-
-    def moved(case: Case, by: float) -> Case:
-        muscles = case.design.muscles
-        if muscle >= len(muscles) or index >= len(muscles[muscle].path):
-            return case
-        try:
-            return moving.moved(case, by)
-        except InputError:
-            return case
-
-    return replace(moving, moved=moved)
-
-
 def _with_path(muscle: Muscle, path: tuple[tuple[float, float], ...]) -> Muscle:
-    """Return the muscle along another path, with as many intervals; raises InputError where no pitch leaves them so."""
-    before, after = _lengths(muscle.path), _lengths(path)
+    """Return the muscle along another path, with as many intervals; as it is where no pitch leaves them so."""
+    before, after = (np.hypot(*np.diff(corners, axis=0).T) for corners in (muscle.path, path))
     counts = np.maximum(1, np.round(before / muscle.fixed_point_pitch))
     least = float((after / (counts + 0.5)).max() * (1 + 1e-9))
     most = float(np.min(np.where(counts > 1, after / (counts - 0.5), np.inf)) * (1 - 1e-9))
     if least > most:
-        raise InputError(
-            f"muscle along {path}: no pitch leaves its {int(counts.sum())} intervals; expected a shorter move"
-        )
+        return muscle
     return replace(muscle, path=path, fixed_point_pitch=float(np.clip(muscle.fixed_point_pitch, least, most)))
-
-
-def _lengths(path: tuple[tuple[float, float], ...]) -> np.ndarray:
-    return np.array([np.hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(path)])
-
-
-OnTop = Callable[[Sequence[Case], Sequence[Floats]], list[NDArray[np.float32]]]  # of cases and their (2 n, 3) m
 
 
 class FacesJacobian(NamedTuple):
@@ -196,21 +144,3 @@ class Course(NamedTuple):
 
 
 Balances = Callable[[Sequence[Case], Sequence[Course], Sequence[Column]], list[list[Balance]]]
-
-
-def with_on_top(
-    cases: Sequence[Case], columns: Sequence[Column], jacobians: Sequence[FacesJacobian], on_top: OnTop
-) -> list[FacesJacobian]:
-    """Return the Jacobians of what `on_top` makes of shapes, which depends on the case too: central differences of it
-    alone, between shapes that move as `jacobians` say, as far as a column's `far`."""
-    results = []
-    for case, one in zip(cases, jacobians, strict=True):
-        moves = [move(case, column, column.far) for column in columns]
-        shifts = np.array([steps.by for steps in moves]).reshape(-1, 2)  # (p, 2) units, down and up
-        sides = [one.points + by * change for steps, change in zip(shifts, one.changes, strict=True) for by in steps]
-        points, *moved = on_top([case, *(side for steps in moves for side in steps.sides)], [one.points, *sides])
-        widths = np.ptp(shifts, axis=1)[:, None, None]
-        pairs = np.array(moved, dtype=float).reshape(len(columns), 2, *points.shape)
-        with np.errstate(invalid="ignore"):  # of columns that are NaN
-            results.append(FacesJacobian(points, (pairs[:, 1] - pairs[:, 0]) / widths, one.exact))
-    return results

@@ -1,5 +1,6 @@
 """A fitted model: everything that a prediction needs beyond the design."""
 
+import json
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from fabdesign.formats.schema import FROM_0, GRIDS, SHARE, Key, Metre, Within
 from fabdesign.formats.table import Table, nearest
 from fabdesign.nouns.forward import FACTOR_RANGE, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS, SIDE, Term
 from fabdesign.nouns.pressure import LearnedRange
+from fabdesign.runtime.fingerprint import sha256
 from fabdesign.version import SIMULATOR
 
 POINTS_PER_SIDE = SIDE  # of the simulator's grid, unless something else is asked for
@@ -229,6 +231,18 @@ class Model:
     def terms(self) -> tuple[Term, ...]:
         """Return what `forward.Case` takes."""
         return tuple(effect.term for effect in self.effects)
+
+    @property
+    def central_hash(self) -> str:
+        """Return the SHA-256 of the central values of parameters and effects; intervals and provenance do not count."""
+        central = {
+            "parameters": {name: repr(float(p.factor)) for name, p in sorted(self.parameters.items())},
+            "effects": [
+                [effect.name, {name: repr(float(q.value)) for name, q in sorted(effect.parameters.items())}]
+                for effect in self.effects
+            ],
+        }
+        return sha256(json.dumps(central, sort_keys=True))
 
     @property
     def before(self) -> "Model":

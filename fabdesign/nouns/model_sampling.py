@@ -11,7 +11,6 @@ import numpy as np
 from fabdesign.effects.registry import effect_named, labels_of
 from fabdesign.errors import InputError
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.corrector import central_hash
 from fabdesign.nouns.forward import FACTOR_RANGE
 from fabdesign.nouns.model import Model, Spread
 from fabdesign.runtime.fingerprint import sha256
@@ -116,7 +115,7 @@ def spread_hash(model: Model) -> str:
     corrector."""
     covariance = model.covariance
     joint = "" if covariance is None else repr((covariance.names, covariance.matrix.tolist()))
-    return sha256(central_hash(model), joint, "" if model.corrector is None else sha256(model.corrector))
+    return sha256(model.central_hash, joint, "" if model.corrector is None else sha256(model.corrector))
 
 
 def spread_of(model: Model) -> Spread | None:

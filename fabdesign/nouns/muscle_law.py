@@ -12,7 +12,7 @@ from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fabdesign.errors import InputError
 from fabdesign.geometry.curves import design_matrix, least_squares_with_inequalities
@@ -35,7 +35,7 @@ class MuscleLaw:
     """Isometric tension [N] over gauge pressure [Pa] and contraction (1 - l / l0).
 
     Falls strictly with contraction everywhere. Rises with pressure wherever tension is positive, up to the table's
-    largest contraction. Continues linearly beyond the table, at most to be trusted where `extrapolates` is False.
+    largest contraction. Continues linearly beyond the table, where it is not to be trusted.
     """
 
     coefficients: Array  # (m, n) N, B-spline coefficients of S over pressure and contraction
@@ -94,28 +94,11 @@ class MuscleLaw:
 
     def tension(self, pressure_pa: ArrayLike, contraction: ArrayLike) -> Array:
         """Return the tension [N], positive pulls; the arguments broadcast. Pressures below zero count as zero."""
-        return self._evaluate(pressure_pa, contraction, 0)
-
-    def stiffness(self, pressure_pa: ArrayLike, contraction: ArrayLike) -> Array:
-        """Return dF/dcontraction [N], always negative; at the kink that of the contracted side."""
-        return self._evaluate(pressure_pa, contraction, 1)
-
-    def extrapolates(self, pressure_pa: ArrayLike, contraction: ArrayLike) -> NDArray[np.bool_]:
-        """Return whether the law is asked beyond the table's pressures or contractions."""
-        p, eps = np.broadcast_arrays(np.asarray(pressure_pa, dtype=float), np.asarray(contraction, dtype=float))
-        (p0, p1), (e0, e1) = self.pressure_limits, self.contraction_limits
-        rounding = 1e-9
-        outside_p = (p < p0 - rounding * p1) | (p > p1 + rounding * p1)
-        return np.asarray(outside_p | (eps < e0 - rounding) | (eps > e1 + rounding))
-
-    def _evaluate(self, pressure_pa: ArrayLike, contraction: ArrayLike, order: int) -> Array:
         p, eps = np.asarray(pressure_pa, dtype=float), np.asarray(contraction, dtype=float)
         m, n = self.coefficients.shape
         of_p = design_matrix(np.maximum(p, 0.0) / self.pressure_step, m)
-        of_eps = design_matrix((eps - self.contraction_start) / self.contraction_step, n, order)
+        of_eps = design_matrix((eps - self.contraction_start) / self.contraction_step, n)
         force, kink = np.einsum("...j,...j->...", of_p @ self.coefficients, of_eps), of_p @ self.kink
-        if order == 1:
-            return np.asarray(force / self.contraction_step - np.where(eps < 0, kink, 0.0))
         return np.asarray(force + kink * np.maximum(-eps, 0.0))
 
 
@@ -138,20 +121,15 @@ def _check(p: Array, eps: Array, force: Array) -> None:
         )
 
 
-def _penalties(m: int, n: int) -> list[Array]:
-    """Return the roughness of S along pressure and along contraction and of K, and a slight pull that makes the fit
-    unique."""
+def _cross_validated_penalty(a: Array, b: Array, m: int, n: int) -> Array:
+    """Return the penalty rows whose two weights minimise the generalised cross-validation score of the unconstrained
+    fit: on the roughness of S along pressure and along contraction; that of K, and a slight pull that makes the fit
+    unique, have none."""
     second_p, second_e = np.diff(np.eye(m), 2, axis=0), np.diff(np.eye(n), 2, axis=0)
     along_p = np.hstack([np.kron(second_p, np.eye(n)), np.zeros((len(second_p) * n, m))])
     along_e = np.hstack([np.kron(np.eye(m), second_e), np.zeros((m * len(second_e), m))])
     flat_kink = np.hstack([np.zeros((m - 1, m * n)), np.diff(np.eye(m), axis=0)])
-    return [along_p, along_e, np.vstack([flat_kink, 1e-3 * np.eye(m * n + m)])]
-
-
-def _cross_validated_penalty(a: Array, b: Array, m: int, n: int) -> Array:
-    """Return the penalty rows whose two weights minimise the generalised cross-validation score of the unconstrained
-    fit."""
-    along_p, along_e, rest = _penalties(m, n)
+    rest = np.vstack([flat_kink, 1e-3 * np.eye(m * n + m)])
     gram, rhs = a.T @ a, a.T @ b
     gram_p, gram_e, gram_rest = (x.T @ x for x in (along_p, along_e, rest))
 

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from fabdesign.effects.acting import is_sensing, observed, seen_at
 from fabdesign.geometry.shape import Shape, Sheet, sheets_of
 from fabdesign.nouns.array import Array, Floats
-from fabdesign.nouns.column import Balances, Column, FacesJacobian, Jacobians, with_on_top
-from fabdesign.nouns.corrector import Corrector, with_history
-from fabdesign.nouns.forward import Case, ForwardModel
+from fabdesign.nouns.column import Balances, Column, FacesJacobian, Jacobians, move
+from fabdesign.nouns.forward import Case, Corrector, ForwardModel, with_history
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.pressure import PressureProgram
 
@@ -34,36 +33,39 @@ class Predictor:
     def motions(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
         """Return (T, 3362, 3) points [m] of each case at its `times` [s after rest, rising]. Raises InputError for an
         unknown effect or a bad value."""
-        modelled = [self.case(case) for case in cases]
-        shown = [np.asarray(t, dtype=float) for t in times]
-        if self.sensing:
-            shown = [seen_at(case, t) for case, t in zip(modelled, shown, strict=True)]
-        motions = self._corrected(modelled, shown)
-        if not self.sensing:
-            return motions
-        return [observed(case, points) for case, points in zip(modelled, motions, strict=True)]
+        modelled, shown = self._shown(cases, times)
+        if self.corrector is None:
+            return self._observed(modelled, self.simulator.motions(modelled, shown))
+        wanted = [with_history(t, self.corrector.history())[0] for t in shown]
+        corrected = self.corrector.correct(modelled, shown, self.simulator.motions(modelled, wanted))
+        return self._observed(modelled, corrected)
 
     def sheets(self, cases: Sequence[Case], times: Sequence[Array]) -> Sequence[Sheet]:
         """Return the same motions as mid-surfaces on the simulator's own grid (fabdesign.geometry.shape)."""
         if self.corrector is not None:
             return [Shape(points) for points in self.motions(cases, times)]
-        modelled = [self.case(case) for case in cases]
-        shown = [np.asarray(t, dtype=float) for t in times]
+        modelled, shown = self._shown(cases, times)
         if not self.sensing:
             return sheets_of(self.simulator)(modelled, shown)
-        shown = [seen_at(case, t) for case, t in zip(modelled, shown, strict=True)]
+        keys = [_key(case, t) for case, t in zip(modelled, shown, strict=True)]
         once: dict[tuple[Any, ...], int] = {}  # cases that differ in what sensors add alone are one motion
-        for i, (case, t) in enumerate(zip(modelled, shown, strict=True)):
-            once.setdefault(_key(case, t), i)
+        for i, key in enumerate(keys):
+            once.setdefault(key, i)
         moved = sheets_of(self.simulator)([modelled[i] for i in once.values()], [shown[i] for i in once.values()])
         by_key = dict(zip(once, moved, strict=True))
-        return [_Seen(case, by_key[_key(case, t)]) for case, t in zip(modelled, shown, strict=True)]
+        return [_Seen(case, by_key[key]) for case, key in zip(modelled, keys, strict=True)]
 
-    def _corrected(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
-        if self.corrector is None:
-            return self.simulator.motions(cases, times)
-        wanted = [with_history(t, self.corrector.history())[0] for t in times]
-        return self.corrector.correct(cases, times, self.simulator.motions(cases, wanted))
+    def _shown(self, cases: Sequence[Case], times: Sequence[Array]) -> tuple[list[Case], list[Array]]:
+        """Return the cases with what the model adds, and the instants [s] that their frames show."""
+        modelled, shown = [self.case(case) for case in cases], [np.asarray(t, dtype=float) for t in times]
+        if self.sensing:
+            shown = [seen_at(case, t) for case, t in zip(modelled, shown, strict=True)]
+        return modelled, shown
+
+    def _observed(self, cases: Sequence[Case], motions: Sequence[Floats]) -> list[NDArray[np.float32]]:
+        if not self.sensing:
+            return list(motions)
+        return [observed(case, points) for case, points in zip(cases, motions, strict=True)]
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
         """Return (3362, 3) points [m] of each case at rest, as `motions` gives them."""
@@ -83,9 +85,23 @@ class Predictor:
             simulated = bare(modelled, columns)
             if self.corrector is None and not self.sensing:
                 return simulated
-            return with_on_top(modelled, columns, simulated, self._on_top)
+            return [self._changes(case, columns, one) for case, one in zip(modelled, simulated, strict=True)]
 
         return jacobians
+
+    def _changes(self, case: Case, columns: Sequence[Column], simulated: FacesJacobian) -> FacesJacobian:
+        """Return the Jacobian of what is made on top of a shape, which depends on the case too: central differences of
+        it alone, between shapes that move as `simulated` says, as far as a column's `far`."""
+        moves = [move(case, column, column.far) for column in columns]
+        shifts = np.array([steps.by for steps in moves]).reshape(-1, 2)  # (p, 2) units, down and up
+        changes = zip(shifts, simulated.changes, strict=True)
+        sides = [simulated.points + by * change for steps, change in changes for by in steps]
+        cases = [case, *(side for steps in moves for side in steps.sides)]
+        points, *moved = self._on_top(cases, [simulated.points, *sides])
+        pairs = np.array(moved, dtype=float).reshape(len(columns), 2, *points.shape)
+        with np.errstate(invalid="ignore"):  # of columns that are NaN
+            slopes = (pairs[:, 1] - pairs[:, 0]) / np.ptp(shifts, axis=1)[:, None, None]
+        return FacesJacobian(points, slopes, simulated.exact)
 
     @property
     def balances(self) -> Balances | None:
@@ -95,24 +111,16 @@ class Predictor:
         return None if self.corrector is not None else bare
 
     def _on_top(self, cases: Sequence[Case], shapes: Sequence[Floats]) -> list[NDArray[np.float32]]:
-        """Return what the corrector and sensing make of shapes at rest; the cases with what the model adds."""
+        """Return what the corrector and sensing make of shapes at rest; the cases with what the model adds. The
+        corrector gets motions that have stood still for as long as it looks back."""
         if self.corrector is not None:
-            shapes = self._corrected_at_rest(self.corrector, cases, shapes)
-        if not self.sensing:
-            return list(shapes)
-        return [observed(case, points) for case, points in zip(cases, shapes, strict=True)]
-
-    @staticmethod
-    def _corrected_at_rest(
-        corrector: Corrector, cases: Sequence[Case], shapes: Sequence[Floats]
-    ) -> list[NDArray[np.float32]]:
-        """Return the corrected last shapes of motions that have stood still for as long as the corrector looks back."""
-        late = np.array([1.0 + max(corrector.history(), default=0.0)])
-        instants = len(with_history(late, corrector.history())[0])
-        programs = [PressureProgram(np.zeros(1), case.program.pressure[-1:], float(late[0])) for case in cases]
-        held = [replace(case, program=program) for case, program in zip(cases, programs, strict=True)]
-        still = [np.repeat(shape[None], instants, axis=0) for shape in shapes]
-        return [points[-1] for points in corrector.correct(held, [late] * len(held), still)]
+            late = np.array([1.0 + max(self.corrector.history(), default=0.0)])
+            instants = len(with_history(late, self.corrector.history())[0])
+            programs = [PressureProgram(np.zeros(1), case.program.pressure[-1:], float(late[0])) for case in cases]
+            held = [replace(case, program=program) for case, program in zip(cases, programs, strict=True)]
+            still = [np.repeat(shape[None], instants, axis=0) for shape in shapes]
+            shapes = [points[-1] for points in self.corrector.correct(held, [late] * len(held), still)]
+        return self._observed(cases, shapes)
 
     def case(self, case: Case) -> Case:
         """Return the case with what the model adds."""

@@ -99,33 +99,22 @@ def limits(design: "Design") -> Array:
     return most
 
 
-def in_words(pressures: Array) -> str:
-    """Return pressures (channels,) Pa for people: "channel 0: 312 kPa, channel 1: 0 kPa"."""
-    return ", ".join(f"channel {k}: {in_kpa(value):.0f} kPa" for k, value in enumerate(pressures))
-
-
 def poses_in_words(pressures: Sequence[Array]) -> list[str]:
-    """Return a line for the final pressures of each pose, (channels,) Pa."""
-    several = len(pressures) > 1
-    return [
-        f"pressures{f' of pose {pose}' if several else ''}: {in_words(row)}"
-        for pose, row in enumerate(pressures, start=1)
-        if len(row)
-    ]
+    """Return a line for the final pressures of each pose, (channels,) Pa: "channel 0: 312 kPa, channel 1: 0 kPa"."""
+    lines = []
+    for pose, row in enumerate(pressures, start=1):
+        channels = ", ".join(f"channel {k}: {in_kpa(value):.0f} kPa" for k, value in enumerate(row))
+        lines += [f"pressures{f' of pose {pose}' if len(pressures) > 1 else ''}: {channels}"] if len(row) else []
+    return lines
 
 
 def require_pressures(program: PressureProgram, design: "Design", where: str) -> None:
     """Raise InputError unless the program has one pressure for each channel of the design, all of them from 0 Pa to
     the muscles' maximum."""
     given = program.pressure.shape[1]
-    if given < design.channels:
-        raise InputError(
-            f"{where}: channel {given} has no pressure; expected {design.channels} channels for design {design.name}"
-        )
-    if given > design.channels:
-        raise InputError(
-            f"{where}: pressures for {given} channels; expected {design.channels} channels for design {design.name}"
-        )
+    if given != design.channels:
+        what = f"channel {given} has no pressure" if given < design.channels else f"pressures for {given} channels"
+        raise InputError(f"{where}: {what}; expected {design.channels} channels for design {design.name}")
     for channel, most in enumerate(limits(design)):
         values = program.pressure[:, channel]
         if np.isnan(values).any() or (values < 0).any():

@@ -73,10 +73,6 @@ class Accuracy:
     pressure: Annotated[float, Within(least=0, most=1), "of a channel, as a share of it; with tilt_deg 0: exact"] = 0.01
     tilt: Annotated[float, Key("tilt_deg"), FileUnit("degrees"), Within(least=0, most=45), "of the level"] = 0.5
 
-    @property
-    def is_exact(self) -> bool:
-        return not (self.pressure or self.tilt)
-
     @staticmethod
     def worst(accuracies: "Sequence[Accuracy]") -> "Accuracy":
         return Accuracy(max(one.pressure for one in accuracies), max(one.tilt for one in accuracies))

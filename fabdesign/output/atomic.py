@@ -153,11 +153,7 @@ def _is_users(path: Path) -> bool:
 
 def make_folders(path: Path, goal: Path) -> list[Path]:
     """Make `path` and what is missing above it; the ones made, deepest first. InputError names `goal`."""
-    missing: list[Path] = []
-    above = path
-    while not above.exists() and above != above.parent:
-        missing.append(above)
-        above = above.parent
+    missing = [folder for folder in (path, *path.parents) if not folder.exists()]
     record(made=[str(folder.absolute()) for folder in missing])
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -260,15 +256,14 @@ def atomic_file(path: Path | str, *, needed: int | None = None) -> Iterator[Path
     try:
         yield temporary
         settle({temporary: path})
-    except BaseException as error:
-        refusal = None
-        if isinstance(error, OSError) and concerns_disk(error):  # what is free is asked while the file takes its room
-            refusal = cannot_write(path, error, needed=needed, written=_bytes_in(temporary))
+    except OSError as error:
+        if not concerns_disk(error):
+            raise
+        # what is free is asked while the file takes its room
+        raise cannot_write(path, error, needed=needed, written=_bytes_in(temporary)) from error
+    finally:
         temporary.unlink(missing_ok=True)
-        unmake(made)
-        if refusal is not None:
-            raise refusal from error
-        raise
+        unmake(made)  # those that hold nothing
 
 
 def write_text(path: Path | str, text: str) -> None:

@@ -188,7 +188,7 @@ def _held(path: Path, force: bool, inputs: Inputs) -> Iterator[atomic.Scratch]:
         raise InputError(f"{path}: is a file; expected a folder to write to")
     require_apart(path, inputs)
     if read_mark(goal) is None:
-        _require_free_folder(goal, force, path)  # nothing is locked, swept or written in a folder of other files
+        _require_free_folder(path, force)  # nothing is locked, swept or written in a folder of other files
     with atomic.scratch(path, goal / atomic.PREFIX) as held:
         _finish_move(held.at)
         try:
@@ -197,16 +197,15 @@ def _held(path: Path, force: bool, inputs: Inputs) -> Iterator[atomic.Scratch]:
             _finish_move(held.at)
 
 
-def _require_free_folder(folder: Path, force: bool, shown: Path | None = None) -> None:
-    shown = shown or folder
+def _require_free_folder(folder: Path, force: bool) -> None:
     if (other := next(others_in(folder), None)) is not None:  # at the first: it may be a home folder
         raise InputError(
-            f"{shown}: holds {other}, which fabdesign did not make there; expected a new folder, or an empty one"
+            f"{folder}: holds {other}, which fabdesign did not make there; expected a new folder, or an empty one"
         )
     if not force and next(files_in(folder), None) is not None:
         mark = read_mark(folder)
         by = "" if mark is None else f", made by fabdesign {mark.made_by}"
-        raise InputError(f"{shown}: exists{by}; --force replaces it")
+        raise InputError(f"{folder}: exists{by}; --force replaces it")
 
 
 def _anew(held: atomic.Scratch, path: Path) -> Path:

@@ -254,7 +254,12 @@ def this_worker() -> WorkerInfo:
     facts = {"fabdesign": __version__, "simulator": SIMULATOR, "code": code, "python": platform.python_version()}
     given = os.environ.get("TI_CPU_MAX_NUM_THREADS", "")
     threads = int(given) if given.isdecimal() and int(given) else cores()
-    return WorkerInfo(facts | {name: library_version(name) for name in _LIBRARIES}, _processor(), threads)
+    named: list[str] = []
+    with suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        named = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    processor = named[0] if named else platform.processor() or platform.machine()
+    return WorkerInfo(facts | {name: library_version(name) for name in _LIBRARIES}, processor, threads)
 
 
 def library_version(library: str) -> str:
@@ -262,11 +267,3 @@ def library_version(library: str) -> str:
         return metadata.version(library)
     except metadata.PackageNotFoundError:
         return "none"
-
-
-def _processor() -> str:
-    with suppress(OSError):
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()

@@ -193,8 +193,7 @@ class Database:
             if not work.anew:
                 raise
         work.clear()
-        work.claim(*files)
-        return cls(work.folder / name, content)
+        return cls.of_work(work, name, content)
 
     def rows(self, query: str, *values: object) -> list[Any]:
         """Return the rows of a query."""

@@ -124,6 +124,8 @@ def _wait(child: int, answered: Iterable[int], shared: int, give_up: GiveUp) -> 
             break
     import json
 
+    from fabdesign.errors import printable
+
     code = os.waitstatus_to_exitcode(status)
     records = [json.loads(line) for line in os.pread(shared, os.fstat(shared).st_size, 0).splitlines()]
     ends = [one for one in records if "ended" in one][-1:]
@@ -137,7 +139,11 @@ def _wait(child: int, answered: Iterable[int], shared: int, give_up: GiveUp) -> 
     except Exception as error:  # the line must come whatever is wrong with the disk
         kept = [f"unfinished output is left ({error})"]
     hint = " (where memory is short the system does that)" if not asked and code == -signal.SIGKILL else ""
-    _say("; ".join([ended_by(number) + hint, *(ends[0]["kept"] if ends else kept)]))
+    line = " ".join("; ".join([ended_by(number) + hint, *(ends[0]["kept"] if ends else kept)]).split())
+    # a progress bar has hidden the cursor and stands where ^C was shown
+    terminal = "\r\x1b[K\x1b[?25h" if os.isatty(2) else ""
+    with contextlib.suppress(OSError):  # nobody reads
+        os.write(2, f"{terminal}fabdesign: {printable(line)}\n".encode(errors="replace"))
     return 128 + int(number)
 
 
@@ -150,12 +156,3 @@ def _kill_adopted() -> None:
         for child in ours:
             os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
-
-
-def _say(line: str) -> None:
-    from fabdesign.errors import printable
-
-    # a progress bar has hidden the cursor and stands where ^C was shown
-    terminal = "\r\x1b[K\x1b[?25h" if os.isatty(2) else ""
-    with contextlib.suppress(OSError):  # nobody reads
-        os.write(2, f"{terminal}fabdesign: {printable(' '.join(line.split()))}\n".encode(errors="replace"))

@@ -120,8 +120,8 @@ class FollowStudy(StudyFile):
             return self
         if not self.target:
             raise table.error(f"expected {_EITHER}")
-        times = sorted(moment.time for moment in self.target)
-        for one, other in pairwise(times):
-            if other - one < 1e-6:
-                raise table.error(f"moments: two at {one:g} s; expected one at each time")
-        return replace(self, target=tuple(sorted(self.target, key=lambda moment: moment.time)))
+        moments = sorted(self.target, key=lambda moment: moment.time)
+        for one, other in pairwise(moments):
+            if other.time - one.time < 1e-6:
+                raise table.error(f"moments: two at {one.time:g} s; expected one at each time")
+        return replace(self, target=tuple(moments))

@@ -135,20 +135,18 @@ def _meaning(name: str, where: str, design: Design, model: Model) -> _Meaning:
         size = max(design.fabric.width, design.fabric.height)
         return "position", (muscle, corner, _AXES[rest[-1]]), "m", (-size, size), None
     if first == "effects" and len(rest) == 2:
-        effect = effect_named(rest[0], where)
-        if rest[1] not in effect.parameters:
-            check_values(effect, {rest[1]: 0.0}, where)  # which says what there is
-        parameter = effect.parameters[rest[1]]
+        label, key = rest
+        effect = effect_named(label, where)
+        if key not in effect.parameters:
+            check_values(effect, {key: 0.0}, where)  # which says what there is
+        parameter = effect.parameters[key]
         if parameter.integer:
             raise InputError(f"{where}: {name} is a choice, not a quantity; expected one that can be varied")
-        intervals = [
-            e.parameters[rest[1]].interval90 for e in model.effects if e.name == rest[0] and rest[1] in e.parameters
-        ]
-        return "effect", (rest[0], rest[1]), parameter.unit, parameter.bounds, intervals[0] if intervals else None
-    plain = name.rpartition(".")[2] if name.startswith(MUSCLE_TYPES) else name
-    kind_of_muscle = name.removeprefix(MUSCLE_TYPES).removesuffix(f".{plain}")
-    if plain in PARAMETERS and (plain == name or (plain in OF_MUSCLES and kind_of_muscle in design.muscle_types)):
-        if hiding := [factor for factor in model.factors if plain == name and factor.endswith(f".{name}")]:
+        ends = (e.parameters[key].interval90 for e in model.effects if e.name == label and key in e.parameters)
+        return "effect", (label, key), parameter.unit, parameter.bounds, next(ends, None)
+    of_types = {f"{MUSCLE_TYPES}{kind}.{factor}" for kind in design.muscle_types for factor in OF_MUSCLES}
+    if name in {*PARAMETERS, *of_types}:
+        if hiding := [factor for factor in model.factors if factor.endswith(f".{name}")]:
             raise InputError(f"{where}: the model has {', '.join(hiding)}; expected that name")
         ends = (p.interval90 for factor, p in model.parameters.items() if name in Model({factor: p}).factors)
         return "factor", (name,), "", FACTOR_RANGE, next(ends, None)

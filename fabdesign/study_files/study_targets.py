@@ -176,10 +176,20 @@ class ShapeOutput:
 def read_shape_output(text: str, fabric: Fabric, where: str) -> ShapeOutput:
     """Read an output in words. Raises InputError for what is none of the forms, a place off the cloth, and a place
     named twice."""
-    for kind, form in _FORMS.items():
-        if matched := form.fullmatch(text.strip()):
-            return ShapeOutput(text, kind, _places(matched.groups(), fabric, f"{where}: {text}"))
-    raise InputError(f"{where}: {text}; expected {EXPECTED}")
+    matches = [(kind, match) for kind, form in _FORMS.items() if (match := form.fullmatch(text.strip()))]
+    if not matches:
+        raise InputError(f"{where}: {text}; expected {EXPECTED}")
+    [(kind, match)] = matches
+    try:
+        numbers = np.array([float(cell) for cell in match.groups()]).reshape(-1, 2)
+    except ValueError:
+        raise InputError(f"{where}: {text}: expected two numbers in each pair of brackets") from None
+    shares = numbers / [fabric.width, fabric.height]
+    if not ((shares >= -1e-9) & (shares <= 1 + 1e-9)).all():
+        raise InputError(f"{where}: {text}: expected places on the cloth, {fabric.width:g} by {fabric.height:g} m")
+    if len({*map(tuple, numbers.tolist())}) < len(numbers):
+        raise InputError(f"{where}: {text}: one place twice; expected places apart")
+    return ShapeOutput(text, kind, tuple((float(u), float(v)) for u, v in np.clip(shares, 0, 1)))
 
 
 def read_shape_outputs(value: tuple[str, ...], table: Table) -> tuple[ShapeOutput, ...] | None:
@@ -187,16 +197,3 @@ def read_shape_outputs(value: tuple[str, ...], table: Table) -> tuple[ShapeOutpu
     fabric = table.find("design").fabric
     outputs = tuple(read_shape_output(text, fabric, f"{table.where}: outputs") for text in value)
     return outputs if len({*value}) == len(value) else None
-
-
-def _places(cells: tuple[str, ...], fabric: Fabric, where: str) -> tuple[tuple[float, float], ...]:
-    try:
-        numbers = np.array([float(cell) for cell in cells]).reshape(-1, 2)
-    except ValueError:
-        raise InputError(f"{where}: expected two numbers in each pair of brackets") from None
-    shares = numbers / [fabric.width, fabric.height]
-    if not ((shares >= -1e-9) & (shares <= 1 + 1e-9)).all():
-        raise InputError(f"{where}: expected places on the cloth, {fabric.width:g} by {fabric.height:g} m")
-    if len({*map(tuple, numbers.tolist())}) < len(numbers):
-        raise InputError(f"{where}: one place twice; expected places apart")
-    return tuple((float(u), float(v)) for u, v in np.clip(shares, 0, 1))

@@ -112,7 +112,7 @@ def _corners(space: DesignSpace) -> list[Corner]:
 def _of_corner(corner: Corner) -> Column:
     """Return the column [m] of a corner."""
     muscle, index, axis = corner
-    moving = column.corner_or_still(muscle, index, ((1.0, 0.0), (0.0, 1.0))[axis])
+    moving = column.corner(muscle, index, ((1.0, 0.0), (0.0, 1.0))[axis])
     return replace(moving, name=f"{moving.name} along {'uv'[axis]}", room=_inside(corner))
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.column import Column, Jacobians, corner_or_still, pressure
+from fabdesign.nouns.column import Column, Jacobians, corner, pressure
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.study_files.study_file import Study
@@ -87,7 +87,7 @@ class Copies:
             (m, k) for m, muscle in enumerate(muscles) for k in range(len(muscle.path)) if self.space.vary_positions
         ]
         return [
-            *(corner_or_still(m, k, way) for m, k in corners for way in ((1.0, 0.0), (0.0, 1.0))),
+            *(corner(m, k, way) for m, k in corners for way in ((1.0, 0.0), (0.0, 1.0))),
             *(pressure(m) for m in range(len(muscles)) if self.space.vary_pressures),
         ]
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.column import Column, corner_or_still
+from fabdesign.nouns.column import Column, corner
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model
@@ -126,7 +126,7 @@ class Scatter:
 
 def _placed(muscle: int, index: int, along: tuple[float, float], placement: float) -> Column:
     """Return the column of a corner off its place, in standard deviations of so many m."""
-    column = corner_or_still(muscle, index, along)
+    column = corner(muscle, index, along)
 
     def moved(case: Case, by: float) -> Case:
         return column.moved(case, by * placement)

@@ -73,7 +73,7 @@ class MeasuredData:
     @property
     def weighed(self) -> Accuracy | None:
         """Return what a fit weighs errors of the inputs by; None where these are exact."""
-        return None if self.accuracy.is_exact else self.accuracy
+        return self.accuracy if self.accuracy.pressure or self.accuracy.tilt else None
 
     def only(self, kept: Sequence[int]) -> "MeasuredData":
         """Return some trials, by their places."""

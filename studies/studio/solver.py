@@ -22,9 +22,8 @@ from fabdesign.files.pressure_file import constant_program
 from fabdesign.geometry.metrics import Errors, trial_errors
 from fabdesign.geometry.sensor_noise import NOISE_FREE, estimate_noise
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.corrector import Corrector, Trust, central_hash
 from fabdesign.nouns.design import Design
-from fabdesign.nouns.forward import Case, Term
+from fabdesign.nouns.forward import Case, Corrector, Term, Trust
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.pressure import PressureProgram
@@ -168,7 +167,7 @@ class StudioSolver:
         """Return what `forward_model` does; a corrector's file is read once."""
         if model.corrector is None:
             return forward_model(simulator, model)
-        key = model.corrector, central_hash(model)
+        key = model.corrector, model.central_hash
         if key not in self._correctors:
             self._correctors[key] = forward_model(simulator, model).corrector
         return Predictor(simulator, model, corrector=self._correctors[key])

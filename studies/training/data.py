@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.corrector import with_history
-from fabdesign.nouns.forward import Case, ForwardModel
+from fabdesign.nouns.forward import Case, ForwardModel, with_history
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.trial import MeasurementSet, Trial
 from fabdesign.runtime.effort import batches

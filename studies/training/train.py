@@ -14,8 +14,7 @@ from corrector.field import load_corrector, write_weights
 from fabdesign.files.model_file import write_model
 from fabdesign.formats.result_tables import Columns, Tabled
 from fabdesign.geometry.metrics import Closed, Errors, closed, mean_errors
-from fabdesign.nouns.corrector import Trust, central_hash
-from fabdesign.nouns.forward import ForwardModel
+from fabdesign.nouns.forward import ForwardModel, Trust
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.nouns.trial import MeasurementSet
@@ -119,13 +118,13 @@ def train_on(
         base = fitted_base(sets, learned, options, forward, checkpoint, progress=progress)
         learned, held = ([replace(c, case=case_of(c.trial, base)) for c in side] for side in (learned, held))
         weights, about = train_network(learned, sensed, plan, checkpoint, progress=progress)
-        about = dict(about) | {"trained_on": central_hash(base)}
+        about = dict(about) | {"trained_on": base.central_hash}
         beside = output.with_suffix(".safetensors")
         write_weights(beside, weights, about)
         model = replace(
             base,
             corrector=beside,
-            corrector_hash=central_hash(base),
+            corrector_hash=base.central_hash,
             provenance=_provenance(base, sets, learned, held, options),
         )
         tested = _tested(model, held, KeptMotions(sensed, checkpoint, progress), seed) if held else {}
@@ -177,7 +176,7 @@ def _content(learned: Sequence[Chosen], options: TrainingOptions) -> dict[str, s
         "network": options.network,
         "trials": ", ".join(chosen.name for chosen in learned),
         "unjudged": repr([np.flatnonzero(~chosen.used).tolist() for chosen in learned]),
-        "model": central_hash(options.base),
+        "model": options.base.central_hash,
         "points_per_side": str(options.base.points_per_side),
         "free": repr(options.vector),
         "plan": repr(options.plan),

@@ -21,9 +21,8 @@ from fabdesign.files.model_file import read_model, write_model
 from fabdesign.geometry.shape import Shape
 from fabdesign.geometry.surface import Surface
 from fabdesign.nouns.catalogue import build, standard
-from fabdesign.nouns.corrector import with_history
 from fabdesign.nouns.design import Design
-from fabdesign.nouns.forward import PARAMETERS, Case
+from fabdesign.nouns.forward import PARAMETERS, Case, with_history
 from fabdesign.nouns.model import Model, Parameter
 from fabdesign.nouns.pressure import PressureProgram
 from optimize.fit.free_parameters import fit_vector

@@ -11,8 +11,7 @@ from fabdesign.errors import InputError
 from fabdesign.files.measurement_set import read_set
 from fabdesign.files.model_file import read_model
 from fabdesign.geometry.distances import chamfer
-from fabdesign.nouns.corrector import with_history
-from fabdesign.nouns.forward import Case
+from fabdesign.nouns.forward import Case, with_history
 from fabdesign.nouns.model import Model
 from tests.corrector.test_corrector import LEARNED, Bending, Stopped, measure, program
 

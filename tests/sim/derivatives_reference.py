@@ -1,14 +1,41 @@
 """Whether a derivative of a shape at rest keeps the forces of the float64 reference in balance."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.sparse.linalg import factorized
 
-from fabdesign.effects.acting import specimen_of
+from fabdesign.effects.acting import specimen_of, terms_of
+from fabdesign.effects.registry import effect_named
 from fabdesign.nouns import column
-from fabdesign.nouns.column import move
-from fabdesign.nouns.forward import PARAMETERS
+from fabdesign.nouns.column import Column, move
+from fabdesign.nouns.forward import PARAMETERS, Case, Term
 from sim.kernels.fields import CONTRACTION_STEP, FIRST_CONTRACTION, PRESSURE_STEP, TABLE
 from tests.sim.sim_reference_effects import ReferenceWithEffects
+
+
+def of_effect(effect: str, parameter: str, step: float) -> Column:
+    """Return an effect's parameter, in its declared unit; from its value `off` where the case is without the effect."""
+    parameters = effect_named(effect, "column").parameters
+    declared = parameters[parameter]
+    off = {name: one.off for name, one in parameters.items() if one.off is not None}
+
+    def acting(case: Case) -> tuple[Term, float]:
+        terms = [term for term in terms_of(case) if term.name == effect]
+        term = terms[0] if terms else Term(effect, {**off, parameter: declared.centre})
+        return term, term.values.get(parameter, declared.typical)
+
+    def moved(case: Case, by: float) -> Case:
+        term, value = acting(case)
+        others = tuple(t for t in case.effects if (t.name, t.scope) != (effect, term.scope))
+        return replace(case, effects=(*others, Term(effect, {**term.values, parameter: value + by}, term.scope)))
+
+    def room(case: Case) -> tuple[float, float]:
+        low, high = declared.bounds
+        _, value = acting(case)
+        return low - value, high - value
+
+    return Column(f"{effect} {parameter}", declared.unit, step, step, moved, room)
 
 
 def kinds():
@@ -18,8 +45,8 @@ def kinds():
         *(column.factor(name) for name in PARAMETERS if name != "damping"),
         column.corner(0, 0, (1.0, 0.0)),
         column.corner(0, 1, (0.6, 0.8)),
-        column.of_effect("rest_curvature", "down", 0.1),
-        column.of_effect("odd_muscle", "factor", 0.01),
+        of_effect("rest_curvature", "down", 0.1),
+        of_effect("odd_muscle", "factor", 0.01),
     ]
 
 
@@ -27,12 +54,12 @@ def kinds_of_effects():
     """A column of each further effect that adds no force of its own to a shape at rest. stroke_softening is a gain as
     odd_muscle is, supply_droop a pressure."""
     return [
-        column.of_effect("rest_curvature", "across", 0.1),
-        column.of_effect("rest_curvature", "twist", 0.1),
-        column.of_effect("line_loss", "share", 1e-3),
-        column.of_effect("orthotropy", "ratio", 1e-3),
-        column.of_effect("frame_tilt", "about_x", 1e-2),
-        column.of_effect("added_mass", "mass", 1e-4),
+        of_effect("rest_curvature", "across", 0.1),
+        of_effect("rest_curvature", "twist", 0.1),
+        of_effect("line_loss", "share", 1e-3),
+        of_effect("orthotropy", "ratio", 1e-3),
+        of_effect("frame_tilt", "about_x", 1e-2),
+        of_effect("added_mass", "mass", 1e-4),
     ]
 
 

@@ -19,9 +19,8 @@ from fabdesign.files.design_file import read_design, write_design
 from fabdesign.files.pressure_file import constant_program, read_pressures
 from fabdesign.geometry.surface import Surface, capped_rms
 from fabdesign.nouns.catalogue import build
-from fabdesign.nouns.corrector import Trust, with_history
 from fabdesign.nouns.design import Design
-from fabdesign.nouns.forward import Case
+from fabdesign.nouns.forward import Case, Trust, with_history
 from fabdesign.nouns.model import NORMAL90, Covariance, EffectTerm, Model, Parameter, Quantity
 from fabdesign.nouns.predictor import Predictor
 from fabdesign.study_files.study_file import read_study
