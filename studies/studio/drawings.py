@@ -2,7 +2,7 @@
 their shapes and motions as they are shown."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -193,8 +193,9 @@ class Result(Seen):
 
     def at(self, pose: int) -> Layout:
         """Return the layout with a pose shown."""
-        others = {k: layout.pressures for k, layout in enumerate(self.layouts) if k != pose}
-        return replace(self.layouts[min(pose, len(self.layouts) - 1)], pose=pose, others=others)
+        shown = self.layouts[min(pose, len(self.layouts) - 1)]
+        by_pose = {k: layout.pressures for k, layout in enumerate(self.layouts)}
+        return Layout(shown.design, {**by_pose, pose: shown.pressures}, pose)
 
     def hold(self, layouts: tuple[Layout, ...], objective: float) -> None:
         """Take a better result in."""
@@ -205,36 +206,3 @@ class Result(Seen):
     @property
     def muscles(self) -> int:
         return len(self.layouts[0].design.muscles)
-
-
-@dataclass(frozen=True)
-class Row:
-    """A row of the table that compares drawings. Distances in m; None: not known yet. highest: Pa."""
-
-    name: str
-    muscles: int
-    chamfer: float | None
-    surface_rms: float | None
-    highest: float
-    shown: bool
-
-
-def one_more_buys(result: Result, others: Sequence[Result], drawn: Row | None) -> str | None:
-    """Return in words what one more muscle buys, against the best with the muscles that the search began with, searched
-    or drawn; None where the result has no more of them, or nothing is there to compare it with. drawn: the own drawing;
-    None where its figure is not the search's, a mean over poses."""
-    count = len(result.begun.design.muscles) if result.begun else result.muscles
-    rivals = [(other.objective, other.muscles, other.name) for other in others]
-    rivals += [(drawn.chamfer, drawn.muscles, drawn.name)] if drawn else []
-    known = [(objective, name) for objective, muscles, name in rivals if objective is not None and muscles == count]
-    if result.objective is None or result.muscles <= count or not known:
-        return None
-    before, name = min(known)
-    less = in_mm(before - result.objective)
-    change = f"{less:.2f} mm less" if less >= 0 else f"{-less:.2f} mm more"
-    by_hand = drawn and name == drawn.name
-    searched = "; for a fair comparison search from here without one more as well" if by_hand else ""
-    return (
-        f"One more muscle: Chamfer {in_mm(result.objective):.2f} mm with {result.muscles} muscles, {change} than "
-        f"{in_mm(before):.2f} mm with {count} ({name}){searched}."
-    )

@@ -14,7 +14,7 @@ from fabdesign.files.motion_file import Motion
 from fabdesign.files.pressure_file import read_pressures, write_pressures
 from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.forward import RISE
+from fabdesign.nouns.forward import RISE, Case
 from fabdesign.nouns.pressure import PressureProgram, require_pressures, rising_program
 from fabdesign.output import new_files
 from fabdesign.units import in_mm
@@ -73,7 +73,7 @@ class Playing:
                 raise InputError("no muscles; expected some that move the cloth")
             times = frame_times(program, frame_rate=FRAME_RATE)
             document.history.end()
-            self._ask(Ask("motion", document.layout.design, program, document.choice.model, times), name)
+            self._ask(Ask("motion", Case(document.layout.design, program), document.choice.model, times), name)
 
     def trial(self, label: str) -> None:
         """Play a trial of the set, measured, and its prediction under the model that is chosen."""
@@ -244,14 +244,13 @@ class ProgramEdit:
                 raise InputError(
                     f"{design.name}: {design.channels} channels; the program has {moving.regulator.channels}"
                 )
-            case = case_of(moving.study, moving.regulator.program(self.pressures))
-            ask = Ask(kind, design, case.program, document.choice.model, moving.times, case.order)
-            ask = replace(ask, effects=case.effects, wanted=moving.wanted)
+            case = replace(case_of(moving.study, moving.regulator.program(self.pressures)), design=design)
+            ask = Ask(kind, case, document.choice.model, moving.times, wanted=moving.wanted)
             self._shapes.also(ask, partial(self._arrived, ask))
 
     def _arrived(self, ask: Ask, answer: Answer) -> None:
         document = self._document
-        if (ask.design, ask.model) != (document.layout.design, document.choice.model):
+        if (ask.case.design, ask.model) != (document.layout.design, document.choice.model):
             return  # others by now, and the motion was stopped
         if answer.points is None or answer.off is None:
             document.tell(answer.error, bad=True)

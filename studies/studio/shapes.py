@@ -169,16 +169,15 @@ class JumpDetector:
         last, self._last = self._last, (layout, points)
         if last is None or last[1].shape != points.shape:
             return None, None
-        moved = rms(points - last[1])
+        moved, change = rms(points - last[1]), size_of_change(last[0], layout)
         self._off = max(self._off, moved)
-        change = size_of_change(last[0], layout)
-        if exact and change == 0:
-            return (None, None) if are_one(moved, self._off) else (moved, last[1])
         if change == 0:
-            return None, None
-        usual = float(np.median(self._rates)) if self._rates else np.inf
-        self._rates = [*self._rates[-8:], moved / change]
-        return (moved, last[1]) if moved > max(LEAST, SNAP * usual * change) else (None, None)
+            jumped = exact and not are_one(moved, self._off)
+        else:
+            usual = float(np.median(self._rates)) if self._rates else np.inf
+            self._rates = [*self._rates[-8:], moved / change]
+            jumped = moved > max(LEAST, SNAP * usual * change)
+        return (moved, last[1]) if jumped else (None, None)
 
 
 def size_of_change(a: Layout, b: Layout) -> float:

@@ -1,6 +1,7 @@
 """The studio without a browser: layouts, their limits, snapping, the shape that follows, files."""
 
 import contextlib
+import re
 import subprocess
 import sys
 import time
@@ -30,9 +31,9 @@ from optimize.search.margins import Limits, constraint_margins
 from studies.check.files import inspect
 from studies.layout_search.target import LoadedTarget, load_target
 from studies.studio import layout as edits
-from studies.studio.drawings import DrawingHistory, LiveShape, Result, one_more_buys
+from studies.studio.drawings import DrawingHistory, LiveShape, Result
 from studies.studio.layout import Layout, broken_limits, row_distance, rows, snapped
-from studies.studio.model_choice import ModelChoice, half_band, models_around
+from studies.studio.model_choice import ModelChoice, half_band
 from studies.studio.opening import Comparison, Opened, open_files, search_limits
 from studies.studio.search import Search, study_document
 from studies.studio.session import Session
@@ -41,7 +42,7 @@ from studies.studio.solver import Ask, StudioSolver
 from studies.studio.widgets.declared import on_plane
 from studies.studio.widgets.flat_view import Places, laced, ribbon
 from studies.studio.widgets.panels import model
-from studies.studio.widgets.status import errors_table
+from studies.studio.widgets.status import errors_table, results_table
 from tests.bending import AtOnce, Bending, bow
 from tests.command_line import Run, one_line
 
@@ -129,7 +130,7 @@ def test_a_whole_muscle_keeps_its_form_at_the_edge() -> None:
 
 
 def test_removing_a_muscle_takes_its_channel_along() -> None:
-    layout = replace(BASIC, pressures=tuple(1e3 * k for k in range(8)), others={1: tuple(1e4 * k for k in range(8))})
+    layout = Layout(BASIC.design, {pose: tuple(by * k for k in range(8)) for pose, by in ((0, 1e3), (1, 1e4))})
     less = edits.remove_muscle(layout, 2)
     assert less.design.channels == 7
     assert less.at(1).pressures == (0, 1e4, 3e4, 4e4, 5e4, 6e4, 7e4)  # in the other pose too
@@ -259,7 +260,7 @@ def test_only_the_newest_layout_is_asked_and_the_exact_one_after_letting_go(begi
     worker.busy = False
     session.shapes.turn()
     session.shapes.turn()
-    assert [ask.design for ask in worker.asked] == [layouts[0].design, layouts[4].design]
+    assert [ask.case.design for ask in worker.asked] == [layouts[0].design, layouts[4].design]
     assert {ask.kind for ask in worker.asked} == {"follow"}
     session.document.drag("drag", layouts[4], last=True)
     session.shapes.turn()
@@ -562,7 +563,7 @@ def test_a_corrected_motion_is_simulated_once(lifted: StudioSolver, monkeypatch:
     monkeypatch.setattr(Bending, "motions", lambda self, c, times: asked.extend(times) or motions(self, c, times))
     times = np.array([0.0, 0.2, 0.25])
     cloud = bow(Case(BASIC.design, constant_program([0.0] * 8))).reshape(-1, 3).astype(float) + [0, 0, 3e-3]
-    ask = Ask("motion", BASIC.design, constant_program([0.0] * 8), LIFTED, times, measured=(cloud,) * 3)
+    ask = Ask("motion", Case(BASIC.design, constant_program([0.0] * 8)), LIFTED, times, measured=(cloud,) * 3)
     answer = lifted.answer(ask)
     (once,) = asked
     assert once == pytest.approx([0.0, 0.1, 0.15, 0.2, 0.25])  # with the instants that the corrector looks back to
@@ -592,10 +593,10 @@ def test_the_band_is_the_covariance_at_the_edge() -> None:
         points[:, -1] = np.tensordot([np.log(one.parameters[name].factor) for name in names], slopes, 1)
         return points.reshape(-1, 3)
 
-    band = half_band([shape(one) for one in models_around(model)])
+    band = half_band([shape(one) for one in ModelChoice.of(model).around])
     expected = NORMAL90 * np.sqrt(np.einsum("ikd,ij,jkd->kd", slopes, root @ root.T, slopes))
     assert band == pytest.approx(expected, rel=1e-5)
-    assert not models_around(Model())
+    assert not ModelChoice.of(Model()).around
 
 
 def test_a_band_comes_with_the_exact_shape_and_goes_with_an_edit(begin: Begin) -> None:
@@ -616,7 +617,7 @@ def test_a_band_comes_with_the_exact_shape_and_goes_with_an_edit(begin: Begin) -
 def target_at(layout: Layout, path: Path, *, every: int = 1) -> LoadedTarget:
     """The cloth's own shape as a target, every so many points of a row."""
     ask = Ask.at_rest("exact", layout.design, layout.pressures, Model())
-    np.savetxt(path, bow(Case(ask.design, ask.program))[::every, ::every].reshape(-1, 3))
+    np.savetxt(path, bow(ask.case)[::every, ::every].reshape(-1, 3))
     return load_target(TargetFile(path), layout.design)
 
 
@@ -716,16 +717,19 @@ def test_a_result_is_a_drawing_of_its_own(begin: Begin, tmp_path: Path, monkeypa
     settle(session, clock, 4.0)
     assert session.document.layout == better  # it moves in
     assert session.document.history.layout == own
-    mine, found = session.document.rows()
-    assert (mine.muscles, found.muscles, found.highest) == (8, 9, 190e3)
-    assert found.chamfer == session.document.results[0].comparison.errors.chamfer < mine.chamfer
-    line = one_more_buys(session.document.results[0], [], mine)
-    assert f"{1e3 * mine.chamfer - 3:.2f} mm less than {1e3 * mine.chamfer:.2f} mm with 8 (own drawing)" in str(line)
+    result = session.document.results[0]
+    (mine, _), (found, _) = (session.document.errors_of(one) for one in (session.document.history, result))
+    assert found == result.comparison.errors.chamfer < mine
+    table = results_table(session.document)
+    assert f"<td>own drawing</td><td>8</td><td>{1e3 * mine:.2f}</td>" in table
+    assert re.search(rf"<td>9</td><td>{1e3 * found:.2f}</td><td>[\d.]+</td><td>190</td>", table)
+    line = session.document.one_more_buys(result)
+    assert f"{1e3 * mine - 3:.2f} mm less than {1e3 * mine:.2f} mm with 8 (own drawing)" in str(line)
     rival = Result(name="search 2", begun=own, layouts=(own,), objective=3.2e-3)
-    assert "0.20 mm less than 3.20 mm with 8 (search 2)" in str(
-        one_more_buys(session.document.results[0], [rival], mine)
-    )
-    assert one_more_buys(rival, [], mine) is None
+    session.document.results.append(rival)
+    assert "0.20 mm less than 3.20 mm with 8 (search 2)" in str(session.document.one_more_buys(result))
+    assert session.document.one_more_buys(rival) is None
+    session.document.results.pop()
     monkeypatch.setattr(Searching, "running", False)
     settle(session, clock, 4.0)
     assert not session.search.running
@@ -748,13 +752,13 @@ def test_poses_have_their_own_target_and_pressures(begin: Begin, tmp_path: Path)
     session, _, _, clock = begin(targets=targets)
     session.document.press(0, 200e3)
     settle(session, clock)
-    first = session.document.comparison
+    first = session.document.seen.comparison
     session.document.show_pose(1)
     session.document.press(0, 0.0)
     session.document.press(4, 200e3)
     settle(session, clock)
     assert session.document.target is targets[1]
-    assert session.document.comparison.errors.surface_rms == pytest.approx(first.errors.surface_rms, rel=0.5)
+    assert session.document.seen.comparison.errors.surface_rms == pytest.approx(first.errors.surface_rms, rel=0.5)
     session.document.show_pose(0)
     settle(session, clock)
     assert session.document.layout.pressures[:5] == (200e3, 0, 0, 0, 0)
@@ -762,7 +766,7 @@ def test_poses_have_their_own_target_and_pressures(begin: Begin, tmp_path: Path)
     session.document.undo()
     settle(session, clock)
     assert session.document.pose == 0
-    assert session.document.comparison.errors.surface_rms == first.errors.surface_rms  # beside its own target
+    assert session.document.seen.comparison.errors.surface_rms == first.errors.surface_rms  # beside its own target
     session.document.redo()
     assert (session.document.pose, session.document.layout.pressures[4]) == (1, 200e3)
     assert not session.document.history.layout.same_content(BASIC)
@@ -788,7 +792,7 @@ def test_a_trials_frame_is_compared_with_the_motion_there(begin: Begin, folder: 
     exact = next(ask for ask in worker.asked if ask.kind == "exact")
     assert exact.times == [target.time]
     assert shown.shapes[-1].time == target.time
-    assert session.document.comparison is not None
+    assert session.document.seen.comparison is not None
 
 
 # the model
@@ -927,8 +931,7 @@ def test_all_is_in_the_first_view_and_bending_shows(size: tuple[float, float], w
 
 def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("viser")
-    from studies.studio.gate import Gate
-    from studies.studio.server import quiet_viser
+    from studies.studio.server import Gate, quiet_viser
     from studies.studio.widgets.page import Page
 
     monkeypatch.chdir(folder)

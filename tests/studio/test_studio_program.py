@@ -50,7 +50,7 @@ def program(channel_0: np.ndarray) -> PressureProgram:
 @pytest.fixture
 def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A study whose target bows as under RAMP: a cloud each 0.1 s from rest on."""
-    monkeypatch.setattr("studies.studio.resumed.Resumed", Bowing)
+    monkeypatch.setattr("studies.studio.solver.Resumed", Bowing)
     write_design(DESIGN, tmp_path / "cross.toml")
     (tmp_path / "clouds").mkdir()
     at_rest = Bowing(None).motion(Case(DESIGN, program(RAMP * 0)), np.zeros(1))
@@ -166,8 +166,7 @@ def test_the_folder_of_a_result_is_opened(study: Path, tmp_path: Path) -> None:
 
 def test_the_page_shows_knots_that_are_dragged(study: Path) -> None:
     pytest.importorskip("viser")
-    from studies.studio.gate import Gate
-    from studies.studio.server import quiet_viser
+    from studies.studio.server import Gate, quiet_viser
     from studies.studio.widgets.page import Page
 
     with contextlib.closing(Gate("127.0.0.1", None)) as gate, quiet_viser(gate) as server:
@@ -198,7 +197,7 @@ def test_the_page_shows_knots_that_are_dragged(study: Path) -> None:
 def test_a_motion_goes_on_from_the_state_before_what_changed() -> None:
     """As from rest but for the rounding of single precision, with the simulator itself."""
     from sim import Simulator
-    from studies.studio.resumed import Resumed
+    from studies.studio.solver import Resumed
 
     simulator, times = Simulator(11), 0.05 * np.arange(1, 7)
     rows = np.array([[50e3, 0], [90e3, 10e3], [90e3, 60e3], [20e3, 60e3], [20e3, 0], [70e3, 0]], float)

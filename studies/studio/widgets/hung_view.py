@@ -29,7 +29,7 @@ Shape = NDArray[np.float32]
 
 def largest_distance(session: Session) -> float | None:
     """Return the end [m] of the scale of the cloth's distances to the target; None where they are not shown."""
-    comparison = session.document.comparison
+    comparison = session.document.seen.comparison
     if session.document.target is None or comparison is None or session.shapes.shown is None:
         return None
     return max(LEAST_SCALE, float(np.percentile(comparison.of_cloth, 98)))
@@ -53,9 +53,9 @@ def hung_nodes(session: Session) -> dict[str, Node]:
     if document.target is not None:
         points = document.target.points
         nodes |= _cloud("target", points, np.tile(np.array(_PLAIN, np.uint8), (len(points), 1)))
-    largest = largest_distance(session)
-    if largest is not None and shape is not None and document.comparison is not None:
-        nodes["/hung/distances"] = _distances(shape, document.comparison, largest)
+    largest, comparison = largest_distance(session), document.seen.comparison
+    if largest is not None and shape is not None and comparison is not None:
+        nodes["/hung/distances"] = _distances(shape, comparison, largest)
     return nodes
 
 

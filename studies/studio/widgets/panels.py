@@ -13,7 +13,6 @@ from fabdesign.geometry.placement import UNITS
 from fabdesign.output import read_mark
 from studies.studio import layout as edits
 from studies.studio.document import Document
-from studies.studio.drawings import one_more_buys
 from studies.studio.model_choice import ModelChoice
 from studies.studio.search import VARIES
 from studies.studio.session import Session
@@ -163,12 +162,9 @@ def target(session: Session) -> list[Widget]:
 
 def results(document: Document) -> list[Widget]:
     """Return the results of searches, beside the own drawing."""
-    rows, by_name = document.rows(), {result.name: result for result in document.results}
+    by_name = {result.name: result for result in document.results}
     lines = [f"{result.name}: {result.state}" for result in document.results]
-    drawn = rows[0] if len(document.targets) == 1 else None
-    for result in document.results:
-        buys = one_more_buys(result, [other for other in document.results if other is not result], drawn)
-        lines += [buys] if buys else []
+    lines += filter(None, map(document.one_more_buys, document.results))
     nothing = "Nothing yet: *Search from here* under *Target*. An edit of a result takes it as own drawing."
     shown, beside = DRAWING if document.shown is None else document.shown.name, partial(document.set_option, "beside")
     hint = "Its shape, seen through"
@@ -176,7 +172,7 @@ def results(document: Document) -> list[Widget]:
         ui.choice("Shown", (DRAWING, *by_name), shown, lambda name: document.show_result(by_name.get(name))),
         ui.entry("checkbox", "The other one beside it", document.beside, beside, hint=hint),
         ui.button("Take as own drawing", document.take, disabled=document.shown is None),
-        ui.html("table", results_table(rows)),
+        ui.html("table", results_table(document)),
         ui.words("message", "\n\n".join(lines) or nothing),
     ]
 
