@@ -116,15 +116,10 @@ def branch_in_words(branch: Branches) -> str:
     """Return whether a trial that is far off lies on another branch, as simulated from starts that differ a little."""
     changed = f"the frame tilted by up to {max(TILTS):g} degrees or the cloth curved by up to {max(CURLS):g} 1/m more"
     nearest = f"{in_mm(branch.nearest):.2f} mm, without the change {in_mm(branch.unchanged):.2f} mm"
+    which = "It is not another stable shape (branch), as far as small changes of the start show."
     if branch.is_nearer:
-        return (
-            "It took another stable shape (branch): a small change of the start leads there. With "
-            f"{changed}, the model without its corrector comes to {nearest}."
-        )
-    return (
-        "It is not another stable shape (branch), as far as small changes of the start show. With "
-        f"{changed}, the model without its corrector comes to {nearest}."
-    )
+        which = "It took another stable shape (branch): a small change of the start leads there."
+    return f"{which} With {changed}, the model without its corrector comes to {nearest}."
 
 
 def evaluate_shipped(*, forward: ForwardModel | None = None) -> ShippedErrors:

@@ -7,7 +7,7 @@ import json
 import os
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -54,10 +54,8 @@ def read_folder(path: Path) -> ResultFolder:
     mark = read_mark(path)
     if mark is None:
         raise InputError(f"{path}: is no folder that fabdesign made (without {MARK}); expected a result's folder")
-    file = next((path / name for name in RESULTS if (path / name).is_file()), None)
-    if file is None:
-        return ResultFolder(path, mark.made_by, {})
-    return ResultFolder(path, mark.made_by, read_json(file))
+    files = [path / name for name in RESULTS if (path / name).is_file()]
+    return ResultFolder(path, mark.made_by, read_json(files[0]) if files else {})
 
 
 def folders_below(paths: Sequence[Path]) -> list[ResultFolder]:
@@ -146,11 +144,8 @@ def _read(history: Path) -> list[tuple[Any, ...]]:
     at_work = history.with_name(history.name + "-wal").exists()  # else SQLite would leave files of its own beside it
     try:
         how = "mode=ro" if at_work else "mode=ro&immutable=1"
-        file = sqlite3.connect(f"{history.resolve().as_uri()}?{how}", uri=True)
-        try:
+        with closing(sqlite3.connect(f"{history.resolve().as_uri()}?{how}", uri=True)) as file:
             return file.execute(query).fetchall()
-        finally:
-            file.close()
     except sqlite3.Error as error:
         raise InputError(f"{history}: cannot be read ({error})") from None
 
