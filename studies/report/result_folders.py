@@ -184,7 +184,7 @@ def write_optuna_store(table: EvaluationsTable, path: Path, name: str) -> None:
                 study_name = name if part == "." else part
                 study = optuna.create_study(storage=storage, study_name=study_name, direction="minimize")
                 study.set_user_attr("objective", OBJECTIVE)
-                study.add_trials([*_trials(group)])
+                study.add_trials([_trial_of(row) for row in group])
         finally:
             storage.engine.dispose()
 
@@ -201,16 +201,16 @@ def _unwrapped() -> Iterator[None]:
         raise cause or error from None
 
 
-def _trials(rows: Iterator[dict[str, Any]]) -> Iterator[Any]:
-    """Yield one that diverged is a failed trial, without a value."""
-    import optuna
+def _trial_of(row: Mapping[str, Any]) -> Any:
+    """Return an evaluation as Optuna's trial; one that diverged has failed, without a value."""
+    from optuna.distributions import FloatDistribution
+    from optuna.trial import TrialState, create_trial
 
-    for row in rows:
-        x = {key: value for key, value in row.items() if key.startswith("x_") and value is not None}
-        yield optuna.trial.create_trial(
-            state=optuna.trial.TrialState.FAIL if row["diverged"] else optuna.trial.TrialState.COMPLETE,
-            value=row[OBJECTIVE],
-            params=x,
-            distributions=dict.fromkeys(x, optuna.distributions.FloatDistribution(0.0, 1.0)),
-            user_attrs={key: row[key] for key in ("evaluation", "seconds", "stage")},
-        )
+    x = {key: value for key, value in row.items() if key.startswith("x_") and value is not None}
+    return create_trial(
+        state=TrialState.FAIL if row["diverged"] else TrialState.COMPLETE,
+        value=row[OBJECTIVE],
+        params=x,
+        distributions=dict.fromkeys(x, FloatDistribution(0.0, 1.0)),
+        user_attrs={key: row[key] for key in ("evaluation", "seconds", "stage")},
+    )

@@ -166,7 +166,7 @@ class Document:
 
     def end_gesture(self, calm: float) -> None:
         """End a gesture without an end of its own, as of a slider, once nothing came for `calm` s."""
-        if self.history.in_gesture and self._dragged is None and self._clock() - self._touched > calm:
+        if self.history.gesture and self._dragged is None and self._clock() - self._touched > calm:
             self.history.end()
             self.changed()
 
@@ -204,13 +204,8 @@ class Document:
         if channel < len(self.layout.pressures):
             self.drag(f"pressure of channel {channel}", self.layout.with_pressure(channel, pressure))
 
-    def undo(self) -> None:
-        self._move(-1, "undone")
-
-    def redo(self) -> None:
-        self._move(1, "done again")
-
-    def _move(self, by: int, how: str) -> None:
+    def step(self, by: int) -> None:
+        """Undo (-1) or redo (1) one step."""
         if self.shown is not None:
             self.show_result(None)
         pose, what = self.pose, self.history.move(by)
@@ -218,7 +213,7 @@ class Document:
             return
         self._dragged = None
         (self.changed if self.pose == pose else self._forget)()
-        self.tell(f"{how}: {what}")
+        self.tell(f"{'undone' if by < 0 else 'done again'}: {what}")
 
     # another drawing, model or target
 

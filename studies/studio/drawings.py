@@ -114,11 +114,11 @@ class DrawingHistory(Seen):
         super().__init__()
         self._kept = layout
         self._steps, self._at = [("", layout)], 0  # what was done, and the layout after it
-        self._gesture: tuple[str, Layout] | None = None  # what is under way, and where it is
+        self.gesture: tuple[str, Layout] | None = None  # what is under way, and where it is
 
     @property
     def layout(self) -> Layout:
-        return (self._gesture or self._steps[self._at])[1]
+        return (self.gesture or self._steps[self._at])[1]
 
     def at(self, pose: int) -> Layout:
         """Return the layout with a pose shown."""
@@ -128,10 +128,6 @@ class DrawingHistory(Seen):
     def changed(self) -> bool:
         """Return whether design or pressures are others than those last saved or opened."""
         return not self.layout.same_content(self._kept)
-
-    @property
-    def in_gesture(self) -> bool:
-        return self._gesture is not None
 
     def do(self, what: str, layout: Layout) -> None:
         """Take one step to another layout; what was undone before is gone."""
@@ -148,14 +144,14 @@ class DrawingHistory(Seen):
 
     def shape(self, what: str, layout: Layout) -> None:
         """Go through a moment of a gesture; another gesture ends where this one begins."""
-        if self._gesture is not None and self._gesture[0] != what:
+        if self.gesture is not None and self.gesture[0] != what:
             self.end()
-        self._gesture = what, layout
+        self.gesture = what, layout
 
     def end(self) -> None:
         """Make the gesture under way, if any, one step."""
-        if self._gesture is not None:
-            gesture, self._gesture = self._gesture, None
+        if self.gesture is not None:
+            gesture, self.gesture = self.gesture, None
             self.do(*gesture)
 
     def move(self, by: int) -> str | None:

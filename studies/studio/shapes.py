@@ -91,7 +91,7 @@ class Shapes:
 
     def _follow(self) -> None:
         """Ask for what the document shows now; a shape that is there already is only compared again."""
-        document, moving = self._document, self._document.history.in_gesture
+        document, moving = self._document, self._document.history.gesture is not None
         wanted = document.layout, document.choice.model, self._time
         if self._wanted is None or self._wanted != wanted:
             self._stage = "follow"
@@ -120,7 +120,7 @@ class Shapes:
         self.shown = shape = LiveShape(
             answer.points, layout, exact, ask.points_per_side, answer.seconds, jump, time, answer.correction
         )
-        if jump is not None or document.history.in_gesture:
+        if jump is not None or document.history.gesture:
             self.before = before
         if layout == document.layout:
             document.seen.forget()

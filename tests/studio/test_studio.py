@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from fabdesign.drawings.sewing import Sewing, export_design
 from fabdesign.effects.registry import EFFECTS
@@ -313,12 +312,12 @@ def test_a_slider_follows_and_comes_to_rest(begin: Begin) -> None:
         session.document.press(0, 1e3 * kilopascals)
         clock.now += 0.02
         session.tick()
-    assert session.document.history.in_gesture
+    assert session.document.history.gesture
     settle(session, clock)
-    assert not session.document.history.in_gesture
+    assert not session.document.history.gesture
     assert shown.shapes[-1].exact
     assert shown.shapes[-1].layout.pressures[0] == 180e3
-    session.document.undo()
+    session.document.step(-1)
     assert session.document.layout.pressures[0] == 0.0  # the whole way of the slider is one step
 
 
@@ -344,7 +343,7 @@ def test_unsaved_changes_come_back(begin: Begin) -> None:
     again, shown, *_ = begin()
     assert again.document.layout == left
     assert "restored" in shown.said[0]
-    again.document.undo()
+    again.document.step(-1)
     assert again.document.layout == Layout.of(build("basic"))
 
 
@@ -357,7 +356,7 @@ def test_an_autosave_on_a_file_that_has_changed_is_a_step_away(begin: Begin, tmp
     again, shown, *_ = begin()
     assert len(again.document.layout.design.muscles) == 7
     assert "has changed" in shown.said[0]
-    again.document.redo()
+    again.document.step(1)
     assert again.document.layout == left
 
 
@@ -742,8 +741,8 @@ def test_a_result_is_a_drawing_of_its_own(begin: Begin, tmp_path: Path, monkeypa
     settle(session, clock)
     assert session.document.shown is None
     assert session.document.layout == better.with_pressure(1, 50e3)
-    session.document.undo()
-    session.document.undo()
+    session.document.step(-1)
+    session.document.step(-1)
     assert session.document.layout == own
 
 
@@ -763,11 +762,11 @@ def test_poses_have_their_own_target_and_pressures(begin: Begin, tmp_path: Path)
     settle(session, clock)
     assert session.document.layout.pressures[:5] == (200e3, 0, 0, 0, 0)
     session.document.show_pose(1)
-    session.document.undo()
+    session.document.step(-1)
     settle(session, clock)
     assert session.document.pose == 0
     assert session.document.seen.comparison.errors.surface_rms == first.errors.surface_rms  # beside its own target
-    session.document.redo()
+    session.document.step(1)
     assert (session.document.pose, session.document.layout.pressures[4]) == (1, 200e3)
     assert not session.document.history.layout.same_content(BASIC)
     assert session.document.history.layout.same_content(session.document.history.at(0))  # no pose shown is unsaved
@@ -904,7 +903,7 @@ def test_help_loads_nothing_heavy() -> None:
 @pytest.mark.parametrize("size", [(0.2, 0.2), (0.5, 0.2), (0.2, 0.5)])
 @pytest.mark.parametrize("window", [(800, 750), (800, 1000), (1200, 900), (1500, 600)])  # px, what the panel leaves
 def test_all_is_in_the_first_view_and_bending_shows(size: tuple[float, float], window: tuple[int, int]) -> None:
-    from studies.studio.widgets.flat_view import VIEW, eye_of
+    from studies.studio.widgets.flat_view import HUNG_TURN, VIEW, eye_of
 
     places = Places(*size)
     width, height = window
@@ -918,11 +917,10 @@ def test_all_is_in_the_first_view_and_bending_shows(size: tuple[float, float], w
         return np.stack([across, up], axis=-1) / (to @ forward)[:, None] * height / 2 / np.tan(VIEW / 2)
 
     u, v = (line.ravel() for line in np.meshgrid([0.0, 0.5, 1.0], [0.0, 0.5, 1.0]))
-    turn = Rotation.from_quat(np.roll(places.hung_turn, -1))
     flat = [places.flat(np.stack([u, v], axis=1) * size, side) for side in ("front", "back")]
     hung = np.stack([(1.08 * u - 0.54) * size[0], -v * size[1], 0 * u], axis=1)
     depth = 0.2 * size[1] * v**2
-    forth, back = (turn.apply(hung + sign * depth[:, None] * [0, 0, 1]) + places.hung_origin for sign in (1, -1))
+    forth, back = (HUNG_TURN.apply(hung + sign * depth[:, None] * [0, 0, 1]) + places.hung_origin for sign in (1, -1))
     seen = on_screen(np.concatenate([*flat, forth, back]))
     assert (np.abs(seen) < np.array(window) / 2).all()
     ahead, behind = on_screen(forth), on_screen(back)

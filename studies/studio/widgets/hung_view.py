@@ -15,7 +15,7 @@ from studies.studio.drawings import LiveShape
 from studies.studio.opening import Comparison
 from studies.studio.session import Session
 from studies.studio.widgets.declared import LIFT, Node
-from studies.studio.widgets.flat_view import BACK, FRONT, Colour, Places, colour, heat, laced, lines
+from studies.studio.widgets.flat_view import BACK, FRONT, HUNG_TURN, Colour, Places, colour, heat, laced, lines
 
 LEAST_SCALE = 0.002  # m, the least end of a scale of distances
 _OTHER, _BEFORE = (60, 90, 200), (230, 140, 40)  # of another drawing's shape; of one before a jump or a correction
@@ -61,14 +61,14 @@ def hung_nodes(session: Session) -> dict[str, Node]:
 
 def _frame(design: Design) -> dict[str, Node]:
     places = Places.of(design.fabric)
-    bar = np.array([[(-0.54 * places.width, 0.001, 0.0), (0.54 * places.width, 0.001, 0.0)]])
-    line = {"points": bar, "colors": (60, 60, 60), "thickness": 0.015 * places.width}
+    bar = np.array([(-0.54 * places.width, 0.001, 0.0), (0.54 * places.width, 0.001, 0.0)])
+    look = {"thickness_units": "world", "visible": design.fabric.hung == "top"}
     title = {"text": "as it hangs", "anchor": "bottom-center", "position": (0.0, 0.06 * places.height, 0.0)}
-    where = {"position": places.hung_origin, "wxyz": places.hung_turn}
+    where = {"position": places.hung_origin, "wxyz": tuple(HUNG_TURN.as_quat(scalar_first=True).tolist())}
     return {
         "/hung": Node("frame", {"show_axes": False, **where}),
         "/hung/title": Node("label", title),
-        "/hung/bar": Node("line_segments", {**line, "visible": design.fabric.hung == "top"}),
+        "/hung/bar": lines(bar, shade=(60, 60, 60), thickness=0.015 * places.width, **look),
     }
 
 
@@ -85,11 +85,9 @@ def _cloth(points: Shape, design: Design) -> dict[str, Node]:
         face = {"vertices": vertices, "faces": faces, "color": shade, "side": "front"}
         nodes[f"/hung/{side}"] = Node("mesh_simple", face)
     for i, muscle in enumerate(design.muscles):
-        line = laced(points, muscle, design.fabric)
-        segments = np.stack([line[:-1], line[1:]], axis=1).astype(np.float32)
-        width = design.muscle_types[muscle.type].outer_diameter
-        given = {"points": segments, "colors": np.array(colour(muscle.channel), np.uint8), "thickness": width}
-        nodes[f"/hung/muscle_{i}"] = Node("line_segments", given)
+        line, width = laced(points, muscle, design.fabric), design.muscle_types[muscle.type].outer_diameter
+        shade = colour(muscle.channel)
+        nodes[f"/hung/muscle_{i}"] = lines(line, shade=shade, thickness=width, thickness_units="world")
     return nodes
 
 
@@ -159,8 +157,8 @@ def program_nodes(session: Session) -> dict[str, Node]:
         nodes["/program/now"] = lines(now, shade=_GREY)
     steps = cycle * np.repeat(np.arange(len(pressures) + 1), 2)[1:-1]
     for channel, values in enumerate(np.repeat(pressures, 2, axis=0).T):
-        pixels = 3.0 if channel == edit.channel else 1.0
-        nodes[f"/program/line_{channel}"] = lines(places(steps, values), shade=colour(channel), pixels=pixels)
+        thickness = 3.0 if channel == edit.channel else 1.0
+        nodes[f"/program/line_{channel}"] = lines(places(steps, values), shade=colour(channel), thickness=thickness)
     for k, at in enumerate(places(cycle * edit.knots, pressures[edit.knots, edit.channel])):
         shade, larger = (_DARK, 1.3) if k == edit.knot else (colour(edit.channel), 1.0)
         ball = {"radius": larger * _KNOT, "color": shade, "position": tuple(at), "subdivisions": 2}

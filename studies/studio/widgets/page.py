@@ -33,10 +33,9 @@ class Page:
         self.nodes, self.widgets = SceneNodes(server.scene, self.post), Widgets(server.gui, self.post)
         self._stale = False  # whether it shows what no longer holds
         self._arrange(server)
-        document = self.session.document
-        for label, key, then in (("Undo", "Z", document.undo), ("Redo", "Y", document.redo)):
+        for label, key, by in (("Undo", "Z", -1), ("Redo", "Y", 1)):
             command = server.gui.add_command(label, hotkey=key, modifier="cmd/ctrl")
-            command.on_trigger(lambda _, then=then: self.post(then))
+            command.on_trigger(lambda _, by=by: self.post(partial(self.session.document.step, by)))
 
     def begin(self) -> None:
         self.session.begin(partial(setattr, self, "_stale", True))

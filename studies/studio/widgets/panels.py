@@ -73,7 +73,7 @@ def muscle(document: Document) -> list[Widget]:
     }
     spacing: dict[str, Any] = {"min": edits.LEAST_SPACING, "max": 0.1, "step": 0.5}
     return [
-        ui.buttons("History", {"undo": document.undo, "redo": document.redo}),
+        ui.buttons("History", {"undo": partial(document.step, -1), "redo": partial(document.step, 1)}),
         ui.choice("Muscle", names, names[i or 0], lambda name: document.select(names.index(name))),
         ui.buttons("Layout", {"add": add, **changes}),
         ui.entry("text", "Face", one.side if one else "", disabled=True),
