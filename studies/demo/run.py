@@ -15,7 +15,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 
 from fabdesign.drawings.layout_drawing import HALF, HIGH, LOW
-from fabdesign.drawings.oblique import box_of
+from fabdesign.drawings.oblique import box_of, draw_shape
 from fabdesign.formats.json_file import plain, read_json, write_json
 from fabdesign.geometry.metrics import MANY_BEYOND, beyond_in_words
 from fabdesign.geometry.shape import Shape
@@ -31,7 +31,6 @@ from optimize.search.evaluations import Evaluations
 from studies.demo.measured import DATA, MODEL, SET, ShippedErrors, as_blocks, evaluate_shipped
 from studies.demo.measured import as_text as shipped_as_text
 from studies.layouts import VERSIONS, Section, StudyResult, render_report, run_study
-from studies.report.shape_picture import draw_shape
 
 TARGET = "demo_target.npz"
 MEASURED = "measured.json"  # what the measured trials say of the model, kept

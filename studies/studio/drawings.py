@@ -13,7 +13,7 @@ from fabdesign.geometry.surface import CAP, Surface, capped_rms
 from fabdesign.nouns.array import Array
 from fabdesign.units import in_mm
 from studies.studio.layout import Layout
-from studies.studio.opening import Comparison
+from studies.studio.opening import Comparison, scale_end
 from studies.studio.solver import Correction
 
 STEPS = 500  # that can be undone
@@ -72,10 +72,10 @@ class TrialMotion:
 
     @cached_property
     def largest(self) -> float | None:
-        """Return the end [m] of the scale of distances: their 98th percentile, in frames spread over the motion."""
+        """Return the end [m] of the scale of distances, by frames spread over the motion; None where there are none."""
         frames = np.unique(np.linspace(0, len(self.times) - 1, _SCALED).astype(int)).tolist()
         of_frames = [distances for frame in frames if (distances := self.distances(frame)) is not None]
-        return float(np.percentile(np.concatenate(of_frames), 98)) if of_frames else None
+        return scale_end(np.concatenate(of_frames)) if of_frames else None
 
     def in_words(self, frame: int) -> str:
         text = f"{self.name}, {self.times[frame]:.3f} s"

@@ -42,7 +42,7 @@ from studies.studio.widgets.declared import on_plane
 from studies.studio.widgets.flat_view import Places, laced, ribbon
 from studies.studio.widgets.panels import model
 from studies.studio.widgets.status import errors_table, results_table
-from tests.bending import AtOnce, Bending, bow
+from tests.bending import AtOnce, Bending, bow, widget
 from tests.command_line import Run, one_line
 
 BASIC = Layout.of(build("basic"))
@@ -956,7 +956,7 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         session.document.edit("add", lambda layout: edits.add_corner(edits.add_muscle(layout, 0), 8))
         session.document.edit("move", lambda layout: edits.move_muscle(layout, 8, (-0.022, 0.0)))
         session.document.choose(session.document.choice.switched("frame_tilt", True))
-        page.widgets.find("Target", "Placed by hand", "Gizmo").part.then(True)
+        widget(page, "Target", "Placed by hand", "Gizmo").part.then(True)
         page.turn()
         assert server.scene.get_handle_by_name("/hung/gizmo") is not None
         session.document.place_target((0.0, 0.0, 5.0), (0.0, 0.001, 0.0))
@@ -966,11 +966,11 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         assert server.scene.get_handle_by_name("/flat/corner_8_2") is not None
         session.document.select(8)
         page.turn()
-        assert [made.part.name for made in page.widgets.find("Layout", points).inside] == ["End 0", "Corner 1", "End 2"]
+        assert [made.part.name for made in widget(page, "Layout", points).inside] == ["End 0", "Corner 1", "End 2"]
         session.document.select(1)
         page.turn()
-        assert [made.part.name for made in page.widgets.find("Layout", points).inside] == ["End 0", "End 1"]
-        assert "muscles 1 and 8" in page.widgets.find("limits").handle.content
+        assert [made.part.name for made in widget(page, "Layout", points).inside] == ["End 0", "End 1"]
+        assert "muscles 1 and 8" in widget(page, "limits").handle.content
         session.playing.rise()
         run()
         assert session.playing.motion is not None
@@ -987,20 +987,20 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         run()
         assert server.scene.get_handle_by_name("/hung/other") is not None  # the own drawing beside it
         assert server.scene.get_handle_by_name("/flat/other") is not None
-        assert "<td>search 1</td><td>8</td>" in page.widgets.find("Results", "table").handle.content
+        assert "<td>search 1</td><td>8</td>" in widget(page, "Results", "table").handle.content
         session.document.set_option("beside", False)
         page.turn()
         assert server.scene.get_handle_by_name("/hung/other") is None
-        assert "<polyline" in page.widgets.find("Model", "profile").handle.content
-        page.widgets.find("Files", *export).part.then(page.widgets.find("Files", *into).value, True)
+        assert "<polyline" in widget(page, "Model", "profile").handle.content
+        widget(page, "Files", *export).part.then(widget(page, "Files", *into).value, True)
         template = folder / "basic_template"
         cut_list = (template / "design_cut_list.csv").read_text()
         export_design(session.document.layout.design, folder / "exported", Sewing(tail_length=0.03), stem="design")
         assert cut_list == (folder / "exported" / "design_cut_list.csv").read_text()
         assert (template / "design_a4.pdf").is_file()
         page.turn()
-        assert "sewing template in basic_template: " in page.widgets.find("message").handle.content
+        assert "sewing template in basic_template: " in widget(page, "message").handle.content
         (template / "design_a4.pdf").unlink()
-        page.widgets.find("Files", *export).part.then(page.widgets.find("Files", *into).value, True)  # asks first
+        widget(page, "Files", *export).part.then(widget(page, "Files", *into).value, True)  # asks first
         assert not (template / "design_a4.pdf").exists()
         session.end()

@@ -19,7 +19,7 @@ from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.output import write_mark
 from studies.studio.opening import open_files
 from studies.studio.session import Session
-from tests.bending import AtOnce, bow
+from tests.bending import AtOnce, bow, widget
 
 DESIGN = build("cross", muscles=2)
 CYCLE = 0.05  # s, of the usual regulator
@@ -176,7 +176,7 @@ def test_the_page_shows_knots_that_are_dragged(study: Path) -> None:
         edit = page.session.program
         assert edit is not None
         assert [server.scene.get_handle_by_name(f"/program/knot_{k}") is not None for k in (9, 10)] == [True, False]
-        assert "<polyline" in page.widgets.find("Motion", "Program", "error").handle.content
+        assert "<polyline" in widget(page, "Motion", "Program", "error").handle.content
         ball = np.array(server.scene.get_handle_by_name("/program/knot_6").position)
         goal = ball + [0.0, 0.02, 0.0]
         camera = SimpleNamespace(position=goal + [0.01, 0.02, 0.5])
@@ -188,9 +188,7 @@ def test_the_page_shows_knots_that_are_dragged(study: Path) -> None:
         assert edit.knot == 6
         moved = np.array(server.scene.get_handle_by_name("/program/knot_6").position)
         assert moved == pytest.approx(goal, abs=3e-4)  # whole tenths of a kPa
-        assert page.widgets.find("Motion", "Program", "Pressure, kPa").handle.value == pytest.approx(
-            edit.pressure / 1e3
-        )
+        assert widget(page, "Motion", "Program", "Pressure, kPa").handle.value == pytest.approx(edit.pressure / 1e3)
         page.session.end()
 
 

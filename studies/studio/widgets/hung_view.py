@@ -12,12 +12,11 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.units import in_kpa
 from studies.studio.drawings import LiveShape
-from studies.studio.opening import Comparison
+from studies.studio.opening import LEAST_SCALE, Comparison
 from studies.studio.session import Session
 from studies.studio.widgets.declared import LIFT, Node
 from studies.studio.widgets.flat_view import BACK, FRONT, HUNG_TURN, Colour, Places, colour, heat, laced, lines
 
-LEAST_SCALE = 0.002  # m, the least end of a scale of distances
 _OTHER, _BEFORE = (60, 90, 200), (230, 140, 40)  # of another drawing's shape; of one before a jump or a correction
 _POINT = 0.0011  # m, of a cloud's point as drawn
 _RAISED = 0.25  # of the thickness, that colours lie over a face, below the muscles
@@ -25,14 +24,6 @@ _PLAIN = (70, 90, 110)
 _KNOT = 0.0035  # m, radius
 _DARK, _GREY = (20, 20, 20), (120, 130, 142)
 Shape = NDArray[np.float32]
-
-
-def largest_distance(session: Session) -> float | None:
-    """Return the end [m] of the scale of the cloth's distances to the target; None where they are not shown."""
-    comparison = session.document.seen.comparison
-    if session.document.target is None or comparison is None or session.shapes.shown is None:
-        return None
-    return max(LEAST_SCALE, float(np.percentile(comparison.of_cloth, 98)))
 
 
 def hung_nodes(session: Session) -> dict[str, Node]:
@@ -44,7 +35,7 @@ def hung_nodes(session: Session) -> dict[str, Node]:
         nodes |= _beside("simulated", motion.ghost(frame), _BEFORE)
         cloud, distances = motion.cloud(frame), motion.distances(frame)
         if cloud is not None and distances is not None:
-            nodes |= _cloud("measured", cloud, heat(distances, max(LEAST_SCALE, motion.largest or 0.0)))
+            nodes |= _cloud("measured", cloud, heat(distances, motion.largest or LEAST_SCALE))
         return nodes
     if shape is not None:
         nodes |= _at_rest(shape) | _beside("before", session.shapes.before, _BEFORE)
@@ -53,9 +44,8 @@ def hung_nodes(session: Session) -> dict[str, Node]:
     if document.target is not None:
         points = document.target.points
         nodes |= _cloud("target", points, np.tile(np.array(_PLAIN, np.uint8), (len(points), 1)))
-    largest, comparison = largest_distance(session), document.seen.comparison
-    if largest is not None and shape is not None and comparison is not None:
-        nodes["/hung/distances"] = _distances(shape, comparison, largest)
+    if shape is not None and document.seen.comparison is not None:
+        nodes["/hung/distances"] = _distances(shape, document.seen.comparison)
     return nodes
 
 
@@ -112,16 +102,16 @@ def _cloud(name: str, points: Array, colours: NDArray[np.uint8]) -> dict[str, No
 
 
 @lru_cache(maxsize=4)
-def _distances(shape: LiveShape, comparison: Comparison, largest: float) -> Node:
-    """Return colours over the two of the cloth: each point's distance, up to `largest` m. The faces stay below, so that
-    there is a surface while a browser takes the colours apart, and where it does not get them."""
+def _distances(shape: LiveShape, comparison: Comparison) -> Node:
+    """Return colours over the two of the cloth: each point's distance. The faces stay below, so that there is a surface
+    while a browser takes the colours apart, and where it does not get them."""
     import trimesh
 
     side = round((len(shape.points) // 2) ** 0.5)
     front, back = shape.points.reshape(2, -1, 3).astype(np.float64)
     raised = np.concatenate([front + _RAISED * (front - back), back + _RAISED * (back - front)])
     opaque = np.full((len(raised), 1), 255, np.uint8)
-    colours = np.concatenate([heat(comparison.of_cloth, largest), opaque], axis=1)
+    colours = np.concatenate([heat(comparison.of_cloth, comparison.largest), opaque], axis=1)
     mesh = trimesh.Trimesh(raised, face_triangles(side, side), vertex_colors=colours, process=False)
     return Node("mesh_trimesh", {"mesh": mesh})
 

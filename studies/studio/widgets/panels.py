@@ -18,7 +18,6 @@ from studies.studio.search import VARIES
 from studies.studio.session import Session
 from studies.studio.widgets import declared as ui
 from studies.studio.widgets.declared import KPA, MM, PATH, Widget
-from studies.studio.widgets.hung_view import LEAST_SCALE
 from studies.studio.widgets.status import error_over_time, errors_table, profile, results_table, scale_bar, status
 
 UnlessLost = Callable[[str | None, Callable[..., Any]], None]
@@ -212,7 +211,7 @@ def motion(session: Session) -> list[Widget]:
         beside = "" if shown.ghost(playing.frame) is None else "; orange: without the corrector"
         text = shown.in_words(playing.frame) + beside
         if shown.largest is not None:
-            scale = scale_bar(max(LEAST_SCALE, shown.largest), "measured point to the shown surface")
+            scale = scale_bar(shown.largest, "measured point to the shown surface")
     of_trials = [
         ui.choice("Trial", trials, trials[0]),
         ui.button("Show measured and predicted", playing.trial, "Trial"),

@@ -12,11 +12,11 @@ from fabdesign.units import in_kpa, in_mm
 from studies.studio.document import Document
 from studies.studio.drawings import DrawingHistory, LiveShape, Result
 from studies.studio.model_choice import lower_edge
+from studies.studio.opening import LEAST_SCALE
 from studies.studio.session import Session
 from studies.studio.solver import Correction
 from studies.studio.widgets.declared import Widget, html
 from studies.studio.widgets.flat_view import heat
-from studies.studio.widgets.hung_view import LEAST_SCALE, largest_distance
 
 _LINE = 1.4  # em
 _STYLE = f"font-size:0.86em; line-height:{_LINE}; padding:0.2em 0.9em"
@@ -32,7 +32,9 @@ def status(session: Session) -> list[Widget]:
         lines = "<br>".join(escape(line.message) for line in broken)
         limits = f"<b>Limits broken:</b> {lines}", "#fbdcdc"
     text, bad = document.message
-    scale = scale_bar(largest_distance(session), "cloth to the target") if document.target is not None else ""
+    comparison = document.seen.comparison
+    largest = None if comparison is None else comparison.largest
+    scale = scale_bar(largest, "cloth to the target") if document.target is not None else ""
     return [
         _shape(session),
         html("scale", scale),
