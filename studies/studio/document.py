@@ -1,12 +1,10 @@
 """The document of a sitting: the drawing under edit, its targets, results of searches, the model, what is selected."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from fabdesign.errors import InputError
 from fabdesign.nouns.trial import Trial
 from fabdesign.study_files.study_targets import TargetFile
 from fabdesign.units import in_mm
@@ -117,14 +115,6 @@ class Document:
         self.message = text, bad
         self.show()
 
-    @contextmanager
-    def refusals(self) -> Iterator[None]:
-        """Tell bad input in place of raising it."""
-        try:
-            yield
-        except InputError as error:
-            self.tell(str(error), bad=True)
-
     def changed(self) -> None:
         """Say that what is shown, its model or its target is another one."""
         count = len(self.layout.design.muscles)
@@ -144,11 +134,9 @@ class Document:
         self.changed()
 
     def edit(self, what: str, change: Callable[[Layout], Layout]) -> None:
-        """Take one step."""
+        """Take one step. Raises InputError where `change` does."""
         self.take()
-        with self.refusals():
-            self.history.do(what, change(self.layout))
-            self.changed()
+        self.put(what, change(self.layout))
 
     def edit_muscle(self, what: str, change: Callable[..., Layout], *arguments: object) -> None:
         """Change the muscle that is selected: `change(layout, muscle, *arguments)`."""
@@ -244,14 +232,13 @@ class Document:
 
     def open_target(self, file: TargetFile | None) -> None:
         """Put a target in the place of the pose that is shown; None takes it away, and the pose where there are
-        others."""
-        with self.refusals():
-            target = None if file is None else load_target(file, self.layout.design)
-            pose = self.pose
-            self.targets[pose : pose + 1] = [] if target is None else [target]
-            if target is None and self.targets:
-                self.history.remove_pose(pose)
-            self._forget()
+        others. Raises InputError."""
+        target = None if file is None else load_target(file, self.layout.design)
+        pose = self.pose
+        self.targets[pose : pose + 1] = [] if target is None else [target]
+        if target is None and self.targets:
+            self.history.remove_pose(pose)
+        self._forget()
 
     def place_target(self, rotation: tuple[float, ...], translation: tuple[float, ...]) -> None:
         """Place the target by hand. rotation: degrees about the fixed axes x, y, z in this order; translation: m."""

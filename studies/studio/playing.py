@@ -61,29 +61,26 @@ class Playing:
 
     def opened(self, program: PressureProgram) -> None:
         """Play the pressures that were given on the command line."""
-        with self._document.refusals():
-            require_pressures(program, self._document.layout.design, "pressures")
-            self._play("pressures", lambda: program)
+        require_pressures(program, self._document.layout.design, "pressures")
+        self._play("pressures", lambda: program)
 
     def _play(self, name: str, read: Callable[[], PressureProgram]) -> None:
         document = self._document
-        with document.refusals():
-            program = read()
-            if not document.layout.pressures:
-                raise InputError("no muscles; expected some that move the cloth")
-            times = frame_times(program, frame_rate=FRAME_RATE)
-            document.history.end()
-            self._ask(Ask("motion", Case(document.layout.design, program), document.choice.model, times), name)
+        program = read()
+        if not document.layout.pressures:
+            raise InputError("no muscles; expected some that move the cloth")
+        times = frame_times(program, frame_rate=FRAME_RATE)
+        document.history.end()
+        self._ask(Ask("motion", Case(document.layout.design, program), document.choice.model, times), name)
 
     def trial(self, label: str) -> None:
         """Play a trial of the set, measured, and its prediction under the model that is chosen."""
         document = self._document
-        with document.refusals():
-            trial = document.trials[label]
-            ask = Ask.of_trial(trial, document.choice.model)
-            if trial.design != document.layout.design:
-                document.put(f"design of {trial.name}", Layout.of(trial.design))
-            self._ask(ask, label)
+        trial = document.trials[label]
+        ask = Ask.of_trial(trial, document.choice.model)
+        if trial.design != document.layout.design:
+            document.put(f"design of {trial.name}", Layout.of(trial.design))
+        self._ask(ask, label)
 
     def all_errors(self) -> None:
         """Ask for the errors of every trial that has none, one after another, until something is edited or chosen."""
@@ -101,8 +98,7 @@ class Playing:
                 if self._filling:
                     self.all_errors()
 
-        with document.refusals():
-            self._shapes.also(Ask.of_trial(document.trials[label], choice.model), arrived)
+        self._shapes.also(Ask.of_trial(document.trials[label], choice.model), arrived)
 
     def show(self, motion: TrialMotion, ask: Ask) -> None:
         """Play a motion from its first frame; one with the same frames as the last goes on where that is."""
@@ -119,8 +115,7 @@ class Playing:
 
         def arrived(answer: Answer) -> None:
             if answer.points is None:
-                document.tell(answer.error, bad=True)
-                return
+                raise InputError(answer.error)
             if ask.measured:
                 self.errors[name] = answer.errors or UNKNOWN
             self.motion = None
@@ -157,19 +152,17 @@ class Playing:
         motion, ask, document = self.motion, self._played, self._document
 
         def arrived(answer: Answer) -> None:
-            with document.refusals():
-                if answer.laced is None or motion is None:
-                    raise InputError(answer.error)
-                _export(path, motion, answer.laced)
-                document.tell(f"wrote {path}")
+            if answer.laced is None or motion is None:
+                raise InputError(answer.error)
+            _export(path, motion, answer.laced)
+            document.tell(f"wrote {path}")
 
-        with document.refusals():
-            if motion is None or ask is None:
-                raise InputError("no motion; expected one that is played")
-            if path.suffix.lower() not in WRITTEN:
-                raise InputError(f"{path}: expected a name that ends in {', '.join(WRITTEN[:-1])} or {WRITTEN[-1]}")
-            document.tell(f"writing {path}")
-            self._shapes.also(replace(ask, kind="laced", measured=(), wanted=None), arrived)
+        if motion is None or ask is None:
+            raise InputError("no motion; expected one that is played")
+        if path.suffix.lower() not in WRITTEN:
+            raise InputError(f"{path}: expected a name that ends in {', '.join(WRITTEN[:-1])} or {WRITTEN[-1]}")
+        document.tell(f"writing {path}")
+        self._shapes.also(replace(ask, kind="laced", measured=(), wanted=None), arrived)
 
 
 def _export(path: Path, shown: TrialMotion, laced: Motion) -> None:
@@ -239,22 +232,18 @@ class ProgramEdit:
     def play(self, kind: Kind = "program") -> None:
         """Simulate the program, and play it over the target. kind: "motion" on the model's grid, with its corrector."""
         document, moving, design = self._document, self.moving, self._document.layout.design
-        with document.refusals():
-            if design.channels != moving.regulator.channels:
-                raise InputError(
-                    f"{design.name}: {design.channels} channels; the program has {moving.regulator.channels}"
-                )
-            case = replace(case_of(moving.study, moving.regulator.program(self.pressures)), design=design)
-            ask = Ask(kind, case, document.choice.model, moving.times, wanted=moving.wanted)
-            self._shapes.also(ask, partial(self._arrived, ask))
+        if design.channels != moving.regulator.channels:
+            raise InputError(f"{design.name}: {design.channels} channels; the program has {moving.regulator.channels}")
+        case = replace(case_of(moving.study, moving.regulator.program(self.pressures)), design=design)
+        ask = Ask(kind, case, document.choice.model, moving.times, wanted=moving.wanted)
+        self._shapes.also(ask, partial(self._arrived, ask))
 
     def _arrived(self, ask: Ask, answer: Answer) -> None:
         document = self._document
         if (ask.case.design, ask.model) != (document.layout.design, document.choice.model):
             return  # others by now, and the motion was stopped
         if answer.points is None or answer.off is None:
-            document.tell(answer.error, bad=True)
-            return
+            raise InputError(answer.error)
         self.off = answer.off
         self.first = self.off if self.first is None else self.first
         name, times, clouds = f"{ask.points_per_side} points a side", self.moving.times, self.moving.clouds
@@ -264,7 +253,6 @@ class ProgramEdit:
 
     def save(self, path: Path, *, replace: bool = False) -> None:
         """Write the program, set points at the regulator's cycle."""
-        with self._document.refusals():
-            with new_files(path, force=replace) as unfinished:
-                write_pressures(self.moving.regulator.program(self.pressures), unfinished)
-            self._document.tell(f"wrote {path}")
+        with new_files(path, force=replace) as unfinished:
+            write_pressures(self.moving.regulator.program(self.pressures), unfinished)
+        self._document.tell(f"wrote {path}")

@@ -158,8 +158,7 @@ class Gate:
             except (OSError, ValueError):  # a path that no file can have: too long, with a zero byte
                 response = _response(HTTPStatus.NOT_FOUND, "There is no such file.")
         if response is not None:
-            for name, value in _HEADERS.items():
-                response.headers[name] = value
+            response.headers.update(_HEADERS)
         return response
 
     def _refusal(self, request: "Request") -> "Response | None":

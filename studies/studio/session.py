@@ -183,10 +183,9 @@ class Files:
 
     def save_template(self, folder: Path, *, replace: bool = False) -> None:
         """Write the sewing template of what is shown, and say so."""
-        with self._document.refusals():
-            saved = _export(self._document.layout, folder, replace=replace)
-            names = ", ".join(file.name for file in saved.files)
-            self._document.tell("; ".join([f"sewing template in {folder}: {names}", *saved.left_out]))
+        saved = _export(self._document.layout, folder, replace=replace)
+        names = ", ".join(file.name for file in saved.files)
+        self._document.tell("; ".join([f"sewing template in {folder}: {names}", *saved.left_out]))
 
 
 def _export(layout: Layout, folder: Path, *, replace: bool) -> Exported:

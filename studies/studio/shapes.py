@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.errors import InputError
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.model import Model
 from studies.prediction.stability import LEAST, are_one, rms
@@ -69,7 +70,8 @@ class Shapes:
         return None if target is None else target.time
 
     def turn(self) -> None:
-        """Take an answer that has come, and ask the next that is due."""
+        """Take an answer that has come, and ask the next that is due. Raises InputError for one without what was
+        asked; the next is then due at the next turn."""
         if self._then is not None and (answer := self._solver.receive()) is not None:
             then, self._then = self._then, None
             then(answer)
@@ -100,7 +102,7 @@ class Shapes:
         self._wanted, self._moving = wanted, moving
         self.band, self._around = None, []
         self._others = [(ask, then) for ask, then in self._others if ask.kind != "nearby"]
-        self.turn()
+        self._send()
         if self.shown is not None and self.shown.layout == document.layout and not self.waiting:
             self._use(self.shown)
 
@@ -108,8 +110,7 @@ class Shapes:
         """Show a shape that has come, unless another exact one is wanted by now."""
         document, exact = self._document, ask.kind == "exact"
         if answer.points is None:
-            document.tell(answer.error, bad=True)
-            return
+            raise InputError(answer.error)
         if exact and self._wanted is not None and layout != self._wanted[0]:
             return
         time = None if ask.times is None else float(ask.times[-1])

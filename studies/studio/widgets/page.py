@@ -38,7 +38,7 @@ class Page:
             command.on_trigger(lambda _, by=by: self.post(partial(self.session.document.step, by)))
 
     def begin(self) -> None:
-        self.session.begin(partial(setattr, self, "_stale", True))
+        self._do(partial(self.session.begin, partial(setattr, self, "_stale", True)))
 
     def run(self, until: Callable[[], bool] = lambda: False) -> None:
         self.begin()
@@ -59,13 +59,13 @@ class Page:
             while True:
                 self._do(ask)
                 ask = self._due.get_nowait()
-        self.session.tick()
+        self._do(self.session.tick)
         if self._stale:
             self._do(self._show)
             self._stale = False  # also where that failed: it would fail again
 
     def _do(self, ask: Callable[[], None]) -> None:
-        """Do one thing; an error in it must not take the layout along."""
+        """Do one thing, and tell bad input; an error in it must not take the layout along."""
         tell = self.session.document.tell
         try:
             ask()
