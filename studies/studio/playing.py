@@ -1,7 +1,6 @@
 """The motion that is played: a rise, a table of pressures, a trial beside its prediction, or the program under edit
 over a target that moves; and writing it."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -54,19 +53,18 @@ class Playing:
 
     def rise(self) -> None:
         """Play the motion to the pressures as they are: they rise within 1 s, and hold for 1 s."""
-        self._play("rise", lambda: rising_program(np.array(self._document.layout.pressures), RISE, RISE + 1.0))
+        self._play("rise", rising_program(np.array(self._document.layout.pressures), RISE, RISE + 1.0))
 
     def file(self, path: Path) -> None:
-        self._play(path.name, lambda: read_pressures(path, self._document.layout.design))
+        self._play(path.name, read_pressures(path, self._document.layout.design))
 
     def opened(self, program: PressureProgram) -> None:
         """Play the pressures that were given on the command line."""
         require_pressures(program, self._document.layout.design, "pressures")
-        self._play("pressures", lambda: program)
+        self._play("pressures", program)
 
-    def _play(self, name: str, read: Callable[[], PressureProgram]) -> None:
+    def _play(self, name: str, program: PressureProgram) -> None:
         document = self._document
-        program = read()
         if not document.layout.pressures:
             raise InputError("no muscles; expected some that move the cloth")
         times = frame_times(program, frame_rate=FRAME_RATE)
