@@ -20,10 +20,9 @@ import numpy as np
 from benchmarks.machine import ROOT, commit, processor, write_part
 from fabdesign.nouns.catalogue import build
 from studies.studio.drawings import LiveShape
-from studies.studio.gate import Gate
 from studies.studio.layout import Layout, move_corner
 from studies.studio.opening import NEW, Opened, search_limits
-from studies.studio.server import quiet_viser
+from studies.studio.server import Gate, quiet_viser
 from studies.studio.solver import SolverProcess
 from studies.studio.widgets.page import Page
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -74,6 +75,16 @@ class AtOnce:
 
     def close(self) -> None:
         pass
+
+
+def widget(page: Any, *names: str) -> Any:
+    """Of the studio's page: a widget by its name and those of what it lies in, the outermost first."""
+    inside = page.widgets.made
+    for name in names:
+        every = [*inside, *(i for made in inside if not made.part.name for i in made.inside)]
+        one = next(made for made in every if made.part.name == name)
+        inside = one.inside
+    return one
 
 
 if __name__ == "__main__":  # the program with this cloth in the place of the simulator

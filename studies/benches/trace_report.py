@@ -151,9 +151,7 @@ def _blocks(outcome: BenchOutcome) -> Iterator[page.Block]:
     yield from page.texts("quiet", [page.sentence(x) for x in (outcome.bench.description, outcome.bench.source) if x])
     yield charts.error_bars(outcome.compared, "noise", unit, "RMS of records left out", scale)
     yield page.Title("Candidates")
-    gains = [
-        charts.Gain(c.name + " (wrong sign)" * c.refused, c.gain, c.interval90, c.chosen) for c in outcome.candidates
-    ]
+    gains = [(c.name + " (wrong sign)" * c.refused, c.gain, c.interval90, c.chosen) for c in outcome.candidates]
     yield charts.gains("candidates", gains, unit, "gain on records left out", outcome.tolerance, scale=scale)
     yield page.Text("Bold: in the model. At 0 there is no gain.", "quiet")
     yield page.Title("Records: measured, before, after")

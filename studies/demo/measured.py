@@ -30,6 +30,7 @@ from studies.prediction.forward_model import sensed_model
 from studies.prediction.stability import CURLS, TILTS, Branches, branches_of
 from studies.report import page
 
+DATA = Path(str(files("fabdesign") / "data"))
 SET = "demo_set"
 MODEL = "demo_model.toml"
 MADE_BY = "python -m benchmarks.demo_model"  # the set and the model that are shipped
@@ -83,12 +84,11 @@ class ShippedErrors:
     @staticmethod
     def of_kept(kept: Mapping[str, Any]) -> "ShippedErrors":
         """Return the errors of the set and the model that are shipped. Raises KeyError, TypeError or ValueError."""
-        data = Path(str(files("fabdesign") / "data"))
-        measured = read_set(data / SET)
+        measured = read_set(DATA / SET)
         trials = {trial.name: trial for trial in measured.trials}
         return ShippedErrors(
             measured,
-            read_model(data / MODEL),
+            read_model(DATA / MODEL),
             of_exact(dict[str, Errors], kept["errors"]),
             kept["share_left_out"],
             of_exact(dict[str, Errors], kept["by_trial"]),
@@ -116,22 +116,16 @@ def branch_in_words(branch: Branches) -> str:
     """Return whether a trial that is far off lies on another branch, as simulated from starts that differ a little."""
     changed = f"the frame tilted by up to {max(TILTS):g} degrees or the cloth curved by up to {max(CURLS):g} 1/m more"
     nearest = f"{in_mm(branch.nearest):.2f} mm, without the change {in_mm(branch.unchanged):.2f} mm"
+    which = "It is not another stable shape (branch), as far as small changes of the start show."
     if branch.is_nearer:
-        return (
-            "It took another stable shape (branch): a small change of the start leads there. With "
-            f"{changed}, the model without its corrector comes to {nearest}."
-        )
-    return (
-        "It is not another stable shape (branch), as far as small changes of the start show. With "
-        f"{changed}, the model without its corrector comes to {nearest}."
-    )
+        which = "It took another stable shape (branch): a small change of the start leads there."
+    return f"{which} With {changed}, the model without its corrector comes to {nearest}."
 
 
 def evaluate_shipped(*, forward: ForwardModel | None = None) -> ShippedErrors:
     """Return how far the data sheet and the shipped model, calibrated, with its effects, and with its corrector, are
     from the embedded trials. forward: the bare simulator, by default with the shipped model's grid."""
-    data = Path(str(files("fabdesign") / "data"))
-    measured, shipped = read_set(data / SET), read_model(data / MODEL)
+    measured, shipped = read_set(DATA / SET), read_model(DATA / MODEL)
     fine = coarse = forward
     if fine is None or coarse is None:
         from sim import Simulator

@@ -15,7 +15,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 
 from fabdesign.drawings.layout_drawing import HALF, HIGH, LOW
-from fabdesign.drawings.oblique import box_of
+from fabdesign.drawings.oblique import box_of, draw_shape
 from fabdesign.formats.json_file import plain, read_json, write_json
 from fabdesign.geometry.metrics import MANY_BEYOND, beyond_in_words
 from fabdesign.geometry.shape import Shape
@@ -28,10 +28,9 @@ from fabdesign.study_files.study_file import MuscleChoice, Study, StudyLimits
 from fabdesign.study_files.study_targets import Price, TargetFile
 from fabdesign.units import in_kpa, in_mm
 from optimize.search.evaluations import Evaluations
-from studies.demo.measured import MODEL, SET, ShippedErrors, as_blocks, evaluate_shipped
+from studies.demo.measured import DATA, MODEL, SET, ShippedErrors, as_blocks, evaluate_shipped
 from studies.demo.measured import as_text as shipped_as_text
 from studies.layouts import VERSIONS, Section, StudyResult, render_report, run_study
-from studies.report.shape_picture import draw_shape
 
 TARGET = "demo_target.npz"
 MEASURED = "measured.json"  # what the measured trials say of the model, kept
@@ -99,9 +98,8 @@ def run_demo(
 
 def _content(out: Path, results: Sequence[StudyResult]) -> dict[str, str]:
     """Return what the comparison with measured trials and the page depend on, by name."""
-    data = Path(str(files("fabdesign") / "data"))
-    shipped = [*(data / SET).rglob("*"), data / MODEL, *data.glob("*.safetensors")]
-    content = {file.relative_to(data).as_posix(): sha256(file) for file in sorted(shipped) if file.is_file()}
+    shipped = [*(DATA / SET).rglob("*"), DATA / MODEL, *DATA.glob("*.safetensors")]
+    content = {file.relative_to(DATA).as_posix(): sha256(file) for file in sorted(shipped) if file.is_file()}
     for result in results:
         content[result.study.name] = sha256(out / result.study.name / "result.json")
     return content | {"versions": VERSIONS}
@@ -180,7 +178,11 @@ def save_picture(results: Sequence[tuple[str, StudyResult]], path: Path) -> None
     figure = plt.figure(figsize=(10.5, 3.9 * len(results)), layout="constrained")
     grid = figure.add_gridspec(len(results), 3, width_ratios=(1.7, 1, 1))
     for row, (title, result) in enumerate(results):
-        _draw_scene(figure.add_subplot(grid[row, 0]), title, result)
+        points, target, errors = result.points[0], result.targets[0].points, result.errors
+        scene = figure.add_subplot(grid[row, 0])
+        draw_shape(scene, Shape.of(points).middle, target[:: max(1, len(target) // SHOWN)], box_of([points, target]))
+        distances = f"Chamfer {in_mm(errors.chamfer):.2f} mm, floor {in_mm(errors.chamfer_floor):.2f}"
+        scene.set_title(f"{title}\n{distances}", fontsize=11)
         flat = [figure.add_subplot(grid[row, column]) for column in (1, 2)]
         for axes, side in zip(flat, ("front", "back"), strict=True):
             _draw_face(axes, side, result)
@@ -189,15 +191,6 @@ def save_picture(results: Sequence[tuple[str, StudyResult]], path: Path) -> None
     with atomic_file(path) as temporary:
         figure.savefig(temporary, dpi=90, format="png")
     plt.close(figure)
-
-
-def _draw_scene(axes: Axes, title: str, result: StudyResult) -> None:
-    points, target = result.points[0], result.targets[0].points
-    draw_shape(axes, Shape.of(points).middle, target[:: max(1, len(target) // SHOWN)], box_of([points, target]))
-    errors = result.errors
-    axes.set_title(
-        f"{title}\nChamfer {in_mm(errors.chamfer):.2f} mm, floor {in_mm(errors.chamfer_floor):.2f}", fontsize=11
-    )
 
 
 def _draw_face(axes: Axes, side: str, result: StudyResult) -> None:

@@ -7,13 +7,13 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from fabdesign.drawings.oblique import shape_png
 from fabdesign.units import in_mm
 from fabdesign.version import __version__
 from studies.layout_grid.turns import WORDS, CellResult, GridResult
 from studies.layout_search.target import is_wished, measure_of
 from studies.layouts import ERRORS, WISHED, error_cells, target_texts
 from studies.report import page
-from studies.report.shape_picture import shape_png
 from studies.study import write_result
 
 MARKS = {"front": ">", "back": "<", "both": "D"}

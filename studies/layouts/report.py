@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from fabdesign.drawings.oblique import shape_png
 from fabdesign.geometry.distances import nearest_distances
 from fabdesign.geometry.metrics import MANY_BEYOND, Errors, beyond_in_words
 from fabdesign.geometry.shape import Shape, at_places
@@ -22,7 +23,6 @@ from studies.layouts.result import StudyResult
 from studies.report import page
 from studies.report.charts import DARK, GREY, chart, cloth_mesh, cloud, curve, path, scene, target_cloud
 from studies.report.page import Chart, kpa
-from studies.report.shape_picture import shape_png
 
 SAMPLED = 2.4  # mm from the nearest point of a dense cloud, that sampling alone makes: one colour up to there
 CLOSE_COLOUR, MIDDLE_COLOUR, FAR_COLOUR = "#dbe7f3", "#fdae61", "#b40426"

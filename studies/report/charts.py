@@ -2,7 +2,6 @@
 scenes that a person turns: clouds, cloths and lines in space."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,19 +19,10 @@ _FONT = {"family": "system-ui, sans-serif", "size": 13}
 _ROW, _FRAME = 26, 90  # px: a row of bars, and what axis and title take
 _NAMED = {"type": "category", "dtick": 1}  # an axis of which every row has its name
 Points = NDArray[np.floating[Any]]  # (n, 3) m
+Gain = tuple[str, float, Sequence[float], bool]
 SHOWN = 700  # target points drawn: few enough that the result is seen between them
 TARGET = "#222222"
 _REACH = 1.5  # of a scene's box corner to corner, in Plotly's units: it stays in view however it is turned
-
-
-@dataclass(frozen=True)
-class Gain:
-    """The gain of a candidate, with its 90 % interval."""
-
-    name: str
-    value: float
-    interval90: tuple[float, float]
-    chosen: bool
 
 
 def chart(name: str, traces: Sequence[Any], *, x: str, y: str = "", height: int = 340, **layout: Any) -> Chart:
@@ -73,15 +63,15 @@ def error_bars(errors: Sequence[float], noise: str, unit: str, x: str, scale: fl
 
 
 def gains(name: str, rows: Sequence[Gain], unit: str, x: str, tolerance: float, *, scale: float = 1.0) -> Chart:
-    """Return a mark for each gain, the first on top and those chosen in bold; below 0 there is none to show. scale: of
-    `unit`, that a one of the gains is."""
+    """Return a mark for each (name, gain, 90 % interval, whether it is chosen), the first on top and those chosen in
+    bold; below 0 there is no gain to show. scale: of `unit`, that a one of the gains is."""
     rows = [*reversed(rows)]
-    value, low, high = np.maximum(scale * np.array([(g.value, *g.interval90) for g in rows]).reshape(-1, 3).T, 0.0)
+    value, low, high = np.maximum(scale * np.array([(gain, *ends) for _, gain, ends, _ in rows]).reshape(-1, 3).T, 0.0)
     marks = go.Scatter(
         mode="markers",
-        y=[f"<b>{g.name}</b>" if g.chosen else g.name for g in rows],
+        y=[f"<b>{candidate}</b>" if chosen else candidate for candidate, *_, chosen in rows],
         x=value,
-        marker={"size": 9, "color": [BLUE if g.chosen else GREY for g in rows]},
+        marker={"size": 9, "color": [BLUE if chosen else GREY for *_, chosen in rows]},
         error_x={"symmetric": False, "thickness": 1.5, "array": high - value, "arrayminus": value - low},
     )
     title = f"{x}, {unit} (90 %); dotted: the tolerance"

@@ -7,7 +7,7 @@ import json
 import os
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -54,10 +54,8 @@ def read_folder(path: Path) -> ResultFolder:
     mark = read_mark(path)
     if mark is None:
         raise InputError(f"{path}: is no folder that fabdesign made (without {MARK}); expected a result's folder")
-    file = next((path / name for name in RESULTS if (path / name).is_file()), None)
-    if file is None:
-        return ResultFolder(path, mark.made_by, {})
-    return ResultFolder(path, mark.made_by, read_json(file))
+    files = [path / name for name in RESULTS if (path / name).is_file()]
+    return ResultFolder(path, mark.made_by, read_json(files[0]) if files else {})
 
 
 def folders_below(paths: Sequence[Path]) -> list[ResultFolder]:
@@ -146,11 +144,8 @@ def _read(history: Path) -> list[tuple[Any, ...]]:
     at_work = history.with_name(history.name + "-wal").exists()  # else SQLite would leave files of its own beside it
     try:
         how = "mode=ro" if at_work else "mode=ro&immutable=1"
-        file = sqlite3.connect(f"{history.resolve().as_uri()}?{how}", uri=True)
-        try:
+        with closing(sqlite3.connect(f"{history.resolve().as_uri()}?{how}", uri=True)) as file:
             return file.execute(query).fetchall()
-        finally:
-            file.close()
     except sqlite3.Error as error:
         raise InputError(f"{history}: cannot be read ({error})") from None
 
@@ -189,7 +184,7 @@ def write_optuna_store(table: EvaluationsTable, path: Path, name: str) -> None:
                 study_name = name if part == "." else part
                 study = optuna.create_study(storage=storage, study_name=study_name, direction="minimize")
                 study.set_user_attr("objective", OBJECTIVE)
-                study.add_trials([*_trials(group)])
+                study.add_trials([_trial_of(row) for row in group])
         finally:
             storage.engine.dispose()
 
@@ -206,16 +201,16 @@ def _unwrapped() -> Iterator[None]:
         raise cause or error from None
 
 
-def _trials(rows: Iterator[dict[str, Any]]) -> Iterator[Any]:
-    """Yield one that diverged is a failed trial, without a value."""
-    import optuna
+def _trial_of(row: Mapping[str, Any]) -> Any:
+    """Return an evaluation as Optuna's trial; one that diverged has failed, without a value."""
+    from optuna.distributions import FloatDistribution
+    from optuna.trial import TrialState, create_trial
 
-    for row in rows:
-        x = {key: value for key, value in row.items() if key.startswith("x_") and value is not None}
-        yield optuna.trial.create_trial(
-            state=optuna.trial.TrialState.FAIL if row["diverged"] else optuna.trial.TrialState.COMPLETE,
-            value=row[OBJECTIVE],
-            params=x,
-            distributions=dict.fromkeys(x, optuna.distributions.FloatDistribution(0.0, 1.0)),
-            user_attrs={key: row[key] for key in ("evaluation", "seconds", "stage")},
-        )
+    x = {key: value for key, value in row.items() if key.startswith("x_") and value is not None}
+    return create_trial(
+        state=TrialState.FAIL if row["diverged"] else TrialState.COMPLETE,
+        value=row[OBJECTIVE],
+        params=x,
+        distributions=dict.fromkeys(x, FloatDistribution(0.0, 1.0)),
+        user_attrs={key: row[key] for key in ("evaluation", "seconds", "stage")},
+    )

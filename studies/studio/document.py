@@ -1,20 +1,19 @@
 """The document of a sitting: the drawing under edit, its targets, results of searches, the model, what is selected."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from fabdesign.errors import InputError
 from fabdesign.nouns.trial import Trial
 from fabdesign.study_files.study_targets import TargetFile
+from fabdesign.units import in_mm
 from studies.layout_search.target import LoadedTarget, load_target
 from studies.studio import layout as edits
-from studies.studio.drawings import DrawingHistory, Result, Row
+from studies.studio.drawings import DrawingHistory, Result
 from studies.studio.layout import Broken, Layout, Point
 from studies.studio.model_choice import ModelChoice
-from studies.studio.opening import Comparison, Opened
+from studies.studio.opening import Opened
 
 
 class Document:
@@ -77,42 +76,44 @@ class Document:
         return {f"{trial.name} ({trial.design_name}, {trial.role})": trial for trial in trials}
 
     @property
-    def comparison(self) -> Comparison | None:
-        """Return how far the drawing that is shown is from the target, once it was seen."""
-        return self.seen.comparison
-
-    @property
     def other(self) -> DrawingHistory | Result | None:
         """Return the drawing that is shown beside: the own one beside a result, the last result beside the own one."""
         if not self.beside:
             return None
         return self.history if self.shown is not None else next(reversed(self.results), None)
 
-    def rows(self) -> list[Row]:
-        """Return the rows of the table that compares the own drawing with the results. Until a shape was seen, Chamfer
-        is what the search says; over several poses that is a mean, and not said."""
-        rows, drawings = [], list[DrawingHistory | Result]([self.history, *self.results])
-        for drawing in drawings:
-            layout, chamfer, rms = drawing.at(self.pose), drawing.objective if len(self.targets) == 1 else None, None
-            if drawing.comparison is not None:
-                chamfer, rms = drawing.comparison.errors.chamfer, drawing.comparison.errors.surface_rms
-            highest = max(layout.pressures, default=0.0)
-            rows.append(Row(drawing.name, len(layout.design.muscles), chamfer, rms, highest, drawing is self.seen))
-        return rows
+    def errors_of(self, drawing: DrawingHistory | Result) -> tuple[float | None, float | None]:
+        """Return Chamfer and surface RMS [m] of the own drawing or a result; None: not known yet. Until a shape was
+        seen, Chamfer is what the search says; over several poses that is a mean, and not said."""
+        if (comparison := drawing.comparison) is not None:
+            return comparison.errors.chamfer, comparison.errors.surface_rms
+        return drawing.objective if len(self.targets) == 1 else None, None
+
+    def one_more_buys(self, result: Result) -> str | None:
+        """Return in words what one more muscle buys, against the best with the muscles that the search began with,
+        searched or, where it is measured as a search does, drawn; None where the result has no more of them, or nothing
+        is there to compare it with."""
+        drawn, count = self.history, len(result.begun.design.muscles) if result.begun else result.muscles
+        rivals = [(other.objective, other.muscles, other.name) for other in self.results if other is not result]
+        if len(self.targets) == 1:
+            rivals.append((self.errors_of(drawn)[0], len(drawn.layout.design.muscles), drawn.name))
+        known = [(objective, name) for objective, muscles, name in rivals if objective is not None and muscles == count]
+        if result.objective is None or result.muscles <= count or not known:
+            return None
+        before, name = min(known)
+        less = in_mm(before - result.objective)
+        change = f"{less:.2f} mm less" if less >= 0 else f"{-less:.2f} mm more"
+        searched = "; for a fair comparison search from here without one more as well" if name == drawn.name else ""
+        return (
+            f"One more muscle: Chamfer {in_mm(result.objective):.2f} mm with {result.muscles} muscles, {change} than "
+            f"{in_mm(before):.2f} mm with {count} ({name}){searched}."
+        )
 
     # what is told
 
     def tell(self, text: str, *, bad: bool = False) -> None:
         self.message = text, bad
         self.show()
-
-    @contextmanager
-    def refusals(self) -> Iterator[None]:
-        """Tell bad input in place of raising it."""
-        try:
-            yield
-        except InputError as error:
-            self.tell(str(error), bad=True)
 
     def changed(self) -> None:
         """Say that what is shown, its model or its target is another one."""
@@ -133,11 +134,9 @@ class Document:
         self.changed()
 
     def edit(self, what: str, change: Callable[[Layout], Layout]) -> None:
-        """Take one step."""
+        """Take one step. Raises InputError where `change` does."""
         self.take()
-        with self.refusals():
-            self.history.do(what, change(self.layout))
-            self.changed()
+        self.put(what, change(self.layout))
 
     def edit_muscle(self, what: str, change: Callable[..., Layout], *arguments: object) -> None:
         """Change the muscle that is selected: `change(layout, muscle, *arguments)`."""
@@ -155,7 +154,7 @@ class Document:
 
     def end_gesture(self, calm: float) -> None:
         """End a gesture without an end of its own, as of a slider, once nothing came for `calm` s."""
-        if self.history.in_gesture and self._dragged is None and self._clock() - self._touched > calm:
+        if self.history.gesture and self._dragged is None and self._clock() - self._touched > calm:
             self.history.end()
             self.changed()
 
@@ -193,13 +192,8 @@ class Document:
         if channel < len(self.layout.pressures):
             self.drag(f"pressure of channel {channel}", self.layout.with_pressure(channel, pressure))
 
-    def undo(self) -> None:
-        self._move(-1, "undone")
-
-    def redo(self) -> None:
-        self._move(1, "done again")
-
-    def _move(self, by: int, how: str) -> None:
+    def step(self, by: int) -> None:
+        """Undo (-1) or redo (1) one step."""
         if self.shown is not None:
             self.show_result(None)
         pose, what = self.pose, self.history.move(by)
@@ -207,7 +201,7 @@ class Document:
             return
         self._dragged = None
         (self.changed if self.pose == pose else self._forget)()
-        self.tell(f"{how}: {what}")
+        self.tell(f"{'undone' if by < 0 else 'done again'}: {what}")
 
     # another drawing, model or target
 
@@ -238,14 +232,13 @@ class Document:
 
     def open_target(self, file: TargetFile | None) -> None:
         """Put a target in the place of the pose that is shown; None takes it away, and the pose where there are
-        others."""
-        with self.refusals():
-            target = None if file is None else load_target(file, self.layout.design)
-            pose = self.pose
-            self.targets[pose : pose + 1] = [] if target is None else [target]
-            if target is None and self.targets:
-                self.history.remove_pose(pose)
-            self._forget()
+        others. Raises InputError."""
+        target = None if file is None else load_target(file, self.layout.design)
+        pose = self.pose
+        self.targets[pose : pose + 1] = [] if target is None else [target]
+        if target is None and self.targets:
+            self.history.remove_pose(pose)
+        self._forget()
 
     def place_target(self, rotation: tuple[float, ...], translation: tuple[float, ...]) -> None:
         """Place the target by hand. rotation: degrees about the fixed axes x, y, z in this order; translation: m."""

@@ -2,7 +2,7 @@
 their shapes and motions as they are shown."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -13,7 +13,7 @@ from fabdesign.geometry.surface import CAP, Surface, capped_rms
 from fabdesign.nouns.array import Array
 from fabdesign.units import in_mm
 from studies.studio.layout import Layout
-from studies.studio.opening import Comparison
+from studies.studio.opening import Comparison, scale_end
 from studies.studio.solver import Correction
 
 STEPS = 500  # that can be undone
@@ -72,10 +72,10 @@ class TrialMotion:
 
     @cached_property
     def largest(self) -> float | None:
-        """Return the end [m] of the scale of distances: their 98th percentile, in frames spread over the motion."""
+        """Return the end [m] of the scale of distances, by frames spread over the motion; None where there are none."""
         frames = np.unique(np.linspace(0, len(self.times) - 1, _SCALED).astype(int)).tolist()
         of_frames = [distances for frame in frames if (distances := self.distances(frame)) is not None]
-        return float(np.percentile(np.concatenate(of_frames), 98)) if of_frames else None
+        return scale_end(np.concatenate(of_frames)) if of_frames else None
 
     def in_words(self, frame: int) -> str:
         text = f"{self.name}, {self.times[frame]:.3f} s"
@@ -114,11 +114,11 @@ class DrawingHistory(Seen):
         super().__init__()
         self._kept = layout
         self._steps, self._at = [("", layout)], 0  # what was done, and the layout after it
-        self._gesture: tuple[str, Layout] | None = None  # what is under way, and where it is
+        self.gesture: tuple[str, Layout] | None = None  # what is under way, and where it is
 
     @property
     def layout(self) -> Layout:
-        return (self._gesture or self._steps[self._at])[1]
+        return (self.gesture or self._steps[self._at])[1]
 
     def at(self, pose: int) -> Layout:
         """Return the layout with a pose shown."""
@@ -128,10 +128,6 @@ class DrawingHistory(Seen):
     def changed(self) -> bool:
         """Return whether design or pressures are others than those last saved or opened."""
         return not self.layout.same_content(self._kept)
-
-    @property
-    def in_gesture(self) -> bool:
-        return self._gesture is not None
 
     def do(self, what: str, layout: Layout) -> None:
         """Take one step to another layout; what was undone before is gone."""
@@ -148,14 +144,14 @@ class DrawingHistory(Seen):
 
     def shape(self, what: str, layout: Layout) -> None:
         """Go through a moment of a gesture; another gesture ends where this one begins."""
-        if self._gesture is not None and self._gesture[0] != what:
+        if self.gesture is not None and self.gesture[0] != what:
             self.end()
-        self._gesture = what, layout
+        self.gesture = what, layout
 
     def end(self) -> None:
         """Make the gesture under way, if any, one step."""
-        if self._gesture is not None:
-            gesture, self._gesture = self._gesture, None
+        if self.gesture is not None:
+            gesture, self.gesture = self.gesture, None
             self.do(*gesture)
 
     def move(self, by: int) -> str | None:
@@ -193,8 +189,9 @@ class Result(Seen):
 
     def at(self, pose: int) -> Layout:
         """Return the layout with a pose shown."""
-        others = {k: layout.pressures for k, layout in enumerate(self.layouts) if k != pose}
-        return replace(self.layouts[min(pose, len(self.layouts) - 1)], pose=pose, others=others)
+        shown = self.layouts[min(pose, len(self.layouts) - 1)]
+        by_pose = {k: layout.pressures for k, layout in enumerate(self.layouts)}
+        return Layout(shown.design, {**by_pose, pose: shown.pressures}, pose)
 
     def hold(self, layouts: tuple[Layout, ...], objective: float) -> None:
         """Take a better result in."""
@@ -205,36 +202,3 @@ class Result(Seen):
     @property
     def muscles(self) -> int:
         return len(self.layouts[0].design.muscles)
-
-
-@dataclass(frozen=True)
-class Row:
-    """A row of the table that compares drawings. Distances in m; None: not known yet. highest: Pa."""
-
-    name: str
-    muscles: int
-    chamfer: float | None
-    surface_rms: float | None
-    highest: float
-    shown: bool
-
-
-def one_more_buys(result: Result, others: Sequence[Result], drawn: Row | None) -> str | None:
-    """Return in words what one more muscle buys, against the best with the muscles that the search began with, searched
-    or drawn; None where the result has no more of them, or nothing is there to compare it with. drawn: the own drawing;
-    None where its figure is not the search's, a mean over poses."""
-    count = len(result.begun.design.muscles) if result.begun else result.muscles
-    rivals = [(other.objective, other.muscles, other.name) for other in others]
-    rivals += [(drawn.chamfer, drawn.muscles, drawn.name)] if drawn else []
-    known = [(objective, name) for objective, muscles, name in rivals if objective is not None and muscles == count]
-    if result.objective is None or result.muscles <= count or not known:
-        return None
-    before, name = min(known)
-    less = in_mm(before - result.objective)
-    change = f"{less:.2f} mm less" if less >= 0 else f"{-less:.2f} mm more"
-    by_hand = drawn and name == drawn.name
-    searched = "; for a fair comparison search from here without one more as well" if by_hand else ""
-    return (
-        f"One more muscle: Chamfer {in_mm(result.objective):.2f} mm with {result.muscles} muscles, {change} than "
-        f"{in_mm(before):.2f} mm with {count} ({name}){searched}."
-    )

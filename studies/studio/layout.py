@@ -4,7 +4,7 @@ rows, and the limits that it breaks: the margins of the search, and what `check`
 import itertools
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import dist
 from typing import Any
 
@@ -30,39 +30,43 @@ _MICRO = 6  # digits of a coordinate in m: a micrometre is finer than any hand s
 
 @dataclass(frozen=True)
 class Layout:
-    """A design under constant pressures, (channels,) Pa, in the pose that is shown. others: the pressures of the poses
-    that were shown before, by their numbers."""
+    """A design under constant pressures, in the pose that is shown. by_pose: (channels,) Pa, by the numbers of the
+    poses that were shown."""
 
     design: Design
-    pressures: tuple[float, ...]
+    by_pose: Mapping[int, tuple[float, ...]]
     pose: int = 0
-    others: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
 
     @staticmethod
     def of(design: Design, pressures: tuple[float, ...] = ()) -> "Layout":
         """Return a layout with a pressure for each of the design's channels: those given, then zero."""
-        count = design.channels
-        return Layout(design, (*pressures[:count], *(0.0,) * (count - len(pressures))))
+        return Layout(design, {0: pressures}).on(design)
+
+    @property
+    def pressures(self) -> tuple[float, ...]:
+        """Return (channels,) Pa in the pose that is shown."""
+        return self.by_pose[self.pose]
 
     def on(self, design: Design) -> "Layout":
-        """Return another design under the same pressures."""
-        others = {pose: Layout.of(design, pressures).pressures for pose, pressures in self.others.items()}
-        return Layout(design, Layout.of(design, self.pressures).pressures, self.pose, others)
+        """Return another design under the same pressures: those of its channels, then zero."""
+        count = design.channels
+        by_pose = {pose: (*p[:count], *(0.0,) * (count - len(p))) for pose, p in self.by_pose.items()}
+        return Layout(design, by_pose, self.pose)
 
     def at(self, pose: int) -> "Layout":
         """Return the layout with a pose shown; one that was never shown has the pressures of the one that is."""
-        others = {k: p for k, p in {**self.others, self.pose: self.pressures}.items() if k != pose}
-        return self if pose == self.pose else Layout(self.design, self.others.get(pose, self.pressures), pose, others)
+        by_pose = {pose: self.pressures, **self.by_pose}
+        return self if pose == self.pose else Layout(self.design, by_pose, pose)
 
     def without(self, pose: int) -> "Layout":
         """Return the layout without a pose: those after it move up, and a neighbour is shown in place of it."""
         kept = self.at(pose - 1 if pose else 1) if pose == self.pose else self
-        others = {k - (k > pose): p for k, p in kept.others.items() if k != pose}
-        return replace(kept, pose=kept.pose - (kept.pose > pose), others=others)
+        by_pose = {k - (k > pose): p for k, p in kept.by_pose.items() if k != pose}
+        return Layout(self.design, by_pose, kept.pose - (kept.pose > pose))
 
     def same_content(self, other: "Layout") -> bool:
         """Return whether design and pressures of every pose are the same, whichever pose is shown."""
-        poses = {self.pose, other.pose, *self.others, *other.others}
+        poses = {*self.by_pose, *other.by_pose}
         same = all(self.at(pose).pressures == other.at(pose).pressures for pose in poses)
         return same and self.design == other.design
 
@@ -77,7 +81,8 @@ class Layout:
 
     def with_pressure(self, channel: int, pressure: float) -> "Layout":
         """Return the layout with another pressure [Pa] on a channel."""
-        return replace(self, pressures=(*self.pressures[:channel], pressure, *self.pressures[channel + 1 :]))
+        pressures = (*self.pressures[:channel], pressure, *self.pressures[channel + 1 :])
+        return replace(self, by_pose={**self.by_pose, self.pose: pressures})
 
 
 def highest(design: Design) -> list[float]:
@@ -128,9 +133,7 @@ def remove_muscle(layout: Layout, index: int) -> Layout:
     muscles = [muscle for i, muscle in enumerate(layout.design.muscles) if i != index]
     if all(muscle.channel != empty for muscle in muscles):
         muscles = [replace(m, channel=m.channel - (m.channel > empty)) for m in muscles]
-        others = {pose: (*p[:empty], *p[empty + 1 :]) for pose, p in layout.others.items()}
-        pressures = (*layout.pressures[:empty], *layout.pressures[empty + 1 :])
-        layout = replace(layout, pressures=pressures, others=others)
+        layout = replace(layout, by_pose={k: (*p[:empty], *p[empty + 1 :]) for k, p in layout.by_pose.items()})
     return layout.with_muscles(*muscles)
 
 

@@ -48,8 +48,13 @@ class ModelChoice:
 
     @cached_property
     def around(self) -> list[Model]:
-        """Return the models of which a band is made; none where the intervals are not known."""
-        return models_around(self.model)
+        """Return the models of which a band is made: two for each column of the covariance's root, one standard
+        deviation to either side, without the corrector; none where the model has no joint covariance."""
+        ensemble = Ensemble(self.model.without(["corrector"]))
+        try:
+            return [ensemble.at(sign * unit) for unit in np.eye(ensemble.size) for sign in (1.0, -1.0)]
+        except InputError:
+            return []
 
     def switched(self, name: str, on: bool) -> "ModelChoice":
         """Switch an effect on or off; on as the model has it, or by values that show."""
@@ -98,19 +103,9 @@ def lower_edge(points: NDArray[np.float32]) -> Array:
     return np.asarray(Shape.of(points).middle[-1], dtype=np.float64)
 
 
-def models_around(model: Model) -> list[Model]:
-    """Return two models for each column of the covariance's root, one standard deviation to either side, without the
-    corrector; none where the model has no joint covariance."""
-    ensemble = Ensemble(model.without(["corrector"]))
-    try:
-        return [ensemble.at(sign * unit) for unit in np.eye(ensemble.size) for sign in (1.0, -1.0)]
-    except InputError:
-        return []
-
-
 def half_band(shapes: list[NDArray[np.float32]]) -> Array:
     """Return the effect of a model's intervals on the lower edge, to first order: (n, 3) m to either side, which holds
-    90 %, in x, y and z. shapes: under `models_around`, in their order: half the difference of two is a column of
+    90 %, in x, y and z. shapes: under the models `around`, in their order: half the difference of two is a column of
     deviations, and deviations of independent columns add up squared."""
     edges = np.array([lower_edge(shape) for shape in shapes]).reshape(-1, 2, len(lower_edge(shapes[0])), 3)
     columns = (edges[:, 0] - edges[:, 1]) / 2

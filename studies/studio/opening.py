@@ -40,6 +40,12 @@ from studies.view import errors_in_words
 DRAWS = 5  # of a floor: it stands beside each exact shape, and is good to a few hundredths of a millimetre
 FRAME_RATE = 30.0  # Hz, of a motion that is played
 POINTS = 500  # of each cloud of a target that moves
+LEAST_SCALE = 0.002  # m, the least end of a scale of distances
+
+
+def scale_end(distances: Array) -> float:
+    """Return the end [m] of a scale of distances (n,) m: their 98th percentile, LEAST_SCALE at least."""
+    return max(LEAST_SCALE, float(np.percentile(distances, 98)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +60,11 @@ class Comparison:
         """Return how far a shape (2 n, 3) m is from a target."""
         errors = target_errors([target], shape[None].astype(np.float64), design, draws=DRAWS)
         return Comparison(errors, nearest_distances(shape, target.points))
+
+    @cached_property
+    def largest(self) -> float:
+        """Return the end [m] of the scale of distances."""
+        return scale_end(self.of_cloth)
 
     @property
     def sentences(self) -> list[str]:

@@ -1,7 +1,6 @@
 """The motion that is played: a rise, a table of pressures, a trial beside its prediction, or the program under edit
 over a target that moves; and writing it."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,7 +13,7 @@ from fabdesign.files.motion_file import Motion
 from fabdesign.files.pressure_file import read_pressures, write_pressures
 from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.forward import RISE
+from fabdesign.nouns.forward import RISE, Case
 from fabdesign.nouns.pressure import PressureProgram, require_pressures, rising_program
 from fabdesign.output import new_files
 from fabdesign.units import in_mm
@@ -54,36 +53,32 @@ class Playing:
 
     def rise(self) -> None:
         """Play the motion to the pressures as they are: they rise within 1 s, and hold for 1 s."""
-        self._play("rise", lambda: rising_program(np.array(self._document.layout.pressures), RISE, RISE + 1.0))
+        self._play("rise", rising_program(np.array(self._document.layout.pressures), RISE, RISE + 1.0))
 
     def file(self, path: Path) -> None:
-        self._play(path.name, lambda: read_pressures(path, self._document.layout.design))
+        self._play(path.name, read_pressures(path, self._document.layout.design))
 
     def opened(self, program: PressureProgram) -> None:
         """Play the pressures that were given on the command line."""
-        with self._document.refusals():
-            require_pressures(program, self._document.layout.design, "pressures")
-            self._play("pressures", lambda: program)
+        require_pressures(program, self._document.layout.design, "pressures")
+        self._play("pressures", program)
 
-    def _play(self, name: str, read: Callable[[], PressureProgram]) -> None:
+    def _play(self, name: str, program: PressureProgram) -> None:
         document = self._document
-        with document.refusals():
-            program = read()
-            if not document.layout.pressures:
-                raise InputError("no muscles; expected some that move the cloth")
-            times = frame_times(program, frame_rate=FRAME_RATE)
-            document.history.end()
-            self._ask(Ask("motion", document.layout.design, program, document.choice.model, times), name)
+        if not document.layout.pressures:
+            raise InputError("no muscles; expected some that move the cloth")
+        times = frame_times(program, frame_rate=FRAME_RATE)
+        document.history.end()
+        self._ask(Ask("motion", Case(document.layout.design, program), document.choice.model, times), name)
 
     def trial(self, label: str) -> None:
         """Play a trial of the set, measured, and its prediction under the model that is chosen."""
         document = self._document
-        with document.refusals():
-            trial = document.trials[label]
-            ask = Ask.of_trial(trial, document.choice.model)
-            if trial.design != document.layout.design:
-                document.put(f"design of {trial.name}", Layout.of(trial.design))
-            self._ask(ask, label)
+        trial = document.trials[label]
+        ask = Ask.of_trial(trial, document.choice.model)
+        if trial.design != document.layout.design:
+            document.put(f"design of {trial.name}", Layout.of(trial.design))
+        self._ask(ask, label)
 
     def all_errors(self) -> None:
         """Ask for the errors of every trial that has none, one after another, until something is edited or chosen."""
@@ -101,8 +96,7 @@ class Playing:
                 if self._filling:
                     self.all_errors()
 
-        with document.refusals():
-            self._shapes.also(Ask.of_trial(document.trials[label], choice.model), arrived)
+        self._shapes.also(Ask.of_trial(document.trials[label], choice.model), arrived)
 
     def show(self, motion: TrialMotion, ask: Ask) -> None:
         """Play a motion from its first frame; one with the same frames as the last goes on where that is."""
@@ -119,8 +113,7 @@ class Playing:
 
         def arrived(answer: Answer) -> None:
             if answer.points is None:
-                document.tell(answer.error, bad=True)
-                return
+                raise InputError(answer.error)
             if ask.measured:
                 self.errors[name] = answer.errors or UNKNOWN
             self.motion = None
@@ -157,19 +150,17 @@ class Playing:
         motion, ask, document = self.motion, self._played, self._document
 
         def arrived(answer: Answer) -> None:
-            with document.refusals():
-                if answer.laced is None or motion is None:
-                    raise InputError(answer.error)
-                _export(path, motion, answer.laced)
-                document.tell(f"wrote {path}")
+            if answer.laced is None or motion is None:
+                raise InputError(answer.error)
+            _export(path, motion, answer.laced)
+            document.tell(f"wrote {path}")
 
-        with document.refusals():
-            if motion is None or ask is None:
-                raise InputError("no motion; expected one that is played")
-            if path.suffix.lower() not in WRITTEN:
-                raise InputError(f"{path}: expected a name that ends in {', '.join(WRITTEN[:-1])} or {WRITTEN[-1]}")
-            document.tell(f"writing {path}")
-            self._shapes.also(replace(ask, kind="laced", measured=(), wanted=None), arrived)
+        if motion is None or ask is None:
+            raise InputError("no motion; expected one that is played")
+        if path.suffix.lower() not in WRITTEN:
+            raise InputError(f"{path}: expected a name that ends in {', '.join(WRITTEN[:-1])} or {WRITTEN[-1]}")
+        document.tell(f"writing {path}")
+        self._shapes.also(replace(ask, kind="laced", measured=(), wanted=None), arrived)
 
 
 def _export(path: Path, shown: TrialMotion, laced: Motion) -> None:
@@ -239,23 +230,18 @@ class ProgramEdit:
     def play(self, kind: Kind = "program") -> None:
         """Simulate the program, and play it over the target. kind: "motion" on the model's grid, with its corrector."""
         document, moving, design = self._document, self.moving, self._document.layout.design
-        with document.refusals():
-            if design.channels != moving.regulator.channels:
-                raise InputError(
-                    f"{design.name}: {design.channels} channels; the program has {moving.regulator.channels}"
-                )
-            case = case_of(moving.study, moving.regulator.program(self.pressures))
-            ask = Ask(kind, design, case.program, document.choice.model, moving.times, case.order)
-            ask = replace(ask, effects=case.effects, wanted=moving.wanted)
-            self._shapes.also(ask, partial(self._arrived, ask))
+        if design.channels != moving.regulator.channels:
+            raise InputError(f"{design.name}: {design.channels} channels; the program has {moving.regulator.channels}")
+        case = replace(case_of(moving.study, moving.regulator.program(self.pressures)), design=design)
+        ask = Ask(kind, case, document.choice.model, moving.times, wanted=moving.wanted)
+        self._shapes.also(ask, partial(self._arrived, ask))
 
     def _arrived(self, ask: Ask, answer: Answer) -> None:
         document = self._document
-        if (ask.design, ask.model) != (document.layout.design, document.choice.model):
+        if (ask.case.design, ask.model) != (document.layout.design, document.choice.model):
             return  # others by now, and the motion was stopped
         if answer.points is None or answer.off is None:
-            document.tell(answer.error, bad=True)
-            return
+            raise InputError(answer.error)
         self.off = answer.off
         self.first = self.off if self.first is None else self.first
         name, times, clouds = f"{ask.points_per_side} points a side", self.moving.times, self.moving.clouds
@@ -265,7 +251,6 @@ class ProgramEdit:
 
     def save(self, path: Path, *, replace: bool = False) -> None:
         """Write the program, set points at the regulator's cycle."""
-        with self._document.refusals():
-            with new_files(path, force=replace) as unfinished:
-                write_pressures(self.moving.regulator.program(self.pressures), unfinished)
-            self._document.tell(f"wrote {path}")
+        with new_files(path, force=replace) as unfinished:
+            write_pressures(self.moving.regulator.program(self.pressures), unfinished)
+        self._document.tell(f"wrote {path}")

@@ -163,26 +163,25 @@ class BackgroundSearch:
     def start(self, vary: Vary, seconds: float) -> None:
         """Search; the result is a drawing of its own."""
         document = self._document
-        with document.refusals():
-            if self.running:
-                raise InputError("a search is running")
-            if not document.targets:
-                raise InputError("no target; expected one to search for")
-            design = document.layout.design
-            if not design.muscles and vary != "one more muscle":
-                raise InputError(f"{design.name}: has no muscles; expected some, or one more muscle to search for")
-            document.history.end()
-            limits = document.limits if document.opened.targets else search_limits(design)
-            number, beside = 1, self._save_folder()
-            while (folder := beside.with_name(f"{beside.name}_search_{number}")).exists():
-                number += 1
-            options = {"vary": vary, "seconds": seconds, "model": document.model_file}
-            self._search = search = Search(folder, document.layout, document.targets, limits, **options)
-            search.name, search.layouts = f"search {number}: {vary}", document.layouts
-            search.begun = search.layouts[0]
-            self.message = f"searching in {folder.name}, the first evaluations"
-            document.results.append(search)
-            document.show_result(search)
+        if self.running:
+            raise InputError("a search is running")
+        if not document.targets:
+            raise InputError("no target; expected one to search for")
+        design = document.layout.design
+        if not design.muscles and vary != "one more muscle":
+            raise InputError(f"{design.name}: has no muscles; expected some, or one more muscle to search for")
+        document.history.end()
+        limits = document.limits if document.opened.targets else search_limits(design)
+        number, beside = 1, self._save_folder()
+        while (folder := beside.with_name(f"{beside.name}_search_{number}")).exists():
+            number += 1
+        options = {"vary": vary, "seconds": seconds, "model": document.model_file}
+        self._search = search = Search(folder, document.layout, document.targets, limits, **options)
+        search.name, search.layouts = f"search {number}: {vary}", document.layouts
+        search.begun = search.layouts[0]
+        self.message = f"searching in {folder.name}, the first evaluations"
+        document.results.append(search)
+        document.show_result(search)
 
     def stop(self) -> None:
         """Have it end; the best so far stays."""

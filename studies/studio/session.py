@@ -115,13 +115,12 @@ class Files:
         self._document.tell(f"{self._file.name} was changed by another program; 'Load from disk' takes it.", bad=True)
 
     def load_again(self) -> None:
-        """Take the design as it is on disk now; undo brings back what was here."""
+        """Take the design as it is on disk now; undo brings back what was here. Raises InputError."""
         document, self._known = self._document, content_hash(self._file)
         try:
             design = read_design(self._file)
         except InputError as error:
-            document.tell(f"changed on disk, and not taken: {error}", bad=True)
-            return
+            raise InputError(f"changed on disk, and not taken: {error}") from None
         document.put("load from disk", document.history.layout.on(design))
         document.history.keep()
         document.tell(f"{self._file.name} was taken from disk; undo brings back what was here.")
@@ -137,11 +136,11 @@ class Files:
             return f"{design} was changed by another program since it was saved"
         return None
 
-    def save(self, folder: Path, *, replace: bool = False) -> Exported | None:
+    def save(self, folder: Path, *, replace: bool = False) -> None:
         """Save what is shown into one folder: `design.toml`, a table of pressures for each pose, with a target
-        `study.toml`, and `template/`. Return what was written; None where it was refused, and that was told.
+        `study.toml`, and `template/`.
 
-        replace: what stands in the folder, if this program made it.
+        replace: what stands in the folder, if this program made it. Raises InputError where that is refused.
         """
         document, layout = self._document, self._document.layout
         document.history.end()
@@ -166,27 +165,23 @@ class Files:
                         left_out = _export(layout, unfinished / "template", replace=False).left_out
                     except InputError as error:
                         left_out = (f"no template: {error}",)
-                names = sorted(p.relative_to(unfinished) for p in unfinished.rglob("*") if p.is_file())
-        except InputError as error:
+                count = sum(file.is_file() and not file.name.startswith(".") for file in unfinished.rglob("*"))
+        except InputError:
             self.keep()
-            document.tell(str(error), bad=True)
-            return None
+            raise
         self.folder = folder
         self._saved[folder.resolve()] = content_hash(folder / "design.toml")
         if document.shown is None:
             document.history.keep()
         if (folder / "design.toml").resolve() == self._file.resolve():
             self._known = content_hash(self._file)
-        saved = Exported(tuple(folder / name for name in names if not name.name.startswith(".")), (), left_out)
-        document.tell("; ".join([f"saved {len(saved.files)} files in {folder}", *left_out]))
-        return saved
+        document.tell("; ".join([f"saved {count} files in {folder}", *left_out]))
 
     def save_template(self, folder: Path, *, replace: bool = False) -> None:
         """Write the sewing template of what is shown, and say so."""
-        with self._document.refusals():
-            saved = _export(self._document.layout, folder, replace=replace)
-            names = ", ".join(file.name for file in saved.files)
-            self._document.tell("; ".join([f"sewing template in {folder}: {names}", *saved.left_out]))
+        saved = _export(self._document.layout, folder, replace=replace)
+        names = ", ".join(file.name for file in saved.files)
+        self._document.tell("; ".join([f"sewing template in {folder}: {names}", *saved.left_out]))
 
 
 def _export(layout: Layout, folder: Path, *, replace: bool) -> Exported:

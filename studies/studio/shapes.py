@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.errors import InputError
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.model import Model
 from studies.prediction.stability import LEAST, are_one, rms
@@ -69,7 +70,8 @@ class Shapes:
         return None if target is None else target.time
 
     def turn(self) -> None:
-        """Take an answer that has come, and ask the next that is due."""
+        """Take an answer that has come, and ask the next that is due. Raises InputError for one without what was
+        asked; the next is then due at the next turn."""
         if self._then is not None and (answer := self._solver.receive()) is not None:
             then, self._then = self._then, None
             then(answer)
@@ -91,7 +93,7 @@ class Shapes:
 
     def _follow(self) -> None:
         """Ask for what the document shows now; a shape that is there already is only compared again."""
-        document, moving = self._document, self._document.history.in_gesture
+        document, moving = self._document, self._document.history.gesture is not None
         wanted = document.layout, document.choice.model, self._time
         if self._wanted is None or self._wanted != wanted:
             self._stage = "follow"
@@ -100,7 +102,7 @@ class Shapes:
         self._wanted, self._moving = wanted, moving
         self.band, self._around = None, []
         self._others = [(ask, then) for ask, then in self._others if ask.kind != "nearby"]
-        self.turn()
+        self._send()
         if self.shown is not None and self.shown.layout == document.layout and not self.waiting:
             self._use(self.shown)
 
@@ -108,8 +110,7 @@ class Shapes:
         """Show a shape that has come, unless another exact one is wanted by now."""
         document, exact = self._document, ask.kind == "exact"
         if answer.points is None:
-            document.tell(answer.error, bad=True)
-            return
+            raise InputError(answer.error)
         if exact and self._wanted is not None and layout != self._wanted[0]:
             return
         time = None if ask.times is None else float(ask.times[-1])
@@ -120,7 +121,7 @@ class Shapes:
         self.shown = shape = LiveShape(
             answer.points, layout, exact, ask.points_per_side, answer.seconds, jump, time, answer.correction
         )
-        if jump is not None or document.history.in_gesture:
+        if jump is not None or document.history.gesture:
             self.before = before
         if layout == document.layout:
             document.seen.forget()
@@ -169,16 +170,15 @@ class JumpDetector:
         last, self._last = self._last, (layout, points)
         if last is None or last[1].shape != points.shape:
             return None, None
-        moved = rms(points - last[1])
+        moved, change = rms(points - last[1]), size_of_change(last[0], layout)
         self._off = max(self._off, moved)
-        change = size_of_change(last[0], layout)
-        if exact and change == 0:
-            return (None, None) if are_one(moved, self._off) else (moved, last[1])
         if change == 0:
-            return None, None
-        usual = float(np.median(self._rates)) if self._rates else np.inf
-        self._rates = [*self._rates[-8:], moved / change]
-        return (moved, last[1]) if moved > max(LEAST, SNAP * usual * change) else (None, None)
+            jumped = exact and not are_one(moved, self._off)
+        else:
+            usual = float(np.median(self._rates)) if self._rates else np.inf
+            self._rates = [*self._rates[-8:], moved / change]
+            jumped = moved > max(LEAST, SNAP * usual * change)
+        return (moved, last[1]) if jumped else (None, None)
 
 
 def size_of_change(a: Layout, b: Layout) -> float:

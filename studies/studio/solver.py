@@ -9,6 +9,7 @@ import os
 import signal
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Literal
@@ -23,10 +24,9 @@ from fabdesign.geometry.metrics import Errors, trial_errors
 from fabdesign.geometry.sensor_noise import NOISE_FREE, estimate_noise
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
-from fabdesign.nouns.forward import Case, Corrector, Term, Trust
+from fabdesign.nouns.forward import Case, Corrector, Trust
 from fabdesign.nouns.model import Model
 from fabdesign.nouns.predictor import Predictor
-from fabdesign.nouns.pressure import PressureProgram
 from fabdesign.nouns.trial import Trial
 from fabdesign.runtime import working_time
 from fabdesign.runtime.supervisor import uninterrupted
@@ -48,19 +48,12 @@ class Ask:
     programs. wanted: what a motion is compared with."""
 
     kind: Kind
-    design: Design
-    program: PressureProgram
+    case: Case
     model: Model
     times: Array | None = None
-    order: int = 0
     sensing: bool = False
     measured: tuple[NDArray[np.floating[Any]], ...] = ()  # (n_t, 3) m of each frame, where errors are asked for
-    effects: tuple[Term, ...] = ()  # beside the model's
     wanted: Wanted | None = None
-
-    @property
-    def case(self) -> Case:
-        return Case(self.design, self.program, effects=self.effects, order=self.order)
 
     @property
     def loose(self) -> bool:
@@ -77,14 +70,14 @@ class Ask:
     ) -> "Ask":
         """Ask for a shape under pressures (channels,) Pa. time: s after rest, where an exact one is of a motion."""
         if kind == "exact" and time is not None:
-            return Ask(kind, design, constant_program(list(pressures), time), model, np.array([time]))
-        return Ask(kind, design, constant_program(list(pressures)), model)
+            return Ask(kind, Case(design, constant_program(list(pressures), time)), model, np.array([time]))
+        return Ask(kind, Case(design, constant_program(list(pressures))), model)
 
     @staticmethod
     def of_trial(trial: Trial, model: Model) -> "Ask":
         """Ask for a trial's motion as sensors see it, and its errors from what was measured. Raises InputError."""
-        frames = tuple(trial.load().frames)
-        return Ask("motion", trial.design, trial.program, model, trial.times, trial.order, True, frames)
+        case = Case(trial.design, trial.program, order=trial.order)
+        return Ask("motion", case, model, trial.times, sensing=True, measured=tuple(trial.load().frames))
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +89,7 @@ class Correction:
     ordered: bool
     simulated: Points  # without it
 
-    def moved(self, points: Points) -> NDArray[np.float32]:
+    def moved(self, points: Points) -> Points:
         """Return the distance [m] by which each of `points` (..., 3) was moved."""
         return np.asarray(np.linalg.norm(points - self.simulated, axis=-1))
 
@@ -119,11 +112,10 @@ class StudioSolver:
     """Answers asks one by one. make: of a simulator with so many points a side and a tolerance [m]."""
 
     def __init__(self, make: Callable[..., Any]) -> None:
-        self._make = make
-        self._simulators: dict[tuple[int, bool], Any] = {}
+        self._make = cache(make)
         self._correctors: dict[tuple[Path, str], Corrector | None] = {}
-        self._last: tuple[Design, NDArray[np.float32]] | None = None  # the shape followed from, and of which design
-        self._program: Any = None  # keeps the states of the program that was simulated last
+        self._last: tuple[Design, Points] | None = None  # the shape followed from, and of which design
+        self._program: Resumed | None = None
 
     def answer(self, ask: Ask) -> Answer:
         """Return the answer; what goes wrong is said in it."""
@@ -137,7 +129,7 @@ class StudioSolver:
     def _computed(self, ask: Ask) -> Answer:
         """Return shape or motion. The corrector acts on exact ones alone; how far it trusts the layout is said of
         all."""
-        simulator, correction = self._simulator(ask), None
+        simulator, correction = self._make(ask.points_per_side, **({"tolerance": 1e-6} if ask.loose else {})), None
         if ask.kind == "laced" and ask.times is not None:
             predictor = replace(forward_model(simulator, ask.model), sensing=ask.sensing)
             (laced,) = laced_motions(predictor, [ask.case], [ask.times])
@@ -145,9 +137,7 @@ class StudioSolver:
         given = ask.model.without(["corrector"]) if ask.kind == "nearby" else ask.model
         model = replace(self._predictor(_Remembering(simulator), given), sensing=ask.sensing)
         corrector, bare = model.corrector, replace(model, corrector=None)
-        if ask.kind == "program":
-            from studies.studio.resumed import Resumed
-
+        if ask.kind == "program" and ask.times is not None:
             self._program = self._program or Resumed(simulator)
             points = simulated = self._program.motion(model.case(ask.case), ask.times)
         elif ask.loose:
@@ -156,7 +146,7 @@ class StudioSolver:
             points = _shown(model if corrector is None or corrector.ordered else bare, ask)
             simulated = points if corrector is None else _shown(bare, ask)
         if corrector is not None:
-            correction = Correction(corrector.trust(ask.design), corrector.ordered, simulated)
+            correction = Correction(corrector.trust(ask.case.design), corrector.ordered, simulated)
         if not np.isfinite(points).all():
             raise SimulationError(f"no shape was found: the {ask.kind} calculation diverged")
         errors = _errors(ask, points, correction) if ask.measured else ()
@@ -183,12 +173,6 @@ class StudioSolver:
             self._last = (case.design, shape.middle[0]) if np.isfinite(shape.middle).all() else None
         points: Points = shape.points[0]
         return points
-
-    def _simulator(self, ask: Ask) -> Any:
-        key = ask.points_per_side, ask.loose
-        if key not in self._simulators:
-            self._simulators[key] = self._make(key[0], **({"tolerance": 1e-6} if ask.loose else {}))
-        return self._simulators[key]
 
 
 class _Remembering:
@@ -223,11 +207,53 @@ def _errors(ask: Ask, points: Points, correction: Correction | None) -> tuple[Er
     motions = [points] if correction is None else [correction.simulated, points]
     frames = ask.measured[:: -(-len(ask.measured) // _NOISE_FRAMES)]
     try:
-        noise = estimate_noise(frames, ask.design.fabric.thickness)
+        noise = estimate_noise(frames, ask.case.design.fabric.thickness)
     except InputError:
         of_motions = [trial_errors(ask.measured, motion, NOISE_FREE, draws=1) for motion in motions]
         return tuple(replace(errors, chamfer_floor=np.nan, surface_floor=np.nan) for errors in of_motions)
     return tuple(trial_errors(ask.measured, motion, noise) for motion in motions)
+
+
+class Resumed:
+    """Simulates programs of one set point a cycle, each from the state before the first set point that is another than
+    the last program's. first: the frame from which on the last answer was simulated anew."""
+
+    def __init__(self, simulator: Any) -> None:
+        self._simulator = simulator
+        self._last: tuple[Case, Array] | None = None  # and its times
+        self._states: list[Any] = []  # at the begin of each cycle, and at the end
+        self._points: Points = np.zeros((0, 0, 3), np.float32)
+        self.first = 0
+
+    def motion(self, case: Case, times: Array) -> Points:
+        """Return frames (T, 2 n, 3) m at `times` (T,) s after rest, the last at the program's end at most."""
+        from sim.resume import at_rest, with_states
+
+        rows = case.program.pressure
+        cycle = case.program.duration / len(rows)
+        begin = self._same_until(case, times)
+        if begin == 0:
+            self._states, self._points = [at_rest(self._simulator, case)], self._points[:0]
+        self.first = int(np.searchsorted(times, begin * cycle + 1e-9, side="right"))
+        if self.first == len(times):
+            return self._points  # nothing that is shown has changed
+        ticks = [round(k * cycle / self._simulator.time_step) for k in range(begin + 1, len(rows) + 1)]
+        [kept] = with_states(self._simulator, [case], self._states[begin], times[self.first :], ticks)
+        later = kept.motion.points
+        self._points = np.concatenate([self._points[: self.first], later]) if begin else later
+        self._states[begin + 1 :], self._last = kept.states, (case, times)
+        return self._points
+
+    def _same_until(self, case: Case, times: Array) -> int:
+        """Return the first cycle whose set points are others than the last program's; 0 for another case."""
+        if self._last is None:
+            return 0
+        (last, at), program = self._last, case.program
+        alike = program.duration == last.program.duration and program.pressure.shape == last.program.pressure.shape
+        if not alike or not np.array_equal(at, times) or replace(case, program=last.program) != last:
+            return 0
+        changed = np.flatnonzero((program.pressure != last.program.pressure).any(axis=1))
+        return int(changed[0]) if len(changed) else len(program.pressure)
 
 
 class SolverProcess:

@@ -153,7 +153,7 @@ def _answer(outcome: Outcome) -> Iterator[page.Block]:
     for effect in outcome.effects:
         yield page.Text(Markup("<b>{}</b>: {}.").format(effect.name, EFFECTS[effect.name].signature))
     yield page.Title("Candidates")
-    gains = [charts.Gain(c.name, c.gain, c.interval90, c.chosen) for c in outcome.candidates]
+    gains = [(c.name, c.gain, c.interval90, c.chosen) for c in outcome.candidates]
     yield charts.gains("candidates", gains, "mm", "gain of held-out excess", outcome.tolerance, scale=in_mm(1.0))
     rows = [
         (

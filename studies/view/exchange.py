@@ -2,6 +2,7 @@
 tensions of the muscles; and a recording that the Rerun viewer plays."""
 
 from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
@@ -22,16 +23,16 @@ def save_series(items: Sequence[Item], path: Path) -> None:
     files [m]: panels lie over each other, each a part of its own."""
     collection = ElementTree.Element("Collection")
     several = len(items) > 1
-    numbers = {"next": 0}
+    numbers = count()
 
     def add(name: str, item: Item, meshes: "list[meshio.Mesh]") -> None:
         files = [f"{path.stem}_{name}_{k:04d}.vtu" for k in range(len(meshes))]
         for file, mesh in zip(files, meshes, strict=True):
             mesh.write(path.with_name(file), file_format="vtu")
+        part = str(next(numbers))
         for time in timeline(items):
-            entry = {"timestep": f"{time:.9g}", "group": item.title, "part": str(numbers["next"]), "name": name}
+            entry = {"timestep": f"{time:.9g}", "group": item.title, "part": part, "name": name}
             ElementTree.SubElement(collection, "DataSet", entry | {"file": files[item.nearest(time)]})
-        numbers["next"] += 1
 
     for number, item in enumerate(items):
         before = f"{number}_" if several else ""

@@ -2,7 +2,7 @@
 how far the shapes of two are apart, with the noise floor: what side by side alone does not say."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isqrt
 from pathlib import Path
@@ -47,6 +47,7 @@ class Item:
     size: tuple[float, float] | None = None  # m, of the flat cloth; None: not known
     muscles: LacedMuscles | None = None
     predicts: str = ""  # title of the panel that this one predicts
+    apart: "Distance | None" = None  # from the panel that it is compared with
 
     @staticmethod
     def of_motion(title: str, motion: Motion, predicts: str = "") -> "Item":
@@ -216,15 +217,15 @@ def errors_in_words(errors: Errors) -> str:
     return text
 
 
-def distances(items: Sequence[Item]) -> list[Distance | None]:
-    """Return the distance of every panel to the first one, of a prediction to what it predicts; None of what others are
-    compared with."""
+def compared(items: Sequence[Item]) -> list[Item]:
+    """Return the panels with how far each is apart from the first one, a prediction from what it predicts; those that
+    others are compared with are apart from none."""
     by_title = {item.title: item for item in items}
-    compared: list[Distance | None] = []
-    for item in items:
-        reference = by_title.get(item.predicts, items[0])
-        compared.append(None if reference is item else _distance(reference, item))
-    return compared
+    references = [by_title.get(item.predicts, items[0]) for item in items]
+    return [
+        item if item is reference else replace(item, apart=_distance(reference, item))
+        for item, reference in zip(items, references, strict=True)
+    ]
 
 
 def _distance(reference: Item, item: Item) -> Distance:

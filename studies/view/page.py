@@ -15,26 +15,25 @@ LEVELS = 32_000  # a coordinate is stored as a whole number of the largest one's
 MOST_POINTS = 4_000  # of a frame that has no triangles: more look the same
 
 
-def render_page(
-    title: str, items: Sequence[Item], apart: Sequence[Distance | None] = (), *, overlay: bool = False
-) -> str:
+def render_page(title: str, items: Sequence[Item], *, overlay: bool = False) -> str:
     """Return the HTML of the items side by side, with one time slider where something moves; points are rounded to the
-    LEVELS-th part of the largest coordinate. apart: of every panel, how far it is from what it is compared with; none:
-    unsaid. overlay: whether that one's points lie over it until a click takes them away."""
+    LEVELS-th part of the largest coordinate. overlay: whether over a panel lie the points of what it is compared with,
+    until a click takes them away."""
     size = max(float(np.abs(frame).max(initial=0.0)) for item in items for frame in vertices_of(item))
     scale = max(size, 1e-6) / LEVELS
     titles = [item.title for item in items]
     packed = []
-    for item, distance in zip(items, apart or [None] * len(items), strict=True):
-        reference = None if distance is None else titles.index(distance.reference)
-        packed.append({**_packed(item, scale), "apart": _compared(distance), "reference": reference})
+    for item in items:
+        reference = None if item.apart is None else titles.index(item.apart.reference)
+        packed.append({**_packed(item, scale), "apart": _compared(item.apart), "reference": reference})
+    apart = any(item.apart is not None for item in items)
     data = {"scale": scale, "cloud": CLOUD, "overlay": OVERLAY, "items": packed}
     content = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     key = [
         (name, "rgb(" + ", ".join(f"{round(255 * share)}" for share in colour) + ")")
-        for name, colour in key_of(items, overlay=any(apart))
+        for name, colour in key_of(items, overlay=apart)
     ]
-    shown = {"moves": any(item.moves for item in items), "overlay": overlay, "compared": any(apart)}
+    shown = {"moves": any(item.moves for item in items), "overlay": overlay, "compared": apart}
     return drawn("view/page.html.j2", title=title, items=items, data=Markup(content), key=key, **shown)
 
 

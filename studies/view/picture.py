@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 
 from fabdesign.drawings import oblique
 from fabdesign.errors import InputError
-from studies.view.items import Distance, Item, errors_in_words, timeline
+from studies.view.items import Item, errors_in_words, timeline
 from studies.view.shapes import CLOUD, MUSCLE, OVERLAY, key_of, parts_of, vertex_normals
 
 SHOWN = 1500  # points of a cloud drawn
@@ -32,24 +32,16 @@ _LEAST_WIDTH = 6.0  # inches, that a line of words needs
 _LETTERS = 13.0  # an inch holds, of 9 points
 
 
-def save_picture(
-    items: Sequence[Item],
-    path: Path,
-    apart: Sequence[Distance | None],
-    times: Sequence[float] = (),
-    *,
-    overlay: bool = False,
-) -> None:
+def save_picture(items: Sequence[Item], path: Path, times: Sequence[float] = (), *, overlay: bool = False) -> None:
     """Write a PNG with a row an item and a column an instant [s]: those asked for, or at most INSTANTS frames spread
-    over what there is. apart: how far each panel is from the one it is compared with; overlay: whether that one's
-    points lie over it."""
+    over what there is. overlay: whether over a panel lie the points of what it is compared with."""
     every = timeline(items)
     spread = every[np.unique(np.linspace(0, len(every) - 1, INSTANTS).round().astype(int))].tolist()
     instants = (list(times) or spread) if any(item.moves for item in items) else [0.0]
-    drawn = _DrawnPanels(items, apart, overlay)
+    drawn = _DrawnPanels(items, overlay)
     width = _WIDE if len(instants) == 1 else _NARROW
     size = max(width * len(instants), _LEAST_WIDTH) + 0.2
-    heads = [wrapped_head(item, distance, size) for item, distance in zip(items, apart, strict=True)]
+    heads = [wrapped_head(item, size) for item in items]
     heights = [width * drawn.tall + 0.35 + _LINE * (head.count("\n") + 1) for head in heads]
     figure = plt.figure(figsize=(size, sum(heights) + 0.4), layout="constrained")
     drawn.draw_key(figure)
@@ -64,25 +56,22 @@ def save_picture(
     plt.close(figure)
 
 
-def save_animation(
-    items: Sequence[Item], path: Path, apart: Sequence[Distance | None], *, overlay: bool = False
-) -> None:
+def save_animation(items: Sequence[Item], path: Path, *, overlay: bool = False) -> None:
     """Write a GIF, or by the ending an MP4, of the items side by side, in real time at RATE. overlay: as in a picture.
     Raises InputError where ffmpeg fails."""
     begin, end = min(float(item.times[0]) for item in items), max(float(item.times[-1]) for item in items)
     instants = np.arange(begin, end + 0.5 / RATE, 1 / RATE)
-    drawn = _DrawnPanels(items, apart, overlay)
+    drawn = _DrawnPanels(items, overlay)
     size = max(3.4 * len(items), _LEAST_WIDTH), 3.4 * drawn.tall + 1.0
     figure = plt.figure(figsize=size, layout="constrained")
     panels = figure.subplots(1, len(items), squeeze=False)[0]
     drawn.draw_key(figure)
-    heads = [_head(item, distance) for item, distance in zip(items, apart, strict=True)]
 
     def show(instant: float) -> list[Any]:
-        for number, (axes, item, head) in enumerate(zip(panels, items, heads, strict=True)):
+        for number, (axes, item) in enumerate(zip(panels, items, strict=True)):
             axes.clear()
             drawn.draw(axes, number, item.nearest(instant))
-            axes.set_title(f"{head}\n{instant:.2f} s", fontsize=7, loc="left")
+            axes.set_title(f"{_head(item)}\n{instant:.2f} s", fontsize=7, loc="left")
         return []
 
     animation = FuncAnimation(figure, show, frames=instants, blit=False)
@@ -112,31 +101,31 @@ def _save_video(animation: FuncAnimation, path: Path) -> None:
         ) from None
 
 
-def wrapped_head(item: Item, distance: Distance | None, width: float) -> str:
+def wrapped_head(item: Item, width: float) -> str:
     """Return what stands over a row, in lines that a picture of `width` inches holds."""
     lines = [item.title]
-    if distance is not None:
+    if (distance := item.apart) is not None:
         when = f"{distance.when}, " if distance.when else ""
         lines.append(f"from {distance.reference}: {when}{errors_in_words(distance.overall)}")
     return "\n".join(part for line in lines for part in wrap(line, int(_LETTERS * width)))
 
 
-def _head(item: Item, distance: Distance | None) -> str:
+def _head(item: Item) -> str:
     """Return a head of as many lines for every panel, so that all stay alike."""
-    more = ["", "", ""]
-    if distance is not None:
+    more = list[str]()
+    if (distance := item.apart) is not None:
         more = [f"from {distance.reference}, {distance.when}:", *errors_in_words(distance.overall).split(", ")]
-    return "\n".join([item.title, *(more + [""])[:3]])
+    return "\n".join([item.title, *more, "", "", ""][:4])
 
 
 class _DrawnPanels:
     """Panels that are drawn frame by frame, all in one room. overlay: whether over a panel lie the points of what it is
     compared with. tall: height over width of a panel."""
 
-    def __init__(self, items: Sequence[Item], apart: Sequence[Distance | None], overlay: bool) -> None:
+    def __init__(self, items: Sequence[Item], overlay: bool) -> None:
         self._items, self._overlay = items, overlay
         by_title = {item.title: item for item in items}
-        self._below = [by_title[distance.reference] if overlay and distance else None for distance in apart]
+        self._below = [by_title[item.apart.reference] if overlay and item.apart else None for item in items]
         self._room = oblique.box_of([frame for item in items for frame in item.frames])
         low, high = oblique.extent(self._room)
         self.tall = float((high[1] - low[1]) / (high[0] - low[0]))

@@ -12,7 +12,7 @@ from fabdesign.formats.csv_table import write_rows
 from fabdesign.geometry.shape import Shape, at_places
 from fabdesign.output import write_text
 from studies.view.exchange import save_recording, save_series
-from studies.view.items import Item, distances
+from studies.view.items import Item, compared
 
 # the package that writes a kind of file, besides what is always there
 _NEEDS = {".glb": "pygltflib", ".pvd": "meshio", ".rrd": "rerun", ".mp4": "imageio_ffmpeg"}
@@ -43,27 +43,25 @@ def write_panels(
         from studies.view.gltf import save_glb
 
         return save_glb(items, path)
-    if kind in (".pvd", ".rrd", ".csv"):
-        if kind == ".pvd":
-            save_series(items, path)
-        elif kind == ".rrd":
-            save_recording(items, path)
-        else:
-            save_markers(items, path, markers or {})
+    if kind in (".pvd", ".rrd"):
+        (save_series if kind == ".pvd" else save_recording)(items, path)
         return []
-    apart = distances(items)
+    if kind == ".csv":
+        save_markers(items, path, markers or {})
+        return []
+    items = compared(items)
     if kind == ".html":
         from studies.view.page import render_page
 
-        write_text(path, render_page(path.stem, items, apart, overlay=overlay))
+        write_text(path, render_page(path.stem, items, overlay=overlay))
     else:
         from studies.view.picture import save_animation, save_picture
 
         if kind == ".png":
-            save_picture(items, path, apart, times, overlay=overlay)
+            save_picture(items, path, times, overlay=overlay)
         else:
-            save_animation(items, path, apart, overlay=overlay)
-    return [{} if distance is None else {"distance": distance} for distance in apart]
+            save_animation(items, path, overlay=overlay)
+    return [{} if item.apart is None else {"distance": item.apart} for item in items]
 
 
 # shares of width and height from the upper left corner, seen from the front

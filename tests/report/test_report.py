@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from fabdesign.formats.json_file import json_text, plain, write_json
 from fabdesign.formats.schema import MM, Key, Millimetre, members
 from studies.report import page
-from studies.report.charts import Gain, chart, cloud, curve, gains, scene
+from studies.report.charts import chart, cloud, curve, gains, scene
 from studies.report.page import gain_in_words, html_of, kpa, mm, png_address, sentence, svg_of
 from tests.conftest import ROOT
 
@@ -168,7 +168,7 @@ def test_axes_have_titles_as_this_plotly_takes_them() -> None:
 
 
 def test_every_candidate_has_its_name_and_a_loss_is_no_gain() -> None:
-    rows = [Gain(f"effect {k}", 1.0 - k, (0.5 - k, 1.5 - k), k == 0) for k in range(20)]
+    rows = [(f"effect {k}", 1.0 - k, (0.5 - k, 1.5 - k), k == 0) for k in range(20)]
     figure = gains("candidates", rows, "mm", "gain", 0.5).figure
     (marks,) = figure["data"]
     assert marks["y"][-1] == "<b>effect 0</b>" and len(marks["y"]) == 20

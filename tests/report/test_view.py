@@ -20,7 +20,7 @@ from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.forward import Case
 from fabdesign.nouns.model import Model
 from fabdesign.output import write_mark
-from studies.view.items import distances, items_of
+from studies.view.items import compared, items_of
 from studies.view.page import LEVELS, render_page
 from studies.view.shapes import OVERLAY, key_of
 from tests.analytic_cloth import AnalyticCloth
@@ -42,7 +42,7 @@ def files(tmp_path: Path) -> tuple[Path, Path]:
 
 def test_the_page_holds_every_point_and_loads_nothing(files: tuple[Path, Path]) -> None:
     items = items_of(files)
-    page = render_page("both", items, distances(items))
+    page = render_page("both", compared(items))
     assert not re.findall(r"(?:src|href)=|https?://", page)
     data = json.loads(re.findall(r'id="data">(.*?)</script>', page)[0])
     assert [panel["title"] for panel in data["items"]] == ["motion", "trial, measured"]
@@ -164,7 +164,7 @@ def test_what_is_laid_over_has_a_colour_of_its_own_and_a_key(files: tuple[Path, 
         pixels = np.asarray(Image.open(tmp_path / "a.png").convert("RGB")).astype(int)
         counts.append(int((np.abs(pixels - 255 * np.array(OVERLAY)).max(axis=-1) < 25).sum()))
     assert counts[0] == 0 and counts[1] > 100
-    page = render_page("both", items_of(files), distances(items_of(files)))
+    page = render_page("both", compared(items_of(files)))
     assert all(name in page for name in shares) and "muscles</span>" not in page
 
 

@@ -21,7 +21,7 @@ from fabdesign.geometry.shape import Shape, laced_muscles, strains
 from fabdesign.nouns.catalogue import build
 from fabdesign.nouns.design import Design
 from fabdesign.nouns.forward import Case
-from studies.view.items import distances, items_of
+from studies.view.items import compared, items_of
 from studies.view.picture import wrapped_head
 from studies.view.shapes import AROUND, points_beneath
 from tests.analytic_cloth import AnalyticCloth
@@ -249,13 +249,13 @@ def test_panels_say_how_far_they_are_apart(files: dict[str, Path], tmp_path: Pat
     write_motion(tmp_path / "fine.npz", TIMES, points)
     noisy = points + 5e-4 * np.random.default_rng(1).standard_normal(points.shape)
     write_trial(TrialData(TIMES, np.tile([150e3, 60e3], (len(TIMES), 1)), tuple(noisy)), tmp_path / "cloud.npz")
-    first, cloud = distances(items_of([tmp_path / "fine.npz", tmp_path / "cloud.npz"]))
+    first, cloud = (item.apart for item in compared(items_of([tmp_path / "fine.npz", tmp_path / "cloud.npz"])))
     assert first is None
     assert cloud is not None
     assert (cloud.reference, cloud.when) == ("fine", "mean of the motion")
     assert cloud.overall.surface_rms == pytest.approx(5e-4, rel=0.15)  # the noise that the trial was given
     assert cloud.overall.surface_rms == pytest.approx(cloud.overall.surface_floor, rel=0.1)
-    _, mesh = distances(items_of([files["motion"], files["mesh"]]))
+    _, mesh = (item.apart for item in compared(items_of([files["motion"], files["mesh"]])))
     assert mesh is not None
     assert mesh.when == "at the motion's end"
     assert mesh.overall.surface_rms < 1e-9 < mesh.errors[0].surface_rms
@@ -303,6 +303,5 @@ def test_a_muscle_knows_the_points_of_its_side_that_it_lies_on(files: dict[str, 
 
 def test_words_over_a_picture_stay_within_it(files: dict[str, Path]) -> None:
     items = items_of([files["trial"], files["motion"]])
-    distance = distances(items)[1]
-    lines = wrapped_head(items[1], distance, 6.0).splitlines()
+    lines = wrapped_head(compared(items)[1], 6.0).splitlines()
     assert max(map(len, lines)) <= 78 and lines[-1].startswith("surface RMS")

@@ -13,9 +13,8 @@ import pytest
 from fabdesign.files.design_file import read_design, write_design
 from fabdesign.nouns.catalogue import build
 from studies.check.files import inspect
-from studies.studio.gate import Gate
 from studies.studio.opening import open_files
-from studies.studio.server import quiet_viser
+from studies.studio.server import Gate, quiet_viser
 from studies.studio.widgets.flat_view import Places
 from tests.bending import AtOnce
 from tests.browser import Page, browser_at, chromium

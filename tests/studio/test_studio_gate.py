@@ -19,8 +19,7 @@ import pytest
 from fabdesign.errors import InputError
 from fabdesign.files.design_file import write_design
 from fabdesign.nouns.catalogue import build
-from studies.studio.gate import Gate
-from studies.studio.server import quiet_viser, tab_at
+from studies.studio.server import Gate, quiet_viser, tab_at
 from tests.browser import browser_at, chromium
 from tests.conftest import ROOT
 from tests.interrupted import descendants

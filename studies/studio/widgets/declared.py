@@ -131,23 +131,14 @@ class _Made:
 
 
 class Widgets:
-    """The panel beside the scene. post: runs a function on the session's thread."""
+    """The panel beside the scene. made: what stands there. post: runs a function on the session's thread."""
 
     def __init__(self, gui: Any, post: Post) -> None:
         self._gui, self._post = gui, post
-        self._made: list[_Made] = []
+        self.made: list[_Made] = []
 
     def show(self, widgets: Sequence[Widget]) -> None:
-        self._match(self._made, widgets, self._gui)
-
-    def find(self, *names: str) -> _Made:
-        """Return a widget by its name and those of what it lies in, the outermost first."""
-        inside = self._made
-        for name in names:
-            every = [*inside, *(i for made in inside if not made.part.name for i in made.inside)]
-            one = next(made for made in every if made.part.name == name)
-            inside = one.inside
-        return one
+        self._match(self.made, widgets, self._gui)
 
     def unless_lost(self, reason: str | None, write: Callable[..., Any]) -> None:
         """Call `write(replace=...)`, after asking where something would be lost by it."""

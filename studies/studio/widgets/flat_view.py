@@ -3,9 +3,11 @@ sewing table, front and back: muscles that are clicked and dragged, and lacing r
 
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from fabdesign.geometry.shape import Shape, at_places
 from fabdesign.nouns.array import Array
@@ -28,7 +30,8 @@ _FILLED = 0.97  # of the picture, by what is to be in view
 _PLOT = 0.5  # of the cloth's height, that a program's plot has
 _GAP = 0.25  # of the cloth's longer side, between the pieces
 _BENT = 0.2  # of the cloth's height, that a bent one comes forward or back, and is in view at first
-_TURN, _TILT = -40.0, 15.0  # degrees about y and then x: the hung cloth is seen in three-quarters view, where it bends
+# of the hung cloth in the scene: it is seen in three-quarters view, where it bends
+HUNG_TURN = Rotation.from_euler("yx", [-40.0, 15.0], degrees=True)
 
 
 @dataclass(frozen=True)
@@ -65,22 +68,13 @@ class Places:
         return (self.gap, -self.height - self.gap / 2), (self.width, _PLOT * self.height)
 
     @property
-    def hung_turn(self) -> tuple[float, float, float, float]:
-        """Return w, x, y, z of the hung cloth's turn in the scene."""
-        y, x = np.radians([_TURN, _TILT]) / 2
-        w = float(np.cos(x) * np.cos(y))
-        return w, float(np.sin(x) * np.cos(y)), float(np.cos(x) * np.sin(y)), float(np.sin(x) * np.sin(y))
-
-    @property
     def outline(self) -> Array:
         """Return the corners (n, 3) m of all of it: flat faces, titles, the room of the hung cloth when it bends."""
         title, corners = 0.6 * self.gap, np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * [self.width, self.height]
         flat = np.concatenate([self.flat(corners, side) for side in ("front", "back")])
         x, y, z = (1.08 * self.width / 2, self.height, _BENT * self.height)
         box = np.array([(i, j, k) for i in (-x, x) for j in (0, -y) for k in ((-z, z) if j else (0,))], dtype=float)
-        w, *axis = self.hung_turn
-        turned = box + 2 * np.cross(axis, np.cross(axis, box) + w * box)
-        return np.concatenate([flat, flat + [0, title, 0], turned + self.hung_origin])
+        return np.concatenate([flat, flat + [0, title, 0], HUNG_TURN.apply(box) + self.hung_origin])
 
     def flat(self, points: Array, side: str, *, lift: float = LIFT) -> Array:
         """Return (n, 3) m of points (n, 2) in fabric coordinates; from behind, right is left."""
@@ -143,10 +137,11 @@ _PLAIN = {"flat_shading": True, "cast_shadow": False, "receive_shadow": False, "
 _SHEET = np.array([(0, 2, 1), (0, 3, 2)], dtype=np.uint32)
 
 
-def lines(*paths: Array, shade: Colour, pixels: float = 1.0) -> Node:
-    """Return lines, each through points (n, 3) m."""
+def lines(*paths: Array, shade: Colour, thickness: float = 1.0, **look: Any) -> Node:
+    """Return lines, each through points (n, 3) m. thickness: pixels, or m with `thickness_units` "world" in `look`,
+    which is more of viser's."""
     points = np.concatenate([np.stack([path[:-1], path[1:]], axis=1) for path in paths])
-    given = {"points": points, "colors": shade, "thickness": pixels, "thickness_units": "screen"}
+    given = {"points": points, "colors": shade, "thickness": thickness, "thickness_units": "screen", **look}
     return Node("line_segments", given)
 
 
@@ -163,7 +158,7 @@ def flat_nodes(document: Document) -> dict[str, Node]:
         nodes |= _muscle(document, i, muscle, diameter, shade, i == document.selected, places)
     if document.other is not None and (others := document.other.at(document.pose).design.muscles):
         paths = [places.flat(np.array(m.path), m.side, lift=0.8 * LIFT) for m in others]
-        nodes["/flat/other"] = lines(*paths, shade=(90, 95, 100), pixels=2.5)  # below the muscles shown
+        nodes["/flat/other"] = lines(*paths, shade=(90, 95, 100), thickness=2.5)  # below the muscles shown
     return nodes
 
 

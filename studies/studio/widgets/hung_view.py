@@ -12,12 +12,11 @@ from fabdesign.nouns.array import Array
 from fabdesign.nouns.design import Design
 from fabdesign.units import in_kpa
 from studies.studio.drawings import LiveShape
-from studies.studio.opening import Comparison
+from studies.studio.opening import LEAST_SCALE, Comparison
 from studies.studio.session import Session
 from studies.studio.widgets.declared import LIFT, Node
-from studies.studio.widgets.flat_view import BACK, FRONT, Colour, Places, colour, heat, laced, lines
+from studies.studio.widgets.flat_view import BACK, FRONT, HUNG_TURN, Colour, Places, colour, heat, laced, lines
 
-LEAST_SCALE = 0.002  # m, the least end of a scale of distances
 _OTHER, _BEFORE = (60, 90, 200), (230, 140, 40)  # of another drawing's shape; of one before a jump or a correction
 _POINT = 0.0011  # m, of a cloud's point as drawn
 _RAISED = 0.25  # of the thickness, that colours lie over a face, below the muscles
@@ -25,14 +24,6 @@ _PLAIN = (70, 90, 110)
 _KNOT = 0.0035  # m, radius
 _DARK, _GREY = (20, 20, 20), (120, 130, 142)
 Shape = NDArray[np.float32]
-
-
-def largest_distance(session: Session) -> float | None:
-    """Return the end [m] of the scale of the cloth's distances to the target; None where they are not shown."""
-    comparison = session.document.comparison
-    if session.document.target is None or comparison is None or session.shapes.shown is None:
-        return None
-    return max(LEAST_SCALE, float(np.percentile(comparison.of_cloth, 98)))
 
 
 def hung_nodes(session: Session) -> dict[str, Node]:
@@ -44,7 +35,7 @@ def hung_nodes(session: Session) -> dict[str, Node]:
         nodes |= _beside("simulated", motion.ghost(frame), _BEFORE)
         cloud, distances = motion.cloud(frame), motion.distances(frame)
         if cloud is not None and distances is not None:
-            nodes |= _cloud("measured", cloud, heat(distances, max(LEAST_SCALE, motion.largest or 0.0)))
+            nodes |= _cloud("measured", cloud, heat(distances, motion.largest or LEAST_SCALE))
         return nodes
     if shape is not None:
         nodes |= _at_rest(shape) | _beside("before", session.shapes.before, _BEFORE)
@@ -53,22 +44,21 @@ def hung_nodes(session: Session) -> dict[str, Node]:
     if document.target is not None:
         points = document.target.points
         nodes |= _cloud("target", points, np.tile(np.array(_PLAIN, np.uint8), (len(points), 1)))
-    largest = largest_distance(session)
-    if largest is not None and shape is not None and document.comparison is not None:
-        nodes["/hung/distances"] = _distances(shape, document.comparison, largest)
+    if shape is not None and document.seen.comparison is not None:
+        nodes["/hung/distances"] = _distances(shape, document.seen.comparison)
     return nodes
 
 
 def _frame(design: Design) -> dict[str, Node]:
     places = Places.of(design.fabric)
-    bar = np.array([[(-0.54 * places.width, 0.001, 0.0), (0.54 * places.width, 0.001, 0.0)]])
-    line = {"points": bar, "colors": (60, 60, 60), "thickness": 0.015 * places.width}
+    bar = np.array([(-0.54 * places.width, 0.001, 0.0), (0.54 * places.width, 0.001, 0.0)])
+    look = {"thickness_units": "world", "visible": design.fabric.hung == "top"}
     title = {"text": "as it hangs", "anchor": "bottom-center", "position": (0.0, 0.06 * places.height, 0.0)}
-    where = {"position": places.hung_origin, "wxyz": places.hung_turn}
+    where = {"position": places.hung_origin, "wxyz": tuple(HUNG_TURN.as_quat(scalar_first=True).tolist())}
     return {
         "/hung": Node("frame", {"show_axes": False, **where}),
         "/hung/title": Node("label", title),
-        "/hung/bar": Node("line_segments", {**line, "visible": design.fabric.hung == "top"}),
+        "/hung/bar": lines(bar, shade=(60, 60, 60), thickness=0.015 * places.width, **look),
     }
 
 
@@ -85,11 +75,9 @@ def _cloth(points: Shape, design: Design) -> dict[str, Node]:
         face = {"vertices": vertices, "faces": faces, "color": shade, "side": "front"}
         nodes[f"/hung/{side}"] = Node("mesh_simple", face)
     for i, muscle in enumerate(design.muscles):
-        line = laced(points, muscle, design.fabric)
-        segments = np.stack([line[:-1], line[1:]], axis=1).astype(np.float32)
-        width = design.muscle_types[muscle.type].outer_diameter
-        given = {"points": segments, "colors": np.array(colour(muscle.channel), np.uint8), "thickness": width}
-        nodes[f"/hung/muscle_{i}"] = Node("line_segments", given)
+        line, width = laced(points, muscle, design.fabric), design.muscle_types[muscle.type].outer_diameter
+        shade = colour(muscle.channel)
+        nodes[f"/hung/muscle_{i}"] = lines(line, shade=shade, thickness=width, thickness_units="world")
     return nodes
 
 
@@ -114,16 +102,16 @@ def _cloud(name: str, points: Array, colours: NDArray[np.uint8]) -> dict[str, No
 
 
 @lru_cache(maxsize=4)
-def _distances(shape: LiveShape, comparison: Comparison, largest: float) -> Node:
-    """Return colours over the two of the cloth: each point's distance, up to `largest` m. The faces stay below, so that
-    there is a surface while a browser takes the colours apart, and where it does not get them."""
+def _distances(shape: LiveShape, comparison: Comparison) -> Node:
+    """Return colours over the two of the cloth: each point's distance. The faces stay below, so that there is a surface
+    while a browser takes the colours apart, and where it does not get them."""
     import trimesh
 
     side = round((len(shape.points) // 2) ** 0.5)
     front, back = shape.points.reshape(2, -1, 3).astype(np.float64)
     raised = np.concatenate([front + _RAISED * (front - back), back + _RAISED * (back - front)])
     opaque = np.full((len(raised), 1), 255, np.uint8)
-    colours = np.concatenate([heat(comparison.of_cloth, largest), opaque], axis=1)
+    colours = np.concatenate([heat(comparison.of_cloth, comparison.largest), opaque], axis=1)
     mesh = trimesh.Trimesh(raised, face_triangles(side, side), vertex_colors=colours, process=False)
     return Node("mesh_trimesh", {"mesh": mesh})
 
@@ -159,8 +147,8 @@ def program_nodes(session: Session) -> dict[str, Node]:
         nodes["/program/now"] = lines(now, shade=_GREY)
     steps = cycle * np.repeat(np.arange(len(pressures) + 1), 2)[1:-1]
     for channel, values in enumerate(np.repeat(pressures, 2, axis=0).T):
-        pixels = 3.0 if channel == edit.channel else 1.0
-        nodes[f"/program/line_{channel}"] = lines(places(steps, values), shade=colour(channel), pixels=pixels)
+        thickness = 3.0 if channel == edit.channel else 1.0
+        nodes[f"/program/line_{channel}"] = lines(places(steps, values), shade=colour(channel), thickness=thickness)
     for k, at in enumerate(places(cycle * edit.knots, pressures[edit.knots, edit.channel])):
         shade, larger = (_DARK, 1.3) if k == edit.knot else (colour(edit.channel), 1.0)
         ball = {"radius": larger * _KNOT, "color": shade, "position": tuple(at), "subdivisions": 2}

@@ -33,13 +33,12 @@ class Page:
         self.nodes, self.widgets = SceneNodes(server.scene, self.post), Widgets(server.gui, self.post)
         self._stale = False  # whether it shows what no longer holds
         self._arrange(server)
-        document = self.session.document
-        for label, key, then in (("Undo", "Z", document.undo), ("Redo", "Y", document.redo)):
+        for label, key, by in (("Undo", "Z", -1), ("Redo", "Y", 1)):
             command = server.gui.add_command(label, hotkey=key, modifier="cmd/ctrl")
-            command.on_trigger(lambda _, then=then: self.post(then))
+            command.on_trigger(lambda _, by=by: self.post(partial(self.session.document.step, by)))
 
     def begin(self) -> None:
-        self.session.begin(partial(setattr, self, "_stale", True))
+        self._do(partial(self.session.begin, partial(setattr, self, "_stale", True)))
 
     def run(self, until: Callable[[], bool] = lambda: False) -> None:
         self.begin()
@@ -60,13 +59,13 @@ class Page:
             while True:
                 self._do(ask)
                 ask = self._due.get_nowait()
-        self.session.tick()
+        self._do(self.session.tick)
         if self._stale:
             self._do(self._show)
             self._stale = False  # also where that failed: it would fail again
 
     def _do(self, ask: Callable[[], None]) -> None:
-        """Do one thing; an error in it must not take the layout along."""
+        """Do one thing, and tell bad input; an error in it must not take the layout along."""
         tell = self.session.document.tell
         try:
             ask()

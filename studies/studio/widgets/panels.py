@@ -13,13 +13,11 @@ from fabdesign.geometry.placement import UNITS
 from fabdesign.output import read_mark
 from studies.studio import layout as edits
 from studies.studio.document import Document
-from studies.studio.drawings import one_more_buys
 from studies.studio.model_choice import ModelChoice
 from studies.studio.search import VARIES
 from studies.studio.session import Session
 from studies.studio.widgets import declared as ui
 from studies.studio.widgets.declared import KPA, MM, PATH, Widget
-from studies.studio.widgets.hung_view import LEAST_SCALE
 from studies.studio.widgets.status import error_over_time, errors_table, profile, results_table, scale_bar, status
 
 UnlessLost = Callable[[str | None, Callable[..., Any]], None]
@@ -74,7 +72,7 @@ def muscle(document: Document) -> list[Widget]:
     }
     spacing: dict[str, Any] = {"min": edits.LEAST_SPACING, "max": 0.1, "step": 0.5}
     return [
-        ui.buttons("History", {"undo": document.undo, "redo": document.redo}),
+        ui.buttons("History", {"undo": partial(document.step, -1), "redo": partial(document.step, 1)}),
         ui.choice("Muscle", names, names[i or 0], lambda name: document.select(names.index(name))),
         ui.buttons("Layout", {"add": add, **changes}),
         ui.entry("text", "Face", one.side if one else "", disabled=True),
@@ -163,12 +161,9 @@ def target(session: Session) -> list[Widget]:
 
 def results(document: Document) -> list[Widget]:
     """Return the results of searches, beside the own drawing."""
-    rows, by_name = document.rows(), {result.name: result for result in document.results}
+    by_name = {result.name: result for result in document.results}
     lines = [f"{result.name}: {result.state}" for result in document.results]
-    drawn = rows[0] if len(document.targets) == 1 else None
-    for result in document.results:
-        buys = one_more_buys(result, [other for other in document.results if other is not result], drawn)
-        lines += [buys] if buys else []
+    lines += filter(None, map(document.one_more_buys, document.results))
     nothing = "Nothing yet: *Search from here* under *Target*. An edit of a result takes it as own drawing."
     shown, beside = DRAWING if document.shown is None else document.shown.name, partial(document.set_option, "beside")
     hint = "Its shape, seen through"
@@ -176,7 +171,7 @@ def results(document: Document) -> list[Widget]:
         ui.choice("Shown", (DRAWING, *by_name), shown, lambda name: document.show_result(by_name.get(name))),
         ui.entry("checkbox", "The other one beside it", document.beside, beside, hint=hint),
         ui.button("Take as own drawing", document.take, disabled=document.shown is None),
-        ui.html("table", results_table(rows)),
+        ui.html("table", results_table(document)),
         ui.words("message", "\n\n".join(lines) or nothing),
     ]
 
@@ -216,7 +211,7 @@ def motion(session: Session) -> list[Widget]:
         beside = "" if shown.ghost(playing.frame) is None else "; orange: without the corrector"
         text = shown.in_words(playing.frame) + beside
         if shown.largest is not None:
-            scale = scale_bar(max(LEAST_SCALE, shown.largest), "measured point to the shown surface")
+            scale = scale_bar(shown.largest, "measured point to the shown surface")
     of_trials = [
         ui.choice("Trial", trials, trials[0]),
         ui.button("Show measured and predicted", playing.trial, "Trial"),

@@ -9,13 +9,14 @@ import numpy as np
 from fabdesign.geometry.metrics import Errors
 from fabdesign.nouns.array import Array
 from fabdesign.units import in_kpa, in_mm
-from studies.studio.drawings import LiveShape, Row
+from studies.studio.document import Document
+from studies.studio.drawings import DrawingHistory, LiveShape, Result
 from studies.studio.model_choice import lower_edge
+from studies.studio.opening import LEAST_SCALE
 from studies.studio.session import Session
 from studies.studio.solver import Correction
 from studies.studio.widgets.declared import Widget, html
 from studies.studio.widgets.flat_view import heat
-from studies.studio.widgets.hung_view import LEAST_SCALE, largest_distance
 
 _LINE = 1.4  # em
 _STYLE = f"font-size:0.86em; line-height:{_LINE}; padding:0.2em 0.9em"
@@ -31,7 +32,9 @@ def status(session: Session) -> list[Widget]:
         lines = "<br>".join(escape(line.message) for line in broken)
         limits = f"<b>Limits broken:</b> {lines}", "#fbdcdc"
     text, bad = document.message
-    scale = scale_bar(largest_distance(session), "cloth to the target") if document.target is not None else ""
+    comparison = document.seen.comparison
+    largest = None if comparison is None else comparison.largest
+    scale = scale_bar(largest, "cloth to the target") if document.target is not None else ""
     return [
         _shape(session),
         html("scale", scale),
@@ -61,8 +64,8 @@ def _shape(session: Session) -> Widget:
         lines.append(f"<b>Jump to another stable shape</b>, {in_mm(shape.jump):.1f} mm RMS; the one before in orange")
     if shape.correction is not None:
         lines.append(escape(_corrected(shape, shape.correction)))
-    if document.comparison is not None:
-        lines += [escape(line) for line in document.comparison.sentences]
+    if (comparison := document.seen.comparison) is not None:
+        lines += [escape(line) for line in comparison.sentences]
     elif document.target is not None:
         lines.append("distances to the target come with the exact shape")
     return html("shape", _box("shape", "<br>".join(lines), "#fdf0dc" if shape.jump else "#eef2f6", room=room))
@@ -100,14 +103,17 @@ def _box(name: str, content: str, colour: str, *, room: int = 1, most: int | Non
     return f'<div id="studio-{name}" style="{style}">{content}</div>'
 
 
-def results_table(rows: list[Row]) -> str:
+def results_table(document: Document) -> str:
     """Return the table that compares the own drawing with results."""
     head = "<tr><th></th><th>muscles</th><th>Chamfer, mm</th><th>surface RMS, mm</th><th>highest, kPa</th></tr>"
     lines = []
-    for row in rows:
-        distances = ["" if value is None else f"{in_mm(value):.2f}" for value in (row.chamfer, row.surface_rms)]
-        cells = [escape(row.name), f"{row.muscles}", *distances, f"{in_kpa(row.highest):.0f}"]
-        weight = "bold" if row.shown else "normal"
+    drawings: list[DrawingHistory | Result] = [document.history, *document.results]
+    for drawing in drawings:
+        layout = drawing.at(document.pose)
+        distances = ["" if value is None else f"{in_mm(value):.2f}" for value in document.errors_of(drawing)]
+        highest = in_kpa(max(layout.pressures, default=0.0))
+        cells = [escape(drawing.name), f"{len(layout.design.muscles)}", *distances, f"{highest:.0f}"]
+        weight = "bold" if drawing is document.seen else "normal"
         lines.append(f"<tr style='font-weight:{weight}'>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>")
     style = "font-size:0.82em; margin:0.4em 0.9em; text-align:right; border-spacing:0.7em 0.2em"
     return f'<table id="studio-results" style="{style}">{head}{"".join(lines)}</table>'
