@@ -157,7 +157,7 @@ class Evaluations:
         for batch in self._batches(points):
             self.require_time()
             new = slopes_of(jacobians, objective, [(self.space(start, number), x) for start, x in batch])
-            self._record(self.stages[number].name + SLOPES, batch, [objective.value(one.shape) for one in new])
+            self._record(self.stages[number].name + SLOPES, batch, objective.values([one.shape for one in new]))
             slopes += new
             self._on_progress(self)
         return slopes
@@ -213,7 +213,7 @@ class Evaluations:
         objective = self.objective_of(number)
         shapes = objective.shapes(cheap or stage.forward, points)
         label = stage.name if cheap is None else stage.name + SLOPES
-        values = self._record(label, batch, [objective.value(shape) for shape in shapes])
+        values = self._record(label, batch, objective.values(shapes))
         for value, shape, (space, x), (start, _) in zip(values, shapes, points, batch, strict=True):
             if cheap is not None or not space.keeps(x, shape):
                 continue

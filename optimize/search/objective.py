@@ -106,6 +106,10 @@ class Objective:
             return float("nan")
         return float(self.shares @ [self._distance(t, pose) for t, pose in zip(self.targets, shape, strict=True)])
 
+    def values(self, shapes: Sequence[Poses]) -> list[float]:
+        """Return m of each; infinite where it is not finite."""
+        return [value if np.isfinite(value := self.value(shape)) else np.inf for shape in shapes]
+
     def nearest(self, shapes: Sequence[Poses]) -> list[tuple[int, int]]:
         """Return for each target which of the shapes, and which pose of it, comes nearest to it, of those computed for
         its instant; its own pose of the first where none is finite."""

@@ -19,7 +19,7 @@ import numpy as np
 
 from fabdesign.nouns import column
 from fabdesign.nouns.array import Array
-from fabdesign.nouns.column import Column, Jacobians
+from fabdesign.nouns.column import Column, FacesJacobian, Jacobians
 from fabdesign.nouns.forward import Case, ForwardModel
 from optimize.search.design_space import PRESSURE_STEP, DesignSpace, Vector
 from optimize.search.objective import LATE, Objective, Poses, refined
@@ -63,16 +63,16 @@ def slopes_of(
         *further,
     ]
     place = {corner: k for k, corner in enumerate(corners)}
-    jacobian_of = [jacobians(objective.cases(pose, decoded), columns) for pose in range(len(objective.targets))]
+    poses = range(len(objective.targets))
+    jacobian_of = [refined_jacobians(jacobians, objective.cases(pose, decoded), columns) for pose in poses]
     results = []
     for i, (space, x) in enumerate(points):
         rows = [place[corner] for corner in _corners(space)]
-        shape = np.array([refined(np.asarray(pose[i].points, float)) for pose in jacobian_of])
+        shape = np.array([pose[i].points for pose in jacobian_of])
         by_variable = np.zeros((len(x), *shape.shape))
         by_further = np.zeros((len(further), *shape.shape))
         at = space.position_count
-        for pose, jacobian in enumerate(one[i] for one in jacobian_of):
-            changes = np.array([refined(change) for change in jacobian.changes]).reshape(len(columns), -1, 3)
+        for pose, changes in enumerate(one[i].changes for one in jacobian_of):
             by_further[:, pose] = changes[len(columns) - len(further) :]
             by_variable[: space.position_count, pose] = changes[rows] * space.units[: space.position_count, None, None]
             if space.vary_pressures:
@@ -86,20 +86,16 @@ def slopes_of(
     return results
 
 
-class ByColumns(NamedTuple):
-    """The slopes of one design, a case a pose. exact: whether every column is a definite tangent's in every pose."""
-
-    shape: Poses  # (poses, 2 n, 3) m, at rest
-    changes: Array  # (columns, poses, 2 n, 3) m per unit; NaN where that diverged
-    exact: bool
-
-
-def by_columns(jacobians: Jacobians, cases: Sequence[Case], columns: Sequence[Column]) -> ByColumns:
-    """Return how the shapes of one design, a case a pose, change with columns."""
-    of_cases = [jacobians([case], columns)[0] for case in cases]
-    shape = np.array([refined(np.asarray(one.points, float)) for one in of_cases])
-    changes = np.stack([np.array([refined(change) for change in one.changes]) for one in of_cases], axis=1)
-    return ByColumns(shape, changes, all(bool(one.exact.all()) for one in of_cases))
+def refined_jacobians(jacobians: Jacobians, cases: Sequence[Case], columns: Sequence[Column]) -> list[FacesJacobian]:
+    """Return what `jacobians` gives, its shapes and their changes `refined`."""
+    return [
+        FacesJacobian(
+            refined(np.asarray(one.points, float)),
+            np.array([refined(change) for change in one.changes]).reshape(len(columns), -1, 3),
+            one.exact,
+        )
+        for one in jacobians(cases, columns)
+    ]
 
 
 def _corners(space: DesignSpace) -> list[Corner]:

@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from fabdesign.nouns.predictor import Predictor
 from fabdesign.study_files.study_file import Study
-from fabdesign.study_files.study_targets import Price, Robust
+from fabdesign.study_files.study_targets import Price
 from fabdesign.units import in_mm
 from optimize.search.evaluations import Evaluations
 from optimize.search.search_state import as_rows, of_rows
@@ -16,6 +15,7 @@ from optimize.search.starts import Start
 from optimize.search.thinning import Fewer, fewer_muscles
 from studies.layouts.robust_search import more_robust
 from studies.layouts.robustness import most_robust, tolerance_of
+from studies.layouts.scatter import Scattering
 
 SHRINKING = 0.2  # of the seconds, kept for leaving muscles out where the study lets their number vary
 
@@ -92,22 +92,17 @@ def kept_fewer(study: Study, state: Mapping[str, Any]) -> Fewer | None:
     return Fewer(start, known["value"], known["before"], known["count"], known["ended"], known["cut"], front)
 
 
-def made_robust(
-    study: Study, robust: Robust, evaluations: Evaluations, points: Sequence[Start], coarse: Predictor
-) -> tuple[list[Start], int]:
+def made_robust(how: Scattering, evaluations: Evaluations, points: Sequence[Start]) -> tuple[list[Start], int]:
     """Return `points` with the robust layout first, and how often one of its muscles was laid as two; within all of the
     study's seconds. What was found stands in the history."""
-    objective, history, best = evaluations.objective, evaluations.history, evaluations.best
+    study, history, best = how.study, evaluations.history, evaluations.best
     state = history.load() or {}
     known, row = state.get("robust"), None if best is None else best.as_row()
     if not known or known["best"] != row or known["seconds"] < study.limits.seconds:
         outcome = more_robust(
-            study,
-            robust,
-            points[most_robust(study, robust, points, objective, coarse)],
-            objective,
-            coarse,
-            tolerance=tolerance_of(robust, np.inf if best is None else best.value),
+            how,
+            points[most_robust(how, points)],
+            tolerance=tolerance_of(how.robust, np.inf if best is None else best.value),
             going=lambda: evaluations.elapsed < study.limits.seconds,
         )
         known = {"best": row, "row": as_rows([outcome.start])[0], "doubled": outcome.doubled}

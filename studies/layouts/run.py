@@ -38,6 +38,7 @@ from studies.layouts.refinement import POOL, ROBUST_MARGIN, made_robust, search_
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult, pressures_kpa, write_best
 from studies.layouts.robustness import robustness_of
+from studies.layouts.scatter import Scattering
 from studies.prediction.forward_model import forward_model, without_resistance
 from studies.study import Simulated, StudyRun
 
@@ -130,25 +131,25 @@ def searched(
             "following the motions that lead to the result; this comes after the limit of seconds, some 20 s"
         )
         progress(evaluations)
-    robust, doubled = study.robust if follow else None, 0
+    scattering = Scattering(study, study.robust, objective, quick) if follow and study.robust else None
+    doubled = 0
     smaller = [] if fewer is None or fewer.ended else [fewer.start]
-    points = [*smaller, *evaluations.finalists(FINALISTS if robust is None else POOL)]
-    if robust is not None:
+    points = [*smaller, *evaluations.finalists(FINALISTS if scattering is None else POOL)]
+    if scattering is not None:
         try:
-            points, doubled = made_robust(study, robust, evaluations, points, quick)
+            points, doubled = made_robust(scattering, evaluations, points)
         except KeyboardInterrupt:
             stop_reason = INTERRUPTED
-    chosen = points if follow and robust is None else points[: FINALISTS if follow else 1]
+    chosen = points if follow and scattering is None else points[: FINALISTS if follow else 1]
     result = study_result(study, targets, evaluations, fine, stop_reason, chosen, verification)
     result = replace(result, fewer=fewer)
     if not follow:
         return result
     result = replace(result, within=expected_within(result, objective, quick))
-    if robust is None:
+    if scattering is None:
         return result
     nearest = evaluations.best.value if evaluations.best else result.objective
-    layout = (result.design, result.pressure)
-    outcome = robustness_of(study, robust, layout, objective, quick, fine, nominal=nearest)
+    outcome = robustness_of(scattering, (result.design, result.pressure), fine, nominal=nearest)
     same_count = len(result.design.muscles) == len(points[0][0].design.muscles)
     return replace(result, robust=replace(outcome, doubled=doubled if same_count else 0))
 

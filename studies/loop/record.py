@@ -14,6 +14,7 @@ from fabdesign.files.pressure_file import read_pressures
 from fabdesign.formats.json_file import plain
 from fabdesign.geometry.metrics import Errors
 from fabdesign.runtime.fingerprint import content_of, sha256
+from fabdesign.runtime.store import read_arrays
 from fabdesign.study_files.loop_file import LoopStudy, StopRule, VirtualRig
 from fabdesign.units import in_mm
 from fabdesign.version import SIMULATOR, __version__
@@ -246,8 +247,9 @@ def as_text(outcome: LoopOutcome) -> str:
 
 def _scene(turn: Turn, targets: Sequence[LoadedTarget], folder: Path) -> page.Chart:
     """Return of the first pose the target, the measured cloth, and the shape that the search predicted."""
-    with np.load(folder / turn.name / "shapes.npz") as arrays:
-        shapes = {name: np.asarray(arrays[name][0], dtype=float) for name in ("device", "believed")}
+    shapes = read_arrays(folder / turn.name / "shapes.npz")
     named = (("measured", shapes["device"], DEVICE), ("predicted", shapes["believed"], PREDICTED))
-    cloths = [charts.cloth_mesh(name, points, color=colour, opacity=0.7) for name, points, colour in named]
+    cloths = [
+        charts.cloth_mesh(name, poses[0].astype(float), color=colour, opacity=0.7) for name, poses, colour in named
+    ]
     return charts.scene(turn.name, [charts.target_cloud(targets[0].points), *cloths])

@@ -17,7 +17,7 @@ from fabdesign.units import from_mm
 from studies.layout_search.first_layouts import first_starts
 from studies.layout_search.target import LoadedTarget, load_target
 from studies.loop.learning import MODEL, Simulators
-from studies.loop.measuring import ASKED
+from studies.loop.measuring import ASKED, Waiting
 from studies.loop.record import LoopOutcome, Turn, loop_content, stop_reason, write_report
 from studies.loop.turn import SEARCH, Loop, TurnSteps
 from studies.study import Running, StudyRun, simulator
@@ -43,11 +43,8 @@ def run_loop(
     run = StudyRun.of(study, LoopStudy.read, how)
     study = run.study
     targets = open_study(study)
-    inputs = [target.file for target in study.search.targets]
-    if isinstance(study.source, VirtualRig) and study.source.truth is not None:
-        inputs.append(study.source.truth)
-    if isinstance(study.source, Laboratory):
-        inputs.append(study.source.folder)
+    measured = study.source.folder if isinstance(study.source, Laboratory) else study.source.truth
+    inputs = [*(target.file for target in study.search.targets), *([] if measured is None else [measured])]
     with run.folder(out, "loop", inputs) as work:
         checkpoint = Checkpoint(work, loop_content(study, targets))
         progress(loop_in_words(study), None)
@@ -109,8 +106,9 @@ def _turns(loop: Loop) -> LoopOutcome:
     for number in range(study.stop.turns + 1):
         turn = TurnSteps(loop, number)
         chosen = turn.choose(model, earlier)
-        measured = turn.measure()
-        if measured is None:
+        try:
+            measured = turn.measure()
+        except Waiting:
             assert isinstance(study.source, Laboratory)
             done.append(Turn(number, turn.name, chosen))
             return outcome(waiting_for=str(study.source.folder / turn.name), asked=str(turn.folder / ASKED))

@@ -4,12 +4,13 @@ step is kept as a piece of the loop's folder, by which it goes on."""
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
 from fabdesign.errors import InputError
 from fabdesign.files.measurement_set import read_set
+from fabdesign.files.model_file import read_model
 from fabdesign.nouns.array import Array
 from fabdesign.nouns.model import POINTS_PER_SIDE, Model
 from fabdesign.nouns.trial import MeasurementSet
@@ -23,14 +24,15 @@ from optimize.search.evaluations import Evaluations
 from studies.layout_search.first_layouts import COARSE
 from studies.layout_search.target import LoadedTarget, target_errors
 from studies.layouts import run_study
-from studies.loop.learning import Simulators, learn, model_of
-from studies.loop.measuring import MEASURED, measured, programs_for
+from studies.loop.learning import MODEL, Lesson, Simulators
+from studies.loop.measuring import MEASURED, measure, programs_for
 from studies.loop.record import ChosenDesign, Learned, ShapeErrors, shape_errors
 from studies.loop.resting_shape import resting_faces
 
 AT_REST = 0.5  # s, the last of a trial in which a cloth counts as at rest
 SEARCH = "search"  # the folder of the turn's search, what `optimize` writes
 SHAPES = "shapes.npz"  # believed and device, (poses, 2 n, 3) m
+Kept = TypeVar("Kept")
 
 
 @dataclass(frozen=True)
@@ -43,10 +45,6 @@ class Loop:
     checkpoint: Checkpoint
     simulators: Simulators
     progress: Progress
-
-
-class _Waiting(Exception):
-    """A turn that waits for a laboratory."""
 
 
 @dataclass(frozen=True)
@@ -69,8 +67,10 @@ class TurnSteps:
         share = min(1.0, (self.number + part) / (self.loop.study.stop.turns + 1))
         self.loop.progress(f"{self.name.replace('_', ' ')}, {line}", share)
 
-    def _kept(self, piece: str, compute: Callable[[], Any], files: Callable[[Any], object] | None = None) -> Any:
-        return self.loop.checkpoint.get(f"{self.name}_{piece}", compute, files=files)
+    def _kept(self, piece: str, compute: Callable[[], Kept], files: Callable[[], object] | None = None) -> Kept:
+        """Return a piece of the turn. files: reads what belongs to it and lies in files."""
+        kept: Kept = self.loop.checkpoint.get(f"{self.name}_{piece}", compute, files=files and (lambda _: files()))
+        return kept
 
     def choose(self, model: Model | None, earlier: EarlierResult | None) -> ChosenDesign:
         """Search with `model`, from the design of the turn before besides all else; goes on where it was killed. What
@@ -104,8 +104,7 @@ class TurnSteps:
             }
 
         self.loop.work.claim(f"{self.name}/{SHAPES}")
-        kept: ChosenDesign = self._kept("choice", search, files=lambda _: (self.chosen, self._believed))
-        return kept
+        return self._kept("choice", search, files=lambda: (self.chosen, self._believed))
 
     @property
     def chosen(self) -> EarlierResult:
@@ -117,8 +116,8 @@ class TurnSteps:
         """Return the shapes (poses, 2 n, 3) m that the search predicted."""
         return read_arrays(self.folder / SHAPES)["believed"].astype(np.float64)
 
-    def measure(self) -> MeasurementSet | None:
-        """Return what was measured of the chosen design; None where a laboratory was asked for it."""
+    def measure(self) -> MeasurementSet:
+        """Return what was measured of the chosen design. Raises Waiting where a laboratory was asked for it."""
         loop, chosen = self.loop, self.chosen
         times, last = [target.time for target in loop.targets], self.number == loop.study.stop.turns
         asked = programs_for(loop.study, chosen.design, chosen.pressures, times, seed=self.number, last=last)
@@ -128,15 +127,11 @@ class TurnSteps:
 
         def ask() -> dict[str, int]:
             self._say("measuring", 0.3)
-            if measured(loop.study, self.name, asked, loop.work, progress=counted) is None:
-                raise _Waiting
+            measure(loop.study, self.name, asked, loop.work, progress=counted)
             return {"trials": len(asked.programs)}
 
         place = self.folder / MEASURED
-        try:
-            self._kept("measurement", ask, files=lambda _: [trial.load() for trial in read_set(place).trials])
-        except _Waiting:
-            return None
+        self._kept("measurement", ask, files=lambda: [trial.load() for trial in read_set(place).trials])
         return read_set(place)
 
     def evaluate(self, measured: MeasurementSet) -> ShapeErrors:
@@ -157,32 +152,19 @@ class TurnSteps:
             return shape_errors(errors, from_believed=in_mm(float(apart)))
 
         self._say("evaluating the shape on the device", 0.6)
-        kept: ShapeErrors = self._kept("device", compute)
-        return kept
+        return self._kept("device", compute)
 
     def learn(self, sets: Sequence[MeasurementSet], known: Model | None) -> Learned:
         """Learn from the sets of all turns so far. known: the model that the design was chosen with."""
         loop = self.loop
         known = known or Model(points_per_side=loop.study.points_per_side)
-        kept: Learned = self._kept(
-            "model",
-            lambda: learn(
-                loop.study,
-                sets,
-                known,
-                loop.work,
-                self.name,
-                loop.simulators,
-                say=lambda line: self._say(line, 0.7),
-            ),
-            files=lambda _: self.model,
-        )
-        return kept
+        lesson = Lesson(loop.study, sets, loop.work, self.name, loop.simulators, lambda line: self._say(line, 0.7))
+        return self._kept("model", lambda: lesson.learn(known), files=lambda: self.model)
 
     @property
     def model(self) -> Model:
         """Return what was learned in the turn."""
-        return model_of(self.loop.work, self.name)
+        return read_model(self.folder / MODEL)
 
 
 def measured_shapes(measured: MeasurementSet, targets: Sequence[LoadedTarget], predicted: Array, *, seed: int) -> Array:
